@@ -1,0 +1,69 @@
+# demo, test, check and bench each make .venv from the lock by themselves: no other step is needed.
+# PYTHON names the interpreter to make it with: make test PYTHON=python3.12
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.PHONY: help demo test check lint format types imports bench lock clean
+
+help: ## list these targets
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
+
+demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write its report to runs/demo
+	@$(BIN)/rig run quickstart --out runs/demo; status=$$?; \
+	if [ -f runs/demo/report.html ]; then echo "Open the report: $(CURDIR)/runs/demo/report.html"; fi; \
+	exit $$status
+
+test: $(INSTALLED) ## run the tests
+	@$(BIN)/python -m pytest
+
+check: lint format types imports ## lint, format, types, import layers (make -k check: all of them)
+
+lint: $(INSTALLED)
+	@$(BIN)/ruff check
+
+format: $(INSTALLED)
+	@$(BIN)/ruff format --check
+
+types: $(INSTALLED)
+	@$(BIN)/mypy
+
+imports: $(INSTALLED)
+	@$(BIN)/lint-imports --no-logo
+
+bench: $(INSTALLED) ## measure filter, plant, campaign and start-up against their references
+	@$(BIN)/python -m tools.bench
+
+lock: ## resolve the dependencies of pyproject.toml anew into requirements-lock.txt (needs uv)
+	@command -v uv >/dev/null || { \
+	    echo "make lock needs uv (https://docs.astral.sh/uv); nothing else does." >&2; exit 1; }
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	    --group dev --quiet pyproject.toml -o requirements-lock.txt
+
+clean: ## remove .venv, caches and runs/demo
+	rm -rf $(VENV) runs/demo dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamp comes last, so that an interrupted installation starts over from an empty .venv; wheels
+# only, so that no compiler is needed.
+$(INSTALLED): requirements-lock.txt pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { \
+	    echo "$(PYTHON) is not installed; Python 3.11 or newer is needed, or name one: PYTHON=..." >&2; \
+	    exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo "$$($(PYTHON) --version 2>&1) is too old; Python 3.11 or newer is needed." \
+	        "Name one: make PYTHON=python3.12 ..." >&2; \
+	    exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	    echo "$(PYTHON) lacks the venv module; on Debian and Ubuntu: sudo apt install python3-venv" >&2; \
+	    exit 1; }
+	@echo "Installing the locked dependencies into $(VENV) (once, about a minute) ..."
+	@[ -f $@ ] || $(PYTHON) -m venv --clear $(VENV)
+	@rm -f $@
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-input \
+	    --only-binary :all: --require-hashes -r requirements-lock.txt
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-input \
+	    --no-deps --no-build-isolation -e .
+	@touch $@

@@ -1,0 +1,108 @@
+"""Reading a setpoint from a CSV file, with every fault of the file named by its line."""
+
+import csv
+import gzip
+from math import isfinite, nan
+from pathlib import Path
+from typing import Final, TextIO
+
+import numpy as np
+
+from ..request import Problem
+from .protocol import Quantity, Samples, SetpointError
+
+_COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
+
+# A file exported wrongly is wrong in every row: the first ones say enough.
+_PROBLEMS_SHOWN: Final = 20
+
+
+class SetpointFileError(SetpointError):
+    """A setpoint file that is missing or cannot be used; each problem is at file:line."""
+
+
+def read_setpoint(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
+    """Return (time in s, setpoint in m or V) of a .csv or .csv.gz file, both float64 (rows,).
+
+    Raises:
+        SetpointFileError: the file is missing or not CSV text; a column is missing; a field is no
+            finite number; times do not increase; there are no rows.
+    """
+    open_text = gzip.open if path.suffix == ".gz" else open
+    try:
+        with open_text(path, "rt", encoding="utf-8-sig", newline="") as text:
+            return _read(path, text, quantity)
+    except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        problem = Problem(str(path), "file", "unreadable", f"({reason})", "give a CSV file")
+        raise SetpointFileError([problem]) from error
+
+
+def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Samples]:
+    reader = csv.DictReader(text)
+    reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
+    column = _COLUMNS[quantity]
+    _require_columns(path, reader.fieldnames, quantity)
+    times: list[float] = []
+    values: list[float] = []
+    problems: list[Problem] = []
+    for row in reader:
+        where = f"{path}:{reader.line_num}"
+        time = _number(where, "time_s", row, problems)
+        values.append(_number(where, column, row, problems))
+        if times and time <= times[-1]:
+            problems.append(
+                Problem(where, "time_s", time, f"is not after {times[-1]}", "sort the rows by time")
+            )
+        times.append(time)
+    if not times:
+        problems.append(Problem(f"{path}:1", "rows", "none", "below the header", "add the samples"))
+    if problems:
+        raise SetpointFileError(_first(path, problems))
+    return np.array(times), np.array(values)
+
+
+def _require_columns(path: Path, present: list[str], quantity: Quantity) -> None:
+    among = f"among {', '.join(present)}" if present else "in an empty file"
+    problems = [
+        Problem(f"{path}:1", name, "no such column", among, _remedy(name, present))
+        for name in ("time_s", _COLUMNS[quantity])
+        if name not in present
+    ]
+    if problems:
+        raise SetpointFileError(problems)
+
+
+def _remedy(missing: str, present: list[str]) -> str:
+    for quantity, column in _COLUMNS.items():
+        if missing in _COLUMNS.values() and column in present:
+            return f'name it in the header, or set quantity to "{quantity}" to read {column}'
+    return "name it in the header"
+
+
+def _number(where: str, column: str, row: dict[str, str], problems: list[Problem]) -> float:
+    # A row shorter than the header has None there, in spite of the stated type.
+    entry = (row[column] or "").strip()
+    try:
+        number = float(entry)
+    except ValueError:
+        number = nan
+    if not isfinite(number):
+        problems.append(
+            Problem(
+                where,
+                column,
+                entry or "nothing",
+                "is not a finite number",
+                "fill it in or drop the row",
+            )
+        )
+    return number
+
+
+def _first(path: Path, problems: list[Problem]) -> list[Problem]:
+    if len(problems) <= _PROBLEMS_SHOWN:
+        return problems
+    rest = len(problems) - _PROBLEMS_SHOWN
+    more = Problem(str(path), "rows", f"{rest} more problems", "follow", "mend those above first")
+    return [*problems[:_PROBLEMS_SHOWN], more]

@@ -1,0 +1,147 @@
+"""Setpoints that hold their level: constant, steps and pseudorandom."""
+
+from dataclasses import dataclass
+from math import inf
+from typing import Final
+
+import numpy as np
+
+from ..request import Checks
+from .protocol import (
+    TICK_S,
+    Quantity,
+    Samples,
+    Times,
+    checks_of,
+    require_finite,
+    require_seed,
+    unit_of,
+)
+
+# Ticks are multiples of 1 ms only to rounding: without this a step at 0.6 s could come a tick late.
+_ROUNDING_S: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class Constant:
+    """r(t) = value, in metres or volts."""
+
+    value: float
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        checks = checks_of(self)
+        require_finite(checks, unit_of(self.quantity), value=self.value)
+        checks.finish()
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        return np.full(np.shape(time_s), self.value, dtype=np.float64)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return 0: the setpoint does not move."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Holds each level (metres or volts) for `hold_s` in turn, then stays at the last one."""
+
+    levels: tuple[float, ...]
+    hold_s: float
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "levels", tuple(float(level) for level in self.levels))
+        checks = checks_of(self)
+        checks.require(len(self.levels) > 0, "levels", "()", "is empty", "give at least one level")
+        for index, level in enumerate(self.levels):
+            require_finite(checks, unit_of(self.quantity), **{f"levels[{index}]": level})
+        _require_hold(checks, "hold_s", self.hold_s)
+        checks.finish()
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        time = np.asarray(time_s, dtype=np.float64)
+        index = np.floor((time + _ROUNDING_S) / self.hold_s)
+        last = len(self.levels) - 1
+        return np.asarray(self.levels)[np.clip(index, 0, last).astype(np.intp)]
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return inf if the setpoint jumps within the duration, else 0."""
+        steps = np.flatnonzero(np.diff(self.levels)) + 1
+        jumps = steps.size > 0 and steps[0] * self.hold_s <= duration_s + _ROUNDING_S
+        return inf if jumps else 0.0
+
+
+@dataclass(frozen=True)
+class Pseudorandom:
+    """Random levels held for random times, both uniform (sections 5.2.2, 7.1.2 and 7.2.2).
+
+    Levels are uniform in [lower, upper) (metres or volts), times in [hold_min_s, hold_max_s). The
+    sequence is a function of the seed alone: a longer run continues a shorter one.
+    """
+
+    lower: float
+    upper: float
+    hold_min_s: float
+    hold_max_s: float
+    seed: int
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        checks = checks_of(self)
+        require_finite(checks, unit_of(self.quantity), lower=self.lower, upper=self.upper)
+        checks.require(
+            not self.upper < self.lower,
+            "upper",
+            self.upper,
+            f"is below lower ({self.lower})",
+            "swap lower and upper",
+        )
+        _require_hold(checks, "hold_min_s", self.hold_min_s)
+        _require_hold(checks, "hold_max_s", self.hold_max_s)
+        checks.require(
+            not self.hold_max_s < self.hold_min_s,
+            "hold_max_s",
+            self.hold_max_s,
+            f"is below hold_min_s ({self.hold_min_s})",
+            "swap hold_min_s and hold_max_s",
+        )
+        require_seed(checks, self.seed)
+        checks.finish()
+
+    def _sequence(self, until_s: float) -> tuple[Samples, Samples]:
+        """Return (ends, levels): level i ends at ends[i]; the last end is after `until_s`."""
+        count = 2 + int(max(until_s, 0.0) / self.hold_min_s)
+        # Level and hold are drawn in pairs, so the sequence does not depend on how many are drawn.
+        draws = np.random.Generator(np.random.PCG64(self.seed)).random((count, 2))
+        levels = _between(self.lower, self.upper, draws[:, 0])
+        ends = np.cumsum(_between(self.hold_min_s, self.hold_max_s, draws[:, 1]))
+        return ends, levels
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        time = np.asarray(time_s, dtype=np.float64) + _ROUNDING_S
+        ends, levels = self._sequence(float(np.max(time, initial=0.0)))
+        return levels[np.searchsorted(ends, time, side="right")]
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return inf if the setpoint jumps within the duration, else 0."""
+        ends, _ = self._sequence(duration_s)
+        return inf if ends[0] <= duration_s + _ROUNDING_S and self.upper > self.lower else 0.0
+
+
+def _between(lower: float, upper: float, fraction: Samples) -> Samples:
+    # Rounding may carry the last bit past the bound.
+    return np.clip(lower + (upper - lower) * fraction, lower, upper)
+
+
+def _require_hold(checks: Checks, name: str, hold_s: float) -> None:
+    checks.require(
+        TICK_S <= hold_s < inf,
+        name,
+        hold_s,
+        f"is below one tick of {TICK_S} s or not finite",
+        "give the time to hold a level in seconds",
+    )

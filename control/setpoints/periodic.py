@@ -1,0 +1,195 @@
+"""Setpoints made of sines: sine, chirp and multisine."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, pi
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..request import Checks
+from .protocol import (
+    TICK_S,
+    Quantity,
+    Samples,
+    Times,
+    checks_of,
+    require_finite,
+    require_seed,
+    unit_of,
+)
+from .trigonometric import random_phases, schroeder_phases, supremum
+
+# A multisine repeats within 1000 s if its frequencies are multiples of this.
+_FREQUENCY_GRID_HZ: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class Sine:
+    """r(t) = mean + amplitude sin(2 pi frequency_hz t + phase_rad), in metres or volts.
+
+    The thesis's 3 sin(pi t + 0.1) V (section 5.1) is `Sine(0.0, 3.0, 0.5, 0.1, "command")`.
+    """
+
+    mean: float
+    amplitude: float
+    frequency_hz: float
+    phase_rad: float = 0.0
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        checks = checks_of(self)
+        require_finite(checks, unit_of(self.quantity), mean=self.mean, amplitude=self.amplitude)
+        require_finite(checks, "rad", phase_rad=self.phase_rad)
+        _require_frequency(checks, "frequency_hz", self.frequency_hz)
+        checks.finish()
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        time = np.asarray(time_s, dtype=np.float64)
+        phase = 2.0 * pi * self.frequency_hz * time + self.phase_rad
+        return self.mean + self.amplitude * np.sin(phase)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return 2 pi frequency |amplitude| in m/s or V/s."""
+        return 2.0 * pi * self.frequency_hz * abs(self.amplitude)
+
+
+@dataclass(frozen=True)
+class Chirp:
+    """A sine of linearly changing frequency, in metres or volts.
+
+    r(t) = mean + amplitude sin(phase(t)), phase(t) = 2 pi (start_hz t + sweep_hz_per_s t^2 / 2)
+    + phase_rad, so the frequency at t is start_hz + sweep_hz_per_s t. The thesis's
+    3 sin(pi (1 + t/4) t) V (section 3.2) is `Chirp(0.0, 3.0, 0.5, 0.25, 0.0, "command")`.
+    """
+
+    mean: float
+    amplitude: float
+    start_hz: float
+    sweep_hz_per_s: float
+    phase_rad: float = 0.0
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        checks = checks_of(self)
+        require_finite(checks, unit_of(self.quantity), mean=self.mean, amplitude=self.amplitude)
+        require_finite(checks, "Hz/s", sweep_hz_per_s=self.sweep_hz_per_s)
+        require_finite(checks, "rad", phase_rad=self.phase_rad)
+        checks.require(
+            0.0 <= self.start_hz < inf,
+            "start_hz",
+            self.start_hz,
+            "is below 0 or not finite",
+            "give the frequency at the start in Hz",
+        )
+        checks.finish()
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        time = np.asarray(time_s, dtype=np.float64)
+        turns = self.start_hz * time + 0.5 * self.sweep_hz_per_s * time**2
+        return self.mean + self.amplitude * np.sin(2.0 * pi * turns + self.phase_rad)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return 2 pi |amplitude| times the highest frequency of the duration, in m/s or V/s."""
+        last_hz = self.start_hz + self.sweep_hz_per_s * duration_s
+        return 2.0 * pi * abs(self.amplitude) * max(self.start_hz, abs(last_hz))
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """A sum of equally strong sines whose peak never exceeds `amplitude`, in metres or volts.
+
+    r(t) = mean + a sum_i sin(2 pi frequencies_hz[i] t + phase_i), a such that |r(t) - mean| stays
+    within `amplitude` at all times and comes within 1 % of it. With a seed the phases are random,
+    without one they are Schroeder's, which keep the peak low against the power. Frequencies are
+    multiples of 1 mHz, so that the signal repeats and its peak is known for certain.
+    """
+
+    mean: float
+    amplitude: float
+    frequencies_hz: tuple[float, ...]
+    seed: int | None = None
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequencies_hz", tuple(float(f) for f in self.frequencies_hz))
+        checks = checks_of(self)
+        require_finite(checks, unit_of(self.quantity), mean=self.mean, amplitude=self.amplitude)
+        checks.require(
+            len(self.frequencies_hz) > 0,
+            "frequencies_hz",
+            "()",
+            "is empty",
+            "give at least one frequency in Hz",
+        )
+        for index, frequency in enumerate(self.frequencies_hz):
+            name = f"frequencies_hz[{index}]"
+            _require_frequency(checks, name, frequency)
+            self._require_harmonic(checks, name, index)
+        if self.seed is not None:
+            require_seed(checks, self.seed)
+        checks.finish()
+
+    def _require_harmonic(self, checks: Checks, name: str, index: int) -> None:
+        frequency = self.frequencies_hz[index]
+        nearest = max(np.rint(frequency / _FREQUENCY_GRID_HZ), 1.0) * _FREQUENCY_GRID_HZ
+        checks.require(
+            not abs(frequency - nearest) > 1e-6 * _FREQUENCY_GRID_HZ,
+            name,
+            frequency,
+            "is not a multiple of 1 mHz",
+            f"give {nearest:.3f} Hz",
+        )
+        earlier = np.asarray(self.frequencies_hz[:index])
+        checks.require(
+            not np.any(np.abs(earlier - frequency) < 0.5 * _FREQUENCY_GRID_HZ),
+            name,
+            frequency,
+            "comes twice",
+            "give each frequency once",
+        )
+
+    @cached_property
+    def _harmonics(self) -> NDArray[np.intp]:
+        # Ascending, as Schroeder's phases presume.
+        multiples = np.rint(np.asarray(self.frequencies_hz) / _FREQUENCY_GRID_HZ)
+        return np.sort(multiples).astype(np.intp)
+
+    @cached_property
+    def _phases(self) -> Samples:
+        count = len(self.frequencies_hz)
+        return schroeder_phases(count) if self.seed is None else random_phases(count, self.seed)
+
+    @cached_property
+    def _component_amplitude(self) -> float:
+        unit = np.ones(len(self.frequencies_hz))
+        return self.amplitude / supremum(self._harmonics, unit, self._phases)
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        time = np.asarray(time_s, dtype=np.float64)
+        total = np.zeros(time.shape)
+        for harmonic, phase in zip(self._harmonics, self._phases, strict=True):
+            total += np.sin(2.0 * pi * _FREQUENCY_GRID_HZ * harmonic * time + phase)
+        return self.mean + self._component_amplitude * total
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return the highest rate at any time, in m/s or V/s: at most 1 % too high."""
+        rates = 2.0 * pi * _FREQUENCY_GRID_HZ * self._harmonics.astype(np.float64)
+        # The derivative of a sine leads it by a quarter turn.
+        peak = supremum(self._harmonics, rates, self._phases + 0.5 * pi)
+        return abs(self._component_amplitude) * peak
+
+
+def _require_frequency(checks: Checks, name: str, frequency_hz: float) -> None:
+    nyquist_hz = 0.5 / TICK_S
+    checks.require(
+        0.0 < frequency_hz < nyquist_hz,
+        name,
+        frequency_hz,
+        f"is not between 0 and {nyquist_hz:g} Hz",
+        "give a frequency in Hz that a 1 kHz loop can carry",
+    )

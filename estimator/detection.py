@@ -1,0 +1,199 @@
+"""From a filter's estimates to a verdict: the detector's interface and the product's own detector."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.plant import Model, Parameters
+from rig.plant.dynamics import signed_root
+
+from .filters import FilterRun
+from .flow_account import BLOCK_S, FAULTS, AccountBlock, FlowAccount, reference_flow
+from .leak_test import Finding, LeakTest
+
+Array = NDArray[np.float64]
+
+LEAKS: Final = FAULTS[:3]
+INCONCLUSIVE_ABOVE: Final = 0.5 / 6e4
+"""If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
+SETTLED_AFTER_S: Final = 2.0
+"""A leak's flow is averaged from this long after its onset (the command-line contract)."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A stretch of a recording as a detector sees it: float64 (n,) each, SI; NaN where not measured."""
+
+    time_s: Array
+    command: Array
+    position: Array
+    pressure_1: Array
+    pressure_2: Array
+    spool: Array
+    supply_pressure: Array
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a detector holds after the samples it has seen.
+
+    Attributes:
+        verdict: one of the verdict names of `estimator.verdict`.
+        onset_s: estimated start of the fault; None when healthy or inconclusive.
+        leak_m3_per_s: mean absolute leak flow from 2 s after onset, of the first leak found.
+        leak_std_m3_per_s: its standard error, model-error budget included.
+        coefficient: leak coefficient, m^3/(s Pa^0.5).
+        statistic, threshold: the test statistic and what a healthy rig exceeds at the stated rate.
+        details: further figures by name, for reports.
+    """
+
+    verdict: str
+    onset_s: float | None = None
+    leak_m3_per_s: float | None = None
+    leak_std_m3_per_s: float | None = None
+    coefficient: float | None = None
+    statistic: float = 0.0
+    threshold: float = float("inf")
+    details: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def interval_m3_per_s(self) -> tuple[float, float] | None:
+        """95 % interval of the leak flow."""
+        if self.leak_m3_per_s is None or self.leak_std_m3_per_s is None:
+            return None
+        half = 1.96 * self.leak_std_m3_per_s
+        return max(self.leak_m3_per_s - half, 0.0), self.leak_m3_per_s + half
+
+
+class Detector(Protocol):
+    """Anything that turns estimates into decisions; it sees every sample once, in order."""
+
+    def update(self, samples: Samples, run: FilterRun) -> None:
+        """Take the next stretch of samples with the filter's estimates of them."""
+
+    def decide(self) -> Decision:
+        """Return the decision that the samples seen so far support."""
+
+
+class OilAccountDetector:
+    """The default detector: tests the oil accounts kept with the product filter's estimates.
+
+    Args:
+        model: the model the filter assumes.
+        false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
+    """
+
+    def __init__(self, model: Model, false_alarms_per_day: float = 1.0) -> None:
+        self._parameters = model.parameters
+        self._account = FlowAccount(model.parameters)
+        self._test = LeakTest(false_alarms_per_day)
+        self._blocks: list[AccountBlock] = []
+        self._tested: list[int] = []
+        self._roots: list[Array] = []
+        self._supply: list[float] = []
+        self._supply_sum = np.zeros(2)
+
+    def update(self, samples: Samples, run: FilterRun) -> None:
+        """Add samples to the accounts (any number; a decision is due at the end of each block)."""
+        position, p1, p2 = (run.state(n) for n in ("position_m", "pressure_1_Pa", "pressure_2_Pa"))
+        fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
+        blocks = self._account.add(
+            samples.time_s, run.state("spool_m"), run.state("null_bias_m"), p1, p2, position,
+            fresh.astype(np.float64),
+        )
+        measured = samples.supply_pressure[np.isfinite(samples.supply_pressure)]
+        self._supply_sum += (measured.sum(), measured.size)
+        for block in blocks:
+            if block.complete:
+                self._tested.append(len(self._blocks))
+                self._test.add(block)
+            self._blocks.append(block)
+            total, count = self._supply_sum
+            self._supply.append(total / count if count else np.nan)
+            self._supply_sum[:] = 0.0
+
+    def decide(self) -> Decision:
+        """Return the verdict of the sequential test on all complete blocks so far."""
+        findings = self._test.search()
+        threshold = self._test.threshold(10.0 + 2.0 * self._test.blocks)
+        smallest = self._smallest()
+        details = {f"smallest_{k}_m3_per_s": v for k, v in smallest.items()}
+        if not findings:
+            unseen = not smallest or max(smallest.values()) > INCONCLUSIVE_ABOVE
+            verdict = "inconclusive" if unseen else "healthy"
+            return Decision(verdict, threshold=threshold, details=details)
+        first = findings[0]
+        if len(findings) > 1:
+            for finding in findings:
+                name = FAULTS[finding.fault]
+                details[f"{name}_coefficient"] = finding.coefficient
+                details[f"{name}_onset_s"] = self._onset(finding)
+        verdict = "multiple" if len(findings) > 1 else self._name(first)
+        if FAULTS[first.fault] not in LEAKS:
+            return Decision(verdict, self._onset(first), statistic=first.statistic,
+                            threshold=threshold, details=details)  # fmt: skip
+        size = self._mean_size(first)
+        return Decision(
+            verdict,
+            self._onset(first),
+            first.coefficient * size,
+            first.deviation * size,
+            first.coefficient,
+            first.statistic,
+            threshold,
+            details,
+        )
+
+    def _smallest(self) -> dict[str, float]:
+        """Smallest leak (m^3/s at its reference drop) that the motion so far would have shown."""
+        if self._test.blocks < 2:
+            return {}
+        coefficients = self._test.smallest()
+        return {
+            leak: reference_flow(self._parameters, leak, float(coefficients[i]))
+            for i, leak in enumerate(LEAKS)
+        }
+
+    def _onset(self, finding: Finding) -> float:
+        start = self._blocks[self._tested[finding.onset]].end_s - BLOCK_S
+        return float(start - finding.onset_fraction * BLOCK_S)
+
+    def _mean_size(self, finding: Finding) -> float:
+        """Mean absolute flow per unit coefficient from 2 s after onset (or all there is since)."""
+        first = self._tested[finding.onset]
+        settled = self._onset(finding) + SETTLED_AFTER_S
+        since = [b for b in self._blocks[first:] if b.end_s - BLOCK_S >= settled - 1e-6]
+        chosen = since or self._blocks[first:]
+        return float(np.mean([block.sizes[finding.fault] for block in chosen]))
+
+    def _name(self, finding: Finding) -> str:
+        """Name a fault; those of the supply and return lines need a measured supply pressure."""
+        name = FAULTS[finding.fault]
+        if name in LEAKS:
+            return name
+        onset = self._tested[finding.onset]
+        before, after = np.array(self._supply[:onset]), np.array(self._supply[onset:])
+        if not np.isfinite(before).any() or not np.isfinite(after).any():
+            return "unknown_fault"
+        dropped = np.nanmean(before) - np.nanmean(after)
+        wander = np.nanstd(before) / sqrt(max(np.isfinite(before).sum(), 1))
+        if name == "supply_leakage":
+            return name if dropped > 3.0 * wander else "unknown_fault"
+        return name if dropped <= max(3.0 * wander, 1e5) else "unknown_fault"
+
+
+def leak_flow(
+    run: FilterRun, parameters: Parameters
+) -> dict[str, Array]:
+    """Return the product filter's leak flows over time, float64 (n,) in m^3/s, by leak (eq. 5.2)."""
+    p1, p2 = run.state("pressure_1_Pa"), run.state("pressure_2_Pa")
+    drops = (p1 - parameters.return_pressure, p2 - parameters.return_pressure, p1 - p2)
+    root = np.vectorize(signed_root)
+    return {
+        leak: run.state(f"{leak}_m3_per_s_sqrtPa") * root(drop)
+        for leak, drop in zip(LEAKS, drops, strict=True)
+    }

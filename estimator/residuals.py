@@ -1,0 +1,100 @@
+"""Moving average of absolute residuals, the thesis's detection signal (section 4.4, chapter 8)."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+THESIS_WINDOW: Final = 4000
+"""Samples averaged (section 4.4): four seconds at 1 kHz."""
+
+
+class MovingAverage(NamedTuple):
+    """Memory of a moving average over n samples; made by `start_moving_average`.
+
+    The window always consists of the end of one block of n samples and the start of the next. Sums
+    from each sample to the end of the old block are kept, so that nothing is ever subtracted: no
+    error builds up, and a residual of a diverged filter is forgotten as soon as it leaves.
+
+    Attributes:
+        sums: (n,) up to the present position the new block's absolute values, then the old block's
+            sums from there to its end.
+        counts: (n,) the same for the number of values that are not NaN.
+        present: (3,) position in the block, sum and count of the new block.
+    """
+
+    sums: Array
+    counts: Array
+    present: Array
+
+
+def start_moving_average(n: int = THESIS_WINDOW) -> MovingAverage:
+    """Return the memory of a moving average over n samples, before its first sample.
+
+    Raises:
+        ValueError: n is below 1.
+    """
+    if n < 1:
+        raise ValueError(f"moving average: window of {n} samples; give at least 1")
+    return MovingAverage(np.zeros(n), np.zeros(n), np.zeros(3))
+
+
+@njit(cache=True, error_model="numpy")
+def moving_average_step(memory: MovingAverage, residual: float) -> float:
+    """Take one residual and return the mean absolute value of the last n, NaN ones left out.
+
+    Before n samples have come, the mean of those there are; NaN if all of them are NaN. O(1) on
+    average: the n-th sample of a block costs n additions.
+    """
+    sums, counts, present = memory
+    n = sums.size
+    position = int(present[0])
+    valid = residual == residual
+    sums[position] = abs(residual) if valid else 0.0
+    counts[position] = 1.0 if valid else 0.0
+    present[1] += sums[position]
+    present[2] += counts[position]
+    position += 1
+    total, count = present[1], present[2]
+    if position < n:
+        present[0] = position
+        total += sums[position]
+        count += counts[position]
+    else:
+        present[:] = 0.0
+        for i in range(n - 2, -1, -1):
+            sums[i] += sums[i + 1]
+            counts[i] += counts[i + 1]
+    return total / count if count > 0.0 else np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(residual: Array, memory: MovingAverage, averages: Array) -> None:
+    for k in range(residual.size):
+        averages[k] = moving_average_step(memory, residual[k])
+
+
+def moving_average_absolute(residual: Array, n: int = THESIS_WINDOW) -> Array:
+    """Return the moving average of absolute values over the last n samples, (N,) as `residual`.
+
+    NaN residuals are left out; the first n - 1 values average the samples there are. Bit for bit
+    what `moving_average_step` gives sample by sample.
+
+    Raises:
+        ValueError: n is below 1, or `residual` is not one-dimensional.
+    """
+    if residual.ndim != 1:
+        raise ValueError(f"moving average: residual of shape {residual.shape}; give one series")
+    averages = np.empty(residual.size)
+    _fill(np.asarray(residual, dtype=np.float64), start_moving_average(n), averages)
+    return averages
+
+
+def extend_moving_average(memory: MovingAverage, residual: Array) -> Array:
+    """Return the moving averages (n,) at each of n more residuals; `memory` carries on."""
+    averages = np.empty(residual.size)
+    _fill(np.ascontiguousarray(residual), memory, averages)
+    return averages

@@ -1,0 +1,69 @@
+"""A campaign of tests as data: what each test does to the rig, and what should be found."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from control.setpoints import Setpoint
+from rig.plant.model import Model
+
+from .schedule import Fault
+from .verdict import Verdict
+
+
+@dataclass(frozen=True)
+class SpringLoad:
+    """A spring the ram runs against: stiffness in N/m, contact position in m (section 7.1.1)."""
+
+    stiffness: float
+    contact: float
+
+
+@dataclass(frozen=True)
+class CampaignTest:
+    """One test of a campaign, matrices and repeats written out; SI units.
+
+    Times count from the first recorded sample; the position loop has then held `start_position_m`
+    for `settle_s`. Repeats of a test share `test_name` and differ in `repeat`, counted from 1, and
+    in `seed`.
+    """
+
+    name: str
+    test_name: str
+    duration_s: float
+    start_position_m: float
+    settle_s: float
+    setpoint: Setpoint
+    load: SpringLoad | None
+    faults: tuple[Fault, ...]
+    expect: Verdict
+    repeat: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A list of tests on one rig, and the model and detector they are judged by.
+
+    Attributes:
+        rig_name: the rig the tests were checked against.
+        model: what the detector assumes of the rig.
+        filter_name: `product`, `thesis-6` or `thesis-7`.
+        source_files: SHA-256 of every file the campaign was read from, by path.
+        resolved: the campaign with its rig and models as plain values, for the recordings.
+    """
+
+    name: str
+    description: str
+    rig_name: str
+    model: Model
+    filter_name: str
+    false_alarms_per_day: float
+    tests: tuple[CampaignTest, ...]
+    source_files: Mapping[str, str] = field(default_factory=dict)
+    resolved: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def rig_time_s(self) -> float:
+        """Return how long the rig is busy, settling included."""
+        return sum(test.settle_s + test.duration_s for test in self.tests)

@@ -1,0 +1,180 @@
+"""The needle valve of a bypass: from opening to leakage coefficient, and back."""
+
+import datetime
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf
+from typing import Final
+
+import numpy as np
+
+from control.request import Checks, RequestError
+
+# Points closer than these shares of full scale cannot be told apart by a calibration, and finer
+# steps would cost the inverse the nine digits that hold for every table admitted here.
+_OPENING_STEP: Final = 0.01
+_COEFFICIENT_STEP: Final = 1e-4
+
+# What was computed from a limit may pass it by rounding.
+ROUNDING: Final = 1e-9
+
+_EQUAL_PERCENTAGE_POINTS: Final = 51
+_RANGEABILITY_LIMIT: Final = 1000.0
+
+
+class BypassError(RequestError):
+    """A bypass valve that cannot be as described, or cannot do what is asked of it."""
+
+
+@dataclass(frozen=True)
+class NeedleCharacteristic:
+    """What a needle valve passes at each opening, as calibrated: a table, linear between points.
+
+    `openings` (n,) run from 0 (shut) to 1; `coefficients` (n,) are in m^3/(s Pa^0.5). Both
+    increase, so every coefficient belongs to one opening and the inverse is exact, which a cubic
+    through the same points has only by iteration; it could also bend where nothing was measured.
+
+    Attributes:
+        date: day of the calibration, if there was one.
+        id: what the valve or its calibration is called.
+
+    Raises:
+        BypassError: the table does not run from 0 to 1, or does not increase clearly.
+    """
+
+    openings: tuple[float, ...]
+    coefficients: tuple[float, ...]
+    date: datetime.date | None = None
+    id: str = "needle"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "openings", tuple(float(o) for o in self.openings))
+        object.__setattr__(self, "coefficients", tuple(float(k) for k in self.coefficients))
+        checks = Checks(self.id, BypassError)
+        count = len(self.openings)
+        checks.require(
+            count == len(self.coefficients) and count >= 2,
+            "coefficients",
+            f"{len(self.coefficients)} values",
+            f"for {count} openings",
+            "give one for each of at least two openings",
+        )
+        checks.finish()
+        self._require_range(checks)
+        self._require_increase(checks)
+        checks.finish()
+
+    def _require_range(self, checks: Checks) -> None:
+        first, last = self.openings[0], self.openings[-1]
+        checks.require(first == 0.0, "openings", first, "is not 0", "begin with the shut valve")
+        checks.require(last == 1.0, "openings", last, "is not 1", "end with the fully open valve")
+        checks.require(
+            0.0 <= self.coefficients[0] < inf and self.coefficients[-1] < inf,
+            "coefficients",
+            f"{self.coefficients[0]} to {self.coefficients[-1]}",
+            "do not lie between 0 and infinity",
+            "give them in m^3/(s Pa^0.5)",
+        )
+
+    def _require_increase(self, checks: Checks) -> None:
+        for name, values, step in (
+            ("openings", self.openings, _OPENING_STEP),
+            ("coefficients", self.coefficients, _COEFFICIENT_STEP * self.coefficients[-1]),
+        ):
+            for index, (before, after) in enumerate(pairwise(values), start=1):
+                checks.require(
+                    0.0 < after - before >= step * (1.0 - ROUNDING),
+                    f"{name}[{index}]",
+                    after,
+                    f"is not {step:.3g} above the point before ({before})",
+                    "drop the point or measure it again",
+                )
+
+    @classmethod
+    def equal_percentage(cls, maximum: float, rangeability: float) -> "NeedleCharacteristic":
+        """Return k(o) = maximum (R^o - 1) / (R - 1), R the rangeability, in 51 points.
+
+        The equal-percentage law of control valves (IEC 60534-2-4), maximum R^(o - 1), shifted so
+        that the valve shuts fully at 0. The maximum is in m^3/(s Pa^0.5).
+
+        Raises:
+            BypassError: the maximum is not above 0, or the rangeability not between 1 and 1000.
+        """
+        checks = Checks("equal percentage needle", BypassError)
+        unit = "give it in m^3/(s Pa^0.5)"
+        checks.require(0.0 < maximum < inf, "maximum", maximum, "is not above 0", unit)
+        checks.require(
+            1.0 < rangeability <= _RANGEABILITY_LIMIT,
+            "rangeability",
+            rangeability,
+            f"is not between 1 and {_RANGEABILITY_LIMIT:g}",
+            "give the ratio of the steepest to the flattest slope, 50 for common valves",
+        )
+        checks.finish()
+        openings = np.linspace(0.0, 1.0, _EQUAL_PERCENTAGE_POINTS)
+        growth = np.expm1(openings * np.log(rangeability)) / np.expm1(np.log(rangeability))
+        return cls(tuple(openings), tuple(maximum * growth), id="equal percentage needle")
+
+    @classmethod
+    def from_table(
+        cls,
+        points: Iterable[tuple[float, float]],
+        date: datetime.date | None = None,
+        id: str = "needle",  # noqa: A002 (the field's name)
+    ) -> "NeedleCharacteristic":
+        """Return the characteristic through (opening, coefficient in m^3/(s Pa^0.5)) points.
+
+        The points come in any order, as a calibration up and down the travel measures them.
+
+        Raises:
+            BypassError: as `NeedleCharacteristic`.
+        """
+        ordered = sorted(points)
+        return cls(tuple(o for o, _ in ordered), tuple(k for _, k in ordered), date, id)
+
+    @property
+    def minimum(self) -> float:
+        """What the needle still passes when shut, in m^3/(s Pa^0.5)."""
+        return self.coefficients[0]
+
+    @property
+    def maximum(self) -> float:
+        """What the needle passes fully open, in m^3/(s Pa^0.5)."""
+        return self.coefficients[-1]
+
+    def coefficient(self, opening: float) -> float:
+        """Return the coefficient in m^3/(s Pa^0.5) at an opening (0 to 1).
+
+        Raises:
+            BypassError: the opening is not between 0 and 1.
+        """
+        checks = Checks(self.id, BypassError)
+        require_share(checks, "opening", opening)
+        checks.finish()
+        return float(np.interp(opening, self.openings, self.coefficients))
+
+    def opening(self, coefficient: float) -> float:
+        """Return the opening (0 to 1) that passes a coefficient in m^3/(s Pa^0.5).
+
+        Raises:
+            BypassError: the coefficient is beyond what the needle passes shut or fully open.
+        """
+        low, high = self.minimum * (1.0 - ROUNDING), self.maximum * (1.0 + ROUNDING)
+        checks = Checks(self.id, BypassError)
+        checks.require(
+            low <= coefficient <= high,
+            "coefficient",
+            f"{coefficient:.4g} m^3/(s Pa^0.5)",
+            f"is not between {self.minimum:.4g} (shut) and {self.maximum:.4g} (fully open)",
+            "ask for a coefficient between, or fit another needle",
+        )
+        checks.finish()
+        return float(np.interp(coefficient, self.coefficients, self.openings))
+
+
+def require_share(checks: Checks, name: str, value: float) -> None:
+    """Note a problem with a value that is not between 0 and 1."""
+    checks.require(
+        0.0 <= value <= 1.0, name, value, "is not between 0 (shut) and 1 (open)", "give a share"
+    )

@@ -1,0 +1,230 @@
+"""Faults over the time of a test, and the table of coefficients the plant takes from them."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf, isfinite
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.request import Checks, Problem, RequestError
+from rig.plant.faults import FAULT_COLUMNS
+from rig.plant.parameters import quantities
+
+from .bypass import NOMINAL_BYPASSES, port_opening, series_coefficient
+from .verdict import FAULT_KINDS, LEAK_KINDS, Verdict
+
+# Times and ticks are sums and products only to rounding: without this a fault could be a tick late.
+_TIME_DECIMALS: Final = 9
+_INSTANT_S: Final = 10.0**-_TIME_DECIMALS
+
+_BLOCKAGE: Final = Verdict.RETURN_BLOCKAGE
+
+
+class FaultError(RequestError):
+    """A fault that cannot be injected, or faults that exclude each other."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault: from `at_s` on it grows to its coefficient, at `until_s` it is shut again.
+
+    A square-root leak comes from a bypass: its ball valve opens over `travel_s` from `at_s` on and
+    shuts as slowly from `until_s` on, in series with the needle, so most of the leak appears early
+    in the travel. A linear leak or a return blockage has no bypass; it grows in proportion to the
+    port that opens. In either case `ramp_s` lets the coefficient itself (the needle, or wear) rise
+    linearly from `at_s` on.
+
+    Attributes:
+        kind: one of `faults.verdict.FAULT_KINDS`.
+        coefficient: m^3/(s Pa^0.5) fully open (eq. 5.2); m^3/(s Pa) if linear (eq. 5.1);
+            Pa/(m^3/s)^2 for return_blockage.
+        linear: the leak is proportional to the pressure drop; the actuator's leaks only.
+        at_s: when the ball begins to open, in s from the start of the test.
+        until_s: when it begins to shut; never, if inf.
+        ramp_s: time the coefficient takes to grow, 0 for at once.
+        travel_s: time the ball takes from shut to open, 0 for at once.
+        ball_coefficient: what the open ball alone passes, m^3/(s Pa^0.5); the nominal rig's if
+            None.
+
+    Raises:
+        FaultError: with every value that is out of range.
+    """
+
+    kind: str
+    coefficient: float
+    linear: bool = False
+    at_s: float = 0.0
+    until_s: float = inf
+    ramp_s: float = 0.0
+    travel_s: float = 0.0
+    ball_coefficient: float | None = None
+
+    def __post_init__(self) -> None:
+        checks = Checks(str(self.kind), FaultError)
+        kinds = ", ".join(FAULT_KINDS)
+        checks.require(
+            self.kind in FAULT_KINDS, "kind", self.kind, "is no fault", f"give one of {kinds}"
+        )
+        checks.require(
+            not self.linear or self.kind in LEAK_KINDS,
+            "linear",
+            self.linear,
+            "holds for the leaks of the actuator only",
+            "leave it out",
+        )
+        checks.require(
+            self.ball_coefficient is None or 0.0 < self.ball_coefficient < inf,
+            "ball_coefficient",
+            self.ball_coefficient,
+            "is not above 0 or not finite",
+            "give it in m^3/(s Pa^0.5), or leave it out for the nominal rig's",
+        )
+        self._require_times(checks)
+        checks.finish()
+        self._require_coefficient(checks)
+        checks.finish()
+
+    def _require_times(self, checks: Checks) -> None:
+        for name, value in (
+            ("at_s", self.at_s),
+            ("ramp_s", self.ramp_s),
+            ("travel_s", self.travel_s),
+        ):
+            checks.require(
+                value >= 0.0 and isfinite(value),
+                name,
+                value,
+                "is below 0 s or not finite",
+                "give seconds from the start of the test"
+                if name == "at_s"
+                else "give seconds, 0 for at once",
+            )
+        checks.require(
+            self.until_s > self.at_s,
+            "until_s",
+            self.until_s,
+            f"is not after at_s ({self.at_s})",
+            "end the fault after it begins, or leave until_s out",
+        )
+
+    def _require_coefficient(self, checks: Checks) -> None:
+        quantity = quantities()["return_back_pressure" if self.kind == _BLOCKAGE else self.column]
+        checks.require(
+            0.0 < self.coefficient <= quantity.upper,
+            "coefficient",
+            f"{self.coefficient:.4g} {quantity.unit}",
+            f"is not above 0 and up to {quantity.upper:.4g}",
+            "give it in SI, or leave the fault out",
+        )
+        if self._through_bypass:
+            checks.require(
+                not self.coefficient >= self._ball,
+                "coefficient",
+                f"{self.coefficient:.4g} {quantity.unit}",
+                f"is not below the {self._ball:.4g} of the open ball valve",
+                "ask for a smaller leak or fit a larger ball valve",
+            )
+
+    @property
+    def column(self) -> str:
+        """Which of `rig.plant.faults.FAULT_COLUMNS` the fault acts on."""
+        return f"{self.kind}_linear" if self.linear else str(self.kind)
+
+    @property
+    def end_s(self) -> float:
+        """When the fault is gone again: the ball has shut; inf if it never does."""
+        return self.until_s + min(self.travel_s, self.until_s - self.at_s)
+
+    @property
+    def _through_bypass(self) -> bool:
+        return not self.linear and self.kind != _BLOCKAGE
+
+    @property
+    def _ball(self) -> float:
+        """What the open ball valve alone passes; only a fault through a bypass has one."""
+        if self.ball_coefficient is None:
+            return NOMINAL_BYPASSES[self.kind].ball_coefficient
+        return self.ball_coefficient
+
+    def ball_position(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the share of its travel (0 shut, 1 open) the ball has made at each time."""
+        opening = _share(time_s, self.at_s, self.travel_s)
+        reached = _share(np.array([self.until_s]), self.at_s, self.travel_s)[0]
+        return np.minimum(opening, reached - _share(time_s, self.until_s, self.travel_s)).clip(0.0)
+
+    def acting(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the coefficient at each time in the unit of `coefficient`, same shape as `time_s`.
+
+        It lies between 0 and the coefficient, and is 0 before `at_s` and from `end_s` on.
+        """
+        port = port_opening(self.ball_position(time_s))
+        grown = _share(time_s, self.at_s, self.ramp_s)
+        if not self._through_bypass:
+            return self.coefficient * grown * port
+        share = self.coefficient / self._ball
+        needle = self.coefficient / np.sqrt((1.0 - share) * (1.0 + share))
+        series = series_coefficient(needle * grown, self._ball * port)
+        return np.minimum(series, self.coefficient)
+
+
+def _share(time_s: NDArray[np.float64], start_s: float, length_s: float) -> NDArray[np.float64]:
+    """Return how much (0 to 1) of a stretch of time has passed; at once if it is empty."""
+    elapsed = np.round(time_s - start_s, _TIME_DECIMALS)
+    if length_s < _INSTANT_S:
+        return (elapsed >= 0.0).astype(np.float64)
+    return np.clip(elapsed / length_s, 0.0, 1.0)
+
+
+class FaultSchedule:
+    """The faults of one test, any number of them at once.
+
+    Raises:
+        FaultError: two faults act on the same column at once; one bypass holds one coefficient.
+    """
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        self.faults = tuple(sorted(faults, key=lambda fault: fault.at_s))
+        problems = [
+            Problem(
+                str(later.kind),
+                "at_s",
+                later.at_s,
+                f"is before the same fault from {earlier.at_s} s on is gone ({earlier.end_s} s)",
+                "begin it later or end the first one sooner",
+            )
+            for column in FAULT_COLUMNS
+            for earlier, later in pairwise(f for f in self.faults if f.column == column)
+            if later.at_s < earlier.end_s
+        ]
+        if problems:
+            raise FaultError(problems)
+
+    def __iter__(self) -> Iterator[Fault]:
+        return iter(self.faults)
+
+    def __len__(self) -> int:
+        return len(self.faults)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of fault in the schedule, in the order they first begin."""
+        return tuple(dict.fromkeys(str(fault.kind) for fault in self.faults))
+
+    def onset_s(self, kind: str) -> float | None:
+        """Return when the first fault of a kind begins, in s; None if there is none."""
+        return next((fault.at_s for fault in self.faults if fault.kind == kind), None)
+
+    def table(self, n_ticks: int, period_s: float) -> NDArray[np.float64]:
+        """Return the coefficients acting over each tick, float64 (n_ticks, 8), SI.
+
+        Columns are `rig.plant.faults.FAULT_COLUMNS`; row k holds the state at k period_s, which
+        the plant keeps over the tick.
+        """
+        time_s = period_s * np.arange(n_ticks, dtype=np.float64)
+        table = np.zeros((n_ticks, len(FAULT_COLUMNS)))
+        for fault in self.faults:
+            table[:, FAULT_COLUMNS.index(fault.column)] += fault.acting(time_s)
+        return table

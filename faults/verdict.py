@@ -1,0 +1,38 @@
+"""What a test may conclude about the rig, and which of it can be injected."""
+
+from enum import StrEnum
+from typing import Final
+
+
+class Verdict(StrEnum):
+    """A conclusion of the leak detector; equal to its name as a string."""
+
+    description: str
+
+    def __new__(cls, value: str, description: str = "") -> "Verdict":
+        """Make a verdict from its name and what it means in one line."""
+        verdict = str.__new__(cls, value)
+        verdict._value_ = value
+        verdict.description = description
+        return verdict
+
+    HEALTHY = "healthy", "no fault found by a motion that would have shown one"
+    EXTERNAL_LEAKAGE_1 = "external_leakage_1", "chamber 1 leaks to the return line"
+    EXTERNAL_LEAKAGE_2 = "external_leakage_2", "chamber 2 leaks to the return line"
+    INTERNAL_LEAKAGE = "internal_leakage", "oil passes the piston seal between the chambers"
+    SUPPLY_LEAKAGE = "supply_leakage", "the supply line leaks to the return line"
+    RETURN_BLOCKAGE = "return_blockage", "the return line is blocked, as by a clogged filter"
+    MULTIPLE = "multiple", "more than one fault at once"
+    UNKNOWN_FAULT = "unknown_fault", "the rig departs from its model as no known fault makes it"
+    INCONCLUSIVE = "inconclusive", "the motion could not have shown a leak"
+
+
+LEAK_KINDS: Final = (
+    Verdict.EXTERNAL_LEAKAGE_1,
+    Verdict.EXTERNAL_LEAKAGE_2,
+    Verdict.INTERNAL_LEAKAGE,
+)
+"""Leaks of the actuator itself, whose flow the default detector estimates."""
+
+FAULT_KINDS: Final = (*LEAK_KINDS, Verdict.SUPPLY_LEAKAGE, Verdict.RETURN_BLOCKAGE)
+"""Faults the rig can inject (figure 2.3)."""

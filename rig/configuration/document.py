@@ -1,0 +1,163 @@
+"""Reading YAML so that every value knows the file, line and column it came from."""
+
+import hashlib
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .problems import Place, Problems
+
+MAX_DEPTH = 32
+# Aliases let a short file unfold without bound; ours have some thousand values at most.
+MAX_VALUES = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """A YAML value with its place: a scalar, a list of `Located`, or a dict of name to `Located`.
+
+    The place is that of the key for values in a mapping, so that an editor lands on the line to
+    change; `name` is what to call the value in a message.
+    """
+
+    value: Any
+    place: Place
+    name: str
+
+    def items(self) -> Iterator[tuple[str, "Located"]]:
+        """Iterate over the entries of a mapping; anything else has none."""
+        if isinstance(self.value, dict):
+            yield from self.value.items()
+
+    def elements(self) -> list["Located"]:
+        """Return the elements of a list; anything else has none."""
+        return self.value if isinstance(self.value, list) else []
+
+    def get(self, key: str) -> "Located | None":
+        """Return the entry of a mapping, None where there is none or this is no mapping."""
+        return self.value.get(key) if isinstance(self.value, dict) else None
+
+    def find(self, path: tuple[str | int, ...]) -> "Located":
+        """Return the deepest existing value on the way along keys and indices."""
+        here = self
+        for step in path:
+            try:
+                here = here.value[step]
+            except (KeyError, IndexError, TypeError):
+                break
+        return here
+
+    def plain(self) -> Any:
+        """Return the value as ordinary dicts, lists and scalars."""
+        if isinstance(self.value, dict):
+            return {key: item.plain() for key, item in self.value.items()}
+        if isinstance(self.value, list):
+            return [item.plain() for item in self.value]
+        return self.value
+
+
+@dataclass
+class Sources:
+    """The files a configuration was read from, with their SHA-256, and the problems in them."""
+
+    problems: Problems = field(default_factory=Problems)
+    sha256: dict[Path, str] = field(default_factory=dict)
+
+    def read_bytes(self, path: Path, referrer: Located | None = None) -> bytes | None:
+        """Return a file's content and remember its hash; None, with a problem, if unreadable."""
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            place = referrer.place if referrer else Place(path, 0, 0)
+            name = referrer.name if referrer else "file"
+            reason = (error.strerror or str(error)).lower()
+            self.problems.add(place, name, path, f"cannot be read: {reason}", "check the path")
+            return None
+        self.sha256[path] = hashlib.sha256(content).hexdigest()
+        return content
+
+    def read_yaml(self, path: Path, referrer: Located | None = None) -> Located | None:
+        """Return the mapping in a YAML file; None, with a problem, if there is none to be had."""
+        content = self.read_bytes(path, referrer)
+        if content is None:
+            return None
+        loader = None
+        try:
+            loader = yaml.SafeLoader(content)
+            node = loader.get_single_node()
+            start = Place(path, 1, 1)
+            if not isinstance(node, yaml.MappingNode):
+                self.problems.add(start, "file", "", "is not a mapping", "write `key: value` lines")
+                return None
+            return _Builder(path, loader, self.problems).build(node, start, "file", 0)
+        except (yaml.YAMLError, UnicodeError, RecursionError) as error:
+            self._add_syntax_problem(path, error)
+            return None
+        finally:
+            if loader is not None:
+                loader.dispose()
+
+    def _add_syntax_problem(self, path: Path, error: Exception) -> None:
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        place = Place(path, mark.line + 1, mark.column + 1) if mark else Place(path, 1, 1)
+        reason = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error)
+        self.problems.add(
+            place, "YAML", "", f"cannot be parsed: {reason}", "correct the syntax; UTF-8, no tabs"
+        )
+
+
+@dataclass
+class _Builder:
+    """Turns composed YAML nodes into `Located` values, noting duplicate and unusable keys."""
+
+    path: Path
+    loader: yaml.SafeLoader
+    problems: Problems
+    values: int = 0
+
+    def _place(self, node: yaml.Node) -> Place:
+        return Place(self.path, node.start_mark.line + 1, node.start_mark.column + 1)
+
+    def build(self, node: yaml.Node, place: Place, name: str, depth: int) -> Located:
+        self.values += 1
+        if depth > MAX_DEPTH or self.values > MAX_VALUES:
+            raise yaml.YAMLError(f"{name} is nested too deeply, too large, or contains itself")
+        if isinstance(node, yaml.MappingNode):
+            return Located(self._mapping(node, depth), place, name)
+        if isinstance(node, yaml.SequenceNode):
+            elements = [
+                self.build(element, self._place(element), f"{name}[{index}]", depth + 1)
+                for index, element in enumerate(node.value)
+            ]
+            return Located(elements, place, name)
+        return Located(self._scalar(node, place, name), place, name)
+
+    def _mapping(self, node: yaml.MappingNode, depth: int) -> dict[str, Located]:
+        entries: dict[str, Located] = {}
+        for key_node, value_node in node.value:
+            place = self._place(key_node)
+            key = self._key(key_node)
+            if key in entries:
+                first = entries[key].place
+                self.problems.add(
+                    place, key, "", f"is given twice, first in line {first.line}", "keep one"
+                )
+                continue
+            entries[key] = self.build(value_node, place, key, depth + 1)
+        return entries
+
+    def _key(self, node: yaml.Node) -> str:
+        # Keys are names: `no:` or `1:` stays the text written, whatever YAML would make of it.
+        return str(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+
+    def _scalar(self, node: yaml.Node, place: Place, name: str) -> Any:
+        try:
+            value = self.loader.construct_object(node)
+        except (yaml.YAMLError, ValueError, OverflowError) as error:
+            reason = getattr(error, "problem", None) or str(error)
+            self.problems.add(place, name, node.value, f"cannot be read: {reason}", "quote it")
+            return None
+        return value if isinstance(value, Hashable) else str(node.value)

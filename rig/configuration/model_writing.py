@@ -1,0 +1,137 @@
+"""Writes a model file that reads back to the identical floats, each with its symbol and source."""
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from rig.plant.effects import CATALOGUE
+from rig.plant.model import Model
+from rig.plant.parameters import FRICTION_LAWS, NOMINAL, quantities
+
+from .model import PARAMETERS, SHIFTABLE, physical
+from .problems import ConfigError, Problem, display_path
+from .quantities import QuantityError
+
+_QUANTITIES: Final = quantities()
+_COMMENT_COLUMN: Final = 48
+
+
+def dump_model(model: Model, path: Path) -> None:
+    """Write a model file that loads back to the identical model, in one step or not at all.
+
+    An effect that acts without being switched on is written as switched on.
+
+    Raises:
+        ConfigError: a parameter is outside the range that a model file may hold.
+        OSError: the file cannot be written.
+    """
+    _require_loadable(model, path)
+    text = "\n".join([*_header(model), *_parameters(model), *_effects(model), *_provenance(model)])
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes files that only their owner may read; a model is for everyone on the rig.
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _quantity(field: str, value: float) -> str:
+    return f"{float(value)!r} {_QUANTITIES[field].unit}".strip()
+
+
+def _require_loadable(model: Model, path: Path) -> None:
+    problems = []
+    for field in _QUANTITIES:
+        value = getattr(model.parameters, field)
+        if field == "friction_law":
+            if value not in FRICTION_LAWS.values():
+                choices = ", ".join(FRICTION_LAWS)
+                problems.append((field, str(value), "is no friction law", f"use {choices}"))
+            continue
+        try:
+            physical(field).parse(_quantity(field, value))
+        except QuantityError as error:
+            problems.append((field, _quantity(field, value), error.limit, error.remedy))
+    if problems:
+        raise ConfigError(Problem(display_path(path), 0, 0, *problem) for problem in problems)
+
+
+def _header(model: Model) -> Iterator[str]:
+    yield yaml.safe_dump({"name": model.name}, allow_unicode=True).strip()
+    law = next(name for name, v in FRICTION_LAWS.items() if v == model.parameters.friction_law)
+    yield f"friction_law: {law}"
+
+
+def _line(indent: str, key: str, field: str, value: float) -> str:
+    quantity = _QUANTITIES[field]
+    text = f"{indent}{key}: {_quantity(field, value)}"
+    comment = ", ".join(part for part in (quantity.symbol, quantity.source) if part)
+    return f"{text:<{_COMMENT_COLUMN}} # {comment}"
+
+
+def _parameters(model: Model) -> Iterator[str]:
+    under_effects = {
+        parameter.field
+        for name in model.effects
+        for parameter in CATALOGUE[name].parameters
+        if parameter.field in SHIFTABLE
+    }
+    yield "parameters:"
+    for field in PARAMETERS:
+        if field not in under_effects:
+            yield _line("  ", field, field, getattr(model.parameters, field))
+
+
+def _effects(model: Model) -> Iterator[str]:
+    acting = [
+        effect.name
+        for effect in CATALOGUE.values()
+        if effect.name not in model.effects
+        and any(
+            getattr(model.parameters, p.field) != getattr(NOMINAL, p.field)
+            for p in effect.parameters
+            if p.field not in SHIFTABLE
+        )
+    ]
+    names = [*model.effects, *acting]
+    if not names:
+        return
+    yield "effects:"
+    for name in names:
+        knobs = CATALOGUE[name].parameters
+        if len(knobs) == 1 and knobs[0].name == "value":
+            yield _line("  ", name, knobs[0].field, getattr(model.parameters, knobs[0].field))
+            continue
+        yield f"  {name}:"
+        for knob in knobs:
+            yield _line("    ", knob.name, knob.field, getattr(model.parameters, knob.field))
+
+
+def _provenance(model: Model) -> Iterator[str]:
+    if model.provenance:
+        plain = {"provenance": _plain(model.provenance)}
+        yield yaml.safe_dump(plain, allow_unicode=True, sort_keys=False).rstrip()
+
+
+def _plain(value: Any) -> Any:
+    """Return provenance as YAML can hold it."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    return str(value)

@@ -1,0 +1,100 @@
+"""What is wrong with a configuration: collected from all files involved, reported at once."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Place(NamedTuple):
+    """A position in a file; line and column count from 1."""
+
+    path: Path
+    line: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One mistake: where, which field, the value found, the rule it breaks and what to do."""
+
+    path: str
+    line: int
+    column: int
+    field: str
+    value: str
+    limit: str
+    remedy: str
+
+    def __str__(self) -> str:
+        """Return the problem as one line, `file:line:column field: value limit; remedy`."""
+        where = f"{self.path}:{self.line}:{self.column}" if self.line else self.path
+        what = f"{self.value} {self.limit}".strip()
+        text = f"{where} {self.field}: {what}" + (f"; {self.remedy}" if self.remedy else "")
+        return " ".join(text.split())
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; `problems` lists every mistake found."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: list[Problem] = list(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+@dataclass
+class Problems:
+    """Collects problems over all files of a configuration; one mistake is kept once.
+
+    `reported` counts repetitions too: the tests of a matrix share their mistakes.
+    """
+
+    found: list[Problem] = field(default_factory=list)
+    reported: int = 0
+
+    def add(self, place: Place, name: str, value: object, limit: str, remedy: str = "") -> None:
+        """Record one mistake, unless the same one was recorded before."""
+        self.reported += 1
+        problem = Problem(
+            display_path(place.path), place.line, place.column, name, str(value), limit, remedy
+        )
+        if problem not in self.found:
+            self.found.append(problem)
+
+    def has_at(self, place: Place) -> bool:
+        """Tell whether a mistake was recorded at a place already."""
+        where = (display_path(place.path), place.line, place.column)
+        return any((p.path, p.line, p.column) == where for p in self.found)
+
+    def raise_if_any(self) -> None:
+        """End the reading of a configuration.
+
+        Raises:
+            ConfigError: at least one problem was recorded.
+        """
+        if self.found:
+            raise ConfigError(sorted(self.found, key=lambda p: (p.path, p.line, p.column)))
+
+
+def display_path(path: Path) -> str:
+    """Return the path as a reader at the prompt would write it: relative when below here."""
+    try:
+        return str(path.relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """Return the known name closest to a misspelt one, if any is close."""
+    names = list(known)
+    lowered = {name.lower(): name for name in names}
+    matches = difflib.get_close_matches(word.lower(), lowered, n=1, cutoff=0.6)
+    return lowered[matches[0]] if matches else None
+
+
+def suggestion(word: str, known: Sequence[str], kind: str) -> str:
+    """Return the remedy for a misspelt name: the nearest one, else what there is."""
+    near = nearest(word, known)
+    listing = f"{kind}: {', '.join(known)}" if known else f"there are no {kind}"
+    return f"did you mean {near}?" if near else listing

@@ -1,0 +1,314 @@
+"""Physical quantities as people write them, `13.8 MPa` or `0.5 L/min`, to SI floats.
+
+Arithmetic is decimal up to the last step: `9.8 um` is the float 9.8e-6 and no neighbour of it.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cache
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from .problems import nearest
+
+if TYPE_CHECKING:
+    import pint
+
+
+class Dimension(NamedTuple):
+    """What an SI unit measures, an example to show, and the units people use for it."""
+
+    name: str
+    example: str
+    units: tuple[str, ...]
+
+
+DIMENSIONS: Final[dict[str, Dimension]] = {
+    "": Dimension("a plain number", "0.35", ("", "%")),
+    "m": Dimension("a length", "0.3 m", ("m", "mm", "um")),
+    "m^2": Dimension("an area", "6.33e-4 m^2", ("m^2", "cm^2", "mm^2")),
+    "m^3": Dimension("a volume", "2.14e-5 m^3", ("m^3", "L", "cm^3")),
+    "m/s": Dimension("a velocity", "0.04 m/s", ("m/s", "mm/s")),
+    "m^2/m": Dimension("an area gradient", "2.075e-2 m^2/m", ("m^2/m", "mm^2/mm")),
+    "kg": Dimension("a mass", "10 kg", ("kg", "g", "t")),
+    "kg/m^3": Dimension("a density", "847.15 kg/m^3", ("kg/m^3", "g/cm^3")),
+    "s": Dimension("a time", "18 s", ("s", "ms", "min")),
+    "rad": Dimension("an angle", "0.1 rad", ("rad", "deg")),
+    "rad/s": Dimension("an angular frequency", "628 rad/s", ("rad/s", "Hz")),
+    "Hz": Dimension("a frequency", "0.5 Hz", ("Hz", "mHz", "rad/s")),
+    "V": Dimension("a voltage", "3 V", ("V", "mV")),
+    "m/V": Dimension("a valve gain", "2.794e-5 m/V", ("m/V", "mm/V", "um/V")),
+    "V/m": Dimension("a position gain", "50 V/m", ("V/m", "V/mm")),
+    "Pa": Dimension("a pressure", "13.8 MPa", ("Pa", "kPa", "MPa", "bar", "psi")),
+    "N": Dimension("a force", "2.4e3 N", ("N", "kN")),
+    "N/m": Dimension("a stiffness", "2e4 N/m", ("N/m", "N/mm", "kN/m")),
+    "N s/m": Dimension("a viscous friction", "350 N s/m", ("N s/m", "kN s/m")),
+    "m^3/s": Dimension("a flow", "0.5 L/min", ("m^3/s", "L/min", "mL/min")),
+    "m^3/(s Pa^0.5)": Dimension(
+        "a leakage coefficient (square-root law)", "4e-9 m^3/(s Pa^0.5)", ("m^3/(s Pa^0.5)",)
+    ),
+    "m^3/(s Pa)": Dimension(
+        "a leakage coefficient (linear law)", "2e-12 m^3/(s Pa)", ("m^3/(s Pa)",)
+    ),
+    "Pa/(m^3/s)^2": Dimension(
+        "a turbulent resistance", "8e11 Pa/(m^3/s)^2", ("Pa/(m^3/s)^2", "bar/(L/min)^2")
+    ),
+}
+
+
+def dimension(si_unit: str) -> Dimension:
+    """Return what a unit measures; of a unit without an entry, no more than its name."""
+    plain = Dimension(f"a quantity in {si_unit}", f"1.0 {si_unit}", (si_unit,))
+    return DIMENSIONS.get(si_unit, plain)
+
+
+_NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*?)\s*", re.S)
+_UNIT: Final = re.compile(r"[A-Za-zµμ°%·²³\s\d.*/^()+-]{0,60}")
+_ROOT: Final = re.compile(r"sqrt\s*(\([^()]*\))")
+_ANGLE: Final = re.compile(r"rad|deg|°|turn|rev|rpm|Hz")
+
+
+class QuantityError(ValueError):
+    """A text that is not the quantity asked for: the rule it breaks and what to write."""
+
+    def __init__(self, limit: str, remedy: str) -> None:
+        self.limit = limit
+        self.remedy = remedy
+        super().__init__(f"{limit}; {remedy}")
+
+
+class WrongDimensionError(QuantityError):
+    """A quantity of another kind than the one asked for."""
+
+
+class Relative(NamedTuple):
+    """A deviation from the base model's value, `-4 %` as -0.04."""
+
+    fraction: float
+
+
+class Reading(NamedTuple):
+    """A quantity as written: SI value, number and unit."""
+
+    value: float
+    number: Decimal
+    unit: str
+
+
+@cache
+def _registry() -> "pint.UnitRegistry[Any]":
+    # Imported here: pint costs a quarter of a second, and most commands read no configuration.
+    import pint
+
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(non_int_type=Decimal)
+    # As delivered, 1 Hz converts to 1 rad/s: a 100 Hz valve would become a 16 Hz one.
+    registry.define("hertz = 2 * pi * radian / second = Hz")
+    return registry
+
+
+@cache
+def unit_factor(unit: str, si_unit: str) -> Decimal:
+    """Return how many `si_unit` one `unit` is.
+
+    Raises:
+        QuantityError: the unit is unknown.
+        WrongDimensionError: the unit measures something else.
+    """
+    if unit == si_unit:
+        return Decimal(1)
+    wanted = dimension(si_unit)
+    expected = f"write {wanted.name}, such as {wanted.example}"
+    parsed = _parse_unit(unit, si_unit)
+    target = _registry().parse_units(si_unit)
+    same = parsed.dimensionality == target.dimensionality
+    if not same or bool(_ANGLE.search(unit)) != bool(_ANGLE.search(si_unit)):
+        raise WrongDimensionError(f"is not {wanted.name}", expected)
+    try:
+        factor = _registry().convert(Decimal(1), parsed, target)
+    except (ArithmeticError, ValueError) as error:
+        raise QuantityError(f"has an unusable unit {unit!r}", expected) from error
+    return Decimal(factor)
+
+
+def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
+    known = [name for each in DIMENSIONS.values() for name in each.units]
+    near = nearest(unit, dimension(si_unit).units) or nearest(unit, known)
+    remedy = f"did you mean {near}?" if near else f"write it like {dimension(si_unit).example}"
+    if not _UNIT.fullmatch(unit):
+        raise QuantityError(f"has an unusable unit {unit!r}", remedy)
+    text = _ROOT.sub(r"\1^0.5", unit).replace("·", "*")
+    try:
+        return _registry().parse_units(text)
+    except Exception as error:  # pint passes on whatever its tokenizer and arithmetic raise
+        raise QuantityError(f"has an unknown unit {unit!r}", remedy) from error
+
+
+def read(raw: object, si_unit: str) -> Reading:
+    """Return a quantity written as text, or as a bare number where it has no dimension.
+
+    Raises:
+        QuantityError: no number, no or a wrong unit, or not finite.
+    """
+    wanted = dimension(si_unit)
+    bare_allowed = si_unit in ("", "rad")
+    if isinstance(raw, bool) or not isinstance(raw, int | float | str):
+        raise QuantityError("is not a quantity", f"write {wanted.name}: {wanted.example}")
+    match = _NUMBER.fullmatch(str(raw))
+    if match is None:
+        raise QuantityError("is not a quantity", f"write {wanted.name}: {wanted.example}")
+    number, unit = Decimal(match[1]), match[2]
+    if not unit:
+        if not bare_allowed:
+            raise QuantityError(
+                "has no unit", f"write {wanted.name} with its unit, such as {wanted.example}"
+            )
+        unit = si_unit
+    try:
+        value = float(number * unit_factor(unit, si_unit))
+    except ArithmeticError as error:
+        raise QuantityError("is too large a number", f"write it like {wanted.example}") from error
+    if not math.isfinite(value):
+        raise QuantityError("is too large a number", f"write it like {wanted.example}")
+    return Reading(value, number, unit)
+
+
+class Field:
+    """Annotates a field of a schema that is read by `parse`, which raises `QuantityError`."""
+
+    def parse(self, raw: object) -> Any:
+        """Return what the field holds."""
+        raise NotImplementedError
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Let pydantic read the field by `parse`."""
+        return core_schema.no_info_plain_validator_function(self._validate)
+
+    def _validate(self, raw: object) -> Any:
+        try:
+            return self.parse(raw)
+        except QuantityError as error:
+            context = {"limit": error.limit, "remedy": error.remedy}
+            raise PydanticCustomError("quantity", "not a quantity", context) from error
+
+
+@dataclass(frozen=True)
+class Physical(Field):
+    """Annotates a float of a schema as a quantity: SI unit, limits and the usual value."""
+
+    unit: str
+    lower: float = -math.inf
+    upper: float = math.inf
+    typical: float | None = None
+
+    def parse(self, raw: object) -> float:
+        """Return the SI value of a text or bare number.
+
+        Raises:
+            QuantityError: not this quantity, or outside the limits.
+        """
+        reading = read(raw, self.unit)
+        self.check_range(reading)
+        return reading.value
+
+    def check_range(self, reading: Reading) -> None:
+        """Verify the limits.
+
+        Raises:
+            QuantityError: outside; names the limit in the unit written, and what would fit.
+        """
+        if self.lower <= reading.value <= self.upper:
+            return
+        above = reading.value > self.upper
+        limit = Decimal(repr(self.upper if above else self.lower))
+        shown = _show(limit / unit_factor(reading.unit, self.unit), reading.unit)
+        fitting = self._fitting(reading)
+        remedy = (
+            f"did you mean {fitting}?" if fitting else f"at {'most' if above else 'least'} {shown}"
+        )
+        raise QuantityError(f"is {'above' if above else 'below'} {shown}", remedy)
+
+    def _fitting(self, reading: Reading) -> str | None:
+        """Return the likeliest slip: decimal point or unit, nearest the usual value if known."""
+        slips = [(reading.number.scaleb(shift), reading.unit) for shift in (-1, 1, -2, 2)]
+        slips += [(reading.number, unit) for unit in dimension(self.unit).units]
+        slips += [(reading.number.scaleb(shift), reading.unit) for shift in (-3, 3, -6, 6)]
+        fitting = [
+            (value, _show(number, unit))
+            for number, unit in slips
+            if self.lower <= (value := float(number * unit_factor(unit, self.unit))) <= self.upper
+            and value != 0.0
+        ]
+        if not fitting:
+            return None
+        usual = self.typical
+        if usual is None or usual == 0.0:
+            return fitting[0][1]
+        # Rounded, so that 13.8 MPa and 138 bar tie and the first, the smaller correction, wins.
+        return min(fitting, key=lambda fit: round(abs(math.log10(abs(fit[0] / usual))), 6))[1]
+
+
+@dataclass(frozen=True)
+class Adjustable(Field):
+    """Annotates a quantity that may be given as a signed deviation from the base model's value."""
+
+    physical: Physical
+
+    def parse(self, raw: object) -> float | Relative:
+        """Return the SI value, or the deviation of a signed percentage.
+
+        Raises:
+            QuantityError: not this quantity, outside its limits, or a percentage without a sign.
+        """
+        if isinstance(raw, str) and raw.strip().endswith("%"):
+            if raw.strip()[0] in "+-":
+                return Relative(read(raw, "").value)
+            if self.physical.unit:
+                raise QuantityError(
+                    "is a share of nothing", "write a deviation with its sign, such as +10 %"
+                )
+        return self.physical.parse(raw)
+
+
+@dataclass(frozen=True)
+class Interval(Field):
+    """Annotates a pair of quantities, the lower one first; `single` admits one for both."""
+
+    physical: Physical
+    single: bool = False
+
+    def parse(self, raw: object) -> tuple[float, float]:
+        """Return the SI values of both ends.
+
+        Raises:
+            QuantityError: no pair, an end that is not the quantity, or ends in the wrong order.
+        """
+        if self.single and not isinstance(raw, list):
+            value = self.physical.parse(raw)
+            return value, value
+        example = dimension(self.physical.unit).example
+        if not isinstance(raw, list) or len(raw) != 2:
+            raise QuantityError("is not a range", f"write [from, to], each like {example}")
+        lower, upper = (self.physical.parse(end) for end in raw)
+        if lower > upper:
+            raise QuantityError("ends before it begins", "write the lower value first")
+        return lower, upper
+
+
+def _show(number: Decimal, unit: str) -> str:
+    text = f"{float(number):.6g}"
+    return f"{text} {unit}".strip()
+
+
+def show(value: float, si_unit: str) -> str:
+    """Return an SI value as text in the unit in which it reads best, `13.8 MPa`."""
+    units = ("L/min",) if si_unit == "m^3/s" else dimension(si_unit).units
+    scaled = [(float(Decimal(repr(value)) / unit_factor(unit, si_unit)), unit) for unit in units]
+    readable = [pair for pair in scaled if 0.1 <= abs(pair[0]) < 1000.0 and pair[1] != "psi"]
+    number, unit = min(readable, default=scaled[0], key=lambda pair: abs(pair[0]))
+    return f"{number:.4g} {unit}".strip()

@@ -1,0 +1,74 @@
+"""The simulated rig: the plant with its transducers in place of the wire.
+
+Noise comes from a generator seeded by the test, drawn in order, so that a run does not depend on how
+its ticks are batched: the same seed gives the same recording bit for bit, paced or not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.plant import Model, Parameters
+from rig.plant.dynamics import rest_state
+from rig.plant.sensors import DATA_SHEET, READING_COUNT, SensorParameters
+
+Array = NDArray[np.float64]
+
+_FLOW_METERS = 3
+
+
+@dataclass
+class SimulatedRig:
+    """A plant's true state and its transducers' memory, advanced in place by the loop.
+
+    Attributes:
+        parameters: the truth of this rig, SI.
+        sensors: its transducers' data sheet.
+        fitted: float64 (9,), 1 where the rig has the transducer of `rig.plant.sensors.Reading`, else
+            NaN.
+        state: float64 (9,), `rig.plant.dynamics.PlantState`.
+        meters: float64 (3,), flow-meter lag states in m^3/s.
+        offsets: float64 (3,), the meters' fixed errors in m^3/s, drawn once.
+        generator: source of all noise.
+    """
+
+    parameters: Parameters
+    sensors: SensorParameters
+    fitted: Array
+    state: Array
+    meters: Array
+    offsets: Array
+    generator: np.random.Generator
+
+    def noise(self, ticks: int) -> Array:
+        """Return standard normal numbers (ticks, 9), one for each transducer and tick."""
+        return self.generator.standard_normal((ticks, READING_COUNT))
+
+
+def simulated_rig(
+    model: Model,
+    seed: int,
+    *,
+    sensors: SensorParameters = DATA_SHEET,
+    spool_sensor: bool = True,
+    supply_pressure_sensor: bool = True,
+    load_cell: bool = True,
+) -> SimulatedRig:
+    """Return a simulated rig at rest at mid stroke.
+
+    Args:
+        model: the truth of the rig.
+        seed: fixes all noise.
+        sensors: its transducers' data sheet.
+        spool_sensor, supply_pressure_sensor, load_cell: whether the rig has them.
+    """
+    par = model.parameters
+    generator = np.random.default_rng(seed)
+    fitted = np.ones(READING_COUNT)
+    for index, present in ((3, spool_sensor), (4, supply_pressure_sensor), (5, load_cell)):
+        if not present:
+            fitted[index] = np.nan
+    offsets = np.abs(sensors.flow_error * generator.standard_normal(_FLOW_METERS))
+    state = rest_state(par, 0.5 * (par.stroke_min + par.stroke_max))
+    return SimulatedRig(par, sensors, fitted, state, np.zeros(_FLOW_METERS), offsets, generator)

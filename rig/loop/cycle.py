@@ -1,0 +1,121 @@
+"""The loop's cycle, compiled: read, estimate, control, limit, write, record, once a millisecond.
+
+One tick at t_k reads the transducers, updates the filter with the command held since t_{k-1}, and
+writes the next command, which holds until t_{k+1}: row k of a recording is in that order too.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from control.position_loop import proportional_command
+from estimator.filters import OUTPUTS, filter_start, filter_step
+from rig.plant.dynamics import environment_force, leak_flows
+from rig.plant.integrator import advance
+from rig.plant.sensors import READING_COUNT, read_sensors
+
+READINGS: Final = (
+    "position_m",
+    "pressure_1_Pa",
+    "pressure_2_Pa",
+    "spool_m",
+    "supply_pressure_Pa",
+    "load_N",
+    "flow_1_m3_per_s",
+    "flow_2_m3_per_s",
+    "flow_internal_m3_per_s",
+)
+TRUTH: Final = (
+    "true_position_m",
+    "true_velocity_m_per_s",
+    "true_pressure_1_Pa",
+    "true_pressure_2_Pa",
+    "true_supply_pressure_Pa",
+    "true_return_pressure_Pa",
+    "true_leak_1_m3_per_s",
+    "true_leak_2_m3_per_s",
+    "true_leak_internal_m3_per_s",
+)
+_HEAD: Final = 3
+_OUTPUTS_AT: Final = _HEAD + READING_COUNT
+_STATES_AT: Final = _OUTPUTS_AT + len(OUTPUTS)
+
+
+def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
+    """Return the names of a row's columns for a filter's states, in the cycle's order."""
+    setpoint = "setpoint_V" if open_loop else "setpoint_m"
+    estimates = tuple(f"est_{state}" for state in states)
+    return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates, *TRUTH)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def simulated_ticks(
+    first, period, setpoint, open_loop, gain, limit, faults,
+    plant, par, sensors, fitted, meters, offsets, noise,
+    code, x, covariance, filter_par, filter_noise, work, held, rows,
+):  # fmt: skip
+    """Run as many ticks as `rows` has rows, on the simulated backend.
+
+    Args:
+        first: number of the first tick; tick 0 starts the filter.
+        period: s.
+        setpoint: (ticks,) in m, or in V in open loop.
+        open_loop: whether the setpoint is the command.
+        gain, limit: position loop, V/m and V.
+        faults: (ticks, 8) coefficients (`rig.plant.faults.FaultInput`).
+        plant, par, sensors, fitted, meters, offsets, noise: the simulated rig and its noise.
+        code, x, covariance, filter_par, filter_noise, work: the filter and its memory.
+        held: (1,) command held since the last tick, V; updated.
+        rows: (ticks, columns) to fill, in the order of `row_channels`.
+    """
+    reading = np.empty(READING_COUNT)
+    states = x.size
+    truth = _STATES_AT + states
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        leaks = leak_flows(
+            max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, faults[k]
+        )
+        load = environment_force(min(max(plant[4], par.stroke_min), par.stroke_max), 0.0, par)
+        read_sensors(plant, leaks, load, meters, offsets, noise[k], sensors, reading)
+        for i in range(READING_COUNT):
+            reading[i] *= fitted[i]
+            row[_HEAD + i] = reading[i]
+        outputs = row[_OUTPUTS_AT:_STATES_AT]
+        if first + k == 0:
+            outputs[:] = np.nan
+            filter_start(code, x, reading[0], reading[1], reading[2], reading[3], held[0],
+                         filter_par)  # fmt: skip
+        else:
+            filter_step(code, x, covariance, held[0], reading[0], reading[1], reading[2], reading[3],
+                        filter_par, filter_noise, work, outputs)  # fmt: skip
+        row[_STATES_AT:truth] = x
+
+        if open_loop:
+            command = min(max(setpoint[k], -limit), limit)
+        else:
+            command = proportional_command(setpoint[k], reading[0], gain, limit)
+        held[0] = command
+        row[0] = (first + k) * period
+        row[1] = setpoint[k]
+        row[2] = command
+        row[truth] = plant[4]
+        row[truth + 1] = plant[5]
+        row[truth + 2] = max(plant[2], 0.0)
+        row[truth + 3] = max(plant[3], 0.0)
+        row[truth + 4] = plant[7]
+        row[truth + 5] = plant[8]
+        row[truth + 6] = leaks[0]
+        row[truth + 7] = leaks[1]
+        row[truth + 8] = leaks[2]
+        advance(plant, command, par, faults[k])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def position_ticks(setpoint, gain, limit, no_fault, plant, par, resolution, held):
+    """Hold the ram on `setpoint` (ticks,) in m before a test, with no fault and no filter."""
+    for k in range(setpoint.size):
+        measured = np.floor(plant[4] / resolution + 0.5) * resolution
+        held[0] = proportional_command(setpoint[k], measured, gain, limit)
+        advance(plant, held[0], par, no_fault)

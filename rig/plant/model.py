@@ -1,0 +1,29 @@
+"""A model of one rig: its parameters, which effects are switched on, and where it comes from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from .effects import CATALOGUE
+from .parameters import Parameters
+
+
+@dataclass(frozen=True)
+class Model:
+    """Parameters of a rig (SI) with the names of the effects switched on and their provenance."""
+
+    name: str = "nominal"
+    parameters: Parameters = Parameters()
+    effects: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def with_effect(self, name: str, **values: float) -> "Model":
+        """Return this model with one more effect of the catalogue, its parameters given in SI.
+
+        Raises:
+            KeyError: the effect, or one of its parameters, is not in the catalogue.
+        """
+        fields = {parameter.name: parameter.field for parameter in CATALOGUE[name].parameters}
+        parameters = self.parameters._replace(**{fields[key]: v for key, v in values.items()})
+        effects = self.effects if name in self.effects else (*self.effects, name)
+        return Model(self.name, parameters, effects, self.provenance)

@@ -1,0 +1,118 @@
+"""Every parameter of the rig, once: its default, unit, plausible range, symbol and source.
+
+All values are SI. A parameter that belongs to an effect of the catalogue
+(`rig.plant.effects`) defaults to the value at which the effect is absent.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Final, NamedTuple, get_args, get_type_hints
+
+BRISTLE: Final = 0.0
+KARNOPP: Final = 1.0
+FRICTION_LAWS: Final = {"bristle": BRISTLE, "karnopp": KARNOPP}
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """Unit, plausible range, symbol and source of one parameter (limits in the same SI unit)."""
+
+    unit: str
+    lower: float
+    upper: float
+    symbol: str
+    source: str
+
+
+def _q(unit: str, lower: float, upper: float, symbol: str, source: str) -> Quantity:
+    return Quantity(unit, lower, upper, symbol, source)
+
+
+class Parameters(NamedTuple):
+    """Physical parameters of one rig, SI units; the compiled plant and filters take this tuple."""
+
+    # Cylinder
+    piston_area: Annotated[float, _q("m^2", 1e-4, 1e-2, "A", "table 2.1")] = 6.33e-4
+    moving_mass: Annotated[float, _q("kg", 1.0, 1000.0, "m_a", "table 2.1")] = 10.0
+    stroke_min: Annotated[float, _q("m", -0.1, 1.0, "X_min", "table 2.1")] = 0.0
+    stroke_max: Annotated[float, _q("m", 0.01, 5.0, "X_max", "table 2.1")] = 0.6069
+    line_volume_1: Annotated[float, _q("m^3", 1e-6, 1e-3, "V_1^0", "table 2.1")] = 2.14e-5
+    line_volume_2: Annotated[float, _q("m^3", 1e-6, 1e-3, "V_2^0", "table 2.1")] = 2.14e-5
+    # Oil
+    bulk_modulus: Annotated[float, _q("Pa", 5e7, 2.5e9, "beta", "table 2.1; Merritt 1967")] = 6.89e8
+    density: Annotated[float, _q("kg/m^3", 700.0, 1100.0, "rho", "table 2.1")] = 847.15
+    # Supply and return
+    supply_pressure: Annotated[float, _q("Pa", 1e6, 3.5e7, "p_s", "section 2.1")] = 13.8e6
+    return_pressure: Annotated[float, _q("Pa", 0.0, 5e6, "p_e", "section 2.2")] = 0.0
+    supply_droop: Annotated[
+        float, _q("Pa/(m^3/s)^2", 0.0, 1e14, "R_s", "turbulent line loss, Merritt 1967, ch. 3")
+    ] = 0.0
+    return_back_pressure: Annotated[
+        float, _q("Pa/(m^3/s)^2", 0.0, 1e14, "R_e", "turbulent line loss, Merritt 1967, ch. 3")
+    ] = 0.0
+    line_time_constant: Annotated[
+        float, _q("s", 1e-3, 0.1, "tau_l", "filling of the supply and return lines")
+    ] = 2e-3
+    # Servovalve
+    discharge_coefficient: Annotated[
+        float, _q("", 0.3, 0.9, "C_d", "table 2.1 as corrected (docs/model.md)")
+    ] = 0.6
+    area_gradient: Annotated[float, _q("m^2/m", 1e-3, 0.2, "w", "table 2.1")] = 2.075e-2
+    valve_gain: Annotated[
+        float, _q("m/V", 1e-6, 1e-3, "k_sp", "table 2.1 as corrected (docs/model.md)")
+    ] = 2.794e-5
+    valve_natural_frequency: Annotated[
+        float, _q("rad/s", 50.0, 5000.0, "omega_n", "table 2.1")
+    ] = 628.3185307179587
+    valve_damping: Annotated[float, _q("", 0.1, 2.0, "d_m", "table 2.1")] = 0.7
+    spool_null_bias: Annotated[
+        float, _q("m", -5e-5, 5e-5, "b_sp", "section 3.2.1: the measured spool shows a bias")
+    ] = 0.0
+    # Friction
+    friction_law: Annotated[float, _q("", 0.0, 1.0, "", "0 bristle, 1 Karnopp (docs/model.md)")] = BRISTLE
+    stiction: Annotated[float, _q("N", 0.0, 2e4, "f_st", "table 2.1; section 3.1")] = 2.4e3
+    coulomb: Annotated[float, _q("N", 0.0, 2e4, "f_sl", "table 2.1; section 3.1")] = 1.1e3
+    stribeck_velocity: Annotated[float, _q("m/s", 1e-3, 1.0, "alpha", "table 2.1")] = 0.04
+    viscous: Annotated[float, _q("N s/m", 0.0, 1e4, "d", "table 2.1")] = 350.0
+    stick_velocity: Annotated[float, _q("m/s", 1e-5, 0.05, "v_o", "table 2.1")] = 1e-3
+    bristle_stiffness: Annotated[
+        float, _q("N/m", 1e5, 1e9, "s_0", "Canudas de Wit et al. 1995; value in docs/model.md")
+    ] = 2e7
+    bristle_damping: Annotated[
+        float, _q("N s/m", 0.0, 1e6, "s_1", "Canudas de Wit et al. 1995; value in docs/model.md")
+    ] = 2e4
+    bristle_damping_velocity: Annotated[
+        float, _q("m/s", 1e-4, 1.0, "v_s1", "docs/model.md: bristle damping fades when sliding")
+    ] = 1e-2
+    friction_asymmetry: Annotated[
+        float, _q("N", -1e3, 1e3, "F_as", "section 3.2.1: extending and retracting differ")
+    ] = 0.0
+    # Environment
+    spring_stiffness: Annotated[float, _q("N/m", 0.0, 5e6, "K_spring", "sections 6.1 and 7.1.1")] = 0.0
+    spring_contact: Annotated[float, _q("m", -0.1, 5.0, "x_c", "sections 7.1.1 and 7.2")] = 0.22
+    stop_stiffness: Annotated[
+        float, _q("N/m", 1e6, 1e9, "K_stop", "stroke end as a stiff contact; docs/model.md")
+    ] = 6e7
+    stop_damping: Annotated[
+        float, _q("s/m", 0.0, 100.0, "chi_stop", "contact losses, Hunt and Crossley 1975")
+    ] = 5.0
+    # Leaks
+    internal_leakage: Annotated[
+        float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_il", "eq. 5.2, signed")
+    ] = 0.0
+    external_leakage_1: Annotated[float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_el1", "eq. 5.2")] = 0.0
+    external_leakage_2: Annotated[float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_el2", "eq. 5.2")] = 0.0
+    internal_leakage_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_il", "eq. 5.1")] = 0.0
+    external_leakage_1_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_el1", "eq. 5.1")] = 0.0
+    external_leakage_2_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_el2", "eq. 5.1")] = 0.0
+    supply_leakage: Annotated[
+        float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_sl", "figure 2.3; law of eq. 5.2")
+    ] = 0.0
+
+
+NOMINAL: Final = Parameters()
+
+
+def quantities() -> dict[str, Quantity]:
+    """Return unit, range, symbol and source of every parameter, by field name."""
+    hints = get_type_hints(Parameters, include_extras=True)
+    return {name: get_args(hint)[1] for name, hint in hints.items()}

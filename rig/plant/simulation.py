@@ -1,0 +1,60 @@
+"""Open-loop simulation: the true motion of a rig under a given command, without sensors or control."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .dynamics import STATE_COUNT, PlantState, rest_state
+from .faults import NO_FAULT
+from .integrator import SUBSTEPS, TICK, advance
+from .model import Model
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _simulate(state, command, par, faults, substeps, states):
+    for k in range(command.size):
+        states[k] = state
+        advance(state, command[k], par, faults[k % faults.shape[0]], TICK, substeps)
+
+
+def simulate(
+    model: Model,
+    command: Array,
+    *,
+    initial: Array | Sequence[float] | None = None,
+    position: float = 0.3,
+    faults: Array | None = None,
+    substeps: int = SUBSTEPS,
+) -> dict[str, Array]:
+    """Simulate a rig in open loop at 1 kHz.
+
+    Args:
+        model: the rig's model.
+        command: float64 (n,), valve command in V; sample k is held from k to k + 1 ms.
+        initial: true state (9,) to start from; else a ram at rest at `position` (m).
+        faults: float64 (n, 8), fault coefficients (`rig.plant.faults.FAULT_COLUMNS`); none if None.
+        substeps: integration steps per millisecond.
+
+    Returns:
+        Each state's trajectory, float64 (n,), SI, by its name in `PlantState`.
+
+    Raises:
+        ValueError: the fault table or the initial state has the wrong shape.
+    """
+    command = np.ascontiguousarray(command, dtype=np.float64)
+    table = np.array([NO_FAULT]) if faults is None else np.ascontiguousarray(faults)
+    if table.shape not in ((1, len(NO_FAULT)), (command.size, len(NO_FAULT))):
+        raise ValueError(
+            f"faults: shape {table.shape} does not match {command.size} ticks of "
+            f"{len(NO_FAULT)} coefficients; give one row a tick"
+        )
+    start = rest_state(model.parameters, position) if initial is None else np.array(initial)
+    if start.shape != (STATE_COUNT,):
+        raise ValueError(f"initial: shape {start.shape}; the plant has {STATE_COUNT} states")
+    states = np.empty((command.size, STATE_COUNT))
+    _simulate(start.astype(np.float64), command, model.parameters, table, substeps, states)
+    return dict(zip(PlantState._fields, np.ascontiguousarray(states.T), strict=True))

@@ -1,0 +1,64 @@
+"""Writes a recording to another format, lossless, and never half a file under its final name."""
+
+import json
+from os import PathLike, fspath
+from pathlib import Path
+
+from .errors import Problem, RecordingError
+from .metadata import metadata_texts
+from .reading import EXTENSIONS, SIDECAR, extension_of
+from .recording import Recording
+from .targets import replacing, target_problems
+
+
+def export(recording: Recording, path: str | PathLike[str]) -> None:
+    """Write a recording to .csv, .csv.gz, .parquet or .mcap; an existing file is replaced.
+
+    Every float64 reads back bit for bit (a NaN as NaN). Metadata and events go along: inside
+    Parquet and MCAP, beside a CSV in `NAME.json`.
+
+    Raises:
+        RecordingError: the extension is unknown, the folder does not exist, or a channel name or
+            the metadata cannot be written.
+    """
+    name = fspath(path)
+    target = Path(name)
+    extension = extension_of(name)
+    _, problems = metadata_texts(name, recording.metadata)
+    if extension is None:
+        limit = f"recordings are {', '.join(EXTENSIONS)}"
+        value = f"unknown extension {target.suffix!r}"
+        problems.append(Problem(name, None, "file", value, limit, "choose one of these"))
+    problems += target_problems(name, may_replace=True)
+    if extension == ".mcap":
+        from .mcap_writer import channel_problems, write_mcap
+
+        problems += channel_problems(name, list(recording.channels))
+    if problems:
+        raise RecordingError(problems)
+    with replacing(target) as partial:
+        if extension == ".mcap":
+            write_mcap(partial, recording.channels, recording.metadata, recording.events)
+        elif extension == ".parquet":
+            from .parquet_file import write_parquet
+
+            write_parquet(recording, partial)
+        else:
+            from .csv_writer import write_csv
+
+            write_csv(recording, partial, compressed=extension == ".csv.gz")
+    if extension in (".csv", ".csv.gz"):
+        _write_sidecar(recording, target.with_name(target.name + SIDECAR))
+
+
+def _write_sidecar(recording: Recording, path: Path) -> None:
+    if not recording.metadata and not recording.events:
+        path.unlink(missing_ok=True)
+        return
+    content = {
+        "sha256": recording.content_hash(),
+        "metadata": recording.metadata,
+        "events": [[event.time_s, event.kind, event.text] for event in recording.events],
+    }
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(content, indent=1) + "\n")

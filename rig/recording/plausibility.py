@@ -1,0 +1,83 @@
+"""Values no rig of this kind shows: mostly a column in another unit than its name says."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from .errors import Problem
+from .table import Table
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Magnitudes a channel can have, and what a channel beyond them is likely to be."""
+
+    upper: float
+    unit: str
+    remedy: str
+
+
+_SPOOL: Final = _Span(0.01, "m", "looks like mm (divide by 1000) or um (divide by 1e6)")
+_STROKE: Final = _Span(10.0, "m", "looks like mm: divide by 1000")
+_COMMAND: Final = _Span(50.0, "V", "looks like mV (divide by 1000) or a percentage")
+_PRESSURE: Final = _Span(1e8, "Pa", "find out the sensor's scale")
+_SPANS: Final = {
+    "position_m": _STROKE,
+    "setpoint_m": _STROKE,
+    "spool_m": _SPOOL,
+    "command_V": _COMMAND,
+    "pressure_1_Pa": _PRESSURE,
+    "pressure_2_Pa": _PRESSURE,
+    "supply_pressure_Pa": _PRESSURE,
+}
+# A rig under pressure passes this in some chamber at some time; so does 30 kPa of sensor noise.
+_PRESSURE_FLOOR_PA: Final = 5e4
+# Largest chamber pressure -> what unit gives such a figure on rigs of 5 to 35 MPa.
+_PRESSURE_UNITS: Final = (
+    (40.0, "MPa (multiply by 1e6) or bar (by 1e5)"),
+    (700.0, "bar: multiply by 1e5"),
+    (5000.0, "psi (multiply by 6894.757) or kPa (by 1e3)"),
+    (_PRESSURE_FLOOR_PA, "kPa: multiply by 1e3"),
+)
+
+
+def implausible_values(table: Table) -> Iterator[Problem]:
+    """Yield a problem for each channel beyond what a rig can show, with the likely unit."""
+    for name, span in _SPANS.items():
+        if name in table.columns:
+            yield from _beyond(table, name, span)
+    yield from _too_low(table, ["pressure_1_Pa", "pressure_2_Pa"])
+    yield from _too_low(table, ["supply_pressure_Pa"])
+
+
+def _beyond(table: Table, name: str, span: _Span) -> Iterator[Problem]:
+    magnitude = np.abs(table.columns[name])
+    # Infinity is reported where a value must be finite.
+    beyond = (magnitude > span.upper) & np.isfinite(magnitude)
+    count = int(np.count_nonzero(beyond))
+    if not count:
+        return
+    first = int(np.argmax(beyond))
+    largest = float(magnitude[beyond].max())
+    value = f"magnitudes up to {largest:.6g} in {count} rows"
+    limit = f"implausible above {span.upper:g} {span.unit}"
+    # A wrong unit shows in the whole column, a bad sensor or a spike in some rows.
+    everywhere = count > 0.1 * len(magnitude)
+    remedy = span.remedy if everywhere else "check the sensor; cut these rows off or record again"
+    yield Problem(table.path, table.line_of(first), name, value, limit, remedy)
+
+
+def _too_low(table: Table, names: Sequence[str]) -> Iterator[Problem]:
+    present = [table.columns[name] for name in names if name in table.columns]
+    finite = [np.abs(values[np.isfinite(values)]) for values in present]
+    largest = max((float(values.max()) for values in finite if values.size), default=0.0)
+    if not 0.0 < largest < _PRESSURE_FLOOR_PA:
+        return
+    unit = next(text for limit, text in _PRESSURE_UNITS if largest <= limit)
+    limit = f"a rig under pressure reaches more than {_PRESSURE_FLOOR_PA:g} Pa"
+    value = f"at most {largest:.6g} in the whole recording"
+    for name in names:
+        if name in table.columns:
+            yield Problem(table.path, None, name, value, limit, f"looks like {unit}")

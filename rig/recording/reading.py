@@ -1,0 +1,117 @@
+"""Reads a recording of any format and refuses what a filter could not use, saying all of why."""
+
+import difflib
+import json
+import warnings
+from collections.abc import Sequence
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Final
+
+from .errors import Problem, RecordingError
+from .metadata import events_from
+from .recording import REPLAY_CHANNELS, Recording
+from .table import Table
+from .validation import problems_of
+
+EXTENSIONS: Final = (".mcap", ".csv", ".csv.gz", ".parquet")
+SIDECAR: Final = ".json"
+"""Appended to a CSV's name: metadata and events, which CSV has no place for."""
+
+
+def extension_of(path: str) -> str | None:
+    """Return which of EXTENSIONS a file name ends with (in any case), or None."""
+    lowered = path.lower()
+    return next((end for end in EXTENSIONS if lowered.endswith(end)), None)
+
+
+def read_recording(
+    path: str | PathLike[str], *, required: Sequence[str] = REPLAY_CHANNELS
+) -> Recording:
+    """Read a recording from .mcap, .csv, .csv.gz or .parquet.
+
+    Required channels have a finite value in every row; in others NaN (in CSV an empty cell) is a
+    missing sample. Samples are 1 ms apart, without gaps.
+
+    Raises:
+        RecordingError: everything that is wrong with the file, each with line and remedy.
+    """
+    name = fspath(path)
+    extension = extension_of(name)
+    problems = _path_problems(name, extension)
+    if problems:
+        raise RecordingError(problems)
+    try:
+        table = _read_table(name, extension)
+    except OSError as error:
+        remedy = "check that the file can be read"
+        raise RecordingError(
+            [Problem(name, None, "file", error.strerror or str(error), "", remedy)]
+        ) from None
+    problems = problems_of(table, tuple(dict.fromkeys(("time_s", *required))))
+    if problems:
+        raise RecordingError(problems)
+    channels = {"time_s": table.columns["time_s"]} | table.columns
+    recording = Recording(channels, table.metadata, table.events, name)
+    return _with_sidecar(recording) if extension in (".csv", ".csv.gz") else recording
+
+
+def _read_table(path: str, extension: str | None) -> Table:
+    # Each format's library is loaded only for a file of that format.
+    if extension == ".mcap":
+        from .mcap_reader import read_mcap
+
+        return read_mcap(path)
+    if extension == ".parquet":
+        from .parquet_file import read_parquet
+
+        return read_parquet(path)
+    from .csv_reader import read_csv
+
+    return read_csv(path)
+
+
+def _path_problems(path: str, extension: str | None) -> list[Problem]:
+    file = Path(path)
+    if file.is_dir():
+        remedy = f"give a file, as in {path}/*.csv.gz"
+        return [Problem(path, None, "file", "is a folder", "", remedy)]
+    if not file.exists():
+        return [Problem(path, None, "file", "does not exist", "", _nearest_files(file))]
+    if extension is None:
+        limit = f"recordings are {', '.join(EXTENSIONS)}"
+        remedy = "rename or convert the file"
+        return [Problem(path, None, "file", f"unknown extension {file.suffix!r}", limit, remedy)]
+    return []
+
+
+def _nearest_files(file: Path) -> str:
+    if not file.parent.is_dir():
+        return f"folder {file.parent} does not exist either: check the path"
+    names = [entry.name for entry in file.parent.iterdir() if extension_of(entry.name)]
+    near = difflib.get_close_matches(file.name, names, n=3)
+    if near:
+        return f"did you mean {' or '.join(near)}?"
+    return f"check the path; {file.parent} has {len(names)} recordings"
+
+
+def _with_sidecar(recording: Recording) -> Recording:
+    sidecar = Path(recording.source + SIDECAR)
+    if not sidecar.exists():
+        return recording
+    try:
+        content = json.loads(sidecar.read_bytes())
+        belongs = content["sha256"] == recording.content_hash()
+        metadata, events = dict(content["metadata"]), events_from(json.dumps(content["events"]))
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        remedy = "restore or delete it"
+        raise RecordingError(
+            [Problem(str(sidecar), None, "file", f"cannot be read ({error!r})", "", remedy)]
+        ) from None
+    if not belongs:
+        warnings.warn(
+            f"{sidecar}: describes other data than {recording.source} has now; ignored",
+            stacklevel=3,
+        )
+        return recording
+    return Recording(recording.channels, metadata, events, recording.source)

@@ -1,0 +1,107 @@
+"""A recording in memory: equally long float64 channels over time, metadata and events."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .units import unit_of
+
+FloatArray = NDArray[np.float64]
+
+REPLAY_CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa")
+"""Channels a filter needs; `spool_m` and any other are optional."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened at a time: a fault injected, a trip, an operator's note."""
+
+    time_s: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Channels (float64, shape (n,), SI by suffix, `time_s` first), metadata and events.
+
+    command_V of row k acts from time_s[k] to time_s[k + 1]; a missing sample is NaN.
+
+    Raises:
+        ValueError: a channel is not float64 of shape (n,), or the first is not `time_s`.
+    """
+
+    channels: dict[str, FloatArray] = field(repr=False)
+    metadata: dict[str, Any] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if next(iter(self.channels), None) != "time_s":
+            raise ValueError(f"first channel must be time_s, got {list(self.channels)}")
+        shape = (len(self.channels["time_s"]),)
+        for name, values in self.channels.items():
+            if values.dtype != np.float64 or values.shape != shape:
+                raise ValueError(
+                    f"channel {name}: {values.dtype} of shape {values.shape}, must be float64 of "
+                    f"shape {shape}; convert it with numpy.asarray(values, dtype=float)"
+                )
+
+    def __getitem__(self, channel: str) -> FloatArray:
+        """Return one channel, shape (n,).
+
+        Raises:
+            KeyError: no such channel; names those present.
+        """
+        try:
+            return self.channels[channel]
+        except KeyError:
+            present = ", ".join(self.channels)
+            raise KeyError(f"no channel {channel!r}; the recording has {present}") from None
+
+    def __contains__(self, channel: str) -> bool:
+        """Tell whether the recording has this channel."""
+        return channel in self.channels
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.channels["time_s"])
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time of each sample (s), shape (n,)."""
+        return self.channels["time_s"]
+
+    @property
+    def sample_period_s(self) -> float:
+        """Mean sample period (s) rounded to 1 ns, so that 1 kHz is exactly 1e-3; NaN if n < 2."""
+        if len(self) < 2:
+            return float("nan")
+        span = float(self.time_s[-1] - self.time_s[0])
+        return round(span / (len(self) - 1) * 1e9) / 1e9
+
+    unit_of = staticmethod(unit_of)
+
+    def content_hash(self) -> str:
+        """Return the SHA-256 (hex) of channel names and values, whatever the file format.
+
+        The order of channels, metadata, events and source do not enter; all NaN count as one, -0.0
+        differs from 0.0.
+        """
+        return content_hash(self.channels)
+
+
+def content_hash(channels: Mapping[str, FloatArray]) -> str:
+    """Return the SHA-256 (hex) of channels (float64, shape (n,)) as `Recording.content_hash`."""
+    digest = hashlib.sha256()
+    for name in sorted(channels):
+        values = channels[name]
+        digest.update(f"{name}\0{len(values)}\0".encode())
+        # A NaN's payload bits do not survive text formats, so they must not enter the hash.
+        canonical = np.where(np.isnan(values), np.nan, values)
+        digest.update(np.ascontiguousarray(canonical, dtype="<f8").data)
+    return digest.hexdigest()

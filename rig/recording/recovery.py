@@ -1,0 +1,140 @@
+"""Makes a clean recording of what is left of a cut or damaged MCAP file."""
+
+import os
+from dataclasses import dataclass
+from itertools import pairwise
+from os import PathLike, fspath
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from numpy.typing import NDArray
+
+from .errors import Problem, RecordingError
+from .mcap_reader import (
+    DAMAGE,
+    ForeignSchemaError,
+    SampleCollector,
+    columns_of,
+    foreign,
+    mapped,
+)
+from .mcap_writer import write_mcap
+from .targets import replacing, target_problems
+
+
+@dataclass(frozen=True, slots=True)
+class RecoverySummary:
+    """What was kept of a damaged file and what was lost; times in s."""
+
+    path_in: str
+    path_out: str
+    samples_kept: int
+    samples_dropped: int
+    first_time_s: float
+    last_time_s: float
+    events_kept: int
+    lost: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return the kept part on one line and each loss on one of its own."""
+        kept = (
+            f"{self.path_out}: {self.samples_kept} samples, {self.first_time_s:.9g} s to "
+            f"{self.last_time_s:.9g} s, {self.events_kept} events"
+        )
+        losses = self.lost or ("nothing was lost",)
+        return "\n".join([kept, *(f"{self.path_in}: {loss}" for loss in losses)])
+
+
+def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> RecoverySummary:
+    """Write the longest unbroken stretch of samples, with metadata and events, to path_out.
+
+    A filter needs samples without gaps, so where damage splits the recording the longest part is
+    kept. Every chunk is checked by its checksum. The metadata gains `recovered`.
+
+    Raises:
+        RecordingError: path_out exists, or path_in has no readable sample or is not a recording.
+    """
+    source, target = fspath(path_in), fspath(path_out)
+    problems = _path_problems(source, target)
+    if problems:
+        raise RecordingError(problems)
+    collector = SampleCollector()
+    with mapped(source) as file:
+        try:
+            stretches, lost = _readable(file, collector)
+        except ForeignSchemaError as error:
+            raise RecordingError([foreign(source, str(error))]) from None
+    sizes = [sum(len(block) for block in stretch) for stretch in stretches]
+    best = int(np.argmax(sizes))
+    if not sizes[best]:
+        value = "; ".join(["no sample can be read", *lost])
+        raise RecordingError([Problem(source, None, "file", value, "", "record again")])
+    dropped = sum(sizes) - sizes[best]
+    if dropped:
+        lost.append(f"{dropped} readable samples on the other side of the damage")
+    channels = columns_of(collector.channels, stretches[best])
+    metadata = collector.metadata | {"recovered": {"from": Path(source).name, "lost": lost}}
+    with replacing(Path(target)) as partial:
+        write_mcap(partial, channels, metadata, collector.events)
+    return RecoverySummary(
+        path_in=source,
+        path_out=target,
+        samples_kept=sizes[best],
+        samples_dropped=dropped,
+        first_time_s=float(channels["time_s"][0]),
+        last_time_s=float(channels["time_s"][-1]),
+        events_kept=len(collector.events),
+        lost=tuple(lost),
+    )
+
+
+def _path_problems(source: str, target: str) -> list[Problem]:
+    problems = []
+    if not Path(source).is_file():
+        problems.append(Problem(source, None, "file", "is no file", "", "check the path"))
+    if not target.lower().endswith(".mcap"):
+        limit = "must end with .mcap"
+        problems.append(Problem(target, None, "file", "not an MCAP name", limit, "rename it"))
+    return problems + target_problems(target, may_replace=False)
+
+
+def _readable(
+    file: IO[bytes], collector: SampleCollector
+) -> tuple[list[list[NDArray[np.float64]]], list[str]]:
+    """Return the stretches of sample blocks between damages, and what was lost."""
+    file.seek(0, os.SEEK_END)
+    size = file.tell()
+    file.seek(0)
+    lost: list[str] = []
+    breaks = [0]
+    records = StreamReader(file, emit_chunks=True, record_size_limit=size).records
+    position = 0
+    try:
+        for record in records:
+            if isinstance(record, Chunk):
+                _take_chunk(record, collector, breaks, lost)
+            else:
+                collector.take(record)
+            position = file.tell()
+    except DAMAGE:
+        lost.append(f"everything after byte {position} of {size}: cut off or unreadable")
+    if not collector.channels:
+        raise ForeignSchemaError("no samples of rig before the end or the first damage")
+    bounds = [*breaks, len(collector.blocks)]
+    return [collector.blocks[first:last] for first, last in pairwise(bounds)], lost
+
+
+def _take_chunk(
+    chunk: Chunk, collector: SampleCollector, breaks: list[int], lost: list[str]
+) -> None:
+    blocks, events = len(collector.blocks), len(collector.events)
+    try:
+        collector.take_chunk(chunk)
+    except DAMAGE as error:
+        del collector.blocks[blocks:], collector.events[events:]
+        breaks.append(blocks)
+        start, end = chunk.message_start_time * 1e-9, chunk.message_end_time * 1e-9
+        lost.append(f"a chunk of log time {start:.9g} s to {end:.9g} s: {error}")

@@ -1,0 +1,141 @@
+"""One sample as a protobuf message, and a run of samples as one packed numpy array.
+
+Every channel is a protobuf double, so all messages of a file have the same length and one numpy
+structured dtype covers MCAP record header, field tags and values: a second of data becomes bytes,
+and bytes become columns, without a Python call a sample.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+MESSAGE_NAME: Final = "rig.Sample"
+MAX_CHANNELS: Final = 2047  # field numbers whose tag takes at most two bytes
+MESSAGE_OPCODE: Final = 0x05  # MCAP: Message
+RECORD_PREFIX: Final = 9  # MCAP: opcode (1 byte) and content length (8 bytes)
+
+_ONE_BYTE_TAGS: Final = 15  # field numbers 1 to 15 have a tag of one byte
+_WIRE_DOUBLE: Final = 1
+_WIRE_BYTES: Final = 2
+_LABEL_OPTIONAL: Final = 1
+_TYPE_DOUBLE: Final = 1
+
+
+def _varint(value: int) -> bytes:
+    encoded = bytearray()
+    while value > 0x7F:
+        encoded.append(value & 0x7F | 0x80)
+        value >>= 7
+    encoded.append(value)
+    return bytes(encoded)
+
+
+def _bytes_field(number: int, payload: bytes | str) -> bytes:
+    data = payload.encode() if isinstance(payload, str) else payload
+    return _varint(number << 3 | _WIRE_BYTES) + _varint(len(data)) + data
+
+
+def _int_field(number: int, value: int) -> bytes:
+    return _varint(number << 3) + _varint(value)
+
+
+def sample_schema(channels: Sequence[str]) -> bytes:
+    """Return the serialised FileDescriptorSet of message rig.Sample: one double a channel.
+
+    Field numbers are those of google/protobuf/descriptor.proto.
+    """
+    fields = b""
+    for number, name in enumerate(channels, 1):
+        # json_name: the default would turn pressure_1_Pa into pressure1Pa.
+        descriptor = (
+            _bytes_field(1, name)
+            + _int_field(3, number)
+            + _int_field(4, _LABEL_OPTIONAL)
+            + _int_field(5, _TYPE_DOUBLE)
+            + _bytes_field(10, name)
+        )
+        fields += _bytes_field(2, descriptor)
+    package, message = MESSAGE_NAME.split(".")
+    file = (
+        _bytes_field(1, "rig/sample.proto")
+        + _bytes_field(2, package)
+        + _bytes_field(4, _bytes_field(1, message) + fields)
+        + _bytes_field(12, "proto3")
+    )
+    return _bytes_field(1, file)
+
+
+class SampleLayout:
+    """MCAP Message records of `channels` samples as a packed numpy dtype.
+
+    Raises:
+        ValueError: no channel, or more than MAX_CHANNELS.
+    """
+
+    def __init__(self, channels: Sequence[str]) -> None:
+        if not 0 < len(channels) <= MAX_CHANNELS:
+            raise ValueError(f"{len(channels)} channels, must be 1 to {MAX_CHANNELS}")
+        self.channels: Final = tuple(channels)
+        tags = [_varint(number << 3 | _WIRE_DOUBLE) for number in range(1, len(channels) + 1)]
+        self._narrow = np.array([tag[0] for tag in tags[:_ONE_BYTE_TAGS]], dtype="u1")
+        self._wide = np.frombuffer(b"".join(tags[_ONE_BYTE_TAGS:]), dtype="<u2")
+        self.dtype: Final = np.dtype(
+            [
+                ("opcode", "u1"),
+                ("length", "<u8"),
+                ("channel_id", "<u2"),
+                ("sequence", "<u4"),
+                ("log_time", "<u8"),
+                ("publish_time", "<u8"),
+                ("narrow", [("tag", "u1"), ("value", "<f8")], self._narrow.shape),
+                ("wide", [("tag", "<u2"), ("value", "<f8")], self._wide.shape),
+            ]
+        )
+
+    @property
+    def record_length(self) -> int:
+        """Content length of one Message record in bytes."""
+        return self.dtype.itemsize - RECORD_PREFIX
+
+    def blank(self, n: int, channel_id: int) -> NDArray[Any]:
+        """Return n records, shape (n,), complete but for sequence, times and values."""
+        records = np.zeros(n, self.dtype)
+        records["opcode"] = MESSAGE_OPCODE
+        records["length"] = self.record_length
+        records["channel_id"] = channel_id
+        records["narrow"]["tag"] = self._narrow
+        records["wide"]["tag"] = self._wide
+        return records
+
+    def set_values(self, records: NDArray[Any], rows: NDArray[np.float64]) -> None:
+        """Write rows, shape (n, n_channels), into records, shape (n,)."""
+        records["narrow"]["value"] = rows[:, :_ONE_BYTE_TAGS]
+        records["wide"]["value"] = rows[:, _ONE_BYTE_TAGS:]
+
+    def values(self, records: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the values of records, shape (n,), as rows of shape (n, n_channels).
+
+        Raises:
+            ValueError: a field tag is not where this layout has it.
+        """
+        if (records["narrow"]["tag"] != self._narrow).any() or (
+            records["wide"]["tag"] != self._wide
+        ).any():
+            raise ValueError(f"messages are not laid out as {MESSAGE_NAME} of this file")
+        rows = np.empty((len(records), len(self.channels)))
+        rows[:, :_ONE_BYTE_TAGS] = records["narrow"]["value"]
+        rows[:, _ONE_BYTE_TAGS:] = records["wide"]["value"]
+        return rows
+
+    def run_at(self, data: bytes, offset: int, channel_id: int) -> NDArray[Any]:
+        """Return the run of whole sample records, shape (n,), that begins at data[offset]."""
+        count = (len(data) - offset) // self.dtype.itemsize
+        records = np.frombuffer(data, self.dtype, count, offset)
+        alike = (
+            (records["opcode"] == MESSAGE_OPCODE)
+            & (records["length"] == self.record_length)
+            & (records["channel_id"] == channel_id)
+        )
+        return records if alike.all() else records[: int(np.argmin(alike))]

@@ -1,0 +1,179 @@
+"""Judges the columns of a recording: all that a filter needs, sampled evenly, plausible."""
+
+import difflib
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import Problem
+from .plausibility import implausible_values
+from .recording import FloatArray
+from .table import Table
+from .units import CONVERSIONS
+
+SAMPLE_PERIOD_S: Final = 1e-3
+PERIOD_TOLERANCE: Final = 0.01
+MIN_DURATION_S: Final = 1.0
+
+# Names other programs use, where the letters alone are not near enough.
+_ALIASES: Final = {
+    "t": "time_s",
+    "time": "time_s",
+    "u": "command_V",
+    "cmd": "command_V",
+    "x": "position_m",
+    "pos": "position_m",
+    "p1": "pressure_1_Pa",
+    "p2": "pressure_2_Pa",
+}
+
+
+def problems_of(table: Table, required: Sequence[str]) -> list[Problem]:
+    """Return everything wrong with a table, whole-file problems first, then line by line."""
+    if not len(table):
+        remedy = "record again; a recording is one line a millisecond"
+        empty = Problem(table.path, None, "file", "no samples", "", remedy)
+        return [*table.problems, *_missing_columns(table, required), empty]
+    problems = list(table.problems)
+    problems += _missing_columns(table, required)
+    if "time_s" in table.columns:
+        problems += _time_problems(table)
+    problems += implausible_values(table)
+    for name in required:
+        if name in table.columns:
+            problems += _missing_values(table, name)
+    return sorted(problems, key=lambda problem: (problem.line is not None, problem.line or 0))
+
+
+def _missing_columns(table: Table, required: Sequence[str]) -> Iterator[Problem]:
+    present = [name for name in table.columns if name not in required]
+    for name in required:
+        if name in table.columns:
+            continue
+        limit = f"columns present: {', '.join(table.columns)}"
+        near = _nearest(name, present)
+        remedy = f"add the column; needed are {', '.join(required)}"
+        if near is not None:
+            remedy = f"rename {near!r} to {name}, if it is that{_conversion(near)}"
+        yield Problem(table.path, None, name, "missing column", limit, remedy)
+
+
+def _nearest(name: str, candidates: Sequence[str]) -> str | None:
+    plain = {_plain(candidate): candidate for candidate in candidates}
+    for short, candidate in plain.items():
+        if _ALIASES.get(short) == name:
+            return candidate
+    found = difflib.get_close_matches(_plain(name), plain, n=1, cutoff=0.6)
+    return plain[found[0]] if found else None
+
+
+def _plain(name: str) -> str:
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def _conversion(name: str) -> str:
+    suffix = name.rpartition("_")[2]
+    if suffix not in CONVERSIONS:
+        return ""
+    unit, factor = CONVERSIONS[suffix]
+    return f", and multiply by {factor} ({suffix} to {unit})"
+
+
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return (first, last) of every run of True in a mask of shape (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
+
+
+def _missing_values(table: Table, name: str) -> Iterator[Problem]:
+    values = table.columns[name]
+    limit = f"{name} must have a value in every row"
+    for first, last in runs(~np.isfinite(values) & ~table.unread(name)):
+        if np.isinf(values[first]):
+            value, remedy = f"{values[first]:g}", "find out what overflowed, and record again"
+        else:
+            value, remedy = "empty or NaN", "record again without dropouts, or interpolate it"
+        if last > first:
+            value += f" in {last - first + 1} rows up to {table.line_of(last)}"
+        yield Problem(table.path, table.line_of(first), name, value, limit, remedy)
+
+
+def _time_problems(table: Table) -> list[Problem]:
+    # Rows whose time is missing are reported as such; the others are judged by their distance.
+    known = np.flatnonzero(np.isfinite(table.columns["time_s"]))
+    if len(known) < 2:
+        return [_too_short(table, 0.0)]
+    time_s = table.columns["time_s"][known]
+    rows_apart = np.diff(known)
+    steps = np.diff(time_s) / rows_apart
+    mean = float((time_s[-1] - time_s[0]) / (known[-1] - known[0]))
+    median = float(np.median(steps))
+    if median <= 0.0:
+        return [_not_advancing(table, steps, known)]
+    # A gap moves the mean, jitter the median: the rate is wrong where both are.
+    period = mean if _is_right(mean) else median
+    if not _is_right(period):
+        problems = [_wrong_rate(table, period)]
+    else:
+        gaps = np.diff(time_s) > (rows_apart + 0.5) * period
+        problems = [_backwards(table, known, k) for k in np.flatnonzero(steps <= 0.0).tolist()]
+        problems += [_gap(table, known, k) for k in np.flatnonzero(gaps).tolist()]
+        if not problems and not _is_right(mean):
+            # Many steps of 1.4 ms: no gap each, and the median does not see them.
+            problems = [_wrong_rate(table, mean)]
+    duration = float(time_s[-1] - time_s[0]) + period
+    # Half a period of slack for rounded time stamps.
+    if duration < MIN_DURATION_S - 0.5 * period:
+        problems.append(_too_short(table, duration))
+    return problems
+
+
+def _not_advancing(table: Table, steps: FloatArray, known: NDArray[np.intp]) -> Problem:
+    row = int(known[1 + int(np.argmax(steps <= 0.0))])
+    limit = "must increase in every row"
+    remedy = "write time_s with at least 3 decimals, in the order of recording"
+    value = "does not increase from most rows to the next"
+    return Problem(table.path, table.line_of(row), "time_s", value, limit, remedy)
+
+
+def _is_right(period: float, unit_s: float = 1.0) -> bool:
+    """Tell whether a period, counted in units of unit_s, is 1 ms within the tolerance."""
+    return abs(period * unit_s / SAMPLE_PERIOD_S - 1.0) <= PERIOD_TOLERANCE
+
+
+def _wrong_rate(table: Table, period: float) -> Problem:
+    remedy = (
+        "resample to 1 kHz: interpolate the measured columns (numpy.interp), "
+        "hold command_V from its own row to the next"
+    )
+    for unit, unit_s in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if _is_right(period, unit_s):
+            remedy = f"the time looks like {unit}: multiply it by {unit_s:g}"
+    value = f"sampled at {1.0 / period:.6g} Hz (a row every {period * 1e3:.6g} ms)"
+    return Problem(table.path, None, "time_s", value, "must be 1 kHz within 1 %", remedy)
+
+
+def _backwards(table: Table, known: NDArray[np.intp], k: int) -> Problem:
+    time_s = table.columns["time_s"]
+    before, after = float(time_s[known[k]]), float(time_s[known[k + 1]])
+    value = f"{after:.9g} s after {before:.9g} s"
+    limit = "must increase in every row"
+    remedy = "delete the repeated rows or sort by time_s"
+    return Problem(table.path, table.line_of(int(known[k + 1])), "time_s", value, limit, remedy)
+
+
+def _gap(table: Table, known: NDArray[np.intp], k: int) -> Problem:
+    time_s = table.columns["time_s"]
+    before, after = float(time_s[known[k]]), float(time_s[known[k + 1]])
+    value = f"gap of {(after - before) * 1e3:.6g} ms, {before:.9g} s to {after:.9g} s"
+    limit = f"expected step {SAMPLE_PERIOD_S * 1e3:g} ms"
+    remedy = "split the recording here, or record again without dropped samples"
+    return Problem(table.path, table.line_of(int(known[k + 1])), "time_s", value, limit, remedy)
+
+
+def _too_short(table: Table, duration_s: float) -> Problem:
+    value = f"{duration_s:.4g} s ({len(table)} rows)"
+    limit = f"must be at least {MIN_DURATION_S:g} s"
+    return Problem(table.path, None, "time_s", value, limit, "record for longer")

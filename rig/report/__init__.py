@@ -1,0 +1,4 @@
+"""Turns the results of a campaign into one self-contained HTML page.
+
+Reads results and recordings only; runs nothing.
+"""

@@ -1,0 +1,10 @@
+"""Settings of every test: Hypothesis draws the same examples on every machine of the CI."""
+
+import os
+
+from hypothesis import settings
+
+# A first call may compile for seconds: a deadline per example would measure the compiler.
+settings.register_profile("default", deadline=None, max_examples=40)
+settings.register_profile("ci", parent=settings.get_profile("default"), derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "default")

@@ -1,0 +1,158 @@
+"""Quantities are read as written, to the last bit, and misread ones say what was meant."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.configuration.quantities import (
+    DIMENSIONS,
+    Adjustable,
+    Interval,
+    Physical,
+    QuantityError,
+    Relative,
+    WrongDimensionError,
+    read,
+    show,
+    unit_factor,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("13.8 MPa", "Pa", 13.8e6),
+        ("0.03 mm", "m", 3e-5),
+        ("9.8 um", "m", 9.8e-6),
+        ("9.8 µm", "m", 9.8e-6),
+        ("0.5 L/min", "m^3/s", 0.5 / 6e4),
+        ("2e4 N/m", "N/m", 2e4),
+        ("4e-9 m^3/(s Pa^0.5)", "m^3/(s Pa^0.5)", 4e-9),
+        ("4e-9 m^3/(s sqrt(Pa))", "m^3/(s Pa^0.5)", 4e-9),
+        ("4e-9 m^3/(s*sqrt(Pa))", "m^3/(s Pa^0.5)", 4e-9),
+        ("8e11 Pa/(m^3/s)^2", "Pa/(m^3/s)^2", 8e11),
+        ("35 %", "", 0.35),
+        ("0.35", "", 0.35),
+        (0.35, "", 0.35),
+        (7, "", 7.0),
+        ("-3 V", "V", -3.0),
+        ("180 deg", "rad", 3.141592653589793),
+    ],
+)
+def test_a_quantity_is_the_nearest_float_to_what_is_written(
+    text: object, unit: str, value: float
+) -> None:
+    assert read(text, unit).value == value
+
+
+def test_a_frequency_in_hertz_is_two_pi_radians_per_second() -> None:
+    assert read("100 Hz", "rad/s").value == 628.3185307179587
+    assert read("6.283185307179586 rad/s", "Hz").value == pytest.approx(1.0, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("4e-9 m^3/(s Pa)", "m^3/(s Pa^0.5)"),
+        ("0.3 m", "Pa"),
+        ("628 1/s", "rad/s"),
+        ("0.1 rad", ""),
+        ("18 S", "s"),
+    ],
+)
+def test_a_wrong_dimension_names_the_one_expected(text: str, unit: str) -> None:
+    with pytest.raises(WrongDimensionError) as caught:
+        read(text, unit)
+    assert DIMENSIONS[unit].name in str(caught.value)
+    assert DIMENSIONS[unit].example in str(caught.value)
+
+
+@pytest.mark.parametrize("raw", [5, 5.0, "5", "0"])
+def test_a_bare_number_is_no_length(raw: object) -> None:
+    with pytest.raises(QuantityError, match="has no unit"):
+        read(raw, "m")
+
+
+@pytest.mark.parametrize("raw", [True, None, [1], "", "m", "nan m", float("inf"), "1e999 m", "--1 m"])
+def test_what_is_no_number_is_no_quantity(raw: object) -> None:
+    with pytest.raises(QuantityError):
+        read(raw, "m")
+
+
+@pytest.mark.parametrize("unit", ["mpa", "MPaa", "m^^2", "(m", "m/0", "1e3 m", "m^(10^10)", "§"])
+def test_an_unknown_unit_is_an_error_and_no_crash(unit: str) -> None:
+    with pytest.raises(QuantityError):
+        read(f"13.8 {unit}", "Pa")
+
+
+def test_a_misspelt_unit_suggests_the_right_one() -> None:
+    with pytest.raises(QuantityError, match="did you mean MPa?"):
+        read("13.8 mpa", "Pa")
+
+
+@pytest.mark.parametrize(
+    ("physical", "text", "limit", "meant"),
+    [
+        (Physical("Pa", 1e6, 3.5e7, 13.8e6), "138 MPa", "is above 35 MPa", "13.8 MPa"),
+        (Physical("Pa", 1e6, 3.5e7, 13.8e6), "2000 MPa", "is above 35 MPa", "2000 psi"),
+        (Physical("Pa", 1e6, 3.5e7, 13.8e6), "13.8 Pa", "is below 1e+06 Pa", "13.8 MPa"),
+        (Physical("m", -5e-5, 5e-5, 9.8e-6), "9.8 mm", "is above 0.05 mm", "9.8 um"),
+        (Physical("", 0.0, 1.0, 0.3), "35", "is above 1", "0.35"),
+    ],
+)
+def test_out_of_range_names_the_limit_in_the_unit_used_and_what_was_meant(
+    physical: Physical, text: str, limit: str, meant: str
+) -> None:
+    with pytest.raises(QuantityError) as caught:
+        physical.parse(text)
+    assert caught.value.limit == limit
+    assert caught.value.remedy == f"did you mean {meant}?"
+
+
+def test_nothing_is_suggested_where_no_slip_would_fit() -> None:
+    with pytest.raises(QuantityError) as caught:
+        Physical("s", 0.0, 40.0).parse("-3 s")
+    assert caught.value.remedy == "at least 0 s"
+
+
+def test_a_signed_percentage_deviates_from_the_model_and_an_unsigned_one_is_refused() -> None:
+    field = Adjustable(Physical("Pa", 5e7, 2.5e9))
+    assert field.parse("-4 %") == Relative(-0.04)
+    assert field.parse("689 MPa") == 689e6
+    with pytest.raises(QuantityError, match="with its sign"):
+        field.parse("4 %")
+
+
+def test_an_interval_has_its_lower_end_first() -> None:
+    field = Interval(Physical("m", 0.0, 1.0))
+    assert field.parse(["5 mm", "0.6 m"]) == (0.005, 0.6)
+    for raw in (["0.6 m", "5 mm"], ["0.1 m"], "0.1 m", {"from": 1}):
+        with pytest.raises(QuantityError):
+            field.parse(raw)
+    assert Interval(Physical("s"), single=True).parse("2 s") == (2.0, 2.0)
+
+
+@given(st.sampled_from(sorted(DIMENSIONS)), st.floats(allow_nan=False, allow_infinity=False))
+def test_an_si_value_written_in_full_reads_back_identically(unit: str, value: float) -> None:
+    assert read(f"{value!r} {unit}", unit).value == value
+
+
+@given(st.sampled_from(sorted(DIMENSIONS)), st.floats(1e-12, 1e12))
+def test_a_shown_value_reads_back_as_nearly_itself(unit: str, value: float) -> None:
+    assert read(show(value, unit), unit).value == pytest.approx(value, rel=1e-3)
+
+
+@given(st.text(max_size=30))
+def test_no_text_does_worse_than_an_error(text: str) -> None:
+    for unit in ("", "Pa"):
+        try:
+            read(text, unit)
+        except QuantityError as error:
+            assert error.limit
+
+
+def test_every_unit_offered_for_a_dimension_is_of_that_dimension() -> None:
+    for si_unit, dimension in DIMENSIONS.items():
+        for unit in dimension.units:
+            assert unit_factor(unit, si_unit) > 0
+        assert read(dimension.example, si_unit).value > 0.0

@@ -1,0 +1,120 @@
+"""The project as handed over: what the lock pins, what the wheel holds, what an import costs."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from importlib.metadata import packages_distributions
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hatchling.builders.wheel import WheelBuilder
+
+ROOT = Path(__file__).parents[1]
+PRODUCT = ("rig", "estimator", "control", "faults")
+COMPILED_PACKAGES = ("rig/plant", "rig/loop", "control", "estimator", "tools")
+COMPILERS = {"njit", "intrinsic", "overload"}
+SLOW_TO_IMPORT = {"llvmlite", "numba", "pint", "plotly", "pyarrow", "zenoh"}
+
+
+@pytest.fixture(scope="module")
+def project() -> dict[str, Any]:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+@pytest.fixture(scope="module")
+def wheel_files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder = tmp_path_factory.mktemp("wheel")
+    wheel = next(WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"]))
+    return zipfile.ZipFile(wheel).namelist()
+
+
+def canonical(requirement: str) -> str:
+    name = re.match(r"[A-Za-z0-9._-]+", requirement)
+    assert name is not None
+    return re.sub(r"[-_.]+", "-", name[0]).lower()
+
+
+def test_every_declared_dependency_is_locked_with_its_hashes(project: dict[str, Any]) -> None:
+    lock = (ROOT / "requirements-lock.txt").read_text()
+    locked = {canonical(name) for name in re.findall(r"^(\S+)==.*\\\n    --hash=", lock, re.M)}
+    declared = [*project["project"]["dependencies"], *project["dependency-groups"]["dev"]]
+    assert {canonical(name) for name in declared} <= locked
+
+
+def imported_packages(folder: str) -> set[str]:
+    """Return the top-level names that the modules of a folder import from elsewhere."""
+    found: set[str] = set()
+    for file in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.split(".")[0])
+    return found - set(PRODUCT) - sys.stdlib_module_names
+
+
+@pytest.mark.parametrize("folder", PRODUCT)
+def test_what_the_product_imports_is_declared(project: dict[str, Any], folder: str) -> None:
+    declared = {canonical(name) for name in project["project"]["dependencies"]}
+    providers = packages_distributions()
+    undeclared = {
+        package
+        for package in imported_packages(folder)
+        if declared.isdisjoint(canonical(name) for name in providers.get(package, []))
+    }
+    assert undeclared == set()
+
+
+def test_the_wheel_holds_the_product_and_nothing_a_developer_runs(wheel_files: list[str]) -> None:
+    tops = {name.split("/")[0] for name in wheel_files}
+    assert {top for top in tops if not top.endswith(".dist-info")} == set(PRODUCT)
+
+
+def test_the_wheel_holds_every_shipped_configuration(wheel_files: list[str]) -> None:
+    shipped = {
+        f"rig/shipped_config/{file.relative_to(ROOT / 'config').as_posix()}"
+        for file in (ROOT / "config").rglob("*.yaml")
+    }
+    assert shipped
+    assert shipped <= set(wheel_files)
+
+
+@pytest.mark.parametrize("module", ["rig", "rig.cli"])
+def test_a_quick_start_loads_neither_compiler_nor_plots_nor_tables(module: str) -> None:
+    found = subprocess.run(
+        [sys.executable, "-c", f"import {module}, sys; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert SLOW_TO_IMPORT.isdisjoint(found.stdout.split())
+
+
+def unannotated(node: ast.AST) -> Iterator[ast.FunctionDef]:
+    """Yield the functions below `node` that lack an annotation, past those that numba compiles."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef):
+            names = [ast.unparse(decorator).split("(")[0] for decorator in child.decorator_list]
+            decorators = {name.rsplit(".")[-1] for name in names}
+            if decorators & COMPILERS:
+                continue
+            arguments = [*child.args.posonlyargs, *child.args.args, *child.args.kwonlyargs]
+            bare = [a for a in arguments if a.annotation is None and a.arg not in ("self", "cls")]
+            if bare or child.returns is None:
+                yield child
+        yield from unannotated(child)
+
+
+@pytest.mark.parametrize("package", COMPILED_PACKAGES)
+def test_every_function_that_is_not_compiled_is_annotated(package: str) -> None:
+    found = [
+        f"{file.relative_to(ROOT)}:{function.lineno} {function.name}"
+        for file in sorted((ROOT / package).rglob("*.py"))
+        for function in unannotated(ast.parse(file.read_text()))
+    ]
+    assert found == []

@@ -1,0 +1,1 @@
+"""What a developer runs: benchmarks, the thesis tables, figures of the docs."""
