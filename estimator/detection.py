@@ -9,16 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.plant import Model, Parameters
-from rig.plant.dynamics import signed_root
+from rig.plant.dynamics import chamber_volumes, signed_root
+from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .filters import FilterRun
-from .flow_account import BLOCK_S, FAULTS, AccountBlock, FlowAccount, reference_flow
-from .leak_test import Finding, LeakTest
+from .flow_account import (
+    BLOCK_S,
+    FAULTS,
+    AccountBlock,
+    FlowAccount,
+    reference_drop,
+    reference_flow,
+)
+from .leak_test import MINIMUM_BLOCKS, Finding, LeakTest
 
 Array = NDArray[np.float64]
 
 LEAKS: Final = FAULTS[:3]
-INCONCLUSIVE_ABOVE: Final = 0.5 / 6e4
+INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
 SETTLED_AFTER_S: Final = 2.0
 """A leak's flow is averaged from this long after its onset (the command-line contract)."""
@@ -93,8 +101,8 @@ class OilAccountDetector:
         self._test = LeakTest(false_alarms_per_day)
         self._blocks: list[AccountBlock] = []
         self._tested: list[int] = []
-        self._roots: list[Array] = []
         self._supply: list[float] = []
+        self._ranges: list[tuple[float, float]] = []
         self._supply_sum = np.zeros(2)
 
     def update(self, samples: Samples, run: FilterRun) -> None:
@@ -105,6 +113,7 @@ class OilAccountDetector:
             samples.time_s, run.state("spool_m"), run.state("null_bias_m"), p1, p2, position,
             fresh.astype(np.float64),
         )
+        self._ranges.append((float(position.min()), float(position.max())))
         measured = samples.supply_pressure[np.isfinite(samples.supply_pressure)]
         self._supply_sum += (measured.sum(), measured.size)
         for block in blocks:
@@ -120,13 +129,10 @@ class OilAccountDetector:
         """Return the verdict of the sequential test on all complete blocks so far."""
         findings = self._test.search()
         threshold = self._test.threshold(10.0 + 2.0 * self._test.blocks)
-        smallest = self._smallest()
-        details = {f"smallest_{k}_m3_per_s": v for k, v in smallest.items()}
         if not findings:
-            unseen = not smallest or max(smallest.values()) > INCONCLUSIVE_ABOVE
-            verdict = "inconclusive" if unseen else "healthy"
-            return Decision(verdict, threshold=threshold, details=details)
+            return self._nothing_found(threshold)
         first = findings[0]
+        details: dict[str, float] = {}
         if len(findings) > 1:
             for finding in findings:
                 name = FAULTS[finding.fault]
@@ -148,15 +154,35 @@ class OilAccountDetector:
             details,
         )
 
-    def _smallest(self) -> dict[str, float]:
-        """Smallest leak (m^3/s at its reference drop) that the motion so far would have shown."""
-        if self._test.blocks < 2:
-            return {}
-        coefficients = self._test.smallest()
-        return {
-            leak: reference_flow(self._parameters, leak, float(coefficients[i]))
-            for i, leak in enumerate(LEAKS)
-        }
+    def _nothing_found(self, threshold: float) -> Decision:
+        """Healthy only if the motion would have shown a leak, else inconclusive."""
+        if self._test.blocks < MINIMUM_BLOCKS:
+            return Decision("inconclusive", threshold=threshold)
+        details = {"travel_m": self._travel(), "travel_needed_m": self._travel_needed()}
+        for prefix, part in (("smallest", 0.5), ("smallest_from_start", 0.0)):
+            coefficients = self._test.smallest(part)
+            for leak, coefficient in zip(LEAKS, coefficients, strict=False):
+                flow = reference_flow(self._parameters, leak, float(coefficient))
+                details[f"{prefix}_{leak}_m3_per_s"] = flow
+        unseen = max(details[f"smallest_{leak}_m3_per_s"] for leak in LEAKS) > INCONCLUSIVE_ABOVE
+        still = details["travel_m"] < details["travel_needed_m"]
+        verdict = "inconclusive" if unseen or still else "healthy"
+        return Decision(verdict, threshold=threshold, details=details)
+
+    def _travel(self) -> float:
+        """Range of the ram's position in m over the later half of what was seen."""
+        later = np.array(self._ranges[len(self._ranges) // 2 :])
+        return float(later[:, 1].max() - later[:, 0].min())
+
+    def _travel_needed(self) -> float:
+        """Travel in m that sweeps the oil a chamber stores by compression at half supply pressure.
+
+        A ram that stands still lets a leak run its chamber dry and then shows nothing.
+        """
+        par = self._parameters
+        volume = chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par)[0]
+        stored = volume / par.bulk_modulus * reference_drop(par, "external_leakage_1")
+        return float(stored / par.piston_area)
 
     def _onset(self, finding: Finding) -> float:
         start = self._blocks[self._tested[finding.onset]].end_s - BLOCK_S

@@ -20,12 +20,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rig.plant.parameters import LITRE_PER_MINUTE
+
 from .flow_account import BLOCK_S, FAULT_COUNT, NUISANCE_COUNT, AccountBlock
 
 Array = NDArray[np.float64]
-
-_FLOW: Final = 1.0 / 6e4
-"""Working unit of flow: 1 L/min in m^3/s. It only keeps the sums well scaled."""
 
 NOISE: Final = 0.03
 """Expected noise of one block's missing flow, L/min: twice the sensors' own (docs/detection.md)."""
@@ -39,6 +38,8 @@ RELATIVE_BUDGET: Final = 0.05
 MINIMUM_BLOCKS: Final = 8
 WITNESSES: Final = 4
 """Blocks that must speak for a fault: from fewer, their spread cannot be told."""
+_RIVAL_GAIN: Final = 20.0
+"""Twice the log likelihood by which a rival cause must win to be preferred: odds of e^10."""
 _LEAST_INFORMATION: Final = 1e-6
 """Below this part of its raw information a fault's signature is all nuisance, up to round-off."""
 _LEAST_VARIANCE: Final = 0.05
@@ -187,15 +188,15 @@ class LeakTest:
         self._before[self._onsets] = self._total
         self._onset_blocks[self._onsets] = self._blocks
         self._onsets += 1
-        y = block.missing / (_FLOW * NOISE)
-        f = block.nuisances / (_FLOW * NOISE)
-        faults = block.faults / (_FLOW * NOISE)
+        y = block.missing / (LITRE_PER_MINUTE * NOISE)
+        f = block.nuisances / (LITRE_PER_MINUTE * NOISE)
+        faults = block.faults / (LITRE_PER_MINUTE * NOISE)
         self._ff += f.T @ f
         self._fy += f.T @ y
         self._yy += float(y @ y)
         self._total += np.concatenate(
             [(faults.T @ faults).ravel(), (faults.T @ f).ravel(), faults.T @ y,
-             block.sizes / _FLOW, [1.0]]
+             block.sizes / LITRE_PER_MINUTE, [1.0]]
         )  # fmt: skip
         self._history.append((y, f, faults))
         self._blocks += 1
@@ -218,11 +219,11 @@ class LeakTest:
         second = self._best(chosen, first.coefficient * self._mean_size(first))
         return [first] if second is None else [first, second]
 
-    def smallest(self) -> Array:
-        """Return the smallest coefficient of each fault (5,), SI, that a fault over the last half of
-        the blocks would have been found by."""
+    def smallest(self, part: float = 0.5) -> Array:
+        """Return the smallest coefficient of each fault (5,), SI, that would have been found had the
+        fault begun after this part of the blocks (0: with the first)."""
         scores = self._scores(np.array([-1, 0]))
-        j = self._onsets // 2
+        j = int(part * self._onsets)
         freedom = NOISE_WEIGHT + 2 * self._blocks
         variance = max((NOISE_WEIGHT + self._misfit()) / freedom, _LEAST_VARIANCE)
         size = scores[j, :, 2] / scores[j, :, 3]
@@ -263,8 +264,11 @@ class LeakTest:
         budget = np.where(visible, flow_budget / np.where(visible, size, 1.0), 0.0)
         deviation = np.sqrt(variance / information + budget**2)
         limit = self.threshold(weight)
-        alarming = (coefficient > limit * deviation) & (np.arange(FAULT_COUNT) != chosen[0])
-        gain = np.where(alarming, weight * np.log1p(explained / (weight * variance)), 0.0)
+        explained[:, np.arange(FAULT_COUNT) == chosen[0]] = 0.0
+        gain = weight * np.log1p(explained / (weight * variance))
+        # Whatever another cause explains far better is not this one, even if that is below its budget.
+        rivalled = gain < gain.max() - _RIVAL_GAIN
+        gain[rivalled | (coefficient <= limit * deviation)] = 0.0
         for i in np.argsort(-gain.max(axis=0)):
             j = int(np.argmax(gain[:, i]))
             if gain[j, i] <= 0.0:

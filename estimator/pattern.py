@@ -1,11 +1,12 @@
-"""The thesis's leak identification: which moving averages of the residuals rise (sections 4.4, 5.3).
+"""The thesis's leak identification: which moving averages of the innovations rise (sections 4.4, 5.3).
 
 One chamber up: an external leak there. Both up: an internal leak. The thesis sets its thresholds by
-eye; here they are learnt from a healthy stretch at a stated false-alarm rate.
+eye; here they are learnt from healthy running at a stated false-alarm rate.
 """
 
-from math import exp, log, sqrt
-from statistics import NormalDist
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -13,18 +14,63 @@ from numpy.typing import NDArray
 
 from .detection import Decision, Samples
 from .filters import FilterRun
+from .leak_test import student_quantile
 from .residuals import THESIS_WINDOW, extend_moving_average, start_moving_average
 
 Array = NDArray[np.float64]
 
 LEARNING_S: Final = 15.0
-"""Healthy stretch that thresholds are learnt from when no baseline is given; the thesis injects at
-18 s and 20 s."""
+"""Healthy stretch that thresholds are learnt from when no healthy run is given; the thesis injects
+at 18 s and 20 s."""
 STARTED_S: Final = 2.0
 """The filter's start, which says nothing about the rig, is left out."""
 EXTERNAL_RATIO: Final = 2.0
 """With both averages above threshold, the chamber whose rise is this many times the other's is named
 (table 5.1: an external leak also lifts the other chamber's average a little)."""
+_PIECE: Final = 500
+"""Samples whose mean is one look at the healthy level: half a second."""
+
+
+@dataclass(frozen=True)
+class PatternBaseline:
+    """Healthy levels and thresholds (2,) of the moving averages of both chambers, Pa."""
+
+    normal: Array
+    thresholds: Array
+
+
+def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> PatternBaseline:
+    """Learn the thresholds that healthy moving averages exceed at the stated rate.
+
+    Args:
+        innovations: of healthy runs, float64 (n, 2) each: pressures 1 and 2, Pa; at least 4 s in all.
+        false_alarms_per_day: alarms that a healthy rig may raise in a day.
+
+    Means of half a second are independent looks at the healthy level; a moving average of 4000 samples
+    is the mean of eight. Two chambers and 21600 such averages a day share the stated rate, and the
+    quantile is Student's for the looks there were.
+
+    Raises:
+        ValueError: fewer than eight half seconds.
+    """
+    pieces = [_pieces(np.abs(innovation)) for innovation in innovations]
+    means = np.concatenate(pieces) if pieces else np.empty((0, 2))
+    if means.shape[0] < THESIS_WINDOW // _PIECE:
+        raise ValueError(
+            f"baseline: {means.shape[0]} half seconds of healthy innovations; give at least 8"
+        )
+    looks_per_day = 2.0 * 86400.0 / (THESIS_WINDOW * 1e-3)
+    probability = min(false_alarms_per_day / looks_per_day, 0.25)
+    quantile = student_quantile(probability, means.shape[0] - 1.0)
+    averaged = THESIS_WINDOW / _PIECE
+    spread = means.std(axis=0, ddof=1) * sqrt(1.0 / averaged + 1.0 / means.shape[0])
+    normal = means.mean(axis=0)
+    return PatternBaseline(normal, normal + quantile * spread)
+
+
+def _pieces(absolute: Array) -> Array:
+    count = absolute.shape[0] // _PIECE
+    return np.asarray(absolute[: count * _PIECE].reshape(count, _PIECE, 2).mean(axis=1))
 
 
 class PatternDetector:
@@ -32,77 +78,61 @@ class PatternDetector:
 
     Args:
         false_alarms_per_day: alarms that a healthy rig may raise in a day.
-        thresholds: averages (Pa) of chambers 1 and 2 learnt from healthy recordings; else the first
-            15 s of the recording are taken as healthy.
+        baseline: learnt from healthy runs; else the recording's own first 15 s are taken as healthy.
     """
 
     def __init__(
-        self, false_alarms_per_day: float = 1.0, thresholds: tuple[float, float] | None = None
+        self, false_alarms_per_day: float = 1.0, baseline: PatternBaseline | None = None
     ) -> None:
         self.false_alarms_per_day = false_alarms_per_day
-        self._averages = (start_moving_average(), start_moving_average())
+        self.baseline = baseline
+        self._memories = (start_moving_average(), start_moving_average())
         self._healthy: list[Array] = []
-        self._thresholds = None if thresholds is None else np.array(thresholds)
-        self._normal = np.array([np.nan, np.nan]) if thresholds is None else np.array(thresholds)
         self._current = np.zeros(2)
         self._onset: float | None = None
         self._start: float | None = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take the next samples; judge by the innovation, as docs/model.md says why."""
+        """Take the next samples; judge by the innovation (docs/model.md says why)."""
         if self._start is None:
             self._start = float(samples.time_s[0])
-        innovation = run.innovation[:, 1:3]
-        averages = np.column_stack(
-            [extend_moving_average(memory, innovation[:, i]) for i, memory in enumerate(self._averages)]
-        )
         elapsed = samples.time_s - self._start
-        if self._thresholds is None:
-            self._healthy.append(averages[elapsed > STARTED_S + THESIS_WINDOW * 1e-3])
-            if elapsed[-1] >= LEARNING_S:
-                healthy = np.concatenate(self._healthy)
-                self._normal = healthy.mean(axis=0)
-                self._thresholds = learn_thresholds(healthy, self.false_alarms_per_day)
+        started = elapsed > STARTED_S
+        if not started.any():
+            return
+        innovation = run.innovation[started, 1:3]
+        averages = np.column_stack(
+            [extend_moving_average(m, innovation[:, i]) for i, m in enumerate(self._memories)]
+        )
         self._current = averages[-1]
-        if self._thresholds is not None and self._onset is None:
-            above = np.flatnonzero((averages > self._thresholds).any(axis=1))
-            if above.size:
-                self._onset = float(samples.time_s[above[0]])
+        if self.baseline is None:
+            self._healthy.append(innovation)
+            if elapsed[-1] >= LEARNING_S:
+                healthy = [np.concatenate(self._healthy)]
+                self.baseline = learn_pattern(healthy, self.false_alarms_per_day)
+            return
+        if elapsed[-1] < STARTED_S + THESIS_WINDOW * 1e-3:
+            return
+        above = (averages > self.baseline.thresholds).any(axis=1)
+        if self._onset is None and above.any():
+            self._onset = float(samples.time_s[started][np.argmax(above)])
+        elif not above[-1]:
+            self._onset = None
 
     def decide(self) -> Decision:
         """Return the verdict by the pattern of section 5.3."""
-        if self._thresholds is None:
+        if self.baseline is None:
             return Decision("inconclusive")
-        up = self._current > self._thresholds
-        ratio = float((self._current / self._thresholds).max())
-        details = {
-            f"average_{i + 1}_Pa": float(self._current[i]) for i in range(2)
-        } | {f"threshold_{i + 1}_Pa": float(self._thresholds[i]) for i in range(2)}
-        if not up.any():
-            self._onset = None
+        thresholds = self.baseline.thresholds
+        details = {f"average_{i + 1}_Pa": float(self._current[i]) for i in range(2)}
+        details |= {f"threshold_{i + 1}_Pa": float(thresholds[i]) for i in range(2)}
+        ratio = float((self._current / thresholds).max())
+        if self._onset is None:
             return Decision("healthy", statistic=ratio, threshold=1.0, details=details)
-        rise = np.maximum(self._current - self._normal, 0.0)
+        up = self._current > thresholds
+        rise = np.maximum(self._current - self.baseline.normal, 0.0)
         if up.all() and rise.max() < EXTERNAL_RATIO * rise.min():
             verdict = "internal_leakage"
         else:
             verdict = f"external_leakage_{int(np.argmax(rise)) + 1}"
         return Decision(verdict, self._onset, statistic=ratio, threshold=1.0, details=details)
-
-
-def learn_thresholds(averages: Array, false_alarms_per_day: float) -> Array:
-    """Return the thresholds (2,) in Pa that healthy moving averages exceed at the stated rate.
-
-    The averages (n, 2) are positive and skewed: their logarithm is taken as normal. A window of 4000
-    samples gives one independent look in 4 s, and each chamber has its own. With few independent
-    looks behind the spread, the normal quantile is widened to Student's t's.
-    """
-    looks_per_day = 2.0 * 86400.0 / (THESIS_WINDOW * 1e-3)
-    probability = min(false_alarms_per_day / looks_per_day, 0.25)
-    logs = np.log(np.maximum(averages, 1e-9))
-    independent = max(averages.shape[0] / THESIS_WINDOW, 2.0)
-    freedom = independent - 1.0
-    z = -NormalDist().inv_cdf(probability)
-    scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
-    quantile = sqrt(freedom * (exp(min(scaled * scaled / freedom, 50.0)) - 1.0))
-    spread = logs.std(axis=0) * sqrt(1.0 + 1.0 / independent)
-    return np.asarray(np.exp(np.minimum(logs.mean(axis=0) + quantile * spread, log(1e9))))

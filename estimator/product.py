@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rig.plant import Model, Parameters
 from rig.plant.dynamics import chamber_volumes, signed_root, valve_conductance
 from rig.plant.integrator import TICK
+from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import SensorParameters
 
 Array = NDArray[np.float64]
@@ -70,7 +71,7 @@ def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductN
     spool_acceleration = 2e-6 * parameters.valve_natural_frequency**2
     middle = 0.5 * (parameters.stroke_max - parameters.stroke_min)
     volume = parameters.line_volume_1 + parameters.piston_area * middle
-    flow = 0.1 / 6e4
+    flow = 0.1 * LITRE_PER_MINUTE
     return ProductNoise(
         position=sensors.position_resolution**2 / 12.0,
         pressure=sensors.pressure_noise**2,
@@ -86,7 +87,7 @@ def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductN
 
 def initial_covariance(model: Model) -> Array:
     """Return P0 (11, 11): first samples are trusted to their noise, leaks to 0.3 L/min, null to 5 um."""
-    leak = 0.3 / 6e4 / sqrt(0.5 * model.parameters.supply_pressure)
+    leak = 0.3 * LITRE_PER_MINUTE / sqrt(0.5 * model.parameters.supply_pressure)
     sigma = np.array([2e-6, 5e4, 5e4, 2e-5, 0.05, 1e-2, 500.0, leak, leak, leak, 5e-6])
     return np.diag(sigma**2)
 

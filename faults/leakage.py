@@ -10,8 +10,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-LITRE_PER_MINUTE: Final = 1e-3 / 60.0
-"""One L/min in m^3/s; the thesis rounds it to 1.67e-5 (eq. 5.3)."""
+from rig.plant.parameters import LITRE_PER_MINUTE
 
 Value = TypeVar("Value", float, NDArray[np.float64])
 """A number, or an array of any shape."""

@@ -2,3 +2,7 @@
 
 Commands import what they run, so that `rig --help` stays quick.
 """
+
+from .application import main
+
+__all__ = ["main"]

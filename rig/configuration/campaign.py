@@ -14,7 +14,7 @@ from rig.plant.model import Model
 
 from .campaign_tests import read_tests
 from .document import Located, Sources
-from .lookup import resolve
+from .lookup import reference_in, resolve
 from .model import read_model
 from .problems import Place, suggestion
 from .quantities import Physical
@@ -96,8 +96,9 @@ def read_campaign(
 
 def _read_rig(root: Located, path: Path, chosen: Path | None, sources: Sources) -> Rig | None:
     entry = root.get("rig")
-    if chosen is None and entry is not None and isinstance(entry.value, str):
-        chosen = resolve("rig", entry.value, path.parent, sources.problems, entry)
+    reference = reference_in(entry)
+    if chosen is None and reference is not None:
+        chosen = resolve("rig", reference, path.parent, sources.problems, entry)
     return read_rig(chosen, sources) if chosen is not None else None
 
 
@@ -106,9 +107,10 @@ def _read_model(root: Located, path: Path, sources: Sources) -> Model | None:
     if entry is None:
         place = Place(path, root.place.line, root.place.column)
         entry = Located("nominal", place, "model")
-    if not isinstance(entry.value, str):
+    reference = reference_in(entry)
+    if reference is None:
         return None
-    found = resolve("model", entry.value, path.parent, sources.problems, entry)
+    found = resolve("model", reference, path.parent, sources.problems, entry)
     return read_model(found, sources) if found is not None else None
 
 

@@ -37,8 +37,9 @@ class Located:
         return self.value if isinstance(self.value, list) else []
 
     def get(self, key: str) -> "Located | None":
-        """Return the entry of a mapping, None where there is none or this is no mapping."""
-        return self.value.get(key) if isinstance(self.value, dict) else None
+        """Return the entry of a mapping; None where there is none, or nothing after its colon."""
+        entry = self.value.get(key) if isinstance(self.value, dict) else None
+        return None if entry is None or entry.value is None else entry
 
     def find(self, path: tuple[str | int, ...]) -> "Located":
         """Return the deepest existing value on the way along keys and indices."""

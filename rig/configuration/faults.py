@@ -98,8 +98,8 @@ class _FaultReader:
         if self.problems.reported > before or not sized or self.rig is None:
             return None
         if file.type == Verdict.RETURN_BLOCKAGE:
-            return self._blockage(file, self.rig)
-        return self._leak(file, self.rig)
+            return self._blockage(file, self._coefficient(file, RESISTANCE), self.rig)
+        return self._leak(file, self._coefficient(file, LEAKAGE), self.rig)
 
     def _check_times(self, file: FaultFile, duration_s: float | None) -> None:
         for key, time in (("at", file.at), ("until", file.until)):
@@ -153,6 +153,8 @@ class _FaultReader:
 
     def _coefficient(self, file: FaultFile, physical: Physical) -> float | None:
         entry = self.item.find(("coefficient",))
+        if file.coefficient is None:
+            return None
         try:
             return physical.parse(entry.value)
         except QuantityError as error:
@@ -162,24 +164,26 @@ class _FaultReader:
             self._add("coefficient", shown(entry), error.limit, remedy)
             return None
 
-    def _blockage(self, file: FaultFile, rig: Rig) -> Fault | None:
+    def _blockage(self, file: FaultFile, coefficient: float | None, rig: Rig) -> Fault | None:
         valve = rig.return_valve
         if valve is None:
             remedy = "describe it in the rig file as `return_valve: ...`, or use another rig"
             self._add("type", file.type, f"needs a valve that the rig {rig.name} lacks", remedy)
             return None
+        most, shown_most = valve.maximum, show(valve.maximum, RESISTANCE.unit)
         if file.flow is not None and file.pressure is not None:
             # A turbulent restriction, dp = R q^2; no finite one makes a pressure without flow.
             resistance = file.pressure / file.flow**2 if file.flow else inf
-            size = _Size("pressure", resistance, valve.maximum, f"{valve.maximum:.4g}")
+            reached = show(most * file.flow**2, "Pa")
+            shown_most = f"{reached} at {show(file.flow, 'm^3/s')}"
+            size = _Size("pressure", resistance, most, shown_most)
         else:
-            coefficient = self._coefficient(file, RESISTANCE)
-            size = _Size("coefficient", coefficient, valve.maximum, f"{valve.maximum:.4g}")
+            size = _Size("coefficient", coefficient, most, shown_most)
         if not self._is_within(size, f"the {valve.name} of the rig {rig.name}"):
             return None
         return self._fault(file, size, travel_s=valve.travel_s)
 
-    def _leak(self, file: FaultFile, rig: Rig) -> Fault | None:
+    def _leak(self, file: FaultFile, coefficient: float | None, rig: Rig) -> Fault | None:
         valve = rig.bypass_valves.get(file.type)
         if valve is None:
             has = ", ".join(rig.bypass_valves) or "none"
@@ -190,12 +194,12 @@ class _FaultReader:
                 f"it has: {has}; add the valve to the rig file, or use another rig",
             )
             return None
-        size = self._leak_size(file, valve)
+        size = self._leak_size(file, coefficient, valve)
         if not self._is_within(size, f"the {valve.name} of the rig {rig.name}"):
             return None
         return self._fault(file, size, valve.ball_travel_s, valve.ball_coefficient)
 
-    def _leak_size(self, file: FaultFile, valve: BypassValve) -> "_Size":
+    def _leak_size(self, file: FaultFile, coefficient: float | None, valve: BypassValve) -> "_Size":
         most, least = valve.maximum, valve.minimum
         if file.flow is not None and file.pressure is not None:
             root = sqrt(file.pressure)
@@ -206,9 +210,9 @@ class _FaultReader:
         if file.linear_coefficient is not None:
             # No needle leaks linearly: allowed is what it passes at the pressure it usually sees.
             most /= sqrt(TYPICAL_PRESSURE)
-            return _Size("linear_coefficient", file.linear_coefficient, most, f"{most:.4g}")
-        coefficient = self._coefficient(file, LEAKAGE)
-        return _Size("coefficient", coefficient, most, f"{most:.4g}", least)
+            shown_most = show(most, LINEAR_LEAKAGE.unit)
+            return _Size("linear_coefficient", file.linear_coefficient, most, shown_most)
+        return _Size("coefficient", coefficient, most, show(most, LEAKAGE.unit), least)
 
     def _is_within(self, size: "_Size", of: str) -> bool:
         if size.coefficient is None:
@@ -221,10 +225,9 @@ class _FaultReader:
             self._add(size.key, value, "is no fault", "ask for more, or leave the fault out")
             return False
         if size.coefficient < size.minimum * (1.0 - _ROUNDING):
-            limit = (
-                f"is below the {size.minimum:.4g} {LEAKAGE.unit} of {of.replace('open', 'shut')}"
-            )
-            self._add(size.key, value, limit, "ask for more, or fit a finer needle")
+            least = show(size.minimum, LEAKAGE.unit)
+            remedy = "ask for more, or fit a finer needle"
+            self._add(size.key, value, f"is below the {least} of {of}, its needle shut", remedy)
             return False
         return True
 

@@ -51,6 +51,13 @@ def is_path(reference: str) -> bool:
     return "/" in reference or "\\" in reference or reference.endswith(SUFFIXES)
 
 
+def reference_in(item: Located | None) -> str | None:
+    """Return the name or path a value gives; a number is a name too (`rig: 7`)."""
+    if item is None or isinstance(item.value, bool):
+        return None
+    return str(item.value) if isinstance(item.value, str | int | float) else None
+
+
 def resolve(
     kind: Kind, reference: str, base: Path, problems: Problems, referrer: Located | None = None
 ) -> Path | None:

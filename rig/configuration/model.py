@@ -11,7 +11,7 @@ from rig.plant.model import Model
 from rig.plant.parameters import FRICTION_LAWS, NOMINAL, quantities
 
 from .document import Located, Sources
-from .lookup import resolve
+from .lookup import reference_in, resolve
 from .quantities import Adjustable, Physical, Relative, show
 from .validation import Schema, check, shown
 
@@ -120,14 +120,15 @@ def model_from(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> 
 
 def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Model | None:
     entry = root.get("parent")
-    if entry is None or not isinstance(entry.value, str):
+    reference = reference_in(entry)
+    if entry is None or reference is None:
         return None
-    path = resolve("model", entry.value, ancestors[-1].parent, sources.problems, entry)
+    path = resolve("model", reference, ancestors[-1].parent, sources.problems, entry)
     if path is None:
         return None
     if path in ancestors or len(ancestors) > MAX_ANCESTORS:
         sources.problems.add(
-            entry.place, "parent", entry.value, "descends from this model", "name another parent"
+            entry.place, "parent", reference, "descends from this model", "name another parent"
         )
         return None
     return read_model(path, sources, ancestors)

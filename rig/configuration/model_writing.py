@@ -68,7 +68,7 @@ def _require_loadable(model: Model, path: Path) -> None:
 
 
 def _header(model: Model) -> Iterator[str]:
-    yield yaml.safe_dump({"name": model.name}, allow_unicode=True).strip()
+    yield yaml.safe_dump({"name": model.name}).strip()
     law = next(name for name, v in FRICTION_LAWS.items() if v == model.parameters.friction_law)
     yield f"friction_law: {law}"
 
@@ -121,7 +121,7 @@ def _effects(model: Model) -> Iterator[str]:
 def _provenance(model: Model) -> Iterator[str]:
     if model.provenance:
         plain = {"provenance": _plain(model.provenance)}
-        yield yaml.safe_dump(plain, allow_unicode=True, sort_keys=False).rstrip()
+        yield yaml.safe_dump(plain, sort_keys=False).rstrip()
 
 
 def _plain(value: Any) -> Any:

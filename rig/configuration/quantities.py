@@ -54,9 +54,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
     "m^3/(s Pa)": Dimension(
         "a leakage coefficient (linear law)", "2e-12 m^3/(s Pa)", ("m^3/(s Pa)",)
     ),
-    "Pa/(m^3/s)^2": Dimension(
-        "a turbulent resistance", "8e11 Pa/(m^3/s)^2", ("Pa/(m^3/s)^2", "bar/(L/min)^2")
-    ),
+    "Pa/(m^3/s)^2": Dimension("a turbulent resistance", "8e11 Pa/(m^3/s)^2", ("Pa/(m^3/s)^2",)),
 }
 
 
@@ -104,7 +102,9 @@ def _registry() -> "pint.UnitRegistry[Any]":
     # Imported here: pint costs a quarter of a second, and most commands read no configuration.
     import pint
 
-    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(non_int_type=Decimal)
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(
+        non_int_type=Decimal, on_redefinition="ignore"
+    )
     # As delivered, 1 Hz converts to 1 rad/s: a 100 Hz valve would become a 16 Hz one.
     registry.define("hertz = 2 * pi * radian / second = Hz")
     return registry
@@ -309,6 +309,6 @@ def show(value: float, si_unit: str) -> str:
     """Return an SI value as text in the unit in which it reads best, `13.8 MPa`."""
     units = ("L/min",) if si_unit == "m^3/s" else dimension(si_unit).units
     scaled = [(float(Decimal(repr(value)) / unit_factor(unit, si_unit)), unit) for unit in units]
-    readable = [pair for pair in scaled if 0.1 <= abs(pair[0]) < 1000.0 and pair[1] != "psi"]
-    number, unit = min(readable, default=scaled[0], key=lambda pair: abs(pair[0]))
+    readable = (pair for pair in scaled if 0.1 <= abs(pair[0]) < 1000.0)
+    number, unit = next(readable, scaled[0])
     return f"{number:.4g} {unit}".strip()

@@ -13,7 +13,7 @@ from rig.plant.model import Model
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 
 from .document import Located, Sources
-from .lookup import resolve
+from .lookup import reference_in, resolve
 from .model import override, read_model
 from .quantities import Interval, Physical, show
 from .validation import Schema, check, shown
@@ -148,9 +148,10 @@ def _with_parents(
         return None
     root = sources.read_yaml(path, referrer)
     entry = root.get("parent") if root is not None else None
-    if root is None or entry is None or not isinstance(entry.value, str):
+    reference = reference_in(entry)
+    if root is None or entry is None or reference is None:
         return root
-    found = resolve("rig", entry.value, path.parent, sources.problems, entry)
+    found = resolve("rig", reference, path.parent, sources.problems, entry)
     parent = _with_parents(found, sources, (*children, path), entry) if found else None
     if parent is None:
         return None
@@ -162,7 +163,7 @@ def _read_plant(root: Located, sources: Sources) -> Model | None:
     item = root.get("plant")
     if item is None:
         return None
-    if isinstance(item.value, str):
+    if reference_in(item) is not None:
         item = Located({"model": item}, item.place, item.name)
     file = check(PlantFile, item, sources.problems)
     base = None

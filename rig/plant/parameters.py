@@ -7,6 +7,9 @@ All values are SI. A parameter that belongs to an effect of the catalogue
 from dataclasses import dataclass
 from typing import Annotated, Final, NamedTuple, get_args, get_type_hints
 
+LITRE_PER_MINUTE: Final = 1e-3 / 60.0
+"""One L/min in m^3/s; the thesis rounds it to 1.67e-5 (eq. 5.3)."""
+
 BRISTLE: Final = 0.0
 KARNOPP: Final = 1.0
 FRICTION_LAWS: Final = {"bristle": BRISTLE, "karnopp": KARNOPP}

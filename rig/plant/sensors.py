@@ -6,6 +6,7 @@ from typing import Annotated, Final, NamedTuple
 from numba import njit
 
 from .integrator import TICK
+from .parameters import LITRE_PER_MINUTE
 from .parameters import Quantity as _Quantity
 
 
@@ -29,8 +30,8 @@ class SensorParameters(NamedTuple):
     load_max: Annotated[float, _Quantity("N", 1e2, 1e6, "", "section 6.1: 0 to 22 kN")] = 2.2e4
     flow_error: Annotated[
         float, _Quantity("m^3/s", 0.0, 1e-4, "", "section 7.2: 0.05 to 0.1 L/min in healthy mode")
-    ] = 0.075 / 6e4
-    flow_noise: Annotated[float, _Quantity("m^3/s", 0.0, 1e-4, "", "flow-meter ripple")] = 0.02 / 6e4
+    ] = 0.075 * LITRE_PER_MINUTE
+    flow_noise: Annotated[float, _Quantity("m^3/s", 0.0, 1e-4, "", "flow-meter ripple")] = 0.02 * LITRE_PER_MINUTE
     flow_time_constant: Annotated[
         float, _Quantity("s", 1e-3, 10.0, "", "flow-meter lag")
     ] = 0.1

@@ -208,12 +208,12 @@ def _ragged(path: str, line: int, cells: int, wanted: int, last: bool) -> Proble
 def _not_numbers(
     path: str, name: str, found: Sequence[tuple[int, str]], n_rows: int
 ) -> list[Problem]:
+    if not found:
+        return []
     limit = "every cell must be a number or empty"
     if len(found) == n_rows:
-        line, cell = found[0] if found else (1, "")
+        line, cell = found[0]
         remedy = "delete the column or write numbers"
-        if not found:
-            return []
         return [Problem(path, line, name, f"text throughout ({cell[:40]!r}, ...)", limit, remedy)]
     remedy = "write a number with a decimal point, or leave the cell empty"
     return [

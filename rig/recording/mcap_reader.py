@@ -25,7 +25,7 @@ from zstandard import ZstdError
 from .errors import Problem, RecordingError
 from .mcap_stream import serialised
 from .mcap_writer import EVENTS_TOPIC, METADATA_NAME, SAMPLES_TOPIC
-from .recording import Event, FloatArray
+from .recording import REPLAY_CHANNELS, Event, FloatArray
 from .sample_layout import RECORD_PREFIX, SampleLayout, sample_schema
 from .table import Table
 
@@ -189,7 +189,8 @@ def columns_of(
 def foreign(path: str, reason: str) -> Problem:
     """Return the problem of an MCAP file that is another program's."""
     limit = "only recordings written by rig are read"
-    remedy = "convert it to CSV with the program that made it, columns as in data/README.md"
+    columns = ", ".join(REPLAY_CHANNELS)
+    remedy = f"export it as CSV from the program that made it, with columns {columns}"
     return Problem(path, None, "file", reason, limit, remedy)
 
 

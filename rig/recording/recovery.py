@@ -1,6 +1,7 @@
 """Makes a clean recording of what is left of a cut or damaged MCAP file."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from os import PathLike, fspath
@@ -74,7 +75,7 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
         raise RecordingError([Problem(source, None, "file", value, "", "record again")])
     dropped = sum(sizes) - sizes[best]
     if dropped:
-        lost.append(f"{dropped} readable samples on the other side of the damage")
+        lost.append(f"{dropped} readable samples on the other side of a gap")
     channels = columns_of(collector.channels, stretches[best])
     metadata = collector.metadata | {"recovered": {"from": Path(source).name, "lost": lost}}
     with replacing(Path(target)) as partial:
@@ -109,13 +110,11 @@ def _readable(
     size = file.tell()
     file.seek(0)
     lost: list[str] = []
-    breaks = [0]
-    records = StreamReader(file, emit_chunks=True, record_size_limit=size).records
     position = 0
     try:
-        for record in records:
+        for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
             if isinstance(record, Chunk):
-                _take_chunk(record, collector, breaks, lost)
+                _take_chunk(record, collector, lost)
             else:
                 collector.take(record)
             position = file.tell()
@@ -123,18 +122,26 @@ def _readable(
         lost.append(f"everything after byte {position} of {size}: cut off or unreadable")
     if not collector.channels:
         raise ForeignSchemaError("no samples of rig before the end or the first damage")
-    bounds = [*breaks, len(collector.blocks)]
+    bounds = [0, *_breaks(collector.blocks), len(collector.blocks)]
     return [collector.blocks[first:last] for first, last in pairwise(bounds)], lost
 
 
-def _take_chunk(
-    chunk: Chunk, collector: SampleCollector, breaks: list[int], lost: list[str]
-) -> None:
+def _take_chunk(chunk: Chunk, collector: SampleCollector, lost: list[str]) -> None:
     blocks, events = len(collector.blocks), len(collector.events)
     try:
         collector.take_chunk(chunk)
     except DAMAGE as error:
         del collector.blocks[blocks:], collector.events[events:]
-        breaks.append(blocks)
         start, end = chunk.message_start_time * 1e-9, chunk.message_end_time * 1e-9
         lost.append(f"a chunk of log time {start:.9g} s to {end:.9g} s: {error}")
+
+
+def _breaks(blocks: Sequence[NDArray[np.float64]]) -> list[int]:
+    """Return which blocks do not continue the one before: their chunk's record may be gone too."""
+    if len(blocks) < 2:
+        return []
+    steps = np.diff(np.concatenate([block[:, 0] for block in blocks]))
+    between = steps[np.cumsum([len(block) for block in blocks[:-1]]) - 1]
+    # Written so that a NaN is a break.
+    continues = (between > 0.0) & (between < 1.5 * float(np.median(steps)))
+    return [int(k) + 1 for k in np.flatnonzero(~continues)]

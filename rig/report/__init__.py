@@ -2,3 +2,7 @@
 
 Reads results and recordings only; runs nothing.
 """
+
+from .page import render, write_report
+
+__all__ = ["render", "write_report"]

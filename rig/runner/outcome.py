@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Final
 
-from estimator.detection import Decision
+from estimator.detection import LEAKS, Decision
 
 
 class Status(StrEnum):
@@ -42,7 +42,17 @@ class InjectedFault:
 
 @dataclass(frozen=True)
 class TestOutcome:
-    """One test: what was expected, injected and found."""
+    """One test: what was expected, injected and found.
+
+    Attributes:
+        duration_s: how long the test was to last.
+        recorded_s: how long it lasted; less than `duration_s` if it did not come to its end.
+        injected: the faults that had begun by then.
+        decision: what the detector held in the end; None before its first sample.
+        detected_at_s: when it first held that, having read only the past; None if that is no fault.
+        recording: file name of the recording beside `results.json`, if there is one.
+        thresholds_from: what the thresholds were learnt from, where the detector has to learn them.
+    """
 
     __test__ = False  # not a pytest class, whatever its name
 
@@ -55,9 +65,47 @@ class TestOutcome:
     decision: Decision | None = None
     detected_at_s: float | None = None
     recording: str | None = None
-    """File name of the recording beside `results.json`."""
     message: str = ""
     wall_s: float = 0.0
+    recorded_s: float = 0.0
+    thresholds_from: str = ""
+
+    @property
+    def truth(self) -> InjectedFault | None:
+        """The injected leak that was expected to be found; None if none was, or it is no leak."""
+        if self.expect not in LEAKS:
+            return None
+        return next((fault for fault in self.injected if fault.kind == self.expect), None)
+
+    @property
+    def onset_error_s(self) -> float | None:
+        """Onset found less onset injected; None unless the expected leak was found."""
+        found = self._found
+        if found is None or found.onset_s is None or self.truth is None:
+            return None
+        return found.onset_s - self.truth.at_s
+
+    @property
+    def leak_error_m3_per_s(self) -> float | None:
+        """Mean leak flow found less that recorded; None unless the expected leak was found."""
+        found, truth = self._found, self.truth
+        if found is None or truth is None:
+            return None
+        if found.leak_m3_per_s is None or truth.mean_flow_m3_per_s is None:
+            return None
+        return found.leak_m3_per_s - truth.mean_flow_m3_per_s
+
+    @property
+    def latency_s(self) -> float | None:
+        """Time from the first injection to the verdict; None if nothing was injected or found."""
+        if self.detected_at_s is None or not self.injected:
+            return None
+        return self.detected_at_s - min(fault.at_s for fault in self.injected)
+
+    @property
+    def _found(self) -> Decision | None:
+        found = self.decision is not None and self.decision.verdict == self.expect
+        return self.decision if found else None
 
 
 EXIT_PASSED: Final = 0
@@ -90,3 +138,9 @@ class CampaignOutcome:
         if statuses & {Status.FAILED, Status.ERROR}:
             return EXIT_FAILED
         return EXIT_PASSED
+
+    @property
+    def counts(self) -> dict[Status, int]:
+        """How many tests ended in which way, those that occur only."""
+        found = [test.status for test in self.tests]
+        return {status: found.count(status) for status in Status if status in found}

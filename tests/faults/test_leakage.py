@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from faults.leakage import (
-    LITRE_PER_MINUTE,
     from_litres_per_minute,
     linear_coefficient,
     linear_flow,
@@ -18,7 +17,7 @@ from faults.leakage import (
 )
 from rig.plant.dynamics import leak_flows
 from rig.plant.faults import NO_FAULT
-from rig.plant.parameters import NOMINAL
+from rig.plant.parameters import LITRE_PER_MINUTE, NOMINAL
 
 LAWS = [
     pytest.param(square_root_flow, square_root_coefficient, id="square root"),

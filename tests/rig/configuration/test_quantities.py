@@ -1,5 +1,8 @@
 """Quantities are read as written, to the last bit, and misread ones say what was meant."""
 
+import contextlib
+from math import isfinite
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -73,7 +76,9 @@ def test_a_bare_number_is_no_length(raw: object) -> None:
         read(raw, "m")
 
 
-@pytest.mark.parametrize("raw", [True, None, [1], "", "m", "nan m", float("inf"), "1e999 m", "--1 m"])
+@pytest.mark.parametrize(
+    "raw", [True, None, [1], "", "m", "nan m", float("inf"), "1e999 m", "--1 m"]
+)
 def test_what_is_no_number_is_no_quantity(raw: object) -> None:
     with pytest.raises(QuantityError):
         read(raw, "m")
@@ -86,7 +91,7 @@ def test_an_unknown_unit_is_an_error_and_no_crash(unit: str) -> None:
 
 
 def test_a_misspelt_unit_suggests_the_right_one() -> None:
-    with pytest.raises(QuantityError, match="did you mean MPa?"):
+    with pytest.raises(QuantityError, match=r"did you mean MPa\?"):
         read("13.8 mpa", "Pa")
 
 
@@ -145,10 +150,8 @@ def test_a_shown_value_reads_back_as_nearly_itself(unit: str, value: float) -> N
 @given(st.text(max_size=30))
 def test_no_text_does_worse_than_an_error(text: str) -> None:
     for unit in ("", "Pa"):
-        try:
-            read(text, unit)
-        except QuantityError as error:
-            assert error.limit
+        with contextlib.suppress(QuantityError):
+            assert isfinite(read(text, unit).value)
 
 
 def test_every_unit_offered_for_a_dimension_is_of_that_dimension() -> None:

@@ -106,6 +106,13 @@ def test_csv_has_the_plain_columns_alone(healthy: Recording, tmp_path: Path) -> 
         assert next(file) == "time_s,command_V,position_m,pressure_1_Pa,pressure_2_Pa,spool_m\n"
 
 
+def test_a_missing_sample_is_an_empty_cell_in_csv(healthy: Recording, tmp_path: Path) -> None:
+    load_n = np.full(len(healthy), np.nan)
+    load_n[1] = 2.5
+    export(Recording({"time_s": healthy.time_s, "load_N": load_n}), tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").read_text().startswith("time_s,load_N\n0,\n0.001,2.5\n")
+
+
 def test_metadata_beside_a_csv_is_not_taken_for_that_of_other_data(
     healthy: Recording, tmp_path: Path
 ) -> None:

@@ -2,12 +2,15 @@
 
 import subprocess
 import sys
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from rig.recording import McapWriter, Recording, RecordingError, export, read_recording, recover
@@ -20,8 +23,9 @@ from rig.recording import McapWriter
 rows = np.load(sys.argv[2])
 writer = McapWriter(sys.argv[1], sys.argv[3].split(","), {"seed": 7})
 writer.write(rows[:700])
-writer.event(0.25, "fault", "internal_leakage opens")
 writer.write(rows[700:1234])
+writer.flush()
+writer.event(1.2, "fault", "internal_leakage opens")
 writer.flush()
 writer.write(rows[1234:1900])
 print("flushed and written on", flush=True)
@@ -117,6 +121,23 @@ def test_a_damaged_file_is_read_right_or_refused_never_read_wrong(
     assert recording.content_hash() == healthy.content_hash()
 
 
+def test_an_index_that_lost_its_end_does_not_shorten_the_recording(
+    whole: bytes, tmp_path: Path
+) -> None:
+    with BytesIO(whole) as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    damaged = bytearray(whole)
+    for record in (summary.statistics, summary.chunk_indexes[-1]):
+        builder = RecordBuilder()
+        record.write(builder)
+        damaged[whole.rindex(builder.end())] = 0x7F  # an opcode that readers pass over
+    (tmp_path / "run.mcap").write_bytes(damaged)
+    with pytest.raises(RecordingError, match="summary's checksum is wrong"):
+        read_recording(tmp_path / "run.mcap")
+
+
 def test_damage_in_the_middle_keeps_the_longest_unbroken_part(
     healthy: Recording, whole: bytes, tmp_path: Path
 ) -> None:
@@ -129,7 +150,21 @@ def test_damage_in_the_middle_keeps_the_longest_unbroken_part(
     assert (summary.samples_kept, summary.samples_dropped) == (800, 600)
     assert (summary.first_time_s, summary.last_time_s) == (1.2, 1.999)
     assert summary.lost[0].startswith("a chunk of log time 0.6 s to 1.199 s")
-    assert summary.lost[1] == "600 readable samples on the other side of the damage"
+    assert summary.lost[1] == "600 readable samples on the other side of a gap"
+
+
+def test_a_chunk_whose_record_is_gone_leaves_no_hidden_gap(whole: bytes, tmp_path: Path) -> None:
+    chunk = 0x06
+    damaged = bytearray(whole)
+    with BytesIO(whole) as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    start = summary.chunk_indexes[1].chunk_start_offset
+    assert damaged[start] == chunk
+    damaged[start] = 0x7F  # an opcode that readers pass over
+    (tmp_path / "run.mcap").write_bytes(damaged)
+    recovered = recover(tmp_path / "run.mcap", tmp_path / "saved.mcap")
+    assert (recovered.samples_kept, recovered.first_time_s) == (800, 1.2)
 
 
 def test_a_sound_file_is_recovered_whole(healthy: Recording, whole: bytes, tmp_path: Path) -> None:
@@ -201,8 +236,6 @@ def test_a_recording_rewritten_by_an_mcap_tool_keeps_its_data(
     chunked: bool,
     compression: CompressionType,
 ) -> None:
-    from mcap.reader import make_reader
-
     (tmp_path / "run.mcap").write_bytes(whole)
     with (tmp_path / "run.mcap").open("rb") as source, (tmp_path / "copy.mcap").open("wb") as file:
         reader = make_reader(source)

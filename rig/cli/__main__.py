@@ -1,0 +1,5 @@
+"""Lets `python -m rig.cli` do what `rig` does."""
+
+from .application import main
+
+main()

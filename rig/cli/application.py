@@ -1,0 +1,125 @@
+"""The `rig` command: finds the subcommand, and turns whatever goes wrong into a message and a code."""
+
+import os
+import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib import import_module
+from typing import Any, Final, NoReturn
+
+import click
+
+import rig
+
+EXIT_CRASHED: Final = 1
+EXIT_BAD_INPUT: Final = 2
+EXIT_STOPPED: Final = 3
+
+COMMANDS: Final = {
+    "run": "Run a fault-injection campaign and write its report.",
+    "check": "Validate configurations; dry-run campaigns.",
+    "replay": "Run filter and detector over recordings.",
+    "export": "Write a recording to another format.",
+    "recover": "Save what is left of a cut or damaged recording.",
+    "init": "Copy the shipped rigs, models and campaigns to edit.",
+}
+"""Subcommands, each `command` of the module of its name, with what it does."""
+
+
+class LazyGroup(click.Group):
+    """Imports a subcommand when it is called, and none of them to list them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the subcommands."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a subcommand; None if there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"{__package__}.{cmd_name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of subcommands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(rig.__version__, prog_name="rig")
+def application() -> None:
+    """Drive a servo-hydraulic actuator test rig: inject faults, find them, report them."""
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and exit.
+
+    0: all as expected. 1: a test failed, or this program did. 2: bad input, every problem of which is
+    on stderr. 3: stopped before the end.
+    """
+    # What a terminal's encoding cannot show is no reason to fail.
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="replace")
+    warnings.showwarning = _show_warning
+    sys.exit(_run(arguments))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    try:
+        code = application.main(arguments, prog_name="rig", standalone_mode=False)
+        sys.stdout.flush()
+        return code if isinstance(code, int) else 0
+    except click.Abort:
+        click.echo("stopped", err=True)
+        return EXIT_STOPPED
+    except click.ClickException as error:
+        error.show()
+        return EXIT_BAD_INPUT
+    except BrokenPipeError:
+        discard_output()
+        return EXIT_STOPPED
+    except Exception as error:
+        if is_bad_input(error):
+            click.echo(str(error), err=True)
+            return EXIT_BAD_INPUT
+        click.echo(f"rig: {one_line(error)}; traceback in {_keep_traceback()}", err=True)
+        return EXIT_CRASHED
+
+
+def discard_output() -> None:
+    """Send standard output nowhere: whoever read it has gone, and its rest is flushed at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def is_bad_input(error: BaseException) -> bool:
+    """Tell an error that lists what is wrong with the input from one of this program.
+
+    ConfigError, RecordingError, RequestError and DirectoryError do; to import them all here would cost
+    every `rig --help` half a second.
+    """
+    return isinstance(error, ValueError) and bool(getattr(error, "problems", None))
+
+
+def one_line(error: BaseException) -> str:
+    """Return an exception on one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _keep_traceback() -> str:
+    """Write the traceback of the exception being handled to a new temporary file; return its path."""
+    name = f"rig-error-{datetime.now(UTC):%Y%m%dT%H%M%SZ}-"
+    with tempfile.NamedTemporaryFile(
+        "w", prefix=name, suffix=".log", delete=False, encoding="utf-8"
+    ) as log:
+        log.write(traceback.format_exc())
+    return log.name
+
+
+def _show_warning(message: Warning | str, *_: Any) -> None:
+    click.echo(f"warning: {message}", err=True)

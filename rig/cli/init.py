@@ -1,0 +1,19 @@
+"""`rig init`: gives a user copies of the shipped configurations to edit."""
+
+from pathlib import Path
+
+import click
+
+from rig.configuration.lookup import copy_shipped
+
+
+@click.command()
+@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+def command(directory: Path) -> int:
+    """Copy the shipped rigs, models and campaigns to DIR, a new or empty folder.
+
+    Within DIR, names mean the copies: `rig run quickstart` runs campaigns/quickstart.yaml.
+    """
+    for file in copy_shipped(directory):
+        click.echo(str(file))
+    return 0

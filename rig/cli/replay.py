@@ -1,0 +1,109 @@
+"""`rig replay`: runs filter and detector over recordings, as they would have run in the loop."""
+
+import json
+from math import isfinite
+from typing import Any
+
+import click
+
+from estimator.filters import DEFAULT_FILTER, filter_named
+from estimator.replay import replay
+from rig.configuration.model import load_model
+from rig.plant import Model
+from rig.recording import Recording, read_recording
+from rig.runner.recorded import detector_of, sensors_of
+from rig.runner.results import leak_figures
+
+from .problems import Problems
+from .replay_table import Replayed, replay_table
+from .screen import Screen
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
+@click.option(
+    "--filter",
+    "filter_name",
+    default=DEFAULT_FILTER,
+    metavar="NAME",
+    show_default=True,
+    help="product, thesis-6 or thesis-7.",
+)
+@click.option(
+    "--false-alarms-per-day",
+    type=click.FloatRange(1e-3, 1e3),
+    default=1.0,
+    show_default=True,
+    help="What the verdicts of a healthy rig may cost.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One object a line instead of a table.")
+def command(
+    recordings: tuple[str, ...],
+    model: str,
+    filter_name: str,
+    false_alarms_per_day: float,
+    as_json: bool,
+) -> int:
+    """Run filter and detector over recordings (.mcap, .csv, .csv.gz, .parquet).
+
+    The model is a shipped name or a file. Exit code 0 whatever the verdicts; 2 if any input is bad: then
+    every problem of every file is on stderr, and nothing on stdout.
+    """
+    problems = Problems()
+    with problems.collected():
+        assumed = load_model(model)
+    try:
+        filter_named(filter_name)
+    except ValueError as error:
+        problems.add(f"--filter: {error}")
+    replayed = []
+    for recording in recordings:
+        with problems.collected():
+            content = read_recording(recording)
+            # Bad input will be all that is told: the good recordings are read for their own problems.
+            if not problems.found:
+                replayed.append(_replay(recording, content, assumed, filter_name, false_alarms_per_day))
+    if problems.found:
+        return problems.report()
+    if as_json:
+        for each in replayed:
+            click.echo(json.dumps(json_object(each), allow_nan=False))
+    else:
+        screen = Screen()
+        screen.print(replay_table(replayed, plain=not screen.is_terminal))
+    return 0
+
+
+def _replay(
+    name: str, recording: Recording, model: Model, filter_name: str, false_alarms_per_day: float
+) -> Replayed:
+    result = replay(
+        recording,
+        model,
+        filter_name=filter_name,
+        false_alarms_per_day=false_alarms_per_day,
+        detector=detector_of(recording, model, filter_name, false_alarms_per_day),
+        sensors=sensors_of(recording),
+    )
+    return Replayed(name, filter_name, result.decision, result.detected_at_s)
+
+
+def json_object(replayed: Replayed) -> dict[str, Any]:
+    """Return a line of `--json`; other programs rely on its keys."""
+    decision = replayed.decision
+    figures = {
+        "recording": replayed.recording,
+        "verdict": str(decision.verdict),
+        "onset_s": decision.onset_s,
+        "detected_at_s": replayed.detected_at_s,
+        **leak_figures(decision),
+        "statistic": decision.statistic,
+        "threshold": decision.threshold,
+        "filter": replayed.filter,
+    }
+    # JSON has no infinity and no NaN.
+    return {
+        key: None if isinstance(value, float) and not isfinite(value) else value
+        for key, value in figures.items()
+    }

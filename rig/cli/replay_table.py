@@ -1,0 +1,75 @@
+"""The table of `rig replay`: what was found in each recording, and what would help where nothing could be."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from estimator.detection import LEAKS, Decision
+from faults.leakage import to_litres_per_minute
+from faults.verdict import Verdict
+
+from .verdicts import leak
+
+_COLUMNS: Final = ("recording", "verdict", "onset", "detected", "leak flow", "statistic/threshold")
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What filter and detector made of one recording; `recording` is the argument as given."""
+
+    recording: str
+    filter: str
+    decision: Decision
+    detected_at_s: float | None
+
+
+def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
+    """Return a table of recordings and verdicts; `plain` draws it with ASCII."""
+    table = Table(box=box.ASCII2 if plain else box.ROUNDED)
+    for heading in _COLUMNS:
+        right = heading not in ("recording", "verdict")
+        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+    for each in replayed:
+        decision = each.decision
+        verdict = Text(decision.verdict, _style(decision.verdict))
+        if decision.verdict == Verdict.INCONCLUSIVE:
+            verdict.append(f": {advice(decision)}", "default")
+        table.add_row(
+            Text(each.recording),
+            verdict,
+            _seconds(decision.onset_s),
+            _seconds(each.detected_at_s),
+            leak(decision),
+            f"{decision.statistic:.1f}/{decision.threshold:.1f}",
+        )
+    return table
+
+
+def advice(decision: Decision) -> str:
+    """Return what would let a leak be seen where the recording could not show one."""
+    details = decision.details
+    travel, needed = details.get("travel_m"), details.get("travel_needed_m")
+    if travel is not None and needed is not None and travel < needed:
+        return f"move the ram by more than {needed * 1e3:.0f} mm; it moved {travel * 1e3:.1f} mm"
+    unseen = {name: details.get(f"smallest_{name}_m3_per_s") for name in LEAKS}
+    flows = {name: flow for name, flow in unseen.items() if flow is not None}
+    if not flows:
+        return "record for longer"
+    worst = max(flows, key=lambda name: flows[name])
+    flow = to_litres_per_minute(flows[worst])
+    return (
+        f"{worst} up to {flow:.2g} L/min would not have shown; record for longer, with larger motion "
+        "both ways"
+    )
+
+
+def _style(verdict: str) -> str:
+    return {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}.get(verdict, "red")
+
+
+def _seconds(time_s: float | None) -> str:
+    return "" if time_s is None else f"{time_s:.2f} s"

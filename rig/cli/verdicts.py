@@ -1,0 +1,82 @@
+"""The verdict table of a campaign, injected against found, and its summary in lines."""
+
+from collections.abc import Iterator
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from estimator.detection import Decision
+from faults.leakage import to_litres_per_minute
+from rig.runner import CampaignOutcome, InjectedFault, Status, TestOutcome
+
+from .progress import STYLES
+
+_TWO_SIDED_95 = 1.96
+
+
+def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
+    """Return the table of a campaign's verdicts; `plain` draws it with ASCII."""
+    table = Table(box=box.ASCII2 if plain else box.ROUNDED)
+    for heading in ("test", "injected", "found", "onset", "latency", "result"):
+        right = heading in ("onset", "latency")
+        table.add_column(heading, justify="right" if right else "left")
+    for test in outcome.tests:
+        table.add_row(
+            Text(test.name),
+            Text("\n".join(injected(fault) for fault in test.injected) or "-"),
+            Text(found(test.decision)),
+            Text(_onset(test)),
+            Text("" if test.latency_s is None else f"{test.latency_s:.1f} s"),
+            Text(_result(test), STYLES[test.status]),
+        )
+    return table
+
+
+def injected(fault: InjectedFault) -> str:
+    """Return what was injected: kind, mean flow, or coefficient where no flow is recorded, and when."""
+    flow = fault.mean_flow_m3_per_s
+    size = f"{fault.coefficient:.3g} (SI)" if flow is None else f"{to_litres_per_minute(flow):.3f} L/min"
+    return f"{fault.kind} {size} at {fault.at_s:g} s"
+
+
+def found(decision: Decision | None) -> str:
+    """Return what was found: verdict and mean flow with its 95 % interval."""
+    if decision is None:
+        return "-"
+    return f"{decision.verdict} {leak(decision)}".strip()
+
+
+def leak(decision: Decision) -> str:
+    """Return a decision's mean leak flow with its 95 % interval, empty where there is none."""
+    if decision.leak_m3_per_s is None:
+        return ""
+    flow = f"{to_litres_per_minute(decision.leak_m3_per_s):.3f}"
+    if decision.leak_std_m3_per_s is None:
+        return f"{flow} L/min"
+    return f"{flow} ± {_TWO_SIDED_95 * to_litres_per_minute(decision.leak_std_m3_per_s):.3f} L/min"
+
+
+def summary(outcome: CampaignOutcome, wall_s: float) -> Iterator[str]:
+    """Yield what there is to say below the table: what crashed, counts, and speed."""
+    for test in outcome.tests:
+        if test.status == Status.ERROR:
+            yield f"{test.name}: {test.message}"
+    counts = ", ".join(f"{count} {status.value}" for status, count in outcome.counts.items())
+    yield f"{len(outcome.tests)} tests: {counts}".replace("_", " ")
+    recorded_s = sum(test.recorded_s for test in outcome.tests)
+    yield (
+        f"{recorded_s:.0f} s of rig time in {wall_s:.1f} s: {recorded_s / wall_s:.0f} rig-seconds per second"
+    )
+
+
+def _onset(test: TestOutcome) -> str:
+    if test.decision is None or test.decision.onset_s is None:
+        return ""
+    return f"{test.decision.onset_s:.2f} s"
+
+
+def _result(test: TestOutcome) -> str:
+    if test.status == Status.FAILED:
+        return f"failed, expected {test.expect}"
+    return test.status.value.replace("_", " ")

@@ -1,0 +1,56 @@
+"""Where compiled code is kept between runs: one folder for each state of the sources.
+
+numba notices a change of the function's own file only, not of the physics that it calls, and would
+go on running what was compiled from older equations. A cache keyed by all compiled sources cannot be
+stale.
+"""
+
+import os
+import shutil
+import sys
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+_COMPILED: Final = ("rig/plant", "rig/io", "rig/loop", "control", "estimator")
+_KEPT: Final = 4
+"""Folders of earlier source states that stay; older ones go when a new one is made."""
+
+
+def source_key(root: Path) -> str:
+    """Return a digest of every source file that may hold compiled code, below the folder `root`."""
+    digest = sha256(sys.version.encode())
+    for package in _COMPILED:
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(str(path.relative_to(root)).encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def use_compile_cache() -> None:
+    """Point numba at this source state's folder, unless NUMBA_CACHE_DIR is set by the user.
+
+    The folder is in the user's cache directory (XDG_CACHE_HOME); if that can't be written, numba
+    falls back to its own choice.
+    """
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hydraulic-rig"
+    folder = home / source_key(Path(__file__).parents[1])
+    try:
+        if not folder.is_dir():
+            folder.mkdir(parents=True)
+            _drop_old(home)
+    except OSError:
+        return
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    if "numba" in sys.modules:
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
+
+
+def _drop_old(home: Path) -> None:
+    folders = sorted(home.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+    for folder in folders[_KEPT:]:
+        with suppress(OSError):
+            shutil.rmtree(folder)

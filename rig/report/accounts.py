@@ -1,0 +1,125 @@
+"""Runs the oil account and its test over a recording again, for the report's pictures.
+
+The verdict is the one that was held when the test ran; this shows what it was held by.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.flow_account import NUISANCE_COUNT, AccountBlock, FlowAccount
+from estimator.leak_test import NOISE, Finding, LeakTest
+from rig.plant import Parameters
+from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.recording.recording import Recording
+
+Array = NDArray[np.float64]
+
+_ESTIMATES: Final = (
+    "est_spool_m",
+    "est_null_bias_m",
+    "est_pressure_1_Pa",
+    "est_pressure_2_Pa",
+    "est_position_m",
+)
+_MEASURED: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
+_NOISE: Final = NOISE * LITRE_PER_MINUTE
+
+
+class _LikeliestFault(LeakTest):
+    """Names the fault that is most likely, however unlikely it is."""
+
+    def threshold(self, freedom: float) -> float:
+        """Return 0: any sign of a fault will do."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class AccountHistory:
+    """The oil accounts of a recording and what their test made of them, block by block.
+
+    Attributes:
+        end_s: float64 (n,), end of each complete block.
+        missing: float64 (n, 2), missing flow of each chamber less the fitted model errors, m^3/s.
+        explained: float64 (n, 2), what the faults found at the end explain of it, m^3/s.
+        statistic: float64 (n,), of the fault that is likeliest at that time; 0 if there is none.
+        threshold: float64 (n,), what a healthy rig exceeds at the stated rate.
+        smallest: float64 (5,), smallest coefficients, SI, of `estimator.flow_account.FAULTS` that
+            would have been found, as of the last block before anything was; None without such a block.
+    """
+
+    end_s: Array
+    missing: Array
+    explained: Array
+    statistic: Array
+    threshold: Array
+    smallest: Array | None
+
+
+def account_history(
+    recording: Recording, parameters: Parameters, false_alarms_per_day: float
+) -> AccountHistory | None:
+    """Return the accounts of a recording; None unless it holds the product filter's estimates."""
+    if not all(name in recording for name in (*_ESTIMATES, *_MEASURED)):
+        return None
+    blocks = _complete_blocks(recording, parameters)
+    if not blocks:
+        return None
+    test, likeliest = LeakTest(false_alarms_per_day), _LikeliestFault(false_alarms_per_day)
+    findings: list[Finding] = []
+    statistics, thresholds = [], []
+    smallest = None
+    for block in blocks:
+        test.add(block)
+        likeliest.add(block)
+        findings = test.search()
+        likely = findings or likeliest.search()
+        statistics.append(likely[0].statistic if likely else 0.0)
+        thresholds.append(test.threshold(10.0 + 2.0 * test.blocks))
+        if not findings and test.blocks > 1:
+            smallest = test.smallest()
+    explained = _explained(blocks, findings)
+    return AccountHistory(
+        np.array([block.end_s for block in blocks]),
+        _without_model_errors(blocks, explained),
+        explained,
+        np.array(statistics),
+        np.array(thresholds),
+        smallest,
+    )
+
+
+def _complete_blocks(recording: Recording, parameters: Parameters) -> list[AccountBlock]:
+    estimates = [recording[name] for name in _ESTIMATES]
+    measured = np.array([recording[name] for name in _MEASURED])
+    fresh = np.isfinite(measured).all(axis=0).astype(np.float64)
+    blocks = FlowAccount(parameters).add(recording.time_s, *estimates, fresh)
+    return [block for block in blocks if block.complete and np.isfinite(block.missing).all()]
+
+
+def _explained(blocks: list[AccountBlock], findings: list[Finding]) -> Array:
+    explained = np.zeros((len(blocks), 2))
+    for finding in findings:
+        signatures = np.array([block.faults[:, finding.fault] for block in blocks])
+        present = np.zeros(len(blocks))
+        present[finding.onset :] = 1.0
+        if finding.onset:
+            present[finding.onset - 1] = finding.onset_fraction
+        explained += finding.coefficient * present[:, None] * signatures
+    return explained
+
+
+def _without_model_errors(blocks: list[AccountBlock], explained: Array) -> Array:
+    """Return the missing flow less what the known weaknesses of the model explain best.
+
+    They are fitted beside the faults found, with the priors of `estimator.flow_account.NUISANCES`
+    (ridge regression).
+    """
+    missing = np.array([block.missing for block in blocks])
+    nuisances = np.array([block.nuisances for block in blocks])
+    scaled = nuisances.reshape(-1, NUISANCE_COUNT) / _NOISE
+    left = ((missing - explained) / _NOISE).ravel()
+    sizes = np.linalg.solve(scaled.T @ scaled + np.eye(NUISANCE_COUNT), scaled.T @ left)
+    return np.asarray(missing - nuisances @ sizes)

@@ -1,0 +1,86 @@
+"""Writes a campaign's report: one HTML file that needs nothing else, not even a network."""
+
+import shlex
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from estimator.flow_account import BLOCK_S
+from rig.recording.targets import replacing
+from rig.runner.directory import REPORT
+from rig.runner.outcome import CampaignOutcome, Status
+
+from .sections import sections_of
+from .summary import false_alarm_words, full_scale, rows_of, smallest_rows
+from .wording import STATUS_LABELS, detection_summary, headline, when
+
+_TEMPLATES: Final = "templates"
+
+
+def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
+    """Write `report.html` and return its path.
+
+    A recording that is missing or cannot be read leaves a note where its plots would be.
+
+    Args:
+        outcome: what came of the campaign, complete or not.
+        directory: the run's folder, with the recordings that the outcome names.
+
+    Raises:
+        OSError: the folder cannot be written to.
+    """
+    path = directory / REPORT
+    page = render(outcome, directory)
+    with replacing(path) as partial:
+        partial.write_text(page, encoding="utf-8")
+    return path
+
+
+def render(outcome: CampaignOutcome, directory: Path) -> str:
+    """Return the report of a campaign as HTML; see `write_report`."""
+    sections = sections_of(outcome, directory)
+    environment = Environment(
+        loader=PackageLoader("rig.report", _TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2").render(
+        outcome=outcome,
+        started=when(outcome.started),
+        headline=headline(outcome),
+        summary=detection_summary(outcome),
+        counts=[(status, *STATUS_LABELS[status], n) for status, n in outcome.counts.items()],
+        good=all(test.status is Status.PASSED for test in outcome.tests),
+        rows=rows_of(outcome, sections),
+        full_scale=full_scale(outcome),
+        sections=sections,
+        false_alarms=false_alarm_words(outcome),
+        smallest=smallest_rows(sections),
+        block_s=BLOCK_S,
+        command=_rerun(outcome),
+        style=_asset("report.css"),
+        script=_asset("report.js"),
+        # Last in the page, so that all text is there before it is parsed.
+        plotly=Markup(get_plotlyjs()),  # noqa: S704
+    )
+
+
+def _asset(name: str) -> Markup:
+    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))
+
+
+def _rerun(outcome: CampaignOutcome) -> str:
+    """Return the command that runs a campaign again: as recorded, else by its own file."""
+    told = outcome.provenance.get("command")
+    if isinstance(told, str):
+        return told
+    if isinstance(told, list | tuple):
+        return shlex.join(str(word) for word in told)
+    files_read = outcome.provenance.get("source_files") or {}
+    return shlex.join(["rig", "run", str(next(iter(files_read), outcome.name))])

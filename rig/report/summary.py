@@ -1,0 +1,139 @@
+"""The report's first page: the verdict table and how sure the verdicts are."""
+
+from dataclasses import dataclass
+from math import ceil, floor, isfinite, log10
+from typing import Final
+
+from estimator.detection import LEAKS
+from estimator.filters import DEFAULT_FILTER
+from estimator.pattern import LEARNING_S
+from faults.leakage import to_litres_per_minute
+from rig.runner.outcome import CampaignOutcome, TestOutcome
+
+from .sections import Section
+from .wording import acted, flow, found_flow, injected_size, label, latency, parts, seconds
+
+DAY_S: Final = 86400.0
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A flow as a place on the small chart of a row, in percent of its width; None if there is none."""
+
+    injected: float | None
+    found: float | None
+    lower: float | None
+    upper: float | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the verdict table, ready to print."""
+
+    section: Section
+    injected: tuple[tuple[str, str, str], ...]
+    found: str
+    flow: str
+    onset: str
+    latency: str
+    expected: str
+    as_expected: bool
+    chart: Scale
+
+
+def full_scale(outcome: CampaignOutcome) -> float:
+    """Return the flow in L/min at the end of the small charts: 1, 2 or 5 times a power of ten."""
+    flows = [fault.mean_flow_m3_per_s or 0.0 for test in outcome.tests for fault in test.injected]
+    for test in outcome.tests:
+        if test.decision is not None and test.decision.interval_m3_per_s is not None:
+            flows.append(test.decision.interval_m3_per_s[1])
+    largest = to_litres_per_minute(max(flows, default=0.0))
+    if not isfinite(largest) or largest <= 0.0:
+        return 1.0
+    decade = 10.0 ** floor(log10(largest))
+    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= largest)
+
+
+def rows_of(outcome: CampaignOutcome, sections: list[Section]) -> list[Row]:
+    """Return the verdict table, in the campaign's order."""
+    scale = full_scale(outcome)
+    return [_row(section, scale) for section in sections]
+
+
+def _row(section: Section, scale: float) -> Row:
+    test = section.test
+    decision = test.decision
+    found = "no verdict" if decision is None else label(decision.verdict)
+    if decision is not None and (names := parts(decision)):
+        found = " and ".join(names)
+    onset = "" if decision is None or decision.onset_s is None else seconds(decision.onset_s)
+    return Row(
+        section,
+        tuple((label(fault.kind), injected_size(fault), acted(fault)) for fault in test.injected),
+        found,
+        "" if decision is None else found_flow(decision),
+        onset,
+        latency(test),
+        label(test.expect),
+        decision is not None and decision.verdict == test.expect,
+        _chart(test, scale),
+    )
+
+
+def _chart(test: TestOutcome, scale: float) -> Scale:
+    def place(m3_per_s: float | None) -> float | None:
+        if m3_per_s is None or not isfinite(m3_per_s):
+            return None
+        return min(max(100.0 * to_litres_per_minute(m3_per_s) / scale, 0.0), 100.0)
+
+    decision = test.decision
+    interval = None if decision is None else decision.interval_m3_per_s
+    lower, upper = interval or (None, None)
+    truth = test.truth or next(iter(test.injected), None)
+    return Scale(
+        place(None if truth is None else truth.mean_flow_m3_per_s),
+        place(None if decision is None else decision.leak_m3_per_s),
+        place(lower),
+        place(upper),
+    )
+
+
+def false_alarm_words(outcome: CampaignOutcome) -> str:
+    """Return what the stated false-alarm rate means for this campaign."""
+    rate = outcome.false_alarms_per_day
+    judged = sum(
+        test.recorded_s or test.duration_s for test in outcome.tests if test.decision is not None
+    )
+    chance = rate * judged / DAY_S
+    often = "once" if rate == 1.0 else f"{rate:g} times"
+    text = f"The thresholds are set so that a healthy rig is called faulty at most {often} in a day"
+    text += " of continuous running."
+    if 0.0 < chance < 0.5:
+        text += (
+            f" The detector judged {judged:.0f} s here, so the chance that any verdict below is a "
+            f"false alarm is at most 1 in {floor(1.0 / chance):,}."
+        )
+    if outcome.filter == DEFAULT_FILTER:
+        text += " It is an upper bound: the rate is shared out over every fault and onset looked for."
+    else:
+        text += (
+            " The thresholds are learnt from healthy running: from a healthy test with the same "
+            f"setpoint and load, else from the first {LEARNING_S:g} s of each test."
+        )
+    return text
+
+
+def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str]]]:
+    """Return (test, flow in L/min by leak) of what each motion would have shown."""
+    told = []
+    for section in sections:
+        if section.smallest is not None:
+            flows = [section.smallest[leak] for leak in LEAKS]
+            shown = [flow(_rounded_up(value)) if isfinite(value) else "none" for value in flows]
+            told.append((section.test.name, shown))
+    return told
+
+
+def _rounded_up(m3_per_s: float) -> float:
+    """Return a flow rounded up to 0.001 L/min, so that the claim is never better than the test."""
+    return ceil(m3_per_s * 6e7) / 6e7

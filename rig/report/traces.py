@@ -1,0 +1,126 @@
+"""Thins signals for the screen and packs them the way plotly.js reads them.
+
+A colour is a role (`chamber_1`, `found`, ...) that the page's style sheet gives a colour for light
+and for dark screens.
+"""
+
+import base64
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+POINTS: Final = 1600
+"""Points of a thinned signal: two a bucket, and some 800 pixels to show them on."""
+
+# A diverged filter reaches beyond a 32-bit float.
+_LARGEST: Final = 1e30
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A curve, dots or a band over time.
+
+    Attributes:
+        name: as the key of the plot tells it.
+        role: names the colour.
+        shape: how it is drawn.
+        time_s, values: float64 (n,), in screen units, NaN for a gap; of a band, its outline.
+        width, dash, opacity: of a curve.
+    """
+
+    name: str
+    role: str
+    shape: Literal["line", "dots", "band"]
+    time_s: Array
+    values: Array
+    width: float = 1.3
+    dash: Literal["solid", "dash"] = "solid"
+    opacity: float = 1.0
+
+    @property
+    def plotly(self) -> dict[str, Any]:
+        """The trace as plotly.js takes it, but for its colour."""
+        common = {
+            "type": "scatter",
+            "name": self.name,
+            "meta": {"role": self.role},
+            "x": packed(self.time_s),
+            "y": packed(self.values),
+        }
+        if self.shape == "dots":
+            return common | {"mode": "markers", "marker": {"size": 5}}
+        if self.shape == "band":
+            filled = {"fill": "toself", "hoverinfo": "skip"}
+            return common | filled | {"mode": "lines", "line": {"width": 0}}
+        drawn = {"width": self.width, "dash": self.dash}
+        return common | {"mode": "lines", "line": drawn, "opacity": self.opacity}
+
+
+def envelope(time_s: Array, values: Array, points: int = POINTS) -> tuple[Array, Array]:
+    """Return at most `points` samples of a signal that keep every spike: float64 (m,), (m,).
+
+    Of each bucket of equally many samples the least and the greatest stay, at their own times; NaN
+    stays only where a whole bucket is NaN. A signal of at most `points` samples is returned as is.
+
+    Args:
+        time_s: float64 (n,).
+        values: float64 (n,), NaN where missing.
+        points: an even number.
+    """
+    if values.size <= points:
+        return time_s, values
+    buckets = points // 2
+    width = -(-values.size // buckets)
+    buckets = -(-values.size // width)
+    padded = np.full(buckets * width, np.nan)
+    padded[: values.size] = values
+    table = padded.reshape(buckets, width)
+    missing = np.isnan(table)
+    lowest = np.where(missing, np.inf, table).argmin(axis=1)
+    highest = np.where(missing, -np.inf, table).argmax(axis=1)
+    order = np.sort(np.column_stack([lowest, highest]), axis=1)
+    chosen = (np.arange(buckets)[:, None] * width + order).ravel()
+    # The padding of the last bucket is never chosen over a sample; of an empty one, the first is.
+    chosen = np.minimum(chosen, values.size - 1)
+    return time_s[chosen], values[chosen]
+
+
+def packed(values: Array) -> dict[str, str]:
+    """Return an array as plotly.js's typed array: 32-bit floats (7 digits) in base64; NaN is a gap."""
+    finite = np.where(np.isfinite(values), values, np.nan)
+    narrow = np.clip(finite, -_LARGEST, _LARGEST).astype("<f4")
+    return {"dtype": "f4", "bdata": base64.b64encode(narrow.tobytes()).decode("ascii")}
+
+
+def line(
+    name: str,
+    role: str,
+    time_s: Array,
+    values: Array,
+    *,
+    width: float = 1.3,
+    dash: Literal["solid", "dash"] = "solid",
+    opacity: float = 1.0,
+    points: int = POINTS,
+) -> Trace:
+    """Return a signal as a curve, thinned by `envelope`."""
+    thin_time, thin_values = envelope(time_s, values, points)
+    return Trace(name, role, "line", thin_time, thin_values, width, dash, opacity)
+
+
+def steps(name: str, role: str, end_s: Array, values: Array, length_s: float) -> Trace:
+    """Return values that each hold for `length_s` up to their `end_s` as a staircase."""
+    time_s = np.column_stack([end_s - length_s, end_s]).ravel()
+    return line(name, role, time_s, np.repeat(values, 2), width=2.2)
+
+
+def band(
+    name: str, role: str, start_s: float, end_s: float, lower: float, upper: float
+) -> Trace:
+    """Return an interval that holds from `start_s` to `end_s`."""
+    time_s = np.array([start_s, end_s, end_s, start_s, start_s])
+    return Trace(name, role, "band", time_s, np.array([lower, lower, upper, upper, lower]))

@@ -1,0 +1,199 @@
+"""Says figures and verdicts in words: units of the screen (L/min, MPa, mm, V), never bare numbers."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Final
+
+from estimator.detection import Decision
+from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.runner.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
+
+_LABELS: Final = {
+    "healthy": "healthy",
+    "external_leakage_1": "external leak 1",
+    "external_leakage_2": "external leak 2",
+    "internal_leakage": "internal leak",
+    "supply_leakage": "supply-line leak",
+    "return_blockage": "return-line blockage",
+    "multiple": "several faults at once",
+    "unknown_fault": "unknown fault",
+    "inconclusive": "inconclusive",
+}
+_OPENED: Final = {
+    "external_leakage_1": "a leak from chamber 1 to the return line was opened",
+    "external_leakage_2": "a leak from chamber 2 to the return line was opened",
+    "internal_leakage": "a leak past the piston, from chamber to chamber, was opened",
+    "supply_leakage": "the supply line was made to leak to the return line",
+    "return_blockage": "the return line was throttled",
+}
+STATUS_LABELS: Final = {
+    Status.PASSED: ("✓", "passed"),
+    Status.FAILED: ("✗", "failed"),
+    Status.ERROR: ("!", "error"),
+    Status.ABORTED: ("■", "aborted"),
+    Status.NOT_RUN: ("–", "not run"),
+}
+"""Symbol and word of how a test ended; neither needs the colour."""
+
+
+def label(verdict: str) -> str:
+    """Return a verdict or fault kind in words."""
+    return _LABELS.get(verdict, verdict.replace("_", " "))
+
+
+def flow(m3_per_s: float) -> str:
+    """Return a flow as a number of L/min, without its unit."""
+    litres = m3_per_s / LITRE_PER_MINUTE
+    return f"{litres:.3f}" if 0.0 < abs(litres) < 0.0995 else f"{litres:.2f}"
+
+
+def seconds(time_s: float) -> str:
+    """Return a time in s, to a hundredth."""
+    return f"{time_s:.2f} s"
+
+
+def found_flow(decision: Decision) -> str:
+    """Return the flow found with its 95 % interval; empty where the detector gives none."""
+    interval = decision.interval_m3_per_s
+    if decision.leak_m3_per_s is None:
+        return ""
+    if interval is None:
+        return f"{flow(decision.leak_m3_per_s)} L/min"
+    lower, upper = (flow(bound) for bound in interval)
+    return f"{flow(decision.leak_m3_per_s)} ({lower} to {upper}) L/min"
+
+
+def injected_size(fault: InjectedFault) -> str:
+    """Return how large an injected fault was: its recorded mean flow, else what was asked."""
+    if fault.mean_flow_m3_per_s is not None:
+        return f"{flow(fault.mean_flow_m3_per_s)} L/min"
+    if fault.kind == "return_blockage":
+        return f"{fault.coefficient:.3g} Pa/(m³/s)²"
+    return f"{fault.coefficient:.3g} m³/(s {'Pa' if fault.linear else '√Pa'})"
+
+
+def acted(fault: InjectedFault) -> str:
+    """Return when an injected fault acted."""
+    if fault.until_s is None:
+        return f"from {fault.at_s:.1f} s"
+    return f"{fault.at_s:.1f} s to {fault.until_s:.1f} s"
+
+
+def parts(decision: Decision) -> list[str]:
+    """Return the faults of which a verdict `multiple` consists; empty for any other."""
+    found = [key.removesuffix("_coefficient") for key in decision.details if key in _COEFFICIENTS]
+    return [label(name) for name in found]
+
+
+_COEFFICIENTS: Final = {f"{name}_coefficient" for name in _OPENED}
+
+
+def when(started: str) -> str:
+    """Return an ISO 8601 time for people, in UTC if it states its zone; anything else as given."""
+    try:
+        moment = datetime.fromisoformat(started)
+    except ValueError:
+        return started
+    if moment.tzinfo is None:
+        return f"{moment.day} {moment:%B %Y, %H:%M}"
+    moment = moment.astimezone(UTC)
+    return f"{moment.day} {moment:%B %Y, %H:%M} UTC"
+
+
+def latency(test: TestOutcome) -> str:
+    """Return how long after the first injection the fault was found; empty where that is nothing."""
+    if test.latency_s is None:
+        return ""
+    return seconds(test.latency_s) if test.latency_s >= 0.0 else "before the injection"
+
+
+def story(test: TestOutcome) -> str:
+    """Return what happened in a test, in two or three sentences."""
+    sentences = [_injection(test.injected), _finding(test)]
+    if test.status is Status.FAILED:
+        sentences.append(f"Expected was: {label(test.expect)}.")
+    if 0.0 < test.recorded_s < test.duration_s - 0.01:
+        sentences.append(f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s.")
+    return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _injection(injected: Sequence[InjectedFault]) -> str:
+    if not injected:
+        return "No fault was injected."
+    told = []
+    for fault in injected:
+        what = _OPENED.get(fault.kind, f"{label(fault.kind)} was injected")
+        size = injected_size(fault)
+        size = f"{size} on average" if fault.mean_flow_m3_per_s is not None else size
+        until = "" if fault.until_s is None else f", until {fault.until_s:.1f} s"
+        told.append(f"At {fault.at_s:.1f} s {what} ({size}{until}).")
+    return " ".join(told)
+
+
+def _finding(test: TestOutcome) -> str:
+    decision = test.decision
+    if decision is None:
+        return "The detector came to no verdict."
+    if decision.verdict == "healthy":
+        return "The detector found nothing wrong."
+    if decision.verdict == "inconclusive":
+        return "The detector could not tell: this motion would not have shown a leak."
+    names = " and ".join(parts(decision)) or label(decision.verdict)
+    size = found_flow(decision)
+    sentence = f"The detector found: {names}" + (f", {size}" if size else "")
+    late = test.latency_s
+    if late is not None and late >= 0.0:
+        return f"{sentence}, {seconds(late)} after it began."
+    if test.detected_at_s is not None:
+        return f"{sentence}, {seconds(test.detected_at_s)} into the test."
+    return f"{sentence}."
+
+
+def headline(outcome: CampaignOutcome) -> str:
+    """Return a campaign's result in a sentence."""
+    tests, counts = len(outcome.tests), outcome.counts
+    passed = counts.get(Status.PASSED, 0)
+    if tests == 0:
+        return "The campaign has no tests."
+    if passed == tests:
+        return f"All {tests} tests came out as expected." if tests > 1 else "The test passed."
+    rest = [
+        f"{count} {STATUS_LABELS[status][1]}"
+        for status, count in counts.items()
+        if status is not Status.PASSED
+    ]
+    return f"{passed} of {tests} tests came out as expected; {', '.join(rest)}."
+
+
+def detection_summary(outcome: CampaignOutcome) -> str:
+    """Return how the faults were found and how late, how far off their flows are, and false alarms."""
+    judged = [test for test in outcome.tests if test.decision is not None]
+    faulty = [test for test in judged if test.injected]
+    healthy = [test for test in judged if not test.injected]
+    sentences = []
+    if faulty:
+        named = [test for test in faulty if test.decision and test.decision.verdict == test.expect]
+        sentences.append(_named(named, len(faulty)))
+        errors = [abs(e) for test in named if (e := test.leak_error_m3_per_s) is not None]
+        if errors:
+            largest = f"{max(errors) / LITRE_PER_MINUTE:.2g} L/min"
+            sentences.append(f"Mean leak flows found and recorded differ by {largest} at most.")
+    if healthy:
+        alarms = sum(test.detected_at_s is not None for test in healthy)
+        time = sum(test.recorded_s or test.duration_s for test in healthy)
+        raised = "No false alarm" if not alarms else f"False alarms in {alarms} of them"
+        count = "one healthy test" if len(healthy) == 1 else f"{len(healthy)} healthy tests"
+        sentences.append(f"{raised} in {count}, {time:.0f} s." if not alarms else
+                         f"Of {count}, {time:.0f} s, {alarms} had a false alarm.")  # fmt: skip
+    return " ".join(sentences)
+
+
+def _named(named: Sequence[TestOutcome], faulty: int) -> str:
+    late = sorted(test.latency_s for test in named if test.latency_s is not None)
+    first, last = (f"{late[0]:.1f}", f"{late[-1]:.1f}") if late else ("", "")
+    after = f", {first if first == last else f'{first} to {last}'} s after they began" if late else ""
+    if len(named) == faulty:
+        return f"All {faulty} faults were named right{after}." if faulty > 1 else (
+            f"The fault was named right{after.replace('they', 'it')}."
+        )  # fmt: skip
+    return f"{len(named)} of {faulty} faults were named right{after}."

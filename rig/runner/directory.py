@@ -1,0 +1,146 @@
+"""The folder of a run: new, empty, or that of an earlier run, which alone is replaced."""
+
+import json
+import re
+import traceback
+from collections.abc import Iterable
+from datetime import datetime
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Final
+
+RESULTS: Final = "results.json"
+JUNIT: Final = "junit.xml"
+REPORT: Final = "report.html"
+ERRORS: Final = "errors.log"
+SCHEMA: Final = "rig-results"
+"""What `results.json` says it is."""
+
+_OTHERS: Final = (JUNIT, REPORT, ERRORS, RESULTS)
+_LIBRARY: Final = b"rig.recording "
+"""In the header of every recording that `McapWriter` wrote."""
+_LONGEST_NAME: Final = 100
+
+
+class DirectoryError(ValueError):
+    """A folder that the results of a run cannot be written to.
+
+    Attributes:
+        problems: every reason, one line each.
+    """
+
+    def __init__(self, problems: Iterable[str]) -> None:
+        self.problems = list(problems)
+        super().__init__("\n".join(self.problems))
+
+
+def default_directory(name: str, started: datetime) -> Path:
+    """Return a folder below `runs` that does not exist: the campaign's name and the time (UTC)."""
+    stem = f"{file_stem(name)}-{started:%Y%m%dT%H%M%SZ}"
+    path = Path("runs") / stem
+    number = 2
+    while path.exists():
+        path = Path("runs") / f"{stem}-{number}"
+        number += 1
+    return path
+
+
+def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
+    """Make a run's folder, with nothing of an earlier run left in it.
+
+    Args:
+        path: the folder; its parents are made too.
+        recordings: file names that the run is going to write.
+
+    Raises:
+        DirectoryError: it is no folder, holds what no run has written, or cannot be written to.
+    """
+    try:
+        earlier = _files_of_earlier_run(path)
+        _refuse_others(path, earlier, recordings)
+        for file in earlier:
+            file.unlink()
+        path.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=path):
+            pass  # permissions alone do not tell whether a file can be made
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise DirectoryError([f"{path}: cannot be written: {reason}; choose another --out"]) from error
+
+
+def log_error(directory: Path, what: str) -> Path:
+    """Add the traceback of the exception being handled to a run's log; return the log's path."""
+    path = directory / ERRORS
+    with path.open("a", encoding="utf-8") as log:
+        log.write(f"{what}\n{traceback.format_exc()}\n")
+    return path
+
+
+def recording_names(tests: Iterable[str]) -> list[str]:
+    """Return a file name for each test, by the tests' names, each only once on any file system."""
+    names: list[str] = []
+    taken: set[str] = set()
+    for test in tests:
+        stem = file_stem(test)
+        unique, number = stem, 2
+        while unique.lower() in taken:
+            unique = f"{stem}-{number}"
+            number += 1
+        taken.add(unique.lower())
+        names.append(f"{unique}.mcap")
+    return names
+
+
+def file_stem(name: str) -> str:
+    """Return a name as the stem of a file: letters, digits, `.`, `_` and `-`, no hidden file."""
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:_LONGEST_NAME].strip("._-")
+    return stem or "test"
+
+
+def _refuse_others(path: Path, earlier: list[Path], recordings: Iterable[str]) -> None:
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise DirectoryError([f"{path}: is a file; give --out a folder"])
+    others = sorted(set(path.iterdir()) - set(earlier))
+    if others and not earlier:
+        raise DirectoryError(
+            [
+                f"{path}: holds {others[0].name}, and no results of an earlier run that could be "
+                "replaced; give --out a new or empty folder"
+            ]
+        )
+    names = {RESULTS, JUNIT, REPORT, ERRORS, *recordings}
+    in_the_way = [file for file in others if file.name in names]
+    if in_the_way:
+        raise DirectoryError(
+            [f"{file}: was not written by the earlier run; move it away" for file in in_the_way]
+        )
+
+
+def _files_of_earlier_run(path: Path) -> list[Path]:
+    """Return what an earlier run wrote to a folder, by its results.
+
+    Recordings alone are no run: a folder of them may be somebody's collection.
+    """
+    tests = _tests_of(path / RESULTS)
+    if tests is None:
+        return []
+    # Also of a run that was killed before it could list its last recording.
+    recordings = [path / name for name in recording_names(tests)]
+    found = [file for file in recordings if file.is_file() and _is_ours(file)]
+    return found + [path / name for name in _OTHERS if (path / name).is_file()]
+
+
+def _tests_of(results: Path) -> list[str] | None:
+    """Return the names of the tests in `results.json`; None if the file is missing or not ours."""
+    try:
+        content = json.loads(results.read_bytes())
+        return [str(test["name"]) for test in content["tests"]] if content["schema"] == SCHEMA else None
+    except (FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _is_ours(file: Path) -> bool:
+    with file.open("rb") as opened:
+        return _LIBRARY in opened.read(256)

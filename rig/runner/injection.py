@@ -1,0 +1,97 @@
+"""What was injected: the events of a test's faults, and the leak flows that they really gave."""
+
+from dataclasses import dataclass
+from math import inf
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.detection import SETTLED_AFTER_S
+from faults.schedule import Fault
+from faults.verdict import Verdict
+
+from .outcome import InjectedFault
+
+Array = NDArray[np.float64]
+
+LEAK_CHANNELS: Final = {
+    str(Verdict.EXTERNAL_LEAKAGE_1): "true_leak_1_m3_per_s",
+    str(Verdict.EXTERNAL_LEAKAGE_2): "true_leak_2_m3_per_s",
+    str(Verdict.INTERNAL_LEAKAGE): "true_leak_internal_m3_per_s",
+}
+# A sample at the very moment counts, whatever the rounding of its time.
+_INSTANT_S: Final = 1e-6
+
+
+@dataclass
+class _MeanFlow:
+    """Running mean of a channel's absolute value from a time on."""
+
+    column: int
+    from_s: float
+    total: float = 0.0
+    count: int = 0
+
+    def add(self, rows: Array) -> None:
+        flow = np.abs(rows[rows[:, 0] >= self.from_s - _INSTANT_S, self.column])
+        self.total += float(flow.sum())
+        self.count += flow.size
+
+    @property
+    def mean(self) -> float | None:
+        return self.total / self.count if self.count else None
+
+
+class Injection:
+    """The faults of one test as they come, with the leak flows recorded.
+
+    Args:
+        faults: in the order they begin.
+        channels: names of the rows' columns, the first `time_s`.
+    """
+
+    def __init__(self, faults: tuple[Fault, ...], channels: tuple[str, ...]) -> None:
+        self._faults = faults
+        self._flows = {
+            index: _MeanFlow(channels.index(LEAK_CHANNELS[fault.kind]), fault.at_s + SETTLED_AFTER_S)
+            for index, fault in enumerate(faults)
+            if fault.kind in LEAK_CHANNELS
+        }
+        self._time_s = -inf
+        self._coming = sorted(_events(faults), key=lambda event: event[0])
+
+    def take(self, rows: Array) -> list[tuple[float, str, str]]:
+        """Take the next rows; return what happened in them as (time in s, kind of event, text)."""
+        self._time_s = float(rows[-1, 0])
+        for flow in self._flows.values():
+            flow.add(rows)
+        happened = [e for e in self._coming if e[0] <= self._time_s + _INSTANT_S]
+        self._coming = self._coming[len(happened) :]
+        return happened
+
+    @property
+    def injected(self) -> tuple[InjectedFault, ...]:
+        """The faults that have begun so far."""
+        return tuple(
+            InjectedFault(
+                kind=str(fault.kind),
+                at_s=fault.at_s,
+                until_s=None if fault.until_s == inf else fault.until_s,
+                coefficient=fault.coefficient,
+                linear=fault.linear,
+                mean_flow_m3_per_s=self._flows[index].mean if index in self._flows else None,
+            )
+            for index, fault in enumerate(self._faults)
+            if fault.at_s <= self._time_s + _INSTANT_S
+        )
+
+
+def _events(faults: tuple[Fault, ...]) -> list[tuple[float, str, str]]:
+    begins = [
+        (fault.at_s, "fault_on", f"{fault.kind}: {fault.coefficient:.4g} (SI)") for fault in faults
+    ]
+    ends = [
+        (fault.until_s, "fault_off", str(fault.kind)) for fault in faults if fault.until_s != inf
+    ]
+    return begins + ends

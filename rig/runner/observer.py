@@ -1,0 +1,27 @@
+"""What a run tells whoever watches it."""
+
+from pathlib import Path
+
+from estimator.detection import Decision
+from faults.campaign import Campaign, CampaignTest
+
+from .outcome import TestOutcome
+
+
+class Observer:
+    """Is told how a run goes on; does nothing with it. Derive from it and override what you need.
+
+    Calls come from the run itself, which waits for them to return.
+    """
+
+    def campaign_begins(self, campaign: Campaign, directory: Path) -> None:
+        """Take note of a campaign that begins, and of the folder its results go to."""
+
+    def test_begins(self, number: int, test: CampaignTest) -> None:
+        """Take note of a test that begins, the `number`-th to run, from 1."""
+
+    def test_advances(self, time_s: float, decision: Decision | None) -> None:
+        """Take note of the time (s) a test has come to, and of what its detector holds by then."""
+
+    def test_ends(self, outcome: TestOutcome) -> None:
+        """Take note of a test that ended, in whatever way; one that was not run does not."""

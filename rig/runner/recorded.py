@@ -1,0 +1,105 @@
+"""The metadata of a test's recording: all that a replay, or a reader in ten years, needs to know.
+
+Values are plain and SI. What a replay takes from it stands at the end of this module: transducers and
+learnt thresholds, so that it comes to the decisions of the run.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from estimator.detection import Detector
+from estimator.filters import DEFAULT_FILTER
+from estimator.pattern import PatternBaseline, PatternDetector
+from faults.campaign import Campaign, CampaignTest
+from rig.configuration.campaign import plain
+from rig.configuration.rig import Rig
+from rig.plant import Model
+from rig.plant.sensors import DATA_SHEET, SensorParameters
+from rig.recording.recording import Recording
+from rig.recording.units import unit_of
+
+from .provenance import model_sha256
+from .thresholds import Learning
+
+METADATA_VERSION: Final = 1
+_BASELINE: Final = ("normal", "thresholds")
+
+
+def metadata_of(
+    campaign: Campaign,
+    rig: Rig,
+    test: CampaignTest,
+    learning: Learning,
+    channels: tuple[str, ...],
+    provenance: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return the metadata of the recording of one test.
+
+    Args:
+        campaign, rig, test: as configured; `rig` holds the truth of a simulated rig.
+        learning: what the detector was told of the healthy rig.
+        channels: names of the recording's channels.
+        provenance: `rig.runner.provenance.provenance` of the campaign.
+    """
+    return {
+        "metadata_version": METADATA_VERSION,
+        "campaign": {"name": campaign.name, "description": campaign.description},
+        "test": plain(test),
+        "faults": plain(test.faults),
+        "expect": str(test.expect),
+        "seed": test.seed,
+        "rig": plain(rig),
+        "sensors": plain(rig.sensors),
+        "model": plain(campaign.model),
+        "detector": {
+            "filter": campaign.filter_name,
+            "false_alarms_per_day": campaign.false_alarms_per_day,
+            "baseline_Pa": _plain_baseline(learning.baseline),
+            "baseline_from": learning.source,
+        },
+        "units": {channel: unit_of(channel) for channel in channels},
+        "provenance": plain(provenance),
+    }
+
+
+def sensors_of(recording: Recording) -> SensorParameters:
+    """Return the transducers that a recording tells of, else those of the thesis's rig."""
+    told = recording.metadata.get("sensors")
+    try:
+        return SensorParameters(**{name: float(value) for name, value in dict(told or {}).items()})
+    except (TypeError, ValueError):
+        return DATA_SHEET
+
+
+def detector_of(
+    recording: Recording, model: Model, filter_name: str, false_alarms_per_day: float
+) -> Detector | None:
+    """Return the thesis's detector with what a recording tells that it knew of the healthy rig.
+
+    None where the recording tells nothing, or what was learnt with another model, filter or
+    false-alarm rate; the detector then learns by itself.
+    """
+    metadata = recording.metadata
+    try:
+        told = metadata["detector"]
+        normal, thresholds = (np.array(told["baseline_Pa"][key], dtype=float) for key in _BASELINE)
+        fits = (
+            filter_name != DEFAULT_FILTER
+            and told["filter"] == filter_name
+            and told["false_alarms_per_day"] == false_alarms_per_day
+            and metadata["provenance"]["model_sha256"] == model_sha256(model)
+            and normal.shape == thresholds.shape == (2,)
+        )
+    except (KeyError, TypeError, ValueError):
+        return None
+    if not fits:
+        return None
+    return PatternDetector(false_alarms_per_day, PatternBaseline(normal, thresholds))
+
+
+def _plain_baseline(baseline: PatternBaseline | None) -> dict[str, list[float]] | None:
+    if baseline is None:
+        return None
+    return {key: [float(value) for value in getattr(baseline, key)] for key in _BASELINE}

@@ -1,0 +1,245 @@
+"""Runs one test of a campaign on the simulated rig: through the loop, to its recording and verdict."""
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.detection import Detector
+from estimator.filters import FilterMemory, start_memory
+from estimator.pattern import PatternDetector
+from estimator.replay import DetectorFactory, detector_for
+from faults.campaign import Campaign, CampaignTest
+from faults.schedule import FaultSchedule
+from rig.configuration.rig import Rig
+from rig.io.simulated import simulated_rig
+from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.plant import Model
+from rig.plant.integrator import TICK
+from rig.recording.mcap_writer import McapWriter
+
+from .directory import log_error
+from .injection import Injection
+from .judging import Judge
+from .observer import Observer
+from .outcome import Status, TestOutcome
+from .pacing import LIVE_TICKS, Pacer
+from .recorded import metadata_of
+from .stopping import StopFlag
+from .thresholds import HealthyInnovations, HealthyReferences
+
+
+@dataclass
+class Setting:
+    """What the tests of one campaign share while they run.
+
+    Attributes:
+        directory: where recordings and tracebacks go.
+        detector: makes the detector instead of the filter's own.
+    """
+
+    campaign: Campaign
+    rig: Rig
+    directory: Path
+    pacer: Pacer
+    observer: Observer
+    stop: StopFlag
+    references: HealthyReferences
+    provenance: Mapping[str, Any]
+    detector: DetectorFactory | None = None
+
+
+def truth_of(rig: Rig, test: CampaignTest) -> Model:
+    """Return the model that a simulated rig is during a test: its own, with the test's load."""
+    if test.load is None:
+        return rig.plant
+    stiffness, contact = test.load.stiffness, test.load.contact
+    return rig.plant.with_effect("spring_load", stiffness=stiffness, contact=contact)
+
+
+def motion_of(test: CampaignTest) -> Motion:
+    """Return what a test asks of the ram, tick by tick."""
+    ticks = round(test.duration_s / TICK)
+    return Motion(
+        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
+        open_loop=test.setpoint.quantity == "command",
+        faults=FaultSchedule(test.faults).table(ticks, TICK),
+        start_position=test.start_position_m,
+        settle_ticks=round(test.settle_s / TICK),
+    )
+
+
+def loop_of(rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedLoop:
+    """Return the loop of a test, before the ram is brought to its start."""
+    simulated = simulated_rig(
+        truth_of(rig, test),
+        test.seed,
+        sensors=rig.sensors,
+        spool_sensor=rig.has_spool_sensor,
+        supply_pressure_sensor=rig.has_supply_pressure_sensor,
+        load_cell=rig.has_load_cell,
+    )
+    return SimulatedLoop(
+        simulated,
+        motion_of(test),
+        memory,
+        assumed.parameters,
+        gain=rig.gain_V_per_m,
+        limit=rig.limits.command_V,
+    )
+
+
+def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcome:
+    """Run one test; whatever happens in it, the rig is left safe and the recording closed.
+
+    A crash is an outcome, not an exception, and so is a stop; only what is no `Exception` (SystemExit)
+    is raised on.
+
+    Args:
+        setting: the campaign.
+        test: the test.
+        recording: file name of its recording.
+    """
+    started = time.perf_counter()
+    running, status, message = None, Status.ERROR, ""
+    try:
+        running = _RunningTest(setting, test, recording)
+        status = running.run()
+    except KeyboardInterrupt:
+        setting.stop.request("KeyboardInterrupt")
+        status = Status.ABORTED
+    except Exception as error:
+        where = log_error(setting.directory, f"test {test.name}")
+        message = f"{type(error).__name__}: {error} (traceback in {where})"
+    if status == Status.ABORTED:
+        message = f"stopped by {setting.stop.reason}"
+    outcome = TestOutcome(
+        name=test.name,
+        expect=str(test.expect),
+        status=status,
+        seed=test.seed,
+        duration_s=test.duration_s,
+        message=message,
+        wall_s=time.perf_counter() - started,
+    )
+    return outcome if running is None else running.completed(outcome)
+
+
+@contextmanager
+def _left_safe(loop: SimulatedLoop) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        loop.safe_state()
+
+
+class _RunningTest:
+    """One test while it runs, and what is known of it so far."""
+
+    def __init__(self, setting: Setting, test: CampaignTest, recording: str) -> None:
+        campaign = setting.campaign
+        self._setting = setting
+        self._test = test
+        self._recording = recording
+        self._recorded = False
+        self._ticks = 0
+        self._verdict = ""
+        self._learning = setting.references.learning(test)
+        self._detector = HealthyInnovations(self._chosen_detector())
+        memory = start_memory(campaign.filter_name, campaign.model, setting.rig.sensors)
+        self._loop = loop_of(setting.rig, test, memory, campaign.model)
+        self._judge = Judge(self._detector, memory, self._loop.channels)
+        self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
+
+    def run(self) -> Status:
+        """Run to the end, or to a stop."""
+        setting, test = self._setting, self._test
+        with _left_safe(self._loop):
+            setting.pacer.start()
+            self._loop.position()
+            setting.pacer.wait_until(test.settle_s)
+            if setting.stop.requested:
+                return Status.ABORTED
+            # Left from right to left: the valve is at null before the recording is closed.
+            with self._writer() as writer, _left_safe(self._loop):
+                self._drive(writer)
+        if self._loop.ticks_left:
+            return Status.ABORTED
+        if setting.references.is_reference(test):
+            setting.references.add(test, self._detector.innovations)
+        decision = self._judge.decision
+        expected = decision is not None and decision.verdict == test.expect
+        return Status.PASSED if expected else Status.FAILED
+
+    def completed(self, outcome: TestOutcome) -> TestOutcome:
+        """Return an outcome with all that is known of the test."""
+        return replace(
+            outcome,
+            injected=self._injection.injected,
+            decision=self._judge.decision,
+            detected_at_s=self._judge.detected_at_s,
+            recording=self._recording if self._recorded else None,
+            recorded_s=self._ticks * TICK,
+            thresholds_from=self._learning.source,
+        )
+
+    def _chosen_detector(self) -> Detector:
+        campaign = self._setting.campaign
+        if self._setting.detector is not None:
+            return self._setting.detector(campaign.model)
+        if self._learning.baseline is not None:
+            return PatternDetector(campaign.false_alarms_per_day, self._learning.baseline)
+        return detector_for(campaign.filter_name, campaign.model, campaign.false_alarms_per_day)
+
+    def _writer(self) -> McapWriter:
+        setting, channels = self._setting, self._loop.channels
+        metadata = metadata_of(
+            setting.campaign, setting.rig, self._test, self._learning, channels, setting.provenance
+        )
+        path = setting.directory / self._recording
+        writer = McapWriter(path, channels, metadata, start_ns=time.time_ns())
+        self._recorded = True
+        return writer
+
+    def _drive(self, writer: McapWriter) -> None:
+        writer.event(0.0, "test_begin", self._test.name)
+        try:
+            while self._loop.ticks_left and not self._setting.stop.requested:
+                self._run_batch(writer)
+            self._judge.finish()
+            self._note_verdict(writer)
+        except Exception as error:
+            writer.event(self._last_s, "error", f"{type(error).__name__}: {error}")
+            raise
+        if self._loop.ticks_left:
+            writer.event(self._last_s, "abort", f"stopped by {self._setting.stop.reason}")
+        else:
+            writer.event(self._last_s, "test_end", self._verdict)
+
+    def _run_batch(self, writer: McapWriter) -> None:
+        pacer = self._setting.pacer
+        ticks = self._judge.ticks_due
+        rows = self._loop.advance(min(ticks, LIVE_TICKS) if pacer.live else ticks)
+        self._ticks += len(rows)
+        writer.write(rows)
+        for event in self._injection.take(rows):
+            writer.event(*event)
+        if self._judge.take(rows):
+            self._note_verdict(writer)
+        pacer.wait_until(self._test.settle_s + self._last_s)
+        self._setting.observer.test_advances(self._last_s, self._judge.decision)
+
+    def _note_verdict(self, writer: McapWriter) -> None:
+        decision = self._judge.decision
+        if decision is not None and decision.verdict != self._verdict:
+            self._verdict = decision.verdict
+            writer.event(self._last_s, "verdict", self._verdict)
+
+    @property
+    def _last_s(self) -> float:
+        """Time of the last sample, s."""
+        return max(self._ticks - 1, 0) * TICK

@@ -1,0 +1,50 @@
+"""The examples of the documentation run as they stand."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.io.simulated import simulated_rig
+from rig.plant import Model
+from rig.plant.simulation import simulate
+from rig.recording import Recording, export
+
+DOCS = Path(__file__).parents[1] / "docs"
+EXAMPLES = re.findall(r"## ([^\n]+)\n(?:(?!\n## ).)*?```python\n(.*?)```", (DOCS / "api.md").read_text(), re.S)
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def leaking(workplace: Path) -> None:
+    time = np.arange(30000) * 1e-3
+    command = 3.0 * np.sin(np.pi * time + 0.1)
+    faults = np.zeros((time.size, 8))
+    faults[12000:, 0] = 4e-9
+    truth = simulate(Model(), command, position=0.3, faults=faults)
+    noise = simulated_rig(Model(), 1).noise(time.size)
+    channels = {
+        "time_s": time,
+        "command_V": command,
+        "position_m": np.round(truth["position"] / 3e-5) * 3e-5,
+        "pressure_1_Pa": truth["pressure_1"] + 3e4 * noise[:, 1],
+        "pressure_2_Pa": truth["pressure_2"] + 3e4 * noise[:, 2],
+    }
+    export(Recording(channels), workplace / "leaking.csv.gz")
+
+
+@pytest.mark.usefixtures("leaking")
+@pytest.mark.parametrize(("title", "code"), EXAMPLES, ids=[title for title, _ in EXAMPLES])
+def test_the_example_runs(title: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    exec(compile(code, title, "exec"), {"__name__": "example"})
+    assert capsys.readouterr().out.strip()
+
+
+def test_every_section_of_the_api_page_has_an_example() -> None:
+    assert len(EXAMPLES) == (DOCS / "api.md").read_text().count("\n## ") == 4
