@@ -14,7 +14,6 @@ from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .filters import FilterRun
 from .flow_account import (
-    BLOCK_S,
     FAULTS,
     AccountBlock,
     FlowAccount,
@@ -28,6 +27,8 @@ Array = NDArray[np.float64]
 LEAKS: Final = FAULTS[:3]
 INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
+LEAST_ACCOUNTED: Final = 0.5
+"""With less of the later half accounted for (sensors missing, a chamber dry), nothing is claimed."""
 SETTLED_AFTER_S: Final = 2.0
 """A leak's flow is averaged from this long after its onset (the command-line contract)."""
 
@@ -104,6 +105,7 @@ class OilAccountDetector:
         self._supply: list[float] = []
         self._ranges: list[tuple[float, float]] = []
         self._supply_sum = np.zeros(2)
+        self._first_s = self._last_s = 0.0
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
@@ -113,6 +115,9 @@ class OilAccountDetector:
             samples.time_s, run.state("spool_m"), run.state("null_bias_m"), p1, p2, position,
             fresh.astype(np.float64),
         )
+        if not self._ranges:
+            self._first_s = float(samples.time_s[0])
+        self._last_s = float(samples.time_s[-1])
         self._ranges.append((float(position.min()), float(position.max())))
         measured = samples.supply_pressure[np.isfinite(samples.supply_pressure)]
         self._supply_sum += (measured.sum(), measured.size)
@@ -166,8 +171,18 @@ class OilAccountDetector:
                 details[f"{prefix}_{leak}_m3_per_s"] = flow
         unseen = max(details[f"smallest_{leak}_m3_per_s"] for leak in LEAKS) > INCONCLUSIVE_ABOVE
         still = details["travel_m"] < details["travel_needed_m"]
-        verdict = "inconclusive" if unseen or still else "healthy"
+        details["accounted"] = self._accounted()
+        blind = details["accounted"] < LEAST_ACCOUNTED
+        verdict = "inconclusive" if unseen or still or blind else "healthy"
         return Decision(verdict, threshold=threshold, details=details)
+
+    def _accounted(self) -> float:
+        """Part of the later half of what was seen for which the oil could be accounted for."""
+        half = 0.5 * (self._first_s + self._last_s)
+        accounted = sum(
+            b.end_s - max(b.start_s, half) for b in self._blocks if b.complete and b.end_s > half
+        )
+        return float(accounted / (self._last_s - half))
 
     def _travel(self) -> float:
         """Range of the ram's position in m over the later half of what was seen."""
@@ -185,14 +200,17 @@ class OilAccountDetector:
         return float(stored / par.piston_area)
 
     def _onset(self, finding: Finding) -> float:
-        start = self._blocks[self._tested[finding.onset]].end_s - BLOCK_S
-        return float(start - finding.onset_fraction * BLOCK_S)
+        start = self._blocks[self._tested[finding.onset]].start_s
+        if finding.onset == 0:
+            return start
+        before = self._blocks[self._tested[finding.onset - 1]]
+        return start - finding.onset_fraction * (before.end_s - before.start_s)
 
     def _mean_size(self, finding: Finding) -> float:
         """Mean absolute flow per unit coefficient from 2 s after onset (or all there is since)."""
         first = self._tested[finding.onset]
         settled = self._onset(finding) + SETTLED_AFTER_S
-        since = [b for b in self._blocks[first:] if b.end_s - BLOCK_S >= settled - 1e-6]
+        since = [b for b in self._blocks[first:] if b.start_s >= settled - 1e-6]
         chosen = since or self._blocks[first:]
         return float(np.mean([block.sizes[finding.fault] for block in chosen]))
 

@@ -1,6 +1,6 @@
 """Keeps an oil account of each chamber: what the valve should have let in, less where it went.
 
-Integrated over a block of half a second, eq. 2.3 balances without friction, load or acceleration:
+Integrated over a block of half a second (longer while a chamber is dry), eq. 2.3 balances without friction, load or acceleration:
 
     valve flow in = swept volume + compression + leaks.
 
@@ -22,10 +22,16 @@ from rig.plant import Parameters
 from rig.plant.dynamics import chamber_volumes, signed_root, valve_conductance
 from rig.plant.integrator import TICK
 
+from .product import DRY
+
 Array = NDArray[np.float64]
 
 BLOCK_TICKS: Final = 500
 BLOCK_S: Final = BLOCK_TICKS * TICK
+
+_LONGEST: Final = 16 * BLOCK_TICKS
+"""Cavities open and close again, so an account is only drawn up when neither chamber is dry; until then
+its block grows, by half a second at a time, and is given up after 8 s."""
 
 
 class Nuisance(NamedTuple):
@@ -66,17 +72,18 @@ FAULTS: Final = (
 )
 FAULT_COUNT: Final = len(FAULTS)
 
-# One row of sums: time, good ticks, two balances, nuisances and faults by chamber, sizes of the faults.
-_WIDTH: Final = 4 + 2 * NUISANCE_COUNT + 3 * FAULT_COUNT
+_HEAD: Final = 5
+# One row of sums: time, good ticks, ticks, two balances, nuisances and faults by chamber, sizes of the faults.
+_WIDTH: Final = _HEAD + 2 * NUISANCE_COUNT + 3 * FAULT_COUNT
 _CARRIED: Final = 5
 
 
 @dataclass(frozen=True)
 class AccountBlock:
-    """The account of both chambers over half a second; flows in m^3/s, averages over the block.
+    """The account of both chambers over half a second or more; flows in m^3/s, block averages.
 
     Attributes:
-        end_s: time of the block's last sample.
+        start_s, end_s: time of the last sample before the block, and of its last.
         missing: float64 (2,), flow that entered by the valve's law and is nowhere to be found.
         nuisances: float64 (2, 15), missing flow per standard deviation of each of `NUISANCES`.
         faults: float64 (2, 5), missing flow per unit coefficient of each of `FAULTS` (SI; for supply
@@ -85,6 +92,7 @@ class AccountBlock:
         complete: whether enough of the block's samples were measured.
     """
 
+    start_s: float
     end_s: float
     missing: Array
     nuisances: Array
@@ -111,11 +119,11 @@ def _tick(spool, spool_rate, null_bias, p1, p2, par, row):
     # Slope of the flow with its pressure drop; 0.1 MPa keeps it finite where the drop vanishes.
     slope_1 = 0.5 * q1 / max(drop_1, 1e5)
     slope_2 = 0.5 * q2 / max(drop_2, 1e5)
-    row[2] += q1
-    row[3] -= q2
+    row[3] += q1
+    row[4] -= q2
     side = 1.0 if extending else -1.0
 
-    n = 4
+    n = _HEAD
     row[n] += conductance * root_1
     row[n + 1] -= conductance * root_2
     row[n + 2] += conductance * root_1 * side
@@ -143,7 +151,7 @@ def _tick(spool, spool_rate, null_bias, p1, p2, par, row):
     row[n + 26] += conductance * root_1 * spool_rate
     row[n + 27] -= conductance * root_2 * spool_rate
 
-    f = 4 + 2 * NUISANCE_COUNT
+    f = _HEAD + 2 * NUISANCE_COUNT
     e1, e2, e12 = signed_root(p1 - back), signed_root(p2 - back), signed_root(p1 - p2)
     row[f] += e1
     row[f + 3] += e2
@@ -167,10 +175,12 @@ def _tick(spool, spool_rate, null_bias, p1, p2, par, row):
 def _accumulate(time_s, spool, null_bias, p1, p2, position, fresh, par, carried, row, rows):
     """Add samples to the running block `row`; move finished blocks to `rows`, return their number.
 
-    `carried` keeps (samples in the block, last spool, p1, p2, position) between calls.
+    `carried` keeps (samples in the block, last spool, p1, p2, position) between calls; samples are -1
+    while no block can begin, for want of a sample before it or because a chamber is dry.
     """
     finished = 0
     for k in range(time_s.size):
+        dry = min(p1[k], p2[k]) < DRY
         if carried[0] >= 0.0:
             v1, v2 = chamber_volumes(0.5 * (position[k] + carried[4]), par)
             swept = par.piston_area * (position[k] - carried[4]) / TICK
@@ -180,20 +190,22 @@ def _accumulate(time_s, spool, null_bias, p1, p2, position, fresh, par, carried,
             rate = (spool[k] - carried[1]) / TICK
             oil_1, oil_2 = 0.5 * (p1[k] + carried[2]), 0.5 * (p2[k] + carried[3])
             _tick(middle, rate, null_bias[k], oil_1, oil_2, par, row)
-            row[2] -= swept + squeezed_1
-            row[3] += swept - squeezed_2
-            last = 4 + 2 * (NUISANCE_COUNT - 1)
+            row[3] -= swept + squeezed_1
+            row[4] += swept - squeezed_2
+            last = _HEAD + 2 * (NUISANCE_COUNT - 1)
             row[last] += squeezed_1
             row[last + 1] += squeezed_2
             row[1] += fresh[k]
             carried[0] += 1.0
-            if carried[0] == BLOCK_TICKS:
-                rows[finished] = row / BLOCK_TICKS
+            if carried[0] % BLOCK_TICKS == 0 and (not dry or carried[0] == _LONGEST):
+                rows[finished] = row / carried[0]
                 rows[finished, 0] = time_s[k]
+                rows[finished, 1] = 0.0 if dry else rows[finished, 1]
+                rows[finished, 2] = carried[0]
                 row[:] = 0.0
-                carried[0] = 0.0
+                carried[0] = -1.0 if dry else 0.0
                 finished += 1
-        else:
+        elif not dry:
             carried[0] = 0.0
         carried[1], carried[2], carried[3], carried[4] = spool[k], p1[k], p2[k], position[k]
     return finished
@@ -230,12 +242,13 @@ class FlowAccount:
 
     @staticmethod
     def _block(row: Array) -> AccountBlock:
-        f = 4 + 2 * NUISANCE_COUNT
-        nuisances = row[4:f].reshape(NUISANCE_COUNT, 2).T * np.array(_SIGMA)
+        f = _HEAD + 2 * NUISANCE_COUNT
+        nuisances = row[_HEAD:f].reshape(NUISANCE_COUNT, 2).T * np.array(_SIGMA)
         faults = row[f : f + 2 * FAULT_COUNT].reshape(FAULT_COUNT, 2).T
         return AccountBlock(
+            start_s=float(row[0] - row[2] * TICK),
             end_s=float(row[0]),
-            missing=row[2:4].copy(),
+            missing=row[3:5].copy(),
             nuisances=nuisances.copy(),
             faults=faults.copy(),
             sizes=row[f + 2 * FAULT_COUNT :].copy(),

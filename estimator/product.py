@@ -37,6 +37,10 @@ STATES: Final = (
 )
 STATE_COUNT: Final = len(STATES)
 
+DRY: Final = 1e5
+"""Below this pressure (Pa) a chamber may hold a vapour cavity, whose volume no sensor sees: three times
+the noise of a 20.7 MPa transducer."""
+
 _SUBSTEPS: Final = 4
 # Rows of the transition matrix that are not the identity: the six rig states come first.
 _DYNAMIC: Final = 6
@@ -86,8 +90,11 @@ def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductN
 
 
 def initial_covariance(model: Model) -> Array:
-    """Return P0 (11, 11): first samples are trusted to their noise, leaks to 0.3 L/min, null to 5 um."""
-    leak = 0.3 * LITRE_PER_MINUTE / sqrt(0.5 * model.parameters.supply_pressure)
+    """Return P0 (11, 11): first samples to their noise, null to 5 um, leaks to 0.02 L/min.
+
+    A leak and a shifted null look alike at first; what is there from the start is taken as the null.
+    """
+    leak = 0.02 * LITRE_PER_MINUTE / sqrt(0.5 * model.parameters.supply_pressure)
     sigma = np.array([2e-6, 5e4, 5e4, 2e-5, 0.05, 1e-2, 500.0, leak, leak, leak, 5e-6])
     return np.diag(sigma**2)
 
@@ -245,6 +252,18 @@ def _correct(x, covariance, index, measured, variance, gain):
 
 
 @njit(cache=True, error_model="numpy")
+def _start_afresh(x, covariance, index, measured, variance):
+    """Take a state as measured and forget what its error had to do with the others'.
+
+    In a dry chamber the oil's compression is not what the model says: nothing may be learnt from it.
+    """
+    x[index] = measured
+    covariance[index, :] = 0.0
+    covariance[:, index] = 0.0
+    covariance[index, index] = variance
+
+
+@njit(cache=True, error_model="numpy")
 def product_step(x, covariance, command, position, p1, p2, spool, par, noise, work, out):
     """Advance the product filter by one sample.
 
@@ -281,10 +300,11 @@ def product_step(x, covariance, command, position, p1, p2, spool, par, noise, wo
         _correct(x, covariance, 0, spool, noise.spool, gain)
     if not np.isnan(position):
         _correct(x, covariance, 3, position, noise.position, gain)
-    if not np.isnan(p1):
-        _correct(x, covariance, 1, p1, noise.pressure, gain)
-    if not np.isnan(p2):
-        _correct(x, covariance, 2, p2, noise.pressure, gain)
+    for index, pressure in ((1, p1), (2, p2)):
+        if pressure < DRY:
+            _start_afresh(x, covariance, index, pressure, noise.pressure)
+        elif not np.isnan(pressure):
+            _correct(x, covariance, index, pressure, noise.pressure, gain)
     out[3] = position - x[3]
     out[4] = p1 - x[1]
     out[5] = p2 - x[2]

@@ -1,6 +1,5 @@
-"""The `rig` command: finds the subcommand, and turns whatever goes wrong into a message and a code."""
+"""The `rig` command: finds the subcommand, turns whatever goes wrong into message and code."""
 
-import os
 import sys
 import tempfile
 import traceback
@@ -8,7 +7,7 @@ import warnings
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import import_module
-from typing import Any, Final, NoReturn
+from typing import Final, NoReturn, TextIO
 
 import click
 
@@ -58,8 +57,8 @@ def application() -> None:
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit.
 
-    0: all as expected. 1: a test failed, or this program did. 2: bad input, every problem of which is
-    on stderr. 3: stopped before the end.
+    0: all as expected. 1: a test failed, or this program did. 2: bad input, every problem of it on
+    stderr. 3: stopped before the end.
     """
     # What a terminal's encoding cannot show is no reason to fail.
     for stream in (sys.stdout, sys.stderr):
@@ -73,7 +72,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _run(arguments: Sequence[str] | None) -> int:
     try:
         code = application.main(arguments, prog_name="rig", standalone_mode=False)
-        sys.stdout.flush()
         return code if isinstance(code, int) else 0
     except click.Abort:
         click.echo("stopped", err=True)
@@ -81,9 +79,6 @@ def _run(arguments: Sequence[str] | None) -> int:
     except click.ClickException as error:
         error.show()
         return EXIT_BAD_INPUT
-    except BrokenPipeError:
-        discard_output()
-        return EXIT_STOPPED
     except Exception as error:
         if is_bad_input(error):
             click.echo(str(error), err=True)
@@ -92,16 +87,11 @@ def _run(arguments: Sequence[str] | None) -> int:
         return EXIT_CRASHED
 
 
-def discard_output() -> None:
-    """Send standard output nowhere: whoever read it has gone, and its rest is flushed at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def is_bad_input(error: BaseException) -> bool:
     """Tell an error that lists what is wrong with the input from one of this program.
 
-    ConfigError, RecordingError, RequestError and DirectoryError do; to import them all here would cost
-    every `rig --help` half a second.
+    ConfigError, RecordingError, RequestError and DirectoryError do; to import them all here would
+    cost every `rig --help` half a second.
     """
     return isinstance(error, ValueError) and bool(getattr(error, "problems", None))
 
@@ -112,7 +102,7 @@ def one_line(error: BaseException) -> str:
 
 
 def _keep_traceback() -> str:
-    """Write the traceback of the exception being handled to a new temporary file; return its path."""
+    """Write the traceback of the exception being handled to a temporary file; return its path."""
     name = f"rig-error-{datetime.now(UTC):%Y%m%dT%H%M%SZ}-"
     with tempfile.NamedTemporaryFile(
         "w", prefix=name, suffix=".log", delete=False, encoding="utf-8"
@@ -121,5 +111,12 @@ def _keep_traceback() -> str:
     return log.name
 
 
-def _show_warning(message: Warning | str, *_: Any) -> None:
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     click.echo(f"warning: {message}", err=True)

@@ -47,8 +47,8 @@ def command(
 ) -> int:
     """Run filter and detector over recordings (.mcap, .csv, .csv.gz, .parquet).
 
-    The model is a shipped name or a file. Exit code 0 whatever the verdicts; 2 if any input is bad: then
-    every problem of every file is on stderr, and nothing on stdout.
+    The model is a shipped name or a file. Exit code 0 whatever the verdicts, 2 if any input is bad:
+    then every problem of every file is on stderr, and nothing on stdout.
     """
     problems = Problems()
     with problems.collected():
@@ -61,9 +61,11 @@ def command(
     for recording in recordings:
         with problems.collected():
             content = read_recording(recording)
-            # Bad input will be all that is told: the good recordings are read for their own problems.
+            # With bad input nothing else is told: the rest is read for its own problems only.
             if not problems.found:
-                replayed.append(_replay(recording, content, assumed, filter_name, false_alarms_per_day))
+                replayed.append(
+                    _replay(recording, content, assumed, filter_name, false_alarms_per_day)
+                )
     if problems.found:
         return problems.report()
     if as_json:

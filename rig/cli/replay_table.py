@@ -1,4 +1,4 @@
-"""The table of `rig replay`: what was found in each recording, and what would help where nothing could be."""
+"""The table of `rig replay`: what was found, and what would help where nothing could be."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -62,13 +62,14 @@ def advice(decision: Decision) -> str:
     worst = max(flows, key=lambda name: flows[name])
     flow = to_litres_per_minute(flows[worst])
     return (
-        f"{worst} up to {flow:.2g} L/min would not have shown; record for longer, with larger motion "
-        "both ways"
+        f"{worst} up to {flow:.2g} L/min would not have shown; record for longer, "
+        "with larger motion both ways"
     )
 
 
 def _style(verdict: str) -> str:
-    return {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}.get(verdict, "red")
+    styles: dict[str, str] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
+    return styles.get(verdict, "red")
 
 
 def _seconds(time_s: float | None) -> str:

@@ -19,7 +19,7 @@ from .verdicts import summary, verdict_table
 
 @click.command()
 @click.argument("campaign")
-@click.option("--rig", "rig_reference", metavar="RIG", help="Rig to run on, instead of the campaign's.")
+@click.option("--rig", "rig_reference", metavar="RIG", help="Run on this rig, not the campaign's.")
 @click.option(
     "--pace",
     type=click.Choice(["real", "fast"]),
@@ -35,8 +35,8 @@ from .verdicts import summary, verdict_table
 def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Path | None) -> int:
     """Run the fault-injection campaign CAMPAIGN, a file or a shipped name.
 
-    Writes report.html, results.json, junit.xml and a recording a test. Ctrl-C ends it with what there
-    is. Exit code: 0 all as expected, 1 a test failed, 2 bad input, 3 stopped before the end.
+    Writes report.html, results.json, junit.xml and a recording a test. Ctrl-C ends it with what
+    there is. Exit code: 0 all as expected, 1 a test failed, 2 bad input, 3 stopped before the end.
     """
     loaded, rig = load_campaign(campaign, rig_reference)
     directory = out or default_directory(loaded.name, datetime.now(UTC))
@@ -57,7 +57,7 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
 
 
 def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
-    """Return the report; None, with a message, if it cannot be made: the results are there anyway."""
+    """Return the report; None, with a message, if it cannot be made: the results are there."""
     try:
         from rig.report import write_report
 

@@ -1,4 +1,4 @@
-"""The terminal, or the file in its place: the same words, colours and live lines on a terminal only."""
+"""The terminal, or the file in its place: the same words, without colours and live lines."""
 
 import os
 import sys
@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Final
 
 from rich.console import Console
-
-from .application import discard_output
 
 _PLAIN_WIDTH: Final = 240
 """Columns where there is no terminal: a table in a log need not wrap."""
@@ -35,9 +33,11 @@ class Screen(Console):
         )
 
     def on_broken_pipe(self) -> None:
-        """Go on in silence, or raise `BrokenPipeError` if nobody asked to be told."""
-        self.quiet = True
-        discard_output()
+        """Go on in silence if somebody asked to be told, else leave the program, as rich does."""
         if self._on_closed is None:
-            raise BrokenPipeError
+            super().on_broken_pipe()
+            return
+        self.quiet = True
+        # What is left in the stream's buffer would raise again when it is flushed at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         self._on_closed()

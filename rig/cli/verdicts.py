@@ -9,10 +9,9 @@ from rich.text import Text
 from estimator.detection import Decision
 from faults.leakage import to_litres_per_minute
 from rig.runner import CampaignOutcome, InjectedFault, Status, TestOutcome
+from rig.runner.results import coefficient_unit
 
 from .progress import STYLES
-
-_TWO_SIDED_95 = 1.96
 
 
 def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
@@ -34,9 +33,10 @@ def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
 
 
 def injected(fault: InjectedFault) -> str:
-    """Return what was injected: kind, mean flow, or coefficient where no flow is recorded, and when."""
-    flow = fault.mean_flow_m3_per_s
-    size = f"{fault.coefficient:.3g} (SI)" if flow is None else f"{to_litres_per_minute(flow):.3f} L/min"
+    """Return what was injected: kind, mean flow (else the coefficient), and when."""
+    size = f"{fault.coefficient:.3g} {coefficient_unit(fault)}"
+    if fault.mean_flow_m3_per_s is not None:
+        size = f"{to_litres_per_minute(fault.mean_flow_m3_per_s):.3f} L/min"
     return f"{fault.kind} {size} at {fault.at_s:g} s"
 
 
@@ -52,9 +52,12 @@ def leak(decision: Decision) -> str:
     if decision.leak_m3_per_s is None:
         return ""
     flow = f"{to_litres_per_minute(decision.leak_m3_per_s):.3f}"
-    if decision.leak_std_m3_per_s is None:
+    interval = decision.interval_m3_per_s
+    if interval is None:
         return f"{flow} L/min"
-    return f"{flow} ± {_TWO_SIDED_95 * to_litres_per_minute(decision.leak_std_m3_per_s):.3f} L/min"
+    # The lower end stops at no leak, so the upper one tells how wide the interval is.
+    half = to_litres_per_minute(interval[1] - decision.leak_m3_per_s)
+    return f"{flow} ± {half:.3f} L/min"
 
 
 def summary(outcome: CampaignOutcome, wall_s: float) -> Iterator[str]:
@@ -65,9 +68,8 @@ def summary(outcome: CampaignOutcome, wall_s: float) -> Iterator[str]:
     counts = ", ".join(f"{count} {status.value}" for status, count in outcome.counts.items())
     yield f"{len(outcome.tests)} tests: {counts}".replace("_", " ")
     recorded_s = sum(test.recorded_s for test in outcome.tests)
-    yield (
-        f"{recorded_s:.0f} s of rig time in {wall_s:.1f} s: {recorded_s / wall_s:.0f} rig-seconds per second"
-    )
+    speed = f"{recorded_s / wall_s:.0f} rig-seconds per second"
+    yield f"{recorded_s:.0f} s of rig time in {wall_s:.1f} s: {speed}"
 
 
 def _onset(test: TestOutcome) -> str:

@@ -14,10 +14,10 @@ from rig.plant.model import Model
 
 from .campaign_tests import read_tests
 from .document import Located, Sources
+from .fields import Physical
 from .lookup import reference_in, resolve
 from .model import read_model
 from .problems import Place, suggestion
-from .quantities import Physical
 from .rig import Rig, read_rig
 from .validation import Schema, check, shown
 
@@ -116,7 +116,7 @@ def _read_model(root: Located, path: Path, sources: Sources) -> Model | None:
 
 def _read_detector(root: Located, sources: Sources) -> DetectorFile | None:
     item = root.get("detector")
-    if item is None or item.value is None:
+    if item is None:
         return DetectorFile()
     file = check(DetectorFile, item, sources.problems)
     if file is not None and file.filter not in FILTERS:
@@ -130,7 +130,7 @@ def _read_tests(
     root: Located, path: Path, rig: Rig | None, sources: Sources
 ) -> tuple[CampaignTest, ...]:
     defaults, tests = root.get("defaults"), root.get("tests")
-    if defaults is not None and defaults.value is not None:
+    if defaults is not None:
         _check_defaults(defaults, sources)
     if tests is None:
         return ()

@@ -17,9 +17,10 @@ from rig.plant.parameters import quantities
 
 from .document import Located, Sources
 from .faults import read_faults
+from .fields import Physical
 from .matrix import expand
 from .problems import Problems
-from .quantities import Physical, show
+from .quantities import show
 from .rig import Rig
 from .setpoints import SetpointContext, read_setpoint
 from .validation import Schema, check, shown
@@ -184,7 +185,7 @@ class _TestReader:
 
     def _load(self) -> SpringLoad | None:
         item = self.item.get("load")
-        if item is None or item.value in (None, "none"):
+        if item is None or item.value == "none":
             return None
         file = check(LoadFile, item, self.problems)
         if file is None:

@@ -11,8 +11,9 @@ from faults.verdict import LEAK_KINDS, Verdict
 from rig.plant.parameters import quantities
 
 from .document import Located
+from .fields import Physical
 from .problems import Problems
-from .quantities import Physical, QuantityError, show
+from .quantities import QuantityError, show
 from .rig import Rig
 from .validation import Schema, check, shown
 from .valves import LEAKAGE, RESISTANCE
@@ -53,7 +54,7 @@ def read_faults(
     item: Located | None, duration_s: float | None, rig: Rig | None, problems: Problems
 ) -> tuple[Fault, ...]:
     """Return the faults of a test that can be injected into the rig; the others are problems."""
-    if item is None or item.value is None or item.value == "none":
+    if item is None or item.value == "none":
         return ()
     if not isinstance(item.value, list):
         remedy = "write a list: - {type: ..., at: ..., flow: ..., pressure: ...}"

@@ -11,8 +11,9 @@ from rig.plant.model import Model
 from rig.plant.parameters import FRICTION_LAWS, NOMINAL, quantities
 
 from .document import Located, Sources
+from .fields import Adjustable, Physical, Relative
 from .lookup import reference_in, resolve
-from .quantities import Adjustable, Physical, Relative, show
+from .quantities import show
 from .validation import Schema, check, shown
 
 MAX_ANCESTORS: Final = 16

@@ -5,13 +5,9 @@ Arithmetic is decimal up to the last step: `9.8 um` is the float 9.8e-6 and no n
 
 import math
 import re
-from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
-
-from pydantic import GetCoreSchemaHandler
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from .problems import nearest
 
@@ -81,12 +77,6 @@ class QuantityError(ValueError):
 
 class WrongDimensionError(QuantityError):
     """A quantity of another kind than the one asked for."""
-
-
-class Relative(NamedTuple):
-    """A deviation from the base model's value, `-4 %` as -0.04."""
-
-    fraction: float
 
 
 class Reading(NamedTuple):
@@ -174,135 +164,6 @@ def read(raw: object, si_unit: str) -> Reading:
     if not math.isfinite(value):
         raise QuantityError("is too large a number", f"write it like {wanted.example}")
     return Reading(value, number, unit)
-
-
-class Field:
-    """Annotates a field of a schema that is read by `parse`, which raises `QuantityError`."""
-
-    def parse(self, raw: object) -> Any:
-        """Return what the field holds."""
-        raise NotImplementedError
-
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        """Let pydantic read the field by `parse`."""
-        return core_schema.no_info_plain_validator_function(self._validate)
-
-    def _validate(self, raw: object) -> Any:
-        try:
-            return self.parse(raw)
-        except QuantityError as error:
-            context = {"limit": error.limit, "remedy": error.remedy}
-            raise PydanticCustomError("quantity", "not a quantity", context) from error
-
-
-@dataclass(frozen=True)
-class Physical(Field):
-    """Annotates a float of a schema as a quantity: SI unit, limits and the usual value."""
-
-    unit: str
-    lower: float = -math.inf
-    upper: float = math.inf
-    typical: float | None = None
-
-    def parse(self, raw: object) -> float:
-        """Return the SI value of a text or bare number.
-
-        Raises:
-            QuantityError: not this quantity, or outside the limits.
-        """
-        reading = read(raw, self.unit)
-        self.check_range(reading)
-        return reading.value
-
-    def check_range(self, reading: Reading) -> None:
-        """Verify the limits.
-
-        Raises:
-            QuantityError: outside; names the limit in the unit written, and what would fit.
-        """
-        if self.lower <= reading.value <= self.upper:
-            return
-        above = reading.value > self.upper
-        limit = Decimal(repr(self.upper if above else self.lower))
-        shown = _show(limit / unit_factor(reading.unit, self.unit), reading.unit)
-        fitting = self._fitting(reading)
-        remedy = (
-            f"did you mean {fitting}?" if fitting else f"at {'most' if above else 'least'} {shown}"
-        )
-        raise QuantityError(f"is {'above' if above else 'below'} {shown}", remedy)
-
-    def _fitting(self, reading: Reading) -> str | None:
-        """Return the likeliest slip: decimal point or unit, nearest the usual value if known."""
-        slips = [(reading.number.scaleb(shift), reading.unit) for shift in (-1, 1, -2, 2)]
-        slips += [(reading.number, unit) for unit in dimension(self.unit).units]
-        slips += [(reading.number.scaleb(shift), reading.unit) for shift in (-3, 3, -6, 6)]
-        fitting = [
-            (value, _show(number, unit))
-            for number, unit in slips
-            if self.lower <= (value := float(number * unit_factor(unit, self.unit))) <= self.upper
-            and value != 0.0
-        ]
-        if not fitting:
-            return None
-        usual = self.typical
-        if usual is None or usual == 0.0:
-            return fitting[0][1]
-        # Rounded, so that 13.8 MPa and 138 bar tie and the first, the smaller correction, wins.
-        return min(fitting, key=lambda fit: round(abs(math.log10(abs(fit[0] / usual))), 6))[1]
-
-
-@dataclass(frozen=True)
-class Adjustable(Field):
-    """Annotates a quantity that may be given as a signed deviation from the base model's value."""
-
-    physical: Physical
-
-    def parse(self, raw: object) -> float | Relative:
-        """Return the SI value, or the deviation of a signed percentage.
-
-        Raises:
-            QuantityError: not this quantity, outside its limits, or a percentage without a sign.
-        """
-        if isinstance(raw, str) and raw.strip().endswith("%"):
-            if raw.strip()[0] in "+-":
-                return Relative(read(raw, "").value)
-            if self.physical.unit:
-                raise QuantityError(
-                    "is a share of nothing", "write a deviation with its sign, such as +10 %"
-                )
-        return self.physical.parse(raw)
-
-
-@dataclass(frozen=True)
-class Interval(Field):
-    """Annotates a pair of quantities, the lower one first; `single` admits one for both."""
-
-    physical: Physical
-    single: bool = False
-
-    def parse(self, raw: object) -> tuple[float, float]:
-        """Return the SI values of both ends.
-
-        Raises:
-            QuantityError: no pair, an end that is not the quantity, or ends in the wrong order.
-        """
-        if self.single and not isinstance(raw, list):
-            value = self.physical.parse(raw)
-            return value, value
-        example = dimension(self.physical.unit).example
-        if not isinstance(raw, list) or len(raw) != 2:
-            raise QuantityError("is not a range", f"write [from, to], each like {example}")
-        lower, upper = (self.physical.parse(end) for end in raw)
-        if lower > upper:
-            raise QuantityError("ends before it begins", "write the lower value first")
-        return lower, upper
-
-
-def _show(number: Decimal, unit: str) -> str:
-    text = f"{float(number):.6g}"
-    return f"{text} {unit}".strip()
 
 
 def show(value: float, si_unit: str) -> str:

@@ -13,9 +13,10 @@ from rig.plant.model import Model
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 
 from .document import Located, Sources
+from .fields import Interval, Physical
 from .lookup import reference_in, resolve
 from .model import override, read_model
-from .quantities import Interval, Physical, show
+from .quantities import show
 from .validation import Schema, check, shown
 from .valves import ReturnValve, read_bypass_valves, read_return_valve
 
@@ -137,6 +138,20 @@ def read_rig(path: Path, sources: Sources) -> Rig | None:
     )
 
 
+def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
+    """Return the rig of a file or name; relative paths count from `base`, else from here.
+
+    Raises:
+        ConfigError: every problem of the file, its parents and its models.
+    """
+    sources = Sources()
+    path = resolve("rig", str(reference), base or Path.cwd(), sources.problems)
+    rig = read_rig(path, sources) if path else None
+    sources.problems.raise_if_any()
+    assert rig is not None
+    return rig
+
+
 def _with_parents(
     path: Path, sources: Sources, children: tuple[Path, ...], referrer: Located | None = None
 ) -> Located | None:
@@ -177,7 +192,7 @@ def _read_plant(root: Located, sources: Sources) -> Model | None:
 
 def _read_sensors(root: Located, sources: Sources) -> SensorParameters | None:
     item = root.get("sensors")
-    if item is None or item.value is None:
+    if item is None:
         return DATA_SHEET
     file = check(_SENSORS_SCHEMA, item, sources.problems)
     if file is None:

@@ -21,8 +21,9 @@ from control.setpoints import (
 )
 
 from .document import Located, Sources
+from .fields import Field, Interval, Physical
 from .problems import Place, suggestion
-from .quantities import Field, Interval, Physical, QuantityError, WrongDimensionError
+from .quantities import QuantityError, WrongDimensionError
 from .validation import Schema, check, shown
 
 _HOLD: Final = Physical("s", 1e-3, 3600.0, 2.0)

@@ -10,8 +10,9 @@ from faults.bypass import BypassValve, NeedleCharacteristic
 from faults.verdict import FAULT_KINDS, Verdict
 
 from .document import Located
+from .fields import Field, Physical
 from .problems import Problems, suggestion
-from .quantities import Field, Physical, QuantityError
+from .quantities import QuantityError
 from .validation import Schema, check
 
 BYPASS_KINDS: Final = tuple(str(kind) for kind in FAULT_KINDS if kind != Verdict.RETURN_BLOCKAGE)
@@ -85,7 +86,7 @@ class ReturnValveFile(Schema):
 
 def read_bypass_valves(item: Located | None, problems: Problems) -> dict[str, BypassValve]:
     """Return the usable bypass valves of a rig file by the fault each makes."""
-    if item is None or item.value is None:
+    if item is None:
         return {}
     if not isinstance(item.value, dict):
         keys = ", ".join(BYPASS_KINDS)
@@ -107,7 +108,7 @@ def read_bypass_valves(item: Located | None, problems: Problems) -> dict[str, By
 
 def read_return_valve(item: Located | None, problems: Problems) -> ReturnValve | None:
     """Return the valve of the return line, if the rig file describes a usable one."""
-    if item is None or item.value is None:
+    if item is None:
         return None
     file = check(ReturnValveFile, item, problems)
     return ReturnValve(file.name, file.travel, file.maximum) if file else None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.flow_account import NUISANCE_COUNT, AccountBlock, FlowAccount
-from estimator.leak_test import NOISE, Finding, LeakTest
+from estimator.leak_test import MINIMUM_BLOCKS, NOISE, Finding, LeakTest
 from rig.plant import Parameters
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording.recording import Recording
@@ -46,8 +46,9 @@ class AccountHistory:
         explained: float64 (n, 2), what the faults found at the end explain of it, m^3/s.
         statistic: float64 (n,), of the fault that is likeliest at that time; 0 if there is none.
         threshold: float64 (n,), what a healthy rig exceeds at the stated rate.
-        smallest: float64 (5,), smallest coefficients, SI, of `estimator.flow_account.FAULTS` that
-            would have been found, as of the last block before anything was; None without such a block.
+        smallest: float64 (2, 5), smallest coefficients, SI, of `estimator.flow_account.FAULTS` that
+            would have been found had they begun halfway, and with the first block; by the blocks
+            before the first fault. None where these are too few.
     """
 
     end_s: Array
@@ -69,8 +70,7 @@ def account_history(
         return None
     test, likeliest = LeakTest(false_alarms_per_day), _LikeliestFault(false_alarms_per_day)
     findings: list[Finding] = []
-    statistics, thresholds = [], []
-    smallest = None
+    statistics, thresholds, smallest = [], [], []
     for block in blocks:
         test.add(block)
         likeliest.add(block)
@@ -78,16 +78,16 @@ def account_history(
         likely = findings or likeliest.search()
         statistics.append(likely[0].statistic if likely else 0.0)
         thresholds.append(test.threshold(10.0 + 2.0 * test.blocks))
-        if not findings and test.blocks > 1:
-            smallest = test.smallest()
+        smallest.append(np.array([test.smallest(0.5), test.smallest(0.0)]))
     explained = _explained(blocks, findings)
+    sound = min([finding.onset for finding in findings], default=len(blocks))
     return AccountHistory(
         np.array([block.end_s for block in blocks]),
         _without_model_errors(blocks, explained),
         explained,
         np.array(statistics),
         np.array(thresholds),
-        smallest,
+        smallest[sound - 1] if sound >= MINIMUM_BLOCKS else None,
     )
 
 

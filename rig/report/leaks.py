@@ -14,6 +14,7 @@ from rig.runner.outcome import TestOutcome
 
 from .panel import Panel, TestData, limits_of
 from .traces import Trace, band, line, steps
+from .wording import leaks_found
 
 Array = NDArray[np.float64]
 
@@ -112,9 +113,7 @@ def _concerned(outcome: TestOutcome) -> set[str]:
     """Return the leaks a test is about: those injected and those found."""
     kinds = {fault.kind for fault in outcome.injected}
     if outcome.decision is not None:
-        details = outcome.decision.details
-        kinds |= {outcome.decision.verdict}
-        kinds |= {leak for leak in LEAKS if f"{leak}_coefficient" in details}
+        kinds |= {*leaks_found(outcome.decision)}
     return kinds & set(LEAKS)
 
 

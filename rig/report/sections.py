@@ -39,6 +39,19 @@ class Mark:
 
 
 @dataclass(frozen=True)
+class Smallest:
+    """The smallest leak flows, m^3/s at the leak's reference drop, that a test would have found.
+
+    Attributes:
+        begun: by leak, of one that begins during the test.
+        there: by leak, of one that is there from the start; None if that is not known.
+    """
+
+    begun: dict[str, float]
+    there: dict[str, float] | None
+
+
+@dataclass(frozen=True)
 class Section:
     """All that the report shows of one test.
 
@@ -53,7 +66,7 @@ class Section:
         events: what the recording says happened, at most some.
         start_s, end_s: what the time axis spans; what was planned if the test ended before.
         recorded_until_s: where the recording ends.
-        smallest: m^3/s by leak: what the motion would have shown before anything was found.
+        smallest: what the motion would have shown before any fault; None if that is not known.
         opened: whether the page shows it unfolded.
     """
 
@@ -70,7 +83,7 @@ class Section:
     start_s: float = 0.0
     end_s: float = 0.0
     recorded_until_s: float = 0.0
-    smallest: dict[str, float] | None = None
+    smallest: Smallest | None = None
     opened: bool = False
 
     @property
@@ -186,17 +199,22 @@ def _marks(test: TestOutcome) -> tuple[Mark, ...]:
 
 def _smallest(
     test: TestOutcome, accounts: AccountHistory | None, parameters: Parameters | None
-) -> dict[str, float] | None:
-    """Return the smallest leak flow that would have been found, by leak.
+) -> Smallest | None:
+    """Return the smallest leaks that would have been found: as decided, else by the accounts.
 
-    What is found disturbs the test for more: where the accounts can be gone through, their state
-    before that counts, else what the decision says.
+    A detector that has found a fault no longer tells; the accounts before that fault do.
     """
-    if accounts is not None and accounts.smallest is not None and parameters is not None:
-        coefficients = zip(LEAKS, accounts.smallest, strict=False)
-        return {leak: reference_flow(parameters, leak, float(k)) for leak, k in coefficients}
     details = {} if test.decision is None else test.decision.details
-    keys = {leak: f"smallest_{leak}_m3_per_s" for leak in LEAKS}
-    if not all(key in details for key in keys.values()):
+    begun, there = (
+        {leak: details[key] for leak in LEAKS if (key := f"{told}_{leak}_m3_per_s") in details}
+        for told in ("smallest", "smallest_from_start")
+    )
+    if len(begun) == len(LEAKS):
+        return Smallest(begun, there if len(there) == len(LEAKS) else None)
+    if accounts is None or accounts.smallest is None or parameters is None:
         return None
-    return {leak: details[key] for leak, key in keys.items()}
+    begun, there = (
+        {leak: reference_flow(parameters, leak, float(k)) for leak, k in zip(LEAKS, row, strict=False)}
+        for row in accounts.smallest
+    )
+    return Smallest(begun, there)

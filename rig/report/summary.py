@@ -8,10 +8,20 @@ from estimator.detection import LEAKS
 from estimator.filters import DEFAULT_FILTER
 from estimator.pattern import LEARNING_S
 from faults.leakage import to_litres_per_minute
-from rig.runner.outcome import CampaignOutcome, TestOutcome
+from rig.runner.outcome import CampaignOutcome, Status, TestOutcome
 
 from .sections import Section
-from .wording import acted, flow, found_flow, injected_size, label, latency, parts, seconds
+from .wording import (
+    acted,
+    flow,
+    found_flow,
+    found_names,
+    injected_size,
+    label,
+    latency,
+    leaks_found,
+    seconds,
+)
 
 DAY_S: Final = 86400.0
 
@@ -37,7 +47,7 @@ class Row:
     onset: str
     latency: str
     expected: str
-    as_expected: bool
+    began: bool
     chart: Scale
 
 
@@ -63,9 +73,9 @@ def rows_of(outcome: CampaignOutcome, sections: list[Section]) -> list[Row]:
 def _row(section: Section, scale: float) -> Row:
     test = section.test
     decision = test.decision
-    found = "no verdict" if decision is None else label(decision.verdict)
-    if decision is not None and (names := parts(decision)):
-        found = " and ".join(names)
+    found = "no verdict" if decision is None else found_names(decision)
+    if test.status is Status.NOT_RUN:
+        found = ""
     onset = "" if decision is None or decision.onset_s is None else seconds(decision.onset_s)
     return Row(
         section,
@@ -75,7 +85,7 @@ def _row(section: Section, scale: float) -> Row:
         onset,
         latency(test),
         label(test.expect),
-        decision is not None and decision.verdict == test.expect,
+        test.status is not Status.NOT_RUN,
         _chart(test, scale),
     )
 
@@ -89,7 +99,10 @@ def _chart(test: TestOutcome, scale: float) -> Scale:
     decision = test.decision
     interval = None if decision is None else decision.interval_m3_per_s
     lower, upper = interval or (None, None)
-    truth = test.truth or next(iter(test.injected), None)
+    concerned = test.injected
+    if decision is not None and (kinds := leaks_found(decision)):
+        concerned = tuple(fault for fault in test.injected if fault.kind == kinds[0])
+    truth = next(iter(concerned), None)
     return Scale(
         place(None if truth is None else truth.mean_flow_m3_per_s),
         place(None if decision is None else decision.leak_m3_per_s),
@@ -110,7 +123,7 @@ def false_alarm_words(outcome: CampaignOutcome) -> str:
     text += " of continuous running."
     if 0.0 < chance < 0.5:
         text += (
-            f" The detector judged {judged:.0f} s here, so the chance that any verdict below is a "
+            f" The detector judged {judged:.0f} s here, so the chance that any verdict here is a "
             f"false alarm is at most 1 in {floor(1.0 / chance):,}."
         )
     if outcome.filter == DEFAULT_FILTER:
@@ -123,15 +136,25 @@ def false_alarm_words(outcome: CampaignOutcome) -> str:
     return text
 
 
-def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str]]]:
-    """Return (test, flow in L/min by leak) of what each motion would have shown."""
-    told = []
+def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str], list[str]]]:
+    """Return (test, flows that begin, flows there from the start), in L/min by leak, for each test
+    that tells; flows are "none" where the motion shows no leak at all."""
+    rows = []
     for section in sections:
-        if section.smallest is not None:
-            flows = [section.smallest[leak] for leak in LEAKS]
-            shown = [flow(_rounded_up(value)) if isfinite(value) else "none" for value in flows]
-            told.append((section.test.name, shown))
-    return told
+        if section.smallest is None:
+            continue
+        decision = section.test.decision
+        blind = decision is not None and decision.verdict == "inconclusive"
+        begun, there = (
+            [_claim(flows[leak], blind) for leak in LEAKS] if flows is not None else []
+            for flows in (section.smallest.begun, section.smallest.there)
+        )
+        rows.append((section.test.name, begun, there))
+    return rows
+
+
+def _claim(m3_per_s: float, blind: bool) -> str:
+    return flow(_rounded_up(m3_per_s)) if isfinite(m3_per_s) and not blind else "none"
 
 
 def _rounded_up(m3_per_s: float) -> float:

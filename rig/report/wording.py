@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
 
-from estimator.detection import Decision
+from estimator.detection import LEAKS, Decision
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
 
@@ -52,15 +52,33 @@ def seconds(time_s: float) -> str:
     return f"{time_s:.2f} s"
 
 
+def found_names(decision: Decision) -> str:
+    """Return a verdict in words, `multiple` as the faults it consists of."""
+    several = [label(name) for name in _several(decision)]
+    return " and ".join(several) or label(decision.verdict)
+
+
+def leaks_found(decision: Decision) -> list[str]:
+    """Return the leaks in a verdict; the flow found is that of the first."""
+    return [kind for kind in _several(decision) or [decision.verdict] if kind in LEAKS]
+
+
+def _several(decision: Decision) -> list[str]:
+    if decision.verdict != "multiple":
+        return []
+    named = [key.removesuffix("_coefficient") for key in decision.details if key.endswith("_coefficient")]
+    return [kind for kind in named if kind in _LABELS]
+
+
 def found_flow(decision: Decision) -> str:
     """Return the flow found with its 95 % interval; empty where the detector gives none."""
-    interval = decision.interval_m3_per_s
     if decision.leak_m3_per_s is None:
         return ""
-    if interval is None:
-        return f"{flow(decision.leak_m3_per_s)} L/min"
-    lower, upper = (flow(bound) for bound in interval)
-    return f"{flow(decision.leak_m3_per_s)} ({lower} to {upper}) L/min"
+    found = flow(decision.leak_m3_per_s)
+    if decision.interval_m3_per_s is not None:
+        lower, upper = (flow(bound) for bound in decision.interval_m3_per_s)
+        found = f"{found} ({lower} to {upper})"
+    return f"{found} L/min" + (" of the first" if decision.verdict == "multiple" else "")
 
 
 def injected_size(fault: InjectedFault) -> str:
@@ -77,15 +95,6 @@ def acted(fault: InjectedFault) -> str:
     if fault.until_s is None:
         return f"from {fault.at_s:.1f} s"
     return f"{fault.at_s:.1f} s to {fault.until_s:.1f} s"
-
-
-def parts(decision: Decision) -> list[str]:
-    """Return the faults of which a verdict `multiple` consists; empty for any other."""
-    found = [key.removesuffix("_coefficient") for key in decision.details if key in _COEFFICIENTS]
-    return [label(name) for name in found]
-
-
-_COEFFICIENTS: Final = {f"{name}_coefficient" for name in _OPENED}
 
 
 def when(started: str) -> str:
@@ -138,31 +147,24 @@ def _finding(test: TestOutcome) -> str:
         return "The detector found nothing wrong."
     if decision.verdict == "inconclusive":
         return "The detector could not tell: this motion would not have shown a leak."
-    names = " and ".join(parts(decision)) or label(decision.verdict)
     size = found_flow(decision)
-    sentence = f"The detector found: {names}" + (f", {size}" if size else "")
+    found = f"{found_names(decision)}, {size}." if size else f"{found_names(decision)}."
     late = test.latency_s
     if late is not None and late >= 0.0:
-        return f"{sentence}, {seconds(late)} after it began."
+        return f"The detector called it {seconds(late)} later: {found}"
     if test.detected_at_s is not None:
-        return f"{sentence}, {seconds(test.detected_at_s)} into the test."
-    return f"{sentence}."
+        return f"The detector raised an alarm at {seconds(test.detected_at_s)}: {found}"
+    return f"The detector found: {found}"
 
 
 def headline(outcome: CampaignOutcome) -> str:
     """Return a campaign's result in a sentence."""
-    tests, counts = len(outcome.tests), outcome.counts
-    passed = counts.get(Status.PASSED, 0)
+    tests, passed = len(outcome.tests), outcome.counts.get(Status.PASSED, 0)
     if tests == 0:
         return "The campaign has no tests."
     if passed == tests:
         return f"All {tests} tests came out as expected." if tests > 1 else "The test passed."
-    rest = [
-        f"{count} {STATUS_LABELS[status][1]}"
-        for status, count in counts.items()
-        if status is not Status.PASSED
-    ]
-    return f"{passed} of {tests} tests came out as expected; {', '.join(rest)}."
+    return f"{passed} of {tests} tests came out as expected."
 
 
 def detection_summary(outcome: CampaignOutcome) -> str:

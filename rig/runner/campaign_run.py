@@ -21,7 +21,7 @@ from .stopping import StopFlag
 from .thresholds import HealthyReferences
 
 _WRITE_EVERY_S: Final = 1.0
-"""How long results may be behind: a campaign of thousands of tests rewrites them now and then only."""
+"""How far behind results may be: with thousands of tests, not each of them rewrites them."""
 
 
 def run_campaign(
@@ -37,16 +37,16 @@ def run_campaign(
     """Run every test of a campaign on a simulated rig and write what comes of it to a folder.
 
     The folder gets `results.json` and `junit.xml`, a recording a test, and `errors.log` if a test
-    crashed. They are written whatever ends the run: a test that crashes is an outcome, a stop leaves
-    the rest of the tests as not run.
+    crashed. They are written whatever ends the run: a test that crashes is an outcome, a stop
+    leaves the rest of the tests as not run.
 
     Args:
         campaign: checked against the rig.
         rig: the rig, simulated.
-        out: a new or empty folder, or that of an earlier run, which is replaced; if not given, a new
-            one below `runs`.
-        pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given. The
-            results are the same bit for bit.
+        out: a new or empty folder, or that of an earlier run, which is replaced; if not given, a
+            new one below `runs`.
+        pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
+            The results are the same bit for bit.
         observer: is told how the run goes on.
         stop: ends the run after the present batch; see `stop_on_signals`.
         detector: makes the detector of each test instead of the filter's own.

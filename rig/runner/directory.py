@@ -65,7 +65,8 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
             pass  # permissions alone do not tell whether a file can be made
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise DirectoryError([f"{path}: cannot be written: {reason}; choose another --out"]) from error
+        line = f"{path}: cannot be written: {reason}; choose another --out"
+        raise DirectoryError([line]) from error
 
 
 def log_error(directory: Path, what: str) -> Path:
@@ -136,7 +137,8 @@ def _tests_of(results: Path) -> list[str] | None:
     """Return the names of the tests in `results.json`; None if the file is missing or not ours."""
     try:
         content = json.loads(results.read_bytes())
-        return [str(test["name"]) for test in content["tests"]] if content["schema"] == SCHEMA else None
+        names = [str(test["name"]) for test in content["tests"]]
+        return names if content["schema"] == SCHEMA else None
     except (FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
         return None
 

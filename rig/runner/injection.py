@@ -53,10 +53,11 @@ class Injection:
 
     def __init__(self, faults: tuple[Fault, ...], channels: tuple[str, ...]) -> None:
         self._faults = faults
+        columns = {kind: channels.index(channel) for kind, channel in LEAK_CHANNELS.items()}
         self._flows = {
-            index: _MeanFlow(channels.index(LEAK_CHANNELS[fault.kind]), fault.at_s + SETTLED_AFTER_S)
+            index: _MeanFlow(columns[fault.kind], fault.at_s + SETTLED_AFTER_S)
             for index, fault in enumerate(faults)
-            if fault.kind in LEAK_CHANNELS
+            if fault.kind in columns
         }
         self._time_s = -inf
         self._coming = sorted(_events(faults), key=lambda event: event[0])

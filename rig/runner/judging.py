@@ -25,7 +25,7 @@ _SAMPLED: Final = (
 
 
 class Judge:
-    """Collects a test's rows into blocks of half a second and keeps what its detector held after each.
+    """Collects a test's rows into blocks of half a second; keeps what was held after each.
 
     Args:
         detector: sees every sample once, in order.
@@ -33,9 +33,7 @@ class Judge:
         channels: names of the rows' columns.
     """
 
-    def __init__(
-        self, detector: Detector, memory: FilterMemory, channels: tuple[str, ...]
-    ) -> None:
+    def __init__(self, detector: Detector, memory: FilterMemory, channels: tuple[str, ...]) -> None:
         self.history: list[tuple[float, Decision]] = []
         self._detector = detector
         self._memory = memory

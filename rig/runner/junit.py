@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
-from junitparser.junitparser import Result
+from junitparser.junitparser import FinalResult
 
 from estimator.detection import Decision
 from rig.recording.targets import replacing
@@ -41,7 +41,7 @@ def _case(campaign: str, test: TestOutcome) -> TestCase:
     return case
 
 
-def _result(test: TestOutcome) -> Result | None:
+def _result(test: TestOutcome) -> FinalResult | None:
     if test.status == Status.PASSED:
         return None
     if test.status == Status.FAILED:

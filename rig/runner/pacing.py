@@ -18,8 +18,8 @@ _NAP_S: Final = 0.05
 class Pacer:
     """Holds a run back until the wall clock has come to its simulated time.
 
-    Every wait ends at an absolute time, so that no delay adds up. A batch that is late is followed at
-    once by the next: the simulated rig is delayed, and no tick of it skipped.
+    Every wait ends at an absolute time, so that no delay adds up. A batch that is late is followed
+    at once by the next: the simulated rig is delayed, and no tick of it skipped.
 
     Args:
         pace: "real" or "fast", which never waits.

@@ -18,7 +18,7 @@ _GIT_TIMEOUT_S: Final = 5.0
 
 
 def provenance(campaign: Campaign) -> dict[str, Any]:
-    """Return what is needed to run a campaign again: versions, git state, hashes; as JSON holds it."""
+    """Return what it takes to run a campaign again, as JSON holds it: versions, git, hashes."""
     return {
         "versions": versions(),
         "git": git_state(Path(rig.__file__).parent),
@@ -42,8 +42,8 @@ def model_sha256(model: Model) -> str:
 def git_state(folder: Path) -> Mapping[str, Any] | None:
     """Return the commit of the repository that holds a folder, and whether it was changed since.
 
-    None where git is missing, nothing was committed yet, or the repository around the folder does not
-    keep it (an installed package below somebody's checkout).
+    None where git is missing, nothing was committed yet, or the repository around the folder does
+    not keep it (an installed package below somebody's checkout).
     """
     commit = _git(folder, "rev-parse", "--verify", "--quiet", "HEAD")
     kept = _git(folder, "ls-files", "--error-unmatch", "__init__.py")

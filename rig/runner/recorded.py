@@ -1,7 +1,7 @@
 """The metadata of a test's recording: all that a replay, or a reader in ten years, needs to know.
 
-Values are plain and SI. What a replay takes from it stands at the end of this module: transducers and
-learnt thresholds, so that it comes to the decisions of the run.
+Values are plain and SI. What a replay takes from it stands at the end of this module: transducers
+and learnt thresholds, so that it comes to the decisions of the run.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,9 @@ def metadata_of(
     """Return the metadata of the recording of one test.
 
     Args:
-        campaign, rig, test: as configured; `rig` holds the truth of a simulated rig.
+        campaign: as configured.
+        rig: as configured; holds the truth of a simulated rig.
+        test: as configured.
         learning: what the detector was told of the healthy rig.
         channels: names of the recording's channels.
         provenance: `rig.runner.provenance.provenance` of the campaign.

@@ -1,4 +1,4 @@
-"""Writes `results.json`: everything that came of a campaign, each figure with its unit in its key."""
+"""Writes `results.json`: all that came of a campaign, each figure with its unit in its key."""
 
 import json
 from collections.abc import Mapping
@@ -87,7 +87,7 @@ def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
 
 
 def leak_figures(decision: Decision) -> dict[str, Any]:
-    """Return a decision's leak: mean flow, standard error and 95 % interval in L/min, coefficient SI."""
+    """Return a leak's mean flow, standard error and 95 % interval (L/min), and coefficient (SI)."""
     interval = decision.interval_m3_per_s
     return {
         "leak_L_per_min": litres_per_minute(decision.leak_m3_per_s),

@@ -1,4 +1,4 @@
-"""Runs one test of a campaign on the simulated rig: through the loop, to its recording and verdict."""
+"""Runs one test of a campaign on the simulated rig, to its recording and verdict."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -96,8 +96,8 @@ def loop_of(rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model) 
 def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcome:
     """Run one test; whatever happens in it, the rig is left safe and the recording closed.
 
-    A crash is an outcome, not an exception, and so is a stop; only what is no `Exception` (SystemExit)
-    is raised on.
+    A crash is an outcome, not an exception, and so is a stop; only what is no `Exception`
+    (SystemExit) is raised on.
 
     Args:
         setting: the campaign.

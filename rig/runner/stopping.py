@@ -38,7 +38,7 @@ class StopFlag:
 
 @contextmanager
 def stop_on_signals(stop: StopFlag) -> Iterator[None]:
-    """Let SIGINT (Ctrl-C), SIGTERM and SIGHUP set the flag, any number of times, instead of killing.
+    """Let SIGINT (Ctrl-C), SIGTERM and SIGHUP set the flag instead of killing, however often.
 
     Signals that are ignored (nohup, a job in the background) stay so. Main thread only.
     """

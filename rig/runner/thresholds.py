@@ -1,8 +1,8 @@
 """Thresholds of the thesis's detector, learnt from the campaign's own healthy tests.
 
-A moving average of innovations depends on the motion and the load: a healthy test says what is normal
-for the tests with the same setpoint and load. Where there is none, the detector learns from the first
-15 s of the test itself.
+A moving average of innovations depends on the motion and the load: a healthy test says what is
+normal for the tests with the same setpoint and load. Where there is none, the detector learns from
+the first 15 s of the test itself.
 """
 
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ class Learning:
 
 
 class HealthyInnovations:
-    """A detector that hands everything on to another, and keeps the innovations of both pressures."""
+    """A detector that hands everything on to another and keeps the pressures' innovations."""
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
@@ -98,7 +98,7 @@ def _are_alike(one: CampaignTest, other: CampaignTest) -> bool:
 
 
 def _unseeded(setpoint: Setpoint) -> Setpoint:
-    """Return a setpoint with the seed that all of its kind share: another draw of the same motion."""
+    """Return a setpoint without its own seed: others of its kind are the same motion."""
     if isinstance(setpoint, Pseudorandom):
         return replace(setpoint, seed=0)
     if isinstance(setpoint, Multisine) and setpoint.seed is not None:

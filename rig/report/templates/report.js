@@ -3,7 +3,8 @@
   const root = document.documentElement;
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const touch = matchMedia("(pointer: coarse)");
-  const MARGIN = { l: 58, r: 10, t: 8, b: 28 };
+  // On a touch screen the plot's buttons are always there and need their own line.
+  const MARGIN = { l: 58, r: 10, t: touch.matches ? 30 : 8, b: 28 };
   const DASHES = { injected: "solid", removed: "solid", onset: "dash", detected: "dot" };
   const CONFIG = {
     responsive: true,
@@ -12,15 +13,16 @@
     modeBarButtons: [["toImage"], ["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
     doubleClick: "reset+autosize",
   };
-  const PAPER_WIDTH = 680;
+  const PAPER = { width: 680, height: 190, autosize: false };
 
   const palette = () => {
     const style = getComputedStyle(root);
     return (role) => style.getPropertyValue("--" + role).trim();
   };
 
-  const coloured = (trace, colour) => {
+  const finished = (trace, unit, colour) => {
     const own = colour(trace.meta.role);
+    if (!trace.hoverinfo) trace.hovertemplate = `%{y:.4~g} ${unit}`;
     if (trace.line) trace.line.color = own;
     if (trace.marker) trace.marker.color = own;
     if (trace.fill) trace.fillcolor = own + "40";
@@ -74,7 +76,7 @@
         ...axis, range: [figures.start, figures.end], ticksuffix: " s", hoverformat: ".3f", zeroline: false,
       },
       yaxis: {
-        ...axis, hoverformat: ".3~f", fixedrange: touch.matches, nticks: 6,
+        ...axis, fixedrange: touch.matches, nticks: 6,
         title: { text: panel.unit, font: { size: 12, color: colour("quiet") }, standoff: 6 },
         ...(panel.limits ? { range: panel.limits } : {}),
       },
@@ -111,10 +113,10 @@
       const keys = [...figure.querySelectorAll(".key")];
       const traces = panel.traces.map((trace, number) => {
         trace.visible = keys[number].getAttribute("aria-pressed") === "true";
-        return coloured(trace, colour);
+        return finished(trace, panel.unit, colour);
       });
       const arranged = layout(panel, figures, index === 0, colour);
-      if (root.dataset.paper) Object.assign(arranged, { width: PAPER_WIDTH, autosize: false });
+      if (root.dataset.paper) Object.assign(arranged, PAPER);
       Plotly.react(plot, traces, arranged, CONFIG);
       if (drawn) return;
       plot.on("plotly_relayout", (change) => share(section, plot, change));

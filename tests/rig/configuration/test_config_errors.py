@@ -136,7 +136,12 @@ def test_a_short_file_that_unfolds_without_end_is_refused(tmp_path: Path) -> Non
 
 # One thing changed in a file that works: a clean result or a ConfigError, nothing else.
 
-FILES = ("campaigns/quickstart.yaml", "campaigns/loaded_7_2.yaml", "rigs/simulated.yaml")
+FILES = (
+    "campaigns/quickstart.yaml",
+    "campaigns/loaded_7_2.yaml",
+    "rigs/simulated.yaml",
+    "models/nominal.yaml",
+)
 JUNK: st.SearchStrategy[Any] = st.one_of(
     st.none(),
     st.booleans(),

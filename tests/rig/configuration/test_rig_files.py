@@ -8,9 +8,7 @@ import pytest
 from faults.bypass import NOMINAL_BYPASSES
 from faults.verdict import FAULT_KINDS, Verdict
 from rig.configuration import ConfigError
-from rig.configuration.document import Sources
-from rig.configuration.lookup import shipped_config_dir
-from rig.configuration.rig import Limits, Rig, read_rig
+from rig.configuration.rig import Limits, Rig, load_rig
 from rig.plant.parameters import KARNOPP, NOMINAL
 from rig.plant.sensors import DATA_SHEET
 
@@ -24,26 +22,14 @@ limits: {position: [5 mm, 0.6 m], command: 10 V, pressure: 20 MPa}
 SENSORS_FITTED = ("has_load_cell", "has_spool_sensor", "has_supply_pressure_sensor")
 
 
-def load(path: Path) -> Rig:
-    sources = Sources()
-    rig = read_rig(path, sources)
-    sources.problems.raise_if_any()
-    assert rig is not None
-    return rig
-
-
 def load_text(folder: Path, text: str) -> Rig:
     path = folder / "rig.yaml"
     path.write_text(text)
-    return load(path)
-
-
-def shipped(name: str) -> Rig:
-    return load(shipped_config_dir() / "rigs" / f"{name}.yaml")
+    return load_rig(path)
 
 
 def test_the_simulated_rig_differs_from_every_model_as_real_rigs_do() -> None:
-    rig = shipped("simulated")
+    rig = load_rig("simulated")
     assert rig.plant.parameters == NOMINAL._replace(
         bulk_modulus=0.96 * 6.89e8,
         viscous=1.1 * 350.0,
@@ -59,26 +45,26 @@ def test_the_simulated_rig_differs_from_every_model_as_real_rigs_do() -> None:
 
 
 def test_the_simulated_rig_can_inject_every_fault_of_figure_2_3() -> None:
-    rig = shipped("simulated")
+    rig = load_rig("simulated")
     assert rig.return_valve is not None
     assert {*rig.bypass_valves, Verdict.RETURN_BLOCKAGE} == set(FAULT_KINDS)
 
 
 def test_the_simulated_rigs_bypasses_are_the_nominal_ones() -> None:
-    for kind, valve in shipped("simulated").bypass_valves.items():
+    for kind, valve in load_rig("simulated").bypass_valves.items():
         assert valve.needle.coefficients == NOMINAL_BYPASSES[kind].needle.coefficients
         assert valve.ball_coefficient == NOMINAL_BYPASSES[kind].ball_coefficient
 
 
 def test_the_ideal_rig_is_the_nominal_model_behind_the_same_sensors_and_valves() -> None:
-    ideal, simulated = shipped("ideal"), shipped("simulated")
+    ideal, simulated = load_rig("ideal"), load_rig("simulated")
     assert ideal.plant.parameters == NOMINAL
     assert (ideal.sensors, ideal.limits) == (simulated.sensors, simulated.limits)
     assert ideal.bypass_valves == simulated.bypass_valves
 
 
 def test_the_thesis_rig_has_karnopp_friction() -> None:
-    assert shipped("thesis").plant.parameters == NOMINAL._replace(friction_law=KARNOPP)
+    assert load_rig("thesis").plant.parameters == NOMINAL._replace(friction_law=KARNOPP)
 
 
 def test_a_rig_may_lack_sensors_and_valves(tmp_path: Path) -> None:

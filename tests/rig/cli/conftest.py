@@ -1,0 +1,61 @@
+"""Runs the command line in this process, and campaigns short enough for it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from rig.cli import main
+
+
+class Done(NamedTuple):
+    """What a command did."""
+
+    code: int
+    out: str
+    err: str
+
+
+Invoke = Callable[..., Done]
+
+CAMPAIGN = """
+name: short
+rig: simulated
+tests:
+  - name: healthy
+    duration: 6 s
+    settle: 0.5 s
+    setpoint: {type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}
+  - name: leak [low]
+    duration: 14 s
+    settle: 0.5 s
+    setpoint: {type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}
+    faults: [{type: external_leakage_1, at: 8 s, flow: 0.8 L/min, pressure: 6.9 MPa}]
+"""
+
+
+@pytest.fixture
+def invoke(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Invoke:
+    """Run `rig` with arguments in an empty working directory."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> Done:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as caught:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert isinstance(caught.value.code, int)
+        return Done(caught.value.code, captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def campaign_file(tmp_path: Path) -> Path:
+    """A healthy test and one with a leak, 20 s of rig time."""
+    path = tmp_path / "short.yaml"
+    path.write_text(CAMPAIGN)
+    return path

@@ -1,0 +1,99 @@
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+import rig.cli.application
+from rig import __version__
+from rig.cli.application import COMMANDS
+
+Invoke = Callable[..., Any]
+
+
+def test_help_lists_every_command_and_loads_none_of_what_they_need() -> None:
+    program = (
+        "import sys; sys.argv[1:] = ['--help']\n"
+        "from rig.cli import main\n"
+        "try: main()\n"
+        "finally: print('LOADED', *sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    listed, _, loaded = done.stdout.partition("LOADED")
+    assert all(f"  {name} " in listed for name in COMMANDS)
+    heavy = {"numpy", "numba", "pyarrow", "pint", "plotly", "pydantic", "rich", "yaml"}
+    assert heavy.isdisjoint(loaded.split())
+
+
+def test_the_version_is_the_package_s(invoke: Invoke) -> None:
+    assert invoke("--version") == (0, f"rig, version {__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(invoke: Invoke, command: str) -> None:
+    done = invoke(command, "--help")
+    assert done.code == 0
+    assert f"Usage: rig {command}" in done.out
+
+
+@pytest.mark.parametrize("arguments", [["rnu"], ["run"], ["run", "x", "--pace", "slow"], ["--bad"]])
+def test_wrong_usage_is_bad_input(invoke: Invoke, arguments: list[str]) -> None:
+    done = invoke(*arguments)
+    assert done.code == 2
+    assert done.out == ""
+    assert "Error" in done.err
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], None]:
+    """Make `rig init` raise."""
+
+    def fail_with(error: BaseException) -> None:
+        @click.command()
+        def command() -> int:
+            raise error
+
+        monkeypatch.setattr(
+            rig.cli.application.LazyGroup, "get_command", lambda group, ctx, name: command
+        )
+
+    return fail_with
+
+
+def test_an_unknown_error_is_one_line_that_tells_where_the_traceback_is(
+    invoke: Invoke,
+    failing: Callable[[BaseException], None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    failing(RuntimeError("out of\noil"))
+    done = invoke("init")
+    (log,) = tmp_path.glob("rig-error-*.log")
+    assert done == (1, "", f"rig: RuntimeError: out of oil; traceback in {log}\n")
+    assert "Traceback" in log.read_text()
+
+
+def test_an_interrupt_before_anything_ran_is_a_stop(
+    invoke: Invoke, failing: Callable[[BaseException], None]
+) -> None:
+    failing(KeyboardInterrupt())
+    done = invoke("init")
+    assert done.code == 3
+    assert "Traceback" not in done.err
+
+
+def test_output_that_nobody_reads_is_no_crash() -> None:
+    program = "from rig.cli import main; main(['check', *['nominal'] * 20000])"
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait() == 1

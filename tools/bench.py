@@ -1,0 +1,16 @@
+"""All benchmarks in one run: filters, plant, campaigns and start-up, each as ratios or rates."""
+
+import sys
+
+from tools import bench_campaign, bench_filters, bench_plant
+
+
+def main() -> None:
+    """Run every benchmark with its defaults, one after the other."""
+    sys.argv = sys.argv[:1]
+    for benchmark in (bench_filters, bench_plant, bench_campaign):
+        benchmark.main()
+
+
+if __name__ == "__main__":
+    main()

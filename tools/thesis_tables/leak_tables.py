@@ -1,0 +1,155 @@
+"""One table of leaks: a column a test, the thesis's figures over those computed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from estimator.detection import Decision
+from faults.leakage import to_litres_per_minute
+
+from .causes import POSITION
+from .markdown import NOTHING, arrow, fixed, heading_row, spread, table
+from .measures import (
+    Change,
+    average_change,
+    meter_flow,
+    metered_coefficient,
+    share_outside,
+    true_flow,
+)
+from .printed import Printed, PrintedTable
+from .trials import Trial, Trials
+
+LOCATIONS: Final = {
+    "external_leakage_1": "chamber 1",
+    "external_leakage_2": "chamber 2",
+    "internal_leakage": "internal",
+}
+LEVELS: Final = {2: ("low", "high"), 3: ("low", "medium", "high")}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One test of a table beside what is printed of it.
+
+    Attributes:
+        heading: location and level of the leak.
+        kind: kind of leak whose meter is read; the table's in a healthy test, if it has but one.
+    """
+
+    heading: str
+    trial: Trial
+    printed: Printed
+    kind: str | None
+
+
+def columns_of(
+    trials: Trials, printed: PrintedTable, kinds: Sequence[str], *, sine: bool = True
+) -> list[Column]:
+    """Return the healthy test and those with the given kinds of leak, level by level."""
+    only = kinds[0] if len(kinds) == 1 else None
+    healthy = printed.get("healthy", (Printed(),))[0]
+    columns = [Column("healthy", trials.healthy(sine=sine), healthy, only)]
+    for kind in kinds:
+        leaks = trials.leaks(kind, sine=sine)
+        for level, trial, told in zip(LEVELS[len(leaks)], leaks, printed[kind], strict=True):
+            columns.append(Column(f"{LOCATIONS[kind]}, {level}", trial, told, kind))
+    return columns
+
+
+Row = tuple[str, Callable[[Column], str]]
+
+
+def leak_table(columns: Sequence[Column], exponent: int) -> str:
+    """Return the table of some tests, moving averages in 10^exponent Pa."""
+    sections = [
+        ("Leak", _leak_rows(columns)),
+        *((f"MAE of chamber {i + 1} (1e{exponent} Pa)", _chamber_rows(i, 10.0**exponent))
+          for i in range(2)),
+        ("Verdict", _VERDICT_ROWS),
+    ]  # fmt: skip
+    width = len(columns) + 1
+    rows = []
+    for name, section in sections:
+        cells = [[label, *(cell(column) for column in columns)] for label, cell in section]
+        # A row in which nothing is told, as of printed figures that the thesis does not give.
+        told = [row for row in cells if set(row[1:]) != {NOTHING}]
+        rows += [heading_row(name, width), *told]
+    return table(["", *(column.heading for column in columns)], rows)
+
+
+def _leak_rows(columns: Sequence[Column]) -> list[Row]:
+    linear = any(c.trial.leak.linear for c in columns if c.trial.leak)
+    unit, name = (1e-12, "1e-12 m³/(s Pa)") if linear else (1e-9, "1e-9 m³/(s √Pa)")
+    return [
+        (f"coefficient, printed ({name})", lambda c: spread(c.printed.coefficient, unit)),
+        ("coefficient, asked", lambda c: fixed(c.trial.leak.coefficient / unit, 2)
+         if c.trial.leak else NOTHING),
+        ("coefficient, by the meter", lambda c: spread(metered_coefficient(c.trial), unit)),
+        ("flow, printed (L/min)", lambda c: arrow(c.printed.flow, decimals=2)),
+        ("flow, by the meter", lambda c: arrow(meter_flow(c.trial, c.kind), decimals=2)
+         if c.kind else NOTHING),
+        ("flow, truth", lambda c: fixed(true_flow(c.trial), 3)),
+    ]  # fmt: skip
+
+
+def _chamber_rows(i: int, unit: float) -> list[Row]:
+    return [
+        ("printed", lambda c: arrow(c.printed.averages[i], unit, decimals=2)),
+        ("innovation", lambda c: arrow(innovation_change(c.trial, i), unit)),
+        ("a posteriori", lambda c: arrow(residual_change(c.trial, i), unit)),
+        ("innovation, encoder trusted", lambda c: arrow(trusted_change(c.trial, i), unit)),
+    ]
+
+
+def innovation_change(trial: Trial, chamber: int) -> Change:
+    """Return the moving average of a chamber's (0 or 1) absolute innovations, Pa."""
+    return average_change(trial.thesis.run.innovation[:, 1 + chamber], trial)
+
+
+def residual_change(trial: Trial, chamber: int) -> Change:
+    """Return the moving average of a chamber's (0 or 1) absolute a posteriori residuals, Pa."""
+    return average_change(trial.thesis.run.residual[:, 1 + chamber], trial)
+
+
+def trusted_change(trial: Trial, chamber: int) -> Change:
+    """Return the same average of innovations for the thesis filter that trusts the encoder, Pa."""
+    return average_change(trial.trusted.outputs[:, 1 + chamber], trial)
+
+
+def outside_change(trial: Trial) -> Change:
+    """Return the share of time in % that the thesis filter's position is outside the stroke."""
+    return share_outside(trial.thesis.run.states[:, POSITION], trial)
+
+
+def said(decision: Decision | None, trial: Trial) -> str:
+    """Return a verdict in a word or two, bold where it is the right one."""
+    if decision is None:
+        return NOTHING
+    word = LOCATIONS.get(decision.verdict, decision.verdict.replace("_", " "))
+    return f"**{word}**" if decision.verdict == trial.test.expect else word
+
+
+def _found_flow(trial: Trial) -> str:
+    decision = trial.product.decision
+    if decision.leak_m3_per_s is None or decision.leak_std_m3_per_s is None:
+        return NOTHING
+    flow = to_litres_per_minute(decision.leak_m3_per_s)
+    half = to_litres_per_minute(1.96 * decision.leak_std_m3_per_s)
+    return f"{fixed(flow, 3)} ± {fixed(half, 3)}"
+
+
+_VERDICT_ROWS: Final[list[Row]] = [
+    ("position estimate outside the stroke (% of time)",
+     lambda c: arrow(outside_change(c.trial), decimals=0)),
+    ("thesis's pattern before the leak", lambda c: _word(c.trial.pattern_before_leak)),
+    ("thesis's pattern at the end", lambda c: said(c.trial.thesis.decision, c.trial)),
+    ("product's detector at the end", lambda c: said(c.trial.product.decision, c.trial)),
+    ("flow it finds, ± 95 % (L/min)", lambda c: _found_flow(c.trial)),
+]  # fmt: skip
+
+
+def _word(decision: Decision | None) -> str:
+    if decision is None:
+        return NOTHING
+    return LOCATIONS.get(decision.verdict, decision.verdict.replace("_", " "))

@@ -1,0 +1,57 @@
+"""How often each detector was right over the tests of a campaign."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from faults.leakage import to_litres_per_minute
+
+from .measures import true_flow
+from .trials import Trial
+
+
+@dataclass(frozen=True)
+class Score:
+    """Counts over some tests.
+
+    Attributes:
+        leaks, healthy: tests with a leak, and without.
+        pattern_right, product_right: leaks that were named rightly at the end of the test.
+        pattern_early: tests with a leak in which the pattern held a fault just before it.
+        pattern_alarms, product_alarms: healthy tests that were not judged healthy.
+        covered: rightly named leaks whose true flow is within the product's 95 % interval.
+    """
+
+    leaks: int
+    healthy: int
+    pattern_right: int
+    pattern_early: int
+    pattern_alarms: int
+    product_right: int
+    product_alarms: int
+    covered: int
+
+
+def score(trials: Sequence[Trial]) -> Score:
+    """Return the counts over some tests."""
+    leaks = [t for t in trials if t.leak is not None]
+    healthy = [t for t in trials if t.leak is None]
+    early = [t.pattern_before_leak for t in leaks]
+    return Score(
+        leaks=len(leaks),
+        healthy=len(healthy),
+        pattern_right=sum(t.thesis.decision.verdict == t.test.expect for t in leaks),
+        pattern_early=sum(d is not None and d.verdict != "healthy" for d in early),
+        pattern_alarms=sum(t.thesis.decision.verdict != "healthy" for t in healthy),
+        product_right=sum(t.product.decision.verdict == t.test.expect for t in leaks),
+        product_alarms=sum(t.product.decision.verdict != "healthy" for t in healthy),
+        covered=sum(_is_covered(t) for t in leaks),
+    )
+
+
+def _is_covered(trial: Trial) -> bool:
+    decision, truth = trial.product.decision, true_flow(trial)
+    interval = decision.interval_m3_per_s
+    if decision.verdict != trial.test.expect or interval is None or truth is None:
+        return False
+    low, high = (to_litres_per_minute(limit) for limit in interval)
+    return low <= truth <= high

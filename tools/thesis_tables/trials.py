@@ -1,0 +1,139 @@
+"""Runs the tests of a shipped campaign in memory, each once, and judges its recording by both detectors."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from control.setpoints import Sine
+from estimator.detection import Decision
+from estimator.filters import DEFAULT_FILTER, start_memory
+from estimator.pattern import STARTED_S, PatternDetector
+from estimator.replay import ReplayResult, replay
+from faults.campaign import Campaign, CampaignTest
+from faults.schedule import Fault
+from rig.configuration.campaign import load_campaign
+from rig.configuration.rig import Rig
+from rig.plant import Model
+from rig.recording import Recording
+from rig.runner.single_test import loop_of
+from rig.runner.thresholds import HealthyReferences
+
+from .trusted import TrustedRun, run_trusted
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One test of a campaign as it went on the simulated rig, at most one leak in it.
+
+    Attributes:
+        test: what was asked of the rig.
+        model: what filters and detectors assume of it.
+        recording: 1 kHz, truth included.
+        thesis: the thesis's filter, and its pattern with thresholds from the campaign's healthy test.
+        trusted: the thesis's filter that trusts the encoder (`tools.thesis_tables.trusted`).
+        product: the product's filter and default detector.
+    """
+
+    test: CampaignTest
+    model: Model
+    recording: Recording
+    thesis: ReplayResult
+    trusted: TrustedRun
+    product: ReplayResult
+
+    @property
+    def leak(self) -> Fault | None:
+        """The leak that was set; None in a healthy test."""
+        return self.test.faults[0] if self.test.faults else None
+
+    @property
+    def pattern_before_leak(self) -> Decision | None:
+        """What the thesis's pattern held just before the leak; None in a healthy test."""
+        if self.leak is None:
+            return None
+        return next(d for t, d in reversed(self.thesis.history) if t < self.leak.at_s)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """The tests of a campaign, in its order, and the thesis filter they were run with."""
+
+    campaign: Campaign
+    rig: Rig
+    filter_name: str
+    trials: tuple[Trial, ...]
+
+    def healthy(self, *, sine: bool = True) -> Trial:
+        """Return the healthy test with a sine as its setpoint, or with another one."""
+        return next(
+            t for t in self.trials if t.leak is None and isinstance(t.test.setpoint, Sine) == sine
+        )
+
+    def leaks(self, kind: str, *, sine: bool = True) -> list[Trial]:
+        """Return the tests with one kind of leak under a sine (or another setpoint), smallest first."""
+        found = [(t.leak.coefficient, t) for t in self.trials if t.leak and t.leak.kind == kind
+                 and isinstance(t.test.setpoint, Sine) == sine]  # fmt: skip
+        return [trial for _, trial in sorted(found, key=lambda pair: pair[0])]
+
+
+def record(rig: Rig, test: CampaignTest, model: Model) -> Recording:
+    """Return a test on the simulated rig as a recording: every channel of the loop, truth included."""
+    loop = loop_of(rig, test, start_memory(DEFAULT_FILTER, model, rig.sensors), model)
+    loop.position()
+    rows = loop.advance(loop.ticks_left)
+    return Recording(
+        {name: np.ascontiguousarray(rows[:, i]) for i, name in enumerate(loop.channels)}
+    )
+
+
+def run_trials(name: str, filter_name: str, kinds: Collection[str] | None = None) -> Trials:
+    """Run the tests of a shipped campaign on the rig it names.
+
+    Args:
+        name: of the campaign.
+        filter_name: `thesis-6` or `thesis-7`.
+        kinds: healthy tests and these kinds of leak only; every kind if not given.
+    """
+    campaign, rig = load_campaign(name)
+    if kinds is not None:
+        chosen = [t for t in campaign.tests if all(fault.kind in kinds for fault in t.faults)]
+        campaign = replace(campaign, tests=tuple(chosen))
+    references = HealthyReferences(replace(campaign, filter_name=filter_name))
+    trials = {}
+    for index in references.running_order:
+        test = campaign.tests[index]
+        trial = _run(campaign, rig, test, filter_name, references)
+        if references.is_reference(test):
+            innovation = trial.thesis.run.innovation[trial.recording.time_s > STARTED_S, 1:3]
+            references.add(test, innovation)
+        trials[index] = trial
+    ordered = tuple(trials[index] for index in range(len(campaign.tests)))
+    return Trials(campaign, rig, filter_name, ordered)
+
+
+def _run(
+    campaign: Campaign, rig: Rig, test: CampaignTest, filter_name: str, references: HealthyReferences
+) -> Trial:
+    model = campaign.model
+    recording = record(rig, test, model)
+    baseline = references.learning(test).baseline
+    return Trial(
+        test,
+        model,
+        recording,
+        replay(
+            recording,
+            model,
+            filter_name=filter_name,
+            detector=PatternDetector(campaign.false_alarms_per_day, baseline),
+            sensors=rig.sensors,
+        ),
+        run_trusted(recording, model, filter_name),
+        replay(
+            recording,
+            model,
+            false_alarms_per_day=campaign.false_alarms_per_day,
+            sensors=rig.sensors,
+        ),
+    )

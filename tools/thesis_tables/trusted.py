@@ -1,0 +1,76 @@
+"""The thesis's filters with one figure changed: they trust the encoder.
+
+The thesis calls the 1e-4 of R a variance and gives its unit as m (chapter 5). As printed it enters R in
+m^2, a standard deviation of 1 cm; read as the standard deviation that its unit says, it is 0.1 mm. Only
+this page runs the second reading, to show how much of what the printed filters do hangs on it.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimator import thesis
+from estimator.covariance import thesis6_kalman_step, thesis7_kalman_step
+from estimator.filters import OUTPUTS, THESIS_7, filter_named
+from estimator.thesis_model import linearised_6, linearised_7
+from rig.plant import Model
+from rig.recording import Recording
+
+Array = NDArray[np.float64]
+
+POSITION_VARIANCE: Final = 1e-4**2
+"""m^2: the printed 1e-4 m read as a standard deviation."""
+
+
+@njit(cache=True, error_model="numpy")
+def _run_6(x, P, command, measured, par, Q, R, states, outputs):
+    for k in range(1, command.size):
+        predicted, entries = linearised_6((x[0], x[1], x[2], x[3], x[4], x[5]), command[k - 1], par)
+        thesis6_kalman_step(predicted, entries, x, P, Q, R, measured[k, 0], measured[k, 1],
+                            measured[k, 2], outputs[k])  # fmt: skip
+        states[k] = x
+
+
+@njit(cache=True, error_model="numpy")
+def _run_7(x, P, command, measured, par, Q, R, states, outputs):
+    for k in range(1, command.size):
+        predicted, entries = linearised_7((x[0], x[1], x[2], x[3], x[4], x[5], x[6]),
+                                          command[k - 1], par)  # fmt: skip
+        thesis7_kalman_step(predicted, entries, x, P, Q, R, measured[k, 0], measured[k, 1],
+                            measured[k, 2], outputs[k])  # fmt: skip
+        states[k] = x
+
+
+@dataclass(frozen=True)
+class TrustedRun:
+    """Estimates of a thesis filter with its own R, as `FilterRun`: states (n, 6 or 7), outputs (n, 9)."""
+
+    states: Array
+    outputs: Array
+
+
+def run_trusted(
+    recording: Recording,
+    model: Model,
+    filter_name: str,
+    position_variance: float = POSITION_VARIANCE,
+) -> TrustedRun:
+    """Run a thesis filter over a recording with its printed tuning but for R's position variance (m^2)."""
+    with_load = filter_named(filter_name).code == THESIS_7
+    x, P = thesis.initial_state(with_load)
+    run, Q, R = (
+        (_run_7, thesis.THESIS7_PROCESS_NOISE, thesis.THESIS7_MEASUREMENT_NOISE)
+        if with_load
+        else (_run_6, thesis.THESIS6_PROCESS_NOISE, thesis.THESIS6_MEASUREMENT_NOISE)
+    )
+    measured = np.column_stack(
+        [recording[name] for name in ("position_m", "pressure_1_Pa", "pressure_2_Pa")]
+    )
+    states = np.tile(x, (len(recording), 1))
+    outputs = np.full((len(recording), len(OUTPUTS)), np.nan)
+    run(x, P, recording["command_V"], measured, model.parameters, Q,
+        (position_variance, *R[1:]), states, outputs)  # fmt: skip
+    return TrustedRun(states, outputs)
