@@ -20,7 +20,7 @@ from .flow_account import (
     reference_drop,
     reference_flow,
 )
-from .leak_test import MINIMUM_BLOCKS, Finding, LeakTest
+from .leak_test import MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
 
 Array = NDArray[np.float64]
 
@@ -88,18 +88,38 @@ class Detector(Protocol):
         """Return the decision that the samples seen so far support."""
 
 
+def draw_up(account: FlowAccount, samples: Samples, run: FilterRun) -> list[AccountBlock]:
+    """Add samples with the product filter's estimates to an account; return the blocks finished."""
+    fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
+    return account.add(
+        run.time_s,
+        run.state("spool_m"),
+        run.state("null_bias_m"),
+        run.state("pressure_1_Pa"),
+        run.state("pressure_2_Pa"),
+        run.state("position_m"),
+        fresh.astype(np.float64),
+    )
+
+
 class OilAccountDetector:
     """The default detector: tests the oil accounts kept with the product filter's estimates.
 
     Args:
         model: the model the filter assumes.
         false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
+        expected: what is known of this rig's nuisances, from a baseline.
     """
 
-    def __init__(self, model: Model, false_alarms_per_day: float = 1.0) -> None:
+    def __init__(
+        self,
+        model: Model,
+        false_alarms_per_day: float = 1.0,
+        expected: NuisanceBelief = UNINFORMED,
+    ) -> None:
         self._parameters = model.parameters
         self._account = FlowAccount(model.parameters)
-        self._test = LeakTest(false_alarms_per_day)
+        self._test = LeakTest(false_alarms_per_day, expected)
         self._blocks: list[AccountBlock] = []
         self._tested: list[int] = []
         self._supply: list[float] = []
@@ -109,12 +129,8 @@ class OilAccountDetector:
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
-        position, p1, p2 = (run.state(n) for n in ("position_m", "pressure_1_Pa", "pressure_2_Pa"))
-        fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
-        blocks = self._account.add(
-            samples.time_s, run.state("spool_m"), run.state("null_bias_m"), p1, p2, position,
-            fresh.astype(np.float64),
-        )
+        position = run.state("position_m")
+        blocks = draw_up(self._account, samples, run)
         if not self._ranges:
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
@@ -230,9 +246,7 @@ class OilAccountDetector:
         return name if dropped <= max(3.0 * wander, 1e5) else "unknown_fault"
 
 
-def leak_flow(
-    run: FilterRun, parameters: Parameters
-) -> dict[str, Array]:
+def leak_flow(run: FilterRun, parameters: Parameters) -> dict[str, Array]:
     """Return the product filter's leak flows over time, float64 (n,) in m^3/s, by leak (eq. 5.2)."""
     p1, p2 = run.state("pressure_1_Pa"), run.state("pressure_2_Pa")
     drops = (p1 - parameters.return_pressure, p2 - parameters.return_pressure, p1 - p2)

@@ -60,7 +60,9 @@ FILTERS: Final = {
             "load, three leak coefficients and spool null bias as states; stable prediction",
         ),
         Filter("thesis-6", THESIS_6, _THESIS_STATES, "eq. 2.15 with the Karnopp friction model"),
-        Filter("thesis-7", THESIS_7, (*_THESIS_STATES, "load_N"), "eqs. 6.13 to 6.19, load as state"),
+        Filter(
+            "thesis-7", THESIS_7, (*_THESIS_STATES, "load_N"), "eqs. 6.13 to 6.19, load as state"
+        ),
     )
 }
 DEFAULT_FILTER: Final = "product"
@@ -89,9 +91,7 @@ class FilterMemory:
     work: Array
 
 
-def start_memory(
-    name: str, model: Model, sensors: SensorParameters = DATA_SHEET
-) -> FilterMemory:
+def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET) -> FilterMemory:
     """Return a filter's memory before its first sample; `model` is what the filter assumes."""
     chosen = filter_named(name)
     if chosen.code == PRODUCT:

@@ -59,6 +59,18 @@ def student_quantile(probability: float, freedom: float) -> float:
 
 
 @dataclass(frozen=True)
+class NuisanceBelief:
+    """Mean (15,) and covariance (15, 15) of the nuisances, each in units of its tolerance."""
+
+    mean: Array
+    covariance: Array
+
+
+UNINFORMED: Final = NuisanceBelief(np.zeros(NUISANCE_COUNT), np.eye(NUISANCE_COUNT))
+"""Nothing known but the tolerances."""
+
+
+@dataclass(frozen=True)
 class Finding:
     """One fault in the accounts.
 
@@ -145,14 +157,17 @@ class LeakTest:
 
     Args:
         false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
+        expected: what is believed of the nuisances before any block.
     """
 
-    def __init__(self, false_alarms_per_day: float) -> None:
+    def __init__(self, false_alarms_per_day: float, expected: NuisanceBelief = UNINFORMED) -> None:
         if not 0.0 < false_alarms_per_day <= 1e4:
             raise ValueError(
                 f"false_alarms_per_day: {false_alarms_per_day} is outside 0 to 10000 per day"
             )
         self.false_alarms_per_day = false_alarms_per_day
+        self._expected = expected
+        self._root = np.linalg.cholesky(expected.covariance)
         width = FAULT_COUNT * (FAULT_COUNT + NUISANCE_COUNT + 2) + 1
         self._ff = np.eye(NUISANCE_COUNT)
         self._fy = np.zeros(NUISANCE_COUNT)
@@ -163,6 +178,13 @@ class LeakTest:
         self._onsets = 0
         self._blocks = 0
         self._history: list[tuple[Array, Array, Array]] = []
+
+    def nuisances(self) -> NuisanceBelief:
+        """Return what the blocks so far say of the nuisances, if no fault is in them."""
+        inverse = np.linalg.inv(self._ff)
+        mean = np.einsum("nm,m->n", self._root, np.einsum("nm,m->n", inverse, self._fy))
+        covariance = np.einsum("an,nm,bm->ab", self._root, inverse, self._root)
+        return NuisanceBelief(self._expected.mean + mean, covariance)
 
     @property
     def blocks(self) -> int:
@@ -190,6 +212,8 @@ class LeakTest:
         self._onsets += 1
         y = block.missing / (LITRE_PER_MINUTE * NOISE)
         f = block.nuisances / (LITRE_PER_MINUTE * NOISE)
+        y = y - np.einsum("cn,n->c", f, self._expected.mean)
+        f = np.einsum("cn,nm->cm", f, self._root)
         faults = block.faults / (LITRE_PER_MINUTE * NOISE)
         self._ff += f.T @ f
         self._fy += f.T @ y
@@ -326,4 +350,3 @@ class LeakTest:
         signature = coefficient * faults[:, fault]
         rest = y - np.einsum("ij,j->i", f, nuisance)
         return float(np.clip((rest * signature).sum() / (signature**2).sum(), 0.0, 1.0))
-

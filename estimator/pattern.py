@@ -39,6 +39,32 @@ class PatternBaseline:
     thresholds: Array
 
 
+@dataclass(frozen=True)
+class HealthyLevel:
+    """Healthy innovations: mean and deviation (2,) of half-second means of |innovation|, Pa.
+
+    Attributes:
+        looks: how many half seconds were seen.
+    """
+
+    mean: Array
+    deviation: Array
+    looks: int
+
+    def baseline(self, false_alarms_per_day: float) -> PatternBaseline:
+        """Return the thresholds that healthy moving averages exceed at the stated rate.
+
+        Means of half a second are independent looks at the healthy level; a moving average of 4000
+        samples is the mean of eight. Two chambers and 21600 such averages a day share the stated
+        rate, and the quantile is Student's for the looks there were.
+        """
+        looks_per_day = 2.0 * 86400.0 / (THESIS_WINDOW * 1e-3)
+        probability = min(false_alarms_per_day / looks_per_day, 0.25)
+        quantile = student_quantile(probability, self.looks - 1.0)
+        spread = self.deviation * sqrt(_PIECE / THESIS_WINDOW + 1.0 / self.looks)
+        return PatternBaseline(self.mean, self.mean + quantile * spread)
+
+
 def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> PatternBaseline:
     """Learn the thresholds that healthy moving averages exceed at the stated rate.
 
@@ -46,9 +72,14 @@ def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> 
         innovations: of healthy runs, float64 (n, 2) each: pressures 1 and 2, Pa; at least 4 s in all.
         false_alarms_per_day: alarms that a healthy rig may raise in a day.
 
-    Means of half a second are independent looks at the healthy level; a moving average of 4000 samples
-    is the mean of eight. Two chambers and 21600 such averages a day share the stated rate, and the
-    quantile is Student's for the looks there were.
+    Raises:
+        ValueError: fewer than eight half seconds.
+    """
+    return healthy_level(innovations).baseline(false_alarms_per_day)
+
+
+def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
+    """Return the level of healthy innovations, float64 (n, 2) each: pressures 1 and 2, Pa.
 
     Raises:
         ValueError: fewer than eight half seconds.
@@ -59,13 +90,7 @@ def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> 
         raise ValueError(
             f"baseline: {means.shape[0]} half seconds of healthy innovations; give at least 8"
         )
-    looks_per_day = 2.0 * 86400.0 / (THESIS_WINDOW * 1e-3)
-    probability = min(false_alarms_per_day / looks_per_day, 0.25)
-    quantile = student_quantile(probability, means.shape[0] - 1.0)
-    averaged = THESIS_WINDOW / _PIECE
-    spread = means.std(axis=0, ddof=1) * sqrt(1.0 / averaged + 1.0 / means.shape[0])
-    normal = means.mean(axis=0)
-    return PatternBaseline(normal, normal + quantile * spread)
+    return HealthyLevel(means.mean(axis=0), means.std(axis=0, ddof=1), means.shape[0])
 
 
 def _pieces(absolute: Array) -> Array:
@@ -113,11 +138,9 @@ class PatternDetector:
             return
         if elapsed[-1] < STARTED_S + THESIS_WINDOW * 1e-3:
             return
-        above = (averages > self.baseline.thresholds).any(axis=1)
+        above = np.asarray((averages > self.baseline.thresholds).any(axis=1))
         if self._onset is None and above.any():
             self._onset = float(samples.time_s[started][np.argmax(above)])
-        elif not above[-1]:
-            self._onset = None
 
     def decide(self) -> Decision:
         """Return the verdict by the pattern of section 5.3."""
@@ -127,9 +150,9 @@ class PatternDetector:
         details = {f"average_{i + 1}_Pa": float(self._current[i]) for i in range(2)}
         details |= {f"threshold_{i + 1}_Pa": float(thresholds[i]) for i in range(2)}
         ratio = float((self._current / thresholds).max())
-        if self._onset is None:
-            return Decision("healthy", statistic=ratio, threshold=1.0, details=details)
         up = self._current > thresholds
+        if self._onset is None or not up.any():
+            return Decision("healthy", statistic=ratio, threshold=1.0, details=details)
         rise = np.maximum(self._current - self.baseline.normal, 0.0)
         if up.all() and rise.max() < EXTERNAL_RATIO * rise.min():
             verdict = "internal_leakage"

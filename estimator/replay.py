@@ -80,10 +80,7 @@ def replay(
         ValueError: no filter of that name.
     """
     samples = samples_of(recording)
-    measured = np.column_stack(
-        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
-    )
-    run = run_filter(samples.time_s, samples.command, measured, model, filter_name, sensors)
+    run = filter_recording(recording, model, filter_name, sensors)
     judge = detector or detector_for(filter_name, model, false_alarms_per_day)
     history = []
     for start in range(0, samples.time_s.size, BLOCK_TICKS):
@@ -98,6 +95,24 @@ def replay(
     return ReplayResult(run, final, first_held(history), tuple(history))
 
 
+def filter_recording(
+    recording: Recording,
+    model: Model,
+    filter_name: str = DEFAULT_FILTER,
+    sensors: SensorParameters = DATA_SHEET,
+) -> FilterRun:
+    """Run a filter over a recording.
+
+    Raises:
+        ValueError: no filter of that name.
+    """
+    samples = samples_of(recording)
+    measured = np.column_stack(
+        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
+    )
+    return run_filter(samples.time_s, samples.command, measured, model, filter_name, sensors)
+
+
 def stretch(samples: Samples, part: slice) -> Samples:
     """Return a stretch of samples."""
     return Samples(*(getattr(samples, name)[part] for name in samples.__dataclass_fields__))
@@ -105,9 +120,7 @@ def stretch(samples: Samples, part: slice) -> Samples:
 
 def part_of(run: FilterRun, part: slice) -> FilterRun:
     """Return a stretch of a filter's estimates."""
-    return replace(
-        run, time_s=run.time_s[part], states=run.states[part], outputs=run.outputs[part]
-    )
+    return replace(run, time_s=run.time_s[part], states=run.states[part], outputs=run.outputs[part])
 
 
 def first_held(history: list[tuple[float, Decision]]) -> float | None:

@@ -21,6 +21,7 @@ COMMANDS: Final = {
     "run": "Run a fault-injection campaign and write its report.",
     "check": "Validate configurations; dry-run campaigns.",
     "replay": "Run filter and detector over recordings.",
+    "baseline": "Learn from healthy recordings what is normal for a rig.",
     "export": "Write a recording to another format.",
     "recover": "Save what is left of a cut or damaged recording.",
     "init": "Copy the shipped rigs, models and campaigns to edit.",

@@ -2,10 +2,12 @@
 
 import json
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import click
 
+from estimator.baseline import Baseline, load_baseline
 from estimator.filters import DEFAULT_FILTER, filter_named
 from estimator.replay import replay
 from rig.configuration.model import load_model
@@ -37,12 +39,19 @@ from .screen import Screen
     show_default=True,
     help="What the verdicts of a healthy rig may cost.",
 )
+@click.option(
+    "--baseline",
+    "baseline_file",
+    type=click.Path(path_type=Path),
+    help="What is known of this healthy rig (rig baseline).",
+)
 @click.option("--json", "as_json", is_flag=True, help="One object a line instead of a table.")
 def command(
     recordings: tuple[str, ...],
     model: str,
     filter_name: str,
     false_alarms_per_day: float,
+    baseline_file: Path | None,
     as_json: bool,
 ) -> int:
     """Run filter and detector over recordings (.mcap, .csv, .csv.gz, .parquet).
@@ -53,6 +62,9 @@ def command(
     problems = Problems()
     with problems.collected():
         assumed = load_model(model)
+    baseline = None
+    with problems.collected():
+        baseline = None if baseline_file is None else load_baseline(baseline_file)
     try:
         filter_named(filter_name)
     except ValueError as error:
@@ -64,7 +76,7 @@ def command(
             # With bad input nothing else is told: the rest is read for its own problems only.
             if not problems.found:
                 replayed.append(
-                    _replay(recording, content, assumed, filter_name, false_alarms_per_day)
+                    _replay(recording, content, assumed, filter_name, false_alarms_per_day, baseline)
                 )
     if problems.found:
         return problems.report()
@@ -78,14 +90,23 @@ def command(
 
 
 def _replay(
-    name: str, recording: Recording, model: Model, filter_name: str, false_alarms_per_day: float
+    name: str,
+    recording: Recording,
+    model: Model,
+    filter_name: str,
+    false_alarms_per_day: float,
+    baseline: Baseline | None,
 ) -> Replayed:
+    if baseline is None:
+        detector = detector_of(recording, model, filter_name, false_alarms_per_day)
+    else:
+        detector = baseline.detector(filter_name, model, false_alarms_per_day)
     result = replay(
         recording,
         model,
         filter_name=filter_name,
         false_alarms_per_day=false_alarms_per_day,
-        detector=detector_of(recording, model, filter_name, false_alarms_per_day),
+        detector=detector,
         sensors=sensors_of(recording),
     )
     return Replayed(name, filter_name, result.decision, result.detected_at_s)

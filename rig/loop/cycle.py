@@ -74,28 +74,25 @@ def simulated_ticks(
     truth = _STATES_AT + states
     for k in range(rows.shape[0]):
         row = rows[k]
-        leaks = leak_flows(
-            max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, faults[k]
-        )
+        leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, faults[k])
         load = environment_force(min(max(plant[4], par.stroke_min), par.stroke_max), 0.0, par)
         read_sensors(plant, leaks, load, meters, offsets, noise[k], sensors, reading)
         for i in range(READING_COUNT):
             reading[i] *= fitted[i]
             row[_HEAD + i] = reading[i]
+        if open_loop:
+            command = min(max(setpoint[k], -limit), limit)
+        else:
+            command = proportional_command(setpoint[k], reading[0], gain, limit)
         outputs = row[_OUTPUTS_AT:_STATES_AT]
         if first + k == 0:
             outputs[:] = np.nan
-            filter_start(code, x, reading[0], reading[1], reading[2], reading[3], held[0],
+            filter_start(code, x, reading[0], reading[1], reading[2], reading[3], command,
                          filter_par)  # fmt: skip
         else:
             filter_step(code, x, covariance, held[0], reading[0], reading[1], reading[2], reading[3],
                         filter_par, filter_noise, work, outputs)  # fmt: skip
         row[_STATES_AT:truth] = x
-
-        if open_loop:
-            command = min(max(setpoint[k], -limit), limit)
-        else:
-            command = proportional_command(setpoint[k], reading[0], gain, limit)
         held[0] = command
         row[0] = (first + k) * period
         row[1] = setpoint[k]

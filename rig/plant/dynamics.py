@@ -1,8 +1,8 @@
-"""The plant's differential equations, once, in compiled scalar code (docs/model.md, eqs. 2.1 to 2.8).
+"""The plant's differential equations, once, in compiled scalar code (docs/model.md).
 
-States of the plant, in the order of `PlantState`. Chamber pressures are absolute oil states: below
-zero they stand for the volume of a vapour cavity (p V / beta), the oil itself being at zero
-pressure, so that no oil is lost or made when a chamber cavitates.
+Chamber pressures are states of the oil: below zero they stand for the volume of a vapour cavity
+(-p V / beta), the oil itself being at zero pressure, so that no oil is lost or made when a chamber
+cavitates. All pressures are above that of the tank's surface.
 """
 
 from math import exp, sqrt
@@ -24,7 +24,7 @@ class PlantState(NamedTuple):
     position: float
     velocity: float
     friction_state: float
-    """Bristle deflection in m; with Karnopp friction the sliding direction (-1, 1) or 0 if stuck."""
+    """Bristle deflection in m; with Karnopp friction the direction of sliding, or 0 if stuck."""
     supply_pressure: float
     return_pressure: float
 
@@ -34,27 +34,30 @@ STATE_COUNT: Final = len(PlantState._fields)
 # Where the bristle damping, a Gaussian of velocity, has fallen below one part in 10^15.
 _DAMPING_CUTOFF: Final = 6.0
 
+# N. Bristles need some friction level to relax to; this one is below any sensor's resolution.
+_LEVEL_FLOOR: Final = 1.0
+
 
 def rest_state(parameters: Parameters, position: float) -> np.ndarray:
-    """Return the state of a ram at rest at `position` (m), valve at null, chambers at half supply."""
+    """Return the state of a ram at rest at `position` (m), valve at null, chambers half way."""
     supply, back = parameters.supply_pressure, parameters.return_pressure
     chamber = 0.5 * (supply + back)
     return np.array([0.0, 0.0, chamber, chamber, position, 0.0, 0.0, supply, back])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def signed_root(drop):
     """Return sgn(drop) sqrt(|drop|) in Pa^0.5: turbulent flow runs down the pressure drop."""
     return sqrt(drop) if drop >= 0.0 else -sqrt(-drop)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def valve_conductance(par):
-    """Return C_d w sqrt(2/rho) in m^2/(s Pa^0.5), the flow per opening and root of drop (eq. 2.1)."""
+    """Return C_d w sqrt(2/rho) in m^2/(s Pa^0.5): flow per opening and root of drop (eq. 2.1)."""
     return par.discharge_coefficient * par.area_gradient * sqrt(2.0 / par.density)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def valve_flows(opening, p1, p2, supply, back, conductance):
     """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s (eqs. 2.1 and 2.2)."""
     if opening >= 0.0:
@@ -66,11 +69,11 @@ def valve_flows(opening, p1, p2, supply, back, conductance):
     return q1, q2
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def leak_flows(p1, p2, back, par, fault):
     """Return the leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s (eqs. 5.1, 5.2).
 
-    The model's own coefficients and those of the injected fault add up (two leak paths in parallel).
+    The model's own coefficients and those of the injected fault add up: two paths in parallel.
     """
     k1 = par.external_leakage_1 + fault[0]
     k2 = par.external_leakage_2 + fault[1]
@@ -78,39 +81,67 @@ def leak_flows(p1, p2, back, par, fault):
     l1 = par.external_leakage_1_linear + fault[3]
     l2 = par.external_leakage_2_linear + fault[4]
     l12 = par.internal_leakage_linear + fault[5]
-    q1 = l1 * (p1 - back)
-    q2 = l2 * (p2 - back)
-    q12 = l12 * (p1 - p2)
-    if k1 != 0.0:
-        q1 += k1 * signed_root(p1 - back)
-    if k2 != 0.0:
-        q2 += k2 * signed_root(p2 - back)
-    if k12 != 0.0:
-        q12 += k12 * signed_root(p1 - p2)
+    q1 = q2 = q12 = 0.0
+    if k1 != 0.0 or k2 != 0.0 or k12 != 0.0:
+        q1 = k1 * signed_root(p1 - back)
+        q2 = k2 * signed_root(p2 - back)
+        q12 = k12 * signed_root(p1 - p2)
+    if l1 != 0.0 or l2 != 0.0 or l12 != 0.0:
+        q1 += l1 * (p1 - back)
+        q2 += l2 * (p2 - back)
+        q12 += l12 * (p1 - p2)
     return q1, q2, q12
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
+def line_rates(opening, q1, q2, leak_1, leak_2, ps, pe, par, fault):
+    """Return (dp_s/dt, dp_e/dt) in Pa/s: supply droop and return back pressure (Merritt, ch. 3).
+
+    The supply leak runs from the supply line to the return line (figure 2.3).
+    """
+    dps = par.supply_pressure - ps
+    dpe = par.return_pressure - pe
+    restriction = par.return_back_pressure + fault[7]
+    if par.supply_droop != 0.0 or restriction != 0.0:
+        if opening >= 0.0:
+            drawn, returned = q1, q2
+        else:
+            drawn, returned = -q2, -q1
+        supply_leak = (par.supply_leakage + fault[6]) * signed_root(ps - pe)
+        drawn += supply_leak
+        returned += leak_1 + leak_2 + supply_leak
+        dps -= par.supply_droop * drawn * abs(drawn)
+        dpe += restriction * returned * abs(returned)
+    rate = 1.0 / par.line_time_constant
+    return dps * rate, dpe * rate
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def chamber_volumes(position, par):
-    """Return the oil volumes (V1, V2) in m^3 at a ram position (eq. 2.4)."""
+    """Return the volumes (V1, V2) in m^3 of chambers and lines at a ram position (eq. 2.4)."""
     v1 = par.line_volume_1 + par.piston_area * (position - par.stroke_min)
     v2 = par.line_volume_2 + par.piston_area * (par.stroke_max - position)
     return v1, v2
 
 
-@njit(cache=True, error_model="numpy")
-def slip_friction(velocity, par):
-    """Return the friction level g(v) in N, without its viscous part (eq. 2.8 and asymmetry)."""
-    speed = abs(velocity)
-    level = par.coulomb + (par.stiction - par.coulomb) * exp(-speed * (1.0 / par.stribeck_velocity))
-    if velocity > 0.0:
-        level += par.friction_asymmetry
-    elif velocity < 0.0:
-        level -= par.friction_asymmetry
-    return max(level, 1.0)
+@njit(cache=True, error_model="numpy", forceinline=True)
+def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
+    """Return (dp1/dt, dp2/dt) in Pa/s for net inflows in m^3/s (eq. 2.3).
+
+    A cavity (p < 0) grows and shrinks by volumes of oil alone: d(p V / beta)/dt = inflow - dV/dt.
+    """
+    v1, v2 = chamber_volumes(x, par)
+    swept_1 = swept_2 = par.piston_area * v
+    compliance = 1.0 / par.bulk_modulus
+    if p1 < 0.0:
+        swept_1 *= 1.0 + p1 * compliance
+    if p2 < 0.0:
+        swept_2 *= 1.0 + p2 * compliance
+    stiffness = par.bulk_modulus / (v1 * v2)
+    return stiffness * v2 * (inflow_1 - swept_1), stiffness * v1 * (inflow_2 + swept_2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def environment_force(position, velocity, par):
     """Return the force in N of spring and stroke ends against extension (chapter 6; end stops)."""
     force = 0.0
@@ -125,66 +156,57 @@ def environment_force(position, velocity, par):
     return force
 
 
-@njit(cache=True, error_model="numpy")
-def bristle_rate(velocity, deflection, par):
-    """Return dz/dt = v - s_0 |v| z / g(v) in m/s (Canudas de Wit et al. 1995)."""
-    level = slip_friction(velocity, par)
-    return velocity - par.bristle_stiffness * abs(velocity) * deflection / level
+@njit(cache=True, error_model="numpy", forceinline=True)
+def slip_friction(speed, direction, par):
+    """Return the friction level g in N at a speed, without its viscous part (eq. 2.8)."""
+    level = par.coulomb + (par.stiction - par.coulomb) * exp(-speed * (1.0 / par.stribeck_velocity))
+    if direction > 0.0:
+        level += par.friction_asymmetry
+    elif direction < 0.0:
+        level -= par.friction_asymmetry
+    return max(level, _LEVEL_FLOOR)
 
 
-@njit(cache=True, error_model="numpy")
-def friction_force(velocity, friction_state, bristle_velocity, par):
-    """Return the friction in N against the motion: bristle, or Karnopp while sliding (eq. 2.8)."""
-    if par.friction_law == KARNOPP:
-        level = slip_friction(friction_state * abs(velocity), par)
-        return friction_state * level + par.viscous * velocity
-    force = par.bristle_stiffness * friction_state + par.viscous * velocity
+@njit(cache=True, error_model="numpy", forceinline=True)
+def friction(velocity, friction_state, par):
+    """Return the bristles' velocity dz/dt in m/s and the friction in N against the motion.
+
+    Bristle friction after Canudas de Wit et al. 1995, or Karnopp's while sliding (eq. 2.8), whose
+    state, the direction of sliding, changes between steps only.
+    """
+    karnopp = par.friction_law == KARNOPP
+    speed = abs(velocity)
+    level = slip_friction(speed, friction_state if karnopp else velocity, par)
+    force = par.viscous * velocity
+    if karnopp:
+        return 0.0, force + friction_state * level
+    bristle_velocity = velocity - par.bristle_stiffness * speed * friction_state / level
+    force += par.bristle_stiffness * friction_state
     ratio = velocity * (1.0 / par.bristle_damping_velocity)
     if abs(ratio) < _DAMPING_CUTOFF:
         force += par.bristle_damping * exp(-ratio * ratio) * bristle_velocity
-    return force
+    return bristle_velocity, force
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
-    """Return the time derivatives of all states (eqs. 2.3, 2.5, 2.10), in the order of `PlantState`.
+    """Return the time derivatives of all states, in the order of `PlantState`.
 
     Arguments are the nine states, the valve command (V), `Parameters` and the eight fault
-    coefficients of `FaultInput`. The rate of a Karnopp friction state is zero: its mode changes
-    between steps.
+    coefficients of `FaultInput`.
     """
+    dz, drag = friction(v, z, par)
     oil_1 = max(p1, 0.0)
     oil_2 = max(p2, 0.0)
     opening = s + par.spool_null_bias
     q1, q2 = valve_flows(opening, oil_1, oil_2, ps, pe, valve_conductance(par))
     leak_1, leak_2, leak_12 = leak_flows(oil_1, oil_2, pe, par, fault)
-    v1, v2 = chamber_volumes(x, par)
-    stiffness = par.bulk_modulus / (v1 * v2)
-    swept = par.piston_area * v
-    dp1 = stiffness * v2 * (q1 - swept - leak_12 - leak_1)
-    dp2 = stiffness * v1 * (swept - q2 + leak_12 - leak_2)
-
-    dz = 0.0
+    dp1, dp2 = pressure_rates(p1, p2, x, v, q1 - leak_12 - leak_1, leak_12 - leak_2 - q2, par)
     dv = 0.0
-    if par.friction_law != KARNOPP:
-        dz = bristle_rate(v, z, par)
-    if par.friction_law != KARNOPP or z != 0.0:
+    if z != 0.0 or par.friction_law != KARNOPP:
         force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
-        dv = (force - friction_force(v, z, dz, par)) * (1.0 / par.moving_mass)
-
+        dv = (force - drag) * (1.0 / par.moving_mass)
     wn = par.valve_natural_frequency
     dw = wn * wn * (par.valve_gain * command - s) - 2.0 * par.valve_damping * wn * w
-
-    if opening >= 0.0:
-        drawn, returned = q1, q2
-    else:
-        drawn, returned = -q2, -q1
-    returned += leak_1 + leak_2
-    supply_leak = par.supply_leakage + fault[6]
-    if supply_leak != 0.0:
-        drawn += supply_leak * signed_root(ps - pe)
-    line_rate = 1.0 / par.line_time_constant
-    dps = (par.supply_pressure - par.supply_droop * drawn * abs(drawn) - ps) * line_rate
-    restriction = par.return_back_pressure + fault[7]
-    dpe = (par.return_pressure + restriction * returned * abs(returned) - pe) * line_rate
+    dps, dpe = line_rates(opening, q1, q2, leak_1, leak_2, ps, pe, par, fault)
     return w, dw, dp1, dp2, v, dv, dz, dps, dpe

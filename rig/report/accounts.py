@@ -41,7 +41,7 @@ class AccountHistory:
     """The oil accounts of a recording and what their test made of them, block by block.
 
     Attributes:
-        end_s: float64 (n,), end of each complete block.
+        start_s, end_s: float64 (n,), of each complete block: half a second, or longer.
         missing: float64 (n, 2), missing flow of each chamber less the fitted model errors, m^3/s.
         explained: float64 (n, 2), what the faults found at the end explain of it, m^3/s.
         statistic: float64 (n,), of the fault that is likeliest at that time; 0 if there is none.
@@ -51,6 +51,7 @@ class AccountHistory:
             before the first fault. None where these are too few.
     """
 
+    start_s: Array
     end_s: Array
     missing: Array
     explained: Array
@@ -82,6 +83,7 @@ def account_history(
     explained = _explained(blocks, findings)
     sound = min([finding.onset for finding in findings], default=len(blocks))
     return AccountHistory(
+        np.array([block.start_s for block in blocks]),
         np.array([block.end_s for block in blocks]),
         _without_model_errors(blocks, explained),
         explained,
@@ -92,10 +94,11 @@ def account_history(
 
 
 def _complete_blocks(recording: Recording, parameters: Parameters) -> list[AccountBlock]:
-    estimates = [recording[name] for name in _ESTIMATES]
+    spool, null_bias, p1, p2, position = (recording[name] for name in _ESTIMATES)
     measured = np.array([recording[name] for name in _MEASURED])
     fresh = np.isfinite(measured).all(axis=0).astype(np.float64)
-    blocks = FlowAccount(parameters).add(recording.time_s, *estimates, fresh)
+    account = FlowAccount(parameters)
+    blocks = account.add(recording.time_s, spool, null_bias, p1, p2, position, fresh)
     return [block for block in blocks if block.complete and np.isfinite(block.missing).all()]
 
 

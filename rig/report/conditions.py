@@ -30,7 +30,7 @@ def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
 
 
 def conditions_of(metadata: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the setpoint, load and sensors of a recorded test as (name, text); none if not told."""
+    """Return the setpoint and load of a recorded test as (name, text), as far as told."""
     test = metadata.get("test")
     if not isinstance(test, Mapping):
         return []

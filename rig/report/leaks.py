@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from estimator.detection import LEAKS, leak_flow
 from estimator.filters import FILTERS, OUTPUTS, FilterRun
-from estimator.flow_account import BLOCK_S
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.outcome import TestOutcome
 
@@ -29,24 +28,27 @@ _LEAST_SPAN: Final = 0.1
 
 
 def missing_flow(data: TestData) -> Panel | None:
-    """Return the panel of both chambers' oil accounts, and what the fault found explains of them."""
+    """Return the panel of both chambers' oil accounts, and what the fault found explains."""
     accounts = data.accounts
     if accounts is None:
         return None
     missing = accounts.missing / LITRE_PER_MINUTE
     explained = accounts.explained / LITRE_PER_MINUTE
     decision = data.outcome.decision
-    traces = [
-        Trace(f"chamber {i + 1}", f"chamber_{i + 1}", "dots", accounts.end_s - 0.5 * BLOCK_S,
-              missing[:, i])
-        for i in range(2)
-    ]  # fmt: skip
+    middle_s = 0.5 * (accounts.start_s + accounts.end_s)
+    chambers = [(i, f"chamber {i + 1}", f"chamber_{i + 1}") for i in range(2)]
+    traces = [Trace(name, role, "dots", middle_s, missing[:, i]) for i, name, role in chambers]
     if decision is not None and decision.onset_s is not None and explained.any():
         traces += [
-            steps(f"chamber {i + 1}, explained by what was found", f"chamber_{i + 1}",
-                  accounts.end_s, explained[:, i], BLOCK_S)
-            for i in range(2)
-        ]  # fmt: skip
+            steps(
+                f"{name}, explained by what was found",
+                role,
+                accounts.start_s,
+                accounts.end_s,
+                explained[:, i],
+            )
+            for i, name, role in chambers
+        ]
     caption = (
         "Oil that came in through the valve and is nowhere to be found, every half second: inflow, "
         "less what moved the piston, less what was compressed, less the model's own errors as "
@@ -103,7 +105,7 @@ def evidence(data: TestData) -> Panel | None:
     )
     caption = (
         "By how many standard errors the likeliest fault stands out. Above the dashed line the "
-        "detector calls it; a healthy rig gets there no more often than the stated false-alarm rate."
+        "detector calls it; a healthy rig gets there no more often than at the stated rate."
     )
     top = float(np.max([accounts.statistic.max(), *accounts.threshold[-1:] * 1.5]))
     return Panel("evidence", "Evidence", caption, "standard errors", traces, (0.0, 1.08 * top))

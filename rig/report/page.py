@@ -9,7 +9,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from estimator.flow_account import BLOCK_S
 from rig.recording.targets import replacing
 from rig.runner.directory import REPORT
 from rig.runner.outcome import CampaignOutcome, Status
@@ -62,12 +61,11 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
         sections=sections,
         false_alarms=false_alarm_words(outcome),
         smallest=smallest_rows(sections),
-        block_s=BLOCK_S,
         command=_rerun(outcome),
         style=_asset("report.css"),
         script=_asset("report.js"),
         # Last in the page, so that all text is there before it is parsed.
-        plotly=Markup(get_plotlyjs()),  # noqa: S704
+        plotly=Markup(get_plotlyjs()),
     )
 
 

@@ -18,7 +18,7 @@ from .leaks import evidence, leak_flows, missing_flow
 from .panel import Panel, TestData
 from .signals import command, innovation, motion, pressures
 from .traces import POINTS
-from .wording import STATUS_LABELS, label, story
+from .wording import STATUS_LABELS, story
 
 _ACCOUNT_PANELS: Final = (
     motion, command, pressures, missing_flow, leak_flows, evidence, innovation,
@@ -159,7 +159,9 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
 
 def _points(tests: int) -> int:
     """Return the points of a trace: fewer in a large campaign, so that its page still opens."""
-    return max(_LEAST_POINTS, 2 * (POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2))
+    return max(
+        _LEAST_POINTS, 2 * (POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2)
+    )
 
 
 def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tuple[str, ...]]:
@@ -214,7 +216,10 @@ def _smallest(
     if accounts is None or accounts.smallest is None or parameters is None:
         return None
     begun, there = (
-        {leak: reference_flow(parameters, leak, float(k)) for leak, k in zip(LEAKS, row, strict=False)}
+        {
+            leak: reference_flow(parameters, leak, float(k))
+            for leak, k in zip(LEAKS, row, strict=False)
+        }
         for row in accounts.smallest
     )
     return Smallest(begun, there)

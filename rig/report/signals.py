@@ -52,7 +52,9 @@ def pressures(data: TestData) -> Panel | None:
             shown.append(values * _MPA)
     if not measured and not estimated:
         return None
-    caption = "Pale: measured. Fine: the filter's estimate, which should run along the middle of it."
+    caption = (
+        "Pale: measured. Fine: the filter's estimate, which should run along the middle of it."
+    )
     traces = (*measured, *estimated)
     return Panel("pressures", "Chamber pressures", caption, "MPa", traces, limits_of(shown))
 
@@ -94,7 +96,7 @@ def innovation(data: TestData) -> Panel | None:
     if thresholds:
         caption += (
             " The detector compares the means with the dashed thresholds: one chamber above, an "
-            "external leak there; both, an internal one. Zoom out (double click) for the innovations."
+            "external leak there; both, an internal one. A double click shows all of the rest."
         )
     traces = (*raw, *averages, *thresholds)
     return Panel("innovation", "Innovation", caption, "kPa", traces, limits_of(shown))

@@ -28,7 +28,7 @@ DAY_S: Final = 86400.0
 
 @dataclass(frozen=True)
 class Scale:
-    """A flow as a place on the small chart of a row, in percent of its width; None if there is none."""
+    """Flows as places on the small chart of a row, in percent of its width."""
 
     injected: float | None
     found: float | None
@@ -127,7 +127,9 @@ def false_alarm_words(outcome: CampaignOutcome) -> str:
             f"false alarm is at most 1 in {floor(1.0 / chance):,}."
         )
     if outcome.filter == DEFAULT_FILTER:
-        text += " It is an upper bound: the rate is shared out over every fault and onset looked for."
+        text += (
+            " It is an upper bound: the rate is shared out over every fault and onset looked for."
+        )
     else:
         text += (
             " The thresholds are learnt from healthy running: from a healthy test with the same "
@@ -137,8 +139,10 @@ def false_alarm_words(outcome: CampaignOutcome) -> str:
 
 
 def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str], list[str]]]:
-    """Return (test, flows that begin, flows there from the start), in L/min by leak, for each test
-    that tells; flows are "none" where the motion shows no leak at all."""
+    """Return (test, of leaks that begin, of leaks there from the start), each test that tells.
+
+    Flows are in L/min by leak, and "none" where the motion shows no leak at all.
+    """
     rows = []
     for section in sections:
         if section.smallest is None:

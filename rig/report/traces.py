@@ -90,7 +90,7 @@ def envelope(time_s: Array, values: Array, points: int = POINTS) -> tuple[Array,
 
 
 def packed(values: Array) -> dict[str, str]:
-    """Return an array as plotly.js's typed array: 32-bit floats (7 digits) in base64; NaN is a gap."""
+    """Return an array as plotly.js's typed array: 32-bit floats in base64; NaN is a gap."""
     finite = np.where(np.isfinite(values), values, np.nan)
     narrow = np.clip(finite, -_LARGEST, _LARGEST).astype("<f4")
     return {"dtype": "f4", "bdata": base64.b64encode(narrow.tobytes()).decode("ascii")}
@@ -112,15 +112,16 @@ def line(
     return Trace(name, role, "line", thin_time, thin_values, width, dash, opacity)
 
 
-def steps(name: str, role: str, end_s: Array, values: Array, length_s: float) -> Trace:
-    """Return values that each hold for `length_s` up to their `end_s` as a staircase."""
-    time_s = np.column_stack([end_s - length_s, end_s]).ravel()
-    return line(name, role, time_s, np.repeat(values, 2), width=2.2)
+def steps(name: str, role: str, start_s: Array, end_s: Array, values: Array) -> Trace:
+    """Return values (n,) that each hold from `start_s` to `end_s` as a staircase with its gaps."""
+    time_s = np.column_stack([start_s, end_s]).ravel()
+    levels = np.repeat(values, 2)
+    gaps = 2 * (1 + np.flatnonzero(start_s[1:] > end_s[:-1] + 1e-6))
+    time_s = np.insert(time_s, gaps, time_s[gaps])
+    return line(name, role, time_s, np.insert(levels, gaps, np.nan), width=2.2)
 
 
-def band(
-    name: str, role: str, start_s: float, end_s: float, lower: float, upper: float
-) -> Trace:
+def band(name: str, role: str, start_s: float, end_s: float, lower: float, upper: float) -> Trace:
     """Return an interval that holds from `start_s` to `end_s`."""
     time_s = np.array([start_s, end_s, end_s, start_s, start_s])
     return Trace(name, role, "band", time_s, np.array([lower, lower, upper, upper, lower]))

@@ -1,4 +1,4 @@
-"""Says figures and verdicts in words: units of the screen (L/min, MPa, mm, V), never bare numbers."""
+"""Says figures and verdicts in words, with the units of the screen: L/min and s."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -66,7 +66,9 @@ def leaks_found(decision: Decision) -> list[str]:
 def _several(decision: Decision) -> list[str]:
     if decision.verdict != "multiple":
         return []
-    named = [key.removesuffix("_coefficient") for key in decision.details if key.endswith("_coefficient")]
+    named = [
+        key.removesuffix("_coefficient") for key in decision.details if key.endswith("_coefficient")
+    ]
     return [kind for kind in named if kind in _LABELS]
 
 
@@ -110,7 +112,7 @@ def when(started: str) -> str:
 
 
 def latency(test: TestOutcome) -> str:
-    """Return how long after the first injection the fault was found; empty where that is nothing."""
+    """Return how long after the first injection the fault was found; empty if it was not."""
     if test.latency_s is None:
         return ""
     return seconds(test.latency_s) if test.latency_s >= 0.0 else "before the injection"
@@ -146,7 +148,7 @@ def _finding(test: TestOutcome) -> str:
     if decision.verdict == "healthy":
         return "The detector found nothing wrong."
     if decision.verdict == "inconclusive":
-        return "The detector could not tell: this motion would not have shown a leak."
+        return f"The detector could not tell{_why_not(decision)}."
     size = found_flow(decision)
     found = f"{found_names(decision)}, {size}." if size else f"{found_names(decision)}."
     late = test.latency_s
@@ -155,6 +157,14 @@ def _finding(test: TestOutcome) -> str:
     if test.detected_at_s is not None:
         return f"The detector raised an alarm at {seconds(test.detected_at_s)}: {found}"
     return f"The detector found: {found}"
+
+
+def _why_not(decision: Decision) -> str:
+    travel, needed = (decision.details.get(key, 0.0) for key in ("travel_m", "travel_needed_m"))
+    if travel < needed:
+        moved, least = travel * 1e3, needed * 1e3
+        return f": the ram moved by {moved:.2g} mm, and a leak shows from {least:.2g} mm on"
+    return ": what was recorded would not have shown a leak"
 
 
 def headline(outcome: CampaignOutcome) -> str:
@@ -168,7 +178,7 @@ def headline(outcome: CampaignOutcome) -> str:
 
 
 def detection_summary(outcome: CampaignOutcome) -> str:
-    """Return how the faults were found and how late, how far off their flows are, and false alarms."""
+    """Return how the faults were found, how late, how far off; and the false alarms."""
     judged = [test for test in outcome.tests if test.decision is not None]
     faulty = [test for test in judged if test.injected]
     healthy = [test for test in judged if not test.injected]
@@ -193,7 +203,9 @@ def detection_summary(outcome: CampaignOutcome) -> str:
 def _named(named: Sequence[TestOutcome], faulty: int) -> str:
     late = sorted(test.latency_s for test in named if test.latency_s is not None)
     first, last = (f"{late[0]:.1f}", f"{late[-1]:.1f}") if late else ("", "")
-    after = f", {first if first == last else f'{first} to {last}'} s after they began" if late else ""
+    after = (
+        f", {first if first == last else f'{first} to {last}'} s after they began" if late else ""
+    )
     if len(named) == faulty:
         return f"All {faulty} faults were named right{after}." if faulty > 1 else (
             f"The fault was named right{after.replace('they', 'it')}."

@@ -129,6 +129,36 @@ def oil_column(par: Parameters, position: float) -> OilColumn:
 
 
 @dataclass(frozen=True)
+class Chatter:
+    """How a filter's velocity reverses, and its innovations of both pressures (Pa), slow and fast."""
+
+    true_reversals: float
+    estimated_reversals: float
+    slow: tuple[float, float]
+    fast: tuple[float, float]
+
+
+def chatter(trial: Trial, speed: float) -> Chatter:
+    """Return reversals a second of true and estimated velocity, and levels below and above `speed` m/s."""
+    started = trial.recording.time_s > STARTED_S
+    truth = trial.recording["true_velocity_m_per_s"][started]
+    run = trial.thesis.run
+    innovation = np.abs(run.innovation[started, 1:3])
+    slow = np.abs(truth) < speed
+
+    def reversals(velocity: Array) -> float:
+        side = velocity > 0.0
+        return float((side[1:] != side[:-1]).mean() / TICK)
+
+    def level(part: NDArray[np.bool_]) -> tuple[float, float]:
+        mean = innovation[part].mean(axis=0)
+        return float(mean[0]), float(mean[1])
+
+    estimated = run.states[started, VELOCITY]
+    return Chatter(reversals(truth), reversals(estimated), level(slow), level(~slow))
+
+
+@dataclass(frozen=True)
 class HiddenLeak:
     """What an internal leak does to the velocity that a thesis filter estimates, m/s.
 

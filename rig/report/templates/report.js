@@ -165,10 +165,15 @@
   dark.addEventListener("change", redraw);
   addEventListener("beforeprint", () => {
     root.dataset.paper = "yes";
-    sections.forEach((section) => { section.open = true; draw(section); });
+    sections.forEach((section) => {
+      section.dataset.folded = section.open ? "" : "yes";
+      section.open = true;
+      draw(section);
+    });
   });
   addEventListener("afterprint", () => {
     delete root.dataset.paper;
     redraw();
+    sections.forEach((section) => { section.open = !section.dataset.folded; });
   });
 })();

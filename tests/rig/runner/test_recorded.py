@@ -62,10 +62,6 @@ def test_a_replay_comes_to_the_estimates_and_decisions_of_the_run_bit_for_bit(
         assert_same(read_recording(tmp_path / str(test.recording)), test, campaign)
 
 
-@pytest.mark.xfail(
-    reason="the loop starts the filter with the command before row 0, the replay with row 0's",
-    strict=True,
-)
 @pytest.mark.parametrize(
     "setpoint",
     [Sine(0.3, 0.2, 0.5, 0.1, "position"), Sine(0.0, 2.0, 0.5, 1.0, "command")],

@@ -1,0 +1,168 @@
+"""What a detector may assume of one rig, learnt from healthy recordings of it.
+
+For the default detector that is what the recordings say of the nuisances (null bias, valve edges,
+pressures, oil), so that a leak that is there from the first sample is told from them. For the thesis
+filters it is the healthy level of the innovations' moving averages.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.plant import Model
+from rig.recording import Recording
+
+from .detection import Decision, Detector, OilAccountDetector, draw_up
+from .filters import DEFAULT_FILTER, FILTERS
+from .flow_account import NUISANCES, FlowAccount
+from .leak_test import LeakTest, NuisanceBelief
+from .pattern import STARTED_S, HealthyLevel, PatternDetector, healthy_level
+from .replay import filter_recording, replay, samples_of
+
+Array = NDArray[np.float64]
+
+_PATTERN_FILTERS: Final = tuple(name for name in FILTERS if name != DEFAULT_FILTER)
+VERSION: Final = 1
+DRIFT: Final = 0.1
+"""Part of its tolerance that a nuisance may wander between the baseline and a later recording."""
+LEVEL: Final = 100.0
+"""False alarms a day at which recordings are checked for leaks before they may be a baseline: a
+recording is minutes long, so that one in ten days' worth of them would be refused without cause."""
+
+
+class BaselineError(ValueError):
+    """A baseline cannot be learnt or read; `problems` lists why, one line each."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = list(problems)
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What healthy recordings of a rig say of it.
+
+    Attributes:
+        nuisances: mean and covariance, in units of each nuisance's tolerance; drift included.
+        levels: healthy level of the innovations of both pressures, by thesis filter.
+        recordings: content hashes of the recordings, by name.
+        model: name of the model that was assumed.
+    """
+
+    nuisances: NuisanceBelief
+    levels: Mapping[str, HealthyLevel]
+    recordings: Mapping[str, str] = field(default_factory=dict)
+    model: str = ""
+
+    def detector(self, filter_name: str, model: Model, false_alarms_per_day: float) -> Detector:
+        """Return a filter's detector that assumes this baseline."""
+        if filter_name == DEFAULT_FILTER:
+            return OilAccountDetector(model, false_alarms_per_day, self.nuisances)
+        level = self.levels[filter_name]
+        return PatternDetector(false_alarms_per_day, level.baseline(false_alarms_per_day))
+
+
+def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
+    """Learn a baseline from healthy recordings of one rig.
+
+    Raises:
+        BaselineError: there is no recording, or one does not look healthy.
+    """
+    if not recordings:
+        raise BaselineError(["baseline: no recording; give healthy recordings of the rig"])
+    test = LeakTest(LEVEL)
+    innovations: dict[str, list[Array]] = {name: [] for name in _PATTERN_FILTERS}
+    problems = []
+    for recording in recordings:
+        result = replay(recording, model, false_alarms_per_day=LEVEL)
+        if result.decision.verdict != "healthy":
+            problems.append(_not_healthy(recording.source, result.decision))
+        account = FlowAccount(model.parameters)
+        for block in draw_up(account, samples_of(recording), result.run):
+            test.add(block)
+        for name, series in innovations.items():
+            run = filter_recording(recording, model, name)
+            started = run.time_s - run.time_s[0] > STARTED_S
+            series.append(run.innovation[started, 1:3])
+    if problems:
+        raise BaselineError(problems)
+    learnt = test.nuisances()
+    drift = DRIFT**2 * np.eye(len(NUISANCES))
+    return Baseline(
+        NuisanceBelief(learnt.mean, learnt.covariance + drift),
+        {name: healthy_level(series) for name, series in innovations.items()},
+        {recording.source: recording.content_hash() for recording in recordings},
+        model.name,
+    )
+
+
+def _not_healthy(source: str, decision: Decision) -> str:
+    remedy = "leave it out, or find the fault first"
+    if decision.verdict == "inconclusive":
+        remedy = "record a motion of centimetres for some 20 s"
+    return f"{source}: the recording is {decision.verdict}, a baseline needs healthy ones; {remedy}"
+
+
+def write_baseline(baseline: Baseline, path: Path) -> None:
+    """Write a baseline as JSON, whole or not at all."""
+    content = {
+        "baseline_version": VERSION,
+        "model": baseline.model,
+        "recordings": dict(baseline.recordings),
+        "nuisances": {
+            nuisance.name: {"unit": nuisance.unit, "value": nuisance.sigma * float(mean),
+                            "deviation": nuisance.sigma * float(np.sqrt(variance))}
+            for nuisance, mean, variance in zip(
+                NUISANCES, baseline.nuisances.mean, np.diag(baseline.nuisances.covariance),
+                strict=True)
+        },
+        "tolerance_mean": baseline.nuisances.mean.tolist(),
+        "tolerance_covariance": baseline.nuisances.covariance.tolist(),
+        "innovation_levels_Pa": {
+            name: {"mean": level.mean.tolist(), "deviation": level.deviation.tolist(),
+                   "looks": level.looks}
+            for name, level in baseline.levels.items()
+        },
+    }  # fmt: skip
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def load_baseline(path: Path) -> Baseline:
+    """Read a baseline that `write_baseline` wrote.
+
+    Raises:
+        BaselineError: there is no such file, or it is not a baseline of this version.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["baseline_version"] != VERSION:
+            raise ValueError(f"its version is {content['baseline_version']}, not {VERSION}")
+        count = len(NUISANCES)
+        belief = NuisanceBelief(
+            np.array(content["tolerance_mean"], dtype=np.float64).reshape(count),
+            np.array(content["tolerance_covariance"], dtype=np.float64).reshape(count, count),
+        )
+        np.linalg.cholesky(belief.covariance)
+        levels = {
+            name: HealthyLevel(
+                np.array(level["mean"], dtype=np.float64).reshape(2),
+                np.array(level["deviation"], dtype=np.float64).reshape(2),
+                int(level["looks"]),
+            )
+            for name, level in content["innovation_levels_Pa"].items()
+        }
+        if set(levels) != set(_PATTERN_FILTERS):
+            raise ValueError(f"it has levels of {sorted(levels)}, not {list(_PATTERN_FILTERS)}")
+        return Baseline(belief, levels, dict(content["recordings"]), str(content["model"]))
+    except OSError as error:
+        raise BaselineError([f"{path}: {error.strerror}; make one with rig baseline"]) from None
+    except (ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
+        remedy = "make it anew with rig baseline"
+        raise BaselineError([f"{path}: not a baseline: {error}; {remedy}"]) from None

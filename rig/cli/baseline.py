@@ -1,0 +1,36 @@
+"""`rig baseline`: learns from healthy recordings what the detector may assume of a rig."""
+
+from pathlib import Path
+
+import click
+
+from estimator.baseline import learn_baseline, write_baseline
+from rig.configuration.model import load_model
+from rig.recording import read_recording
+
+from .problems import Problems
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="File to write.")
+@click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
+def command(recordings: tuple[str, ...], out: Path, model: str) -> int:
+    """Learn from healthy recordings of a rig what is normal for it, for `rig replay --baseline`.
+
+    Recordings that do not look healthy are refused.
+    """
+    problems = Problems()
+    contents = []
+    with problems.collected():
+        assumed = load_model(model)
+    if not out.parent.is_dir():
+        problems.add(f"--out: {out.parent} is no folder; make it first")
+    for recording in recordings:
+        with problems.collected():
+            contents.append(read_recording(recording))
+    if problems.found:
+        return problems.report()
+    write_baseline(learn_baseline(contents, assumed), out)
+    click.echo(f"{out}: learnt from {len(contents)} healthy recordings")
+    return 0

@@ -1,0 +1,106 @@
+"""How long the next integration step may be: shorter where the plant is fast or changes course.
+
+Each rule compares a rate of the plant with the rate that the longest step is made for, and shortens
+the step in proportion: halving the longest step halves them all.
+"""
+
+from math import copysign, sqrt
+from typing import Final
+
+from numba import njit
+
+from .dynamics import chamber_volumes, valve_conductance
+from .parameters import KARNOPP
+
+# What half a millisecond, the longest step of a default run, resolves.
+_COLUMN_RATE: Final = 800.0
+"""rad/s. Natural frequency of the ram on the oil of the smaller chamber."""
+
+_ORIFICE_RATE: Final = 6e5
+"""Pa^0.5/s. An orifice, dp/dt = -K sqrt(p), meets the stability limit of Runge-Kutta, 2.8, at a drop
+of (K h / 5.6)^2 and chatters below it: K h = 300 keeps that under 3 kPa, a tenth of the noise."""
+
+_BRISTLE_RATE: Final = 2000.0
+"""1/s. Relaxation of the ram on its bristles before it slips."""
+
+_CONTACT_RATE: Final = 600.0
+"""rad/s. Natural frequency of the ram on a stroke end."""
+
+_SPEED_RATE: Final = 1000.0
+"""1/s. Acceleration over the velocity scale on which friction changes."""
+
+_LOADING_RATE: Final = 200.0
+"""1/s. Rate of the bristles' force over the Coulomb level."""
+
+_RUNAWAY_RATE: Final = 1000.0
+"""1/s. Growth of a small velocity down the Stribeck slope."""
+
+_SHORTEST: Final = 1.0 / 32.0
+"""Fraction of the longest step below which no rate shortens a step."""
+
+_STANDSTILL: Final = 1e-4
+"""m/s. A reversal nearer to the start of a step than this needs no step of its own."""
+
+_EVENT: Final = 1e-6
+"""s. Shortest step towards a break-away; what it overshoots is below 1 N."""
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def resolving_step(y, longest, par, fault):
+    """Return the step in s that resolves oil column, orifices and bristles of the state `y`."""
+    h = longest
+    volume = min(*chamber_volumes(y[4], par))
+    column = par.piston_area * par.piston_area * par.bulk_modulus / par.moving_mass
+    if column > _COLUMN_RATE * _COLUMN_RATE * volume:
+        h = longest * _COLUMN_RATE * sqrt(volume / column)
+    orifices = valve_conductance(par) * abs(y[0] + par.spool_null_bias)
+    orifices += par.external_leakage_1 + par.external_leakage_2 + par.internal_leakage
+    orifices += fault[0] + fault[1] + fault[2]
+    if orifices * par.bulk_modulus > _ORIFICE_RATE * volume:
+        h = min(h, longest * _ORIFICE_RATE * volume / (orifices * par.bulk_modulus))
+    if par.friction_law != KARNOPP:
+        damping = par.bristle_damping / par.moving_mass
+        stiffness = sqrt(par.bristle_stiffness / par.moving_mass)
+        h = min(h, longest * _BRISTLE_RATE / max(damping, stiffness))
+    return max(h, _SHORTEST * longest)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def smooth_step(y, k, longest, par):
+    """Return the step in s over which friction changes little, for the state `y` and its rates `k`."""
+    velocity, acceleration = y[5], abs(k[5])
+    speed = abs(velocity)
+    scale = par.bristle_damping_velocity
+    speed_rate = _SPEED_RATE * max(scale, speed - scale)
+    loading = par.bristle_stiffness * abs(k[6])
+    loading_rate = _LOADING_RATE * par.coulomb
+    ahead = y[4] + longest * velocity
+    hits = speed > 0.1 * scale and not par.stroke_min <= ahead <= par.stroke_max
+    if acceleration <= speed_rate and loading <= loading_rate and not hits:
+        return longest
+    h = longest / max(acceleration / speed_rate, loading / loading_rate, 1.0)
+    if hits:
+        h = min(h, longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness))
+    h = max(h, _SHORTEST * longest)
+    if velocity * k[5] < 0.0 and _STANDSTILL < speed < acceleration * h:
+        h = speed / acceleration
+    return h
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def break_away_step(y, k, h, net_force, par):
+    """Return the step in s, at most `h`, to the break-away of a stuck ram."""
+    loading = par.piston_area * (k[2] - k[3])
+    gap = par.friction_asymmetry + copysign(par.stiction, loading) - net_force
+    if abs(gap) < abs(loading) * h:
+        return max(gap / loading, _EVENT)
+    return h
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def runaway_step(y, h, longest, par):
+    """Return the step in s, at most `h`, that follows a sliding ram down the Stribeck slope."""
+    slope = (par.stiction - par.coulomb) / par.stribeck_velocity
+    if abs(y[5]) < 2.0 * par.stribeck_velocity and slope > _RUNAWAY_RATE * par.moving_mass:
+        return min(h, longest * _RUNAWAY_RATE * par.moving_mass / slope)
+    return h
