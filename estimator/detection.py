@@ -126,6 +126,7 @@ class OilAccountDetector:
         self._ranges: list[tuple[float, float]] = []
         self._supply_sum = np.zeros(2)
         self._first_s = self._last_s = 0.0
+        self._alarm: Decision | None = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
@@ -147,11 +148,20 @@ class OilAccountDetector:
             self._supply_sum[:] = 0.0
 
     def decide(self) -> Decision:
-        """Return the verdict of the sequential test on all complete blocks so far."""
+        """Return the verdict of the sequential test on all complete blocks so far.
+
+        An alarm stays: a fault that has gone again is still reported, as it stood out most.
+        """
         findings = self._test.search()
         threshold = self._test.threshold(10.0 + 2.0 * self._test.blocks)
         if not findings:
-            return self._nothing_found(threshold)
+            return self._alarm or self._nothing_found(threshold)
+        decision = self._found(findings, threshold)
+        if self._alarm is None or decision.statistic >= self._alarm.statistic:
+            self._alarm = decision
+        return decision
+
+    def _found(self, findings: list[Finding], threshold: float) -> Decision:
         first = findings[0]
         details: dict[str, float] = {}
         if len(findings) > 1:

@@ -1,4 +1,4 @@
-"""The faults the rig can inject (figure 2.3), as the plant sees them: one row of coefficients a tick."""
+"""The faults a rig can inject (figure 2.3) as the plant sees them: coefficients for each tick."""
 
 from typing import Final, NamedTuple
 

@@ -1,10 +1,11 @@
-"""Integrates the plant over one command interval (1 ms); docs/decisions/0010-integrator.md says why so.
+"""Integrates the plant over one command interval (1 ms).
 
-Classical Runge-Kutta of fourth order carries all states but the bristles. These relax at s_0 |v| / g(v),
-up to 2e4 1/s at full speed, and follow the exponential Runge-Kutta scheme of the same order
-(Cox and Matthews 2002), which solves the relaxation exactly. A step is shortened where friction
-changes quickly (`step_length`) and ends where the ram reverses; Karnopp friction changes its mode
-(stuck, sliding) between steps.
+Classical Runge-Kutta of fourth order carries all states but the bristles. These relax at
+s_0 |v| / g(v), up to 2e4 1/s at full speed, and follow the exponential Runge-Kutta scheme of the
+same order (Cox and Matthews 2002), which solves the relaxation exactly. `step_length` shortens a
+step where friction changes quickly. Karnopp friction changes its mode, stuck or sliding, between
+steps.
+Why so: docs/decisions/0010-integrator.md.
 """
 
 from math import copysign, exp
@@ -25,6 +26,7 @@ SUBSTEPS: Final = 2
 # Runge-Kutta is stable to 2.8 relaxations a step; from here on they are solved exactly.
 _FAST_BRISTLE: Final = 2.0
 
+
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _net_force(y, par):
     """Return the force in N that stiction has to hold: pistons less spring and stroke ends."""
@@ -34,7 +36,7 @@ def _net_force(y, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _mode_at_rest(net_force, par):
-    """Return 0 if stiction holds a resting ram, else the direction (-1, 1) it slides in (eq. 2.8)."""
+    """Return 0 if stiction holds a ram at rest, else the direction it slides in (eq. 2.8)."""
     if net_force > par.stiction + par.friction_asymmetry:
         return 1.0
     if net_force < par.friction_asymmetry - par.stiction:
@@ -72,9 +74,9 @@ def _rates(y, command, par, fault):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _bristle_weights(velocity, h, par):
-    """Return relaxation rate, decay over half a step, and weights of the bristles' step (s).
+    """Return the bristles' relaxation rate (1/s), decay over half a step, and weights (s).
 
-    The weights are those of half a step and of the first, both middle and the last stage; without
+    The weights are those of half a step and of the first, both middle and the last stage. Without
     relaxation they are the classical h/2, h/6, h/3, h/6.
     """
     relaxation = 0.0
@@ -83,7 +85,7 @@ def _bristle_weights(velocity, h, par):
         if h * stiff > _FAST_BRISTLE * par.coulomb:
             relaxation = stiff / slip_friction(abs(velocity), velocity, par)
     r = relaxation * h
-    if r <= 1.0:
+    if r < 1.0:
         return 0.0, 1.0, 0.5 * h, h / 6.0, h / 3.0, h / 6.0
     half = exp(-0.5 * r)
     full = half * half
@@ -137,13 +139,16 @@ def advance(state, command, par, fault, duration=TICK, substeps=SUBSTEPS):
     y = (
         state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8],
     )  # fmt: skip
+    # A tuple: numba counts references to an array wherever it is handed on.
+    fault = (
+        fault[0], fault[1], fault[2], fault[3], fault[4], fault[5], fault[6], fault[7],
+    )  # fmt: skip
     karnopp = par.friction_law == KARNOPP
     longest = resolving_step(y, duration / substeps, par, fault)
     remaining = duration
     while remaining > 0.0:
         if karnopp and y[6] == 0.0:
-            moving = y[5] != 0.0
-            mode = copysign(1.0, y[5]) if moving else _mode_at_rest(_net_force(y, par), par)
+            mode = _mode_at_rest(_net_force(y, par), par) if y[5] == 0.0 else copysign(1.0, y[5])
             y = _with_friction(y, y[5], mode)
         k = _rates(y, command, par, fault)
         h = smooth_step(y, k, longest, par)

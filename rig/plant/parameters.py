@@ -63,15 +63,17 @@ class Parameters(NamedTuple):
     valve_gain: Annotated[
         float, _q("m/V", 1e-6, 1e-3, "k_sp", "table 2.1 as corrected (docs/model.md)")
     ] = 2.794e-5
-    valve_natural_frequency: Annotated[
-        float, _q("rad/s", 50.0, 5000.0, "omega_n", "table 2.1")
-    ] = 628.3185307179587
+    valve_natural_frequency: Annotated[float, _q("rad/s", 50.0, 5000.0, "omega_n", "table 2.1")] = (
+        628.3185307179587
+    )
     valve_damping: Annotated[float, _q("", 0.1, 2.0, "d_m", "table 2.1")] = 0.7
     spool_null_bias: Annotated[
         float, _q("m", -5e-5, 5e-5, "b_sp", "section 3.2.1: the measured spool shows a bias")
     ] = 0.0
     # Friction
-    friction_law: Annotated[float, _q("", 0.0, 1.0, "", "0 bristle, 1 Karnopp (docs/model.md)")] = BRISTLE
+    friction_law: Annotated[float, _q("", 0.0, 1.0, "", "0 bristle, 1 Karnopp (docs/model.md)")] = (
+        BRISTLE
+    )
     stiction: Annotated[float, _q("N", 0.0, 2e4, "f_st", "table 2.1; section 3.1")] = 2.4e3
     coulomb: Annotated[float, _q("N", 0.0, 2e4, "f_sl", "table 2.1; section 3.1")] = 1.1e3
     stribeck_velocity: Annotated[float, _q("m/s", 1e-3, 1.0, "alpha", "table 2.1")] = 0.04
@@ -90,7 +92,9 @@ class Parameters(NamedTuple):
         float, _q("N", -1e3, 1e3, "F_as", "section 3.2.1: extending and retracting differ")
     ] = 0.0
     # Environment
-    spring_stiffness: Annotated[float, _q("N/m", 0.0, 5e6, "K_spring", "sections 6.1 and 7.1.1")] = 0.0
+    spring_stiffness: Annotated[
+        float, _q("N/m", 0.0, 5e6, "K_spring", "sections 6.1 and 7.1.1")
+    ] = 0.0
     spring_contact: Annotated[float, _q("m", -0.1, 5.0, "x_c", "sections 7.1.1 and 7.2")] = 0.22
     stop_stiffness: Annotated[
         float, _q("N/m", 1e6, 1e9, "K_stop", "stroke end as a stiff contact; docs/model.md")
@@ -105,8 +109,12 @@ class Parameters(NamedTuple):
     external_leakage_1: Annotated[float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_el1", "eq. 5.2")] = 0.0
     external_leakage_2: Annotated[float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_el2", "eq. 5.2")] = 0.0
     internal_leakage_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_il", "eq. 5.1")] = 0.0
-    external_leakage_1_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_el1", "eq. 5.1")] = 0.0
-    external_leakage_2_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_el2", "eq. 5.1")] = 0.0
+    external_leakage_1_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_el1", "eq. 5.1")] = (
+        0.0
+    )
+    external_leakage_2_linear: Annotated[float, _q("m^3/(s Pa)", 0.0, 1e-9, "k_el2", "eq. 5.1")] = (
+        0.0
+    )
     supply_leakage: Annotated[
         float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_sl", "figure 2.3; law of eq. 5.2")
     ] = 0.0

@@ -1,4 +1,4 @@
-"""The rig's transducers: what each reads of the true state, with its noise, range and resolution."""
+"""The rig's transducers: what each reads of the true state, with noise, range and resolution."""
 
 from math import exp, floor
 from typing import Annotated, Final, NamedTuple
@@ -11,7 +11,7 @@ from .parameters import Quantity as _Quantity
 
 
 class SensorParameters(NamedTuple):
-    """Data-sheet figures of the transducers, SI units; noise is one standard deviation per sample."""
+    """Data-sheet figures of the transducers, SI; noise is one standard deviation of a sample."""
 
     position_resolution: Annotated[
         float, _Quantity("m", 1e-7, 1e-3, "", "section 2.1: 0.03 mm per count")
@@ -31,10 +31,10 @@ class SensorParameters(NamedTuple):
     flow_error: Annotated[
         float, _Quantity("m^3/s", 0.0, 1e-4, "", "section 7.2: 0.05 to 0.1 L/min in healthy mode")
     ] = 0.075 * LITRE_PER_MINUTE
-    flow_noise: Annotated[float, _Quantity("m^3/s", 0.0, 1e-4, "", "flow-meter ripple")] = 0.02 * LITRE_PER_MINUTE
-    flow_time_constant: Annotated[
-        float, _Quantity("s", 1e-3, 10.0, "", "flow-meter lag")
-    ] = 0.1
+    flow_noise: Annotated[float, _Quantity("m^3/s", 0.0, 1e-4, "", "flow-meter ripple")] = (
+        0.02 * LITRE_PER_MINUTE
+    )
+    flow_time_constant: Annotated[float, _Quantity("s", 1e-3, 10.0, "", "flow-meter lag")] = 0.1
 
 
 DATA_SHEET: Final = SensorParameters()
@@ -64,7 +64,7 @@ def _clipped(value, lower, upper):
 
 @njit(cache=True, error_model="numpy")
 def read_sensors(state, leaks, load, meters, offsets, noise, sensors, reading):
-    """Sample every transducer into `reading` (float64 (9,), order of `Reading`).
+    """Sample every transducer into `reading`.
 
     Args:
         state: float64 (9,), true state (`PlantState`).
@@ -74,6 +74,7 @@ def read_sensors(state, leaks, load, meters, offsets, noise, sensors, reading):
         offsets: float64 (3,), the meters' fixed errors in m^3/s.
         noise: 9 standard normal numbers.
         sensors: `SensorParameters`.
+        reading: float64 (9,), written in the order of `Reading`.
 
     The encoder counts whole increments; pressures saturate at the transducer's range and never read
     below an empty chamber; the meters lag, and see no direction (section 7.2.1).

@@ -1,4 +1,4 @@
-"""Open-loop simulation: the true motion of a rig under a given command, without sensors or control."""
+"""Open-loop simulation: the true motion of a rig under a given command, without sensors."""
 
 from collections.abc import Sequence
 
@@ -35,9 +35,10 @@ def simulate(
     Args:
         model: the rig's model.
         command: float64 (n,), valve command in V; sample k is held from k to k + 1 ms.
-        initial: true state (9,) to start from; else a ram at rest at `position` (m).
+        initial: true state (9,) to start from; at rest at `position` if None.
+        position: where the ram rests at the start, in m, unless `initial` is given.
         faults: float64 (n, 8), fault coefficients (`rig.plant.faults.FAULT_COLUMNS`); none if None.
-        substeps: integration steps per millisecond.
+        substeps: longest integration steps per millisecond.
 
     Returns:
         Each state's trajectory, float64 (n,), SI, by its name in `PlantState`.

@@ -17,8 +17,14 @@ _COLUMN_RATE: Final = 800.0
 """rad/s. Natural frequency of the ram on the oil of the smaller chamber."""
 
 _ORIFICE_RATE: Final = 6e5
-"""Pa^0.5/s. An orifice, dp/dt = -K sqrt(p), meets the stability limit of Runge-Kutta, 2.8, at a drop
-of (K h / 5.6)^2 and chatters below it: K h = 300 keeps that under 3 kPa, a tenth of the noise."""
+"""Pa^0.5/s. An orifice, dp/dt = -K sqrt(p), meets the stability limit of Runge-Kutta, 2.8, at a
+drop of (K h / 5.6)^2 and chatters below it: K h = 300 keeps that under a tenth of the noise."""
+
+_LINE_RATE: Final = 1000.0
+"""1/s. Filling of supply and return line, sped up by a restriction that the valve's flow follows."""
+
+_VALVE_RATE: Final = 1500.0
+"""1/s. Motion of the spool."""
 
 _BRISTLE_RATE: Final = 2000.0
 """1/s. Relaxation of the ram on its bristles before it slips."""
@@ -29,8 +35,8 @@ _CONTACT_RATE: Final = 600.0
 _SPEED_RATE: Final = 1000.0
 """1/s. Acceleration over the velocity scale on which friction changes."""
 
-_LOADING_RATE: Final = 200.0
-"""1/s. Rate of the bristles' force over the Coulomb level."""
+_LOADING_RATE: Final = 2e5
+"""N/s. Rate of the bristles' force."""
 
 _RUNAWAY_RATE: Final = 1000.0
 """1/s. Growth of a small velocity down the Stribeck slope."""
@@ -47,17 +53,21 @@ _EVENT: Final = 1e-6
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def resolving_step(y, longest, par, fault):
-    """Return the step in s that resolves oil column, orifices and bristles of the state `y`."""
+    """Return the step in s that resolves oil, lines, spool and bristles of the state `y`."""
     h = longest
     volume = min(*chamber_volumes(y[4], par))
     column = par.piston_area * par.piston_area * par.bulk_modulus / par.moving_mass
     if column > _COLUMN_RATE * _COLUMN_RATE * volume:
         h = longest * _COLUMN_RATE * sqrt(volume / column)
     orifices = valve_conductance(par) * abs(y[0] + par.spool_null_bias)
+    restriction = max(par.supply_droop, par.return_back_pressure + fault[7])
+    line_rate = (1.0 + restriction * orifices * orifices) / par.line_time_constant
     orifices += par.external_leakage_1 + par.external_leakage_2 + par.internal_leakage
     orifices += fault[0] + fault[1] + fault[2]
     if orifices * par.bulk_modulus > _ORIFICE_RATE * volume:
         h = min(h, longest * _ORIFICE_RATE * volume / (orifices * par.bulk_modulus))
+    valve_rate = par.valve_natural_frequency * max(1.0, 2.0 * par.valve_damping)
+    h = min(h, longest / max(line_rate / _LINE_RATE, valve_rate / _VALVE_RATE, 1.0))
     if par.friction_law != KARNOPP:
         damping = par.bristle_damping / par.moving_mass
         stiffness = sqrt(par.bristle_stiffness / par.moving_mass)
@@ -67,18 +77,17 @@ def resolving_step(y, longest, par, fault):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def smooth_step(y, k, longest, par):
-    """Return the step in s over which friction changes little, for the state `y` and its rates `k`."""
+    """Return the step in s over which friction changes little, from state `y` with rates `k`."""
     velocity, acceleration = y[5], abs(k[5])
     speed = abs(velocity)
     scale = par.bristle_damping_velocity
     speed_rate = _SPEED_RATE * max(scale, speed - scale)
     loading = par.bristle_stiffness * abs(k[6])
-    loading_rate = _LOADING_RATE * par.coulomb
     ahead = y[4] + longest * velocity
     hits = speed > 0.1 * scale and not par.stroke_min <= ahead <= par.stroke_max
-    if acceleration <= speed_rate and loading <= loading_rate and not hits:
+    if acceleration <= speed_rate and loading <= _LOADING_RATE and not hits:
         return longest
-    h = longest / max(acceleration / speed_rate, loading / loading_rate, 1.0)
+    h = longest / max(acceleration / speed_rate, loading / _LOADING_RATE, 1.0)
     if hits:
         h = min(h, longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness))
     h = max(h, _SHORTEST * longest)

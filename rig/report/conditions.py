@@ -1,5 +1,6 @@
 """What a test asked of the rig, read from its recording's metadata and said with units."""
 
+import re
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -51,7 +52,7 @@ def _setpoint(setpoint: Mapping[str, Any]) -> str:
         if key not in ("type", "quantity") and value is not None
         for name, text in [_with_unit(key, value, metres)]
     ]
-    kind = str(setpoint.get("type", "setpoint")).lower()
+    kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(setpoint.get("type", "setpoint"))).lower()
     return f"{kind}: {', '.join(parts)}" if parts else kind
 
 

@@ -84,7 +84,9 @@ def leak_flows(data: TestData) -> Panel | None:
     found = list(_found(data))
     if not recorded and not estimated and not found:
         return None
-    caption = "Pale: the leak as it was. Fine: what the filter's leak state makes of it."
+    caption = "Pale: the leak as it was."
+    if estimated:
+        caption += " Fine: what the filter's leak state makes of it."
     if found:
         caption += " Dashed: the mean flow found, with its 95 % interval."
         shown += [trace.values for trace in found]

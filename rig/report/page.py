@@ -42,6 +42,7 @@ def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
 def render(outcome: CampaignOutcome, directory: Path) -> str:
     """Return the report of a campaign as HTML; see `write_report`."""
     sections = sections_of(outcome, directory)
+    rows = rows_of(outcome, sections)
     environment = Environment(
         loader=PackageLoader("rig.report", _TEMPLATES),
         autoescape=True,
@@ -56,11 +57,12 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
         summary=detection_summary(outcome),
         counts=[(status, *STATUS_LABELS[status], n) for status, n in outcome.counts.items()],
         good=all(test.status is Status.PASSED for test in outcome.tests),
-        rows=rows_of(outcome, sections),
+        rows=rows,
         full_scale=full_scale(outcome),
         sections=sections,
         false_alarms=false_alarm_words(outcome),
         smallest=smallest_rows(sections),
+        intervals=any(row.chart.lower is not None for row in rows),
         command=_rerun(outcome),
         style=_asset("report.css"),
         script=_asset("report.js"),

@@ -96,7 +96,8 @@ def innovation(data: TestData) -> Panel | None:
     if thresholds:
         caption += (
             " The detector compares the means with the dashed thresholds: one chamber above, an "
-            "external leak there; both, an internal one. A double click shows all of the rest."
+            "external leak there; both, an internal one. A double click zooms out to the whole "
+            "innovations."
         )
     traces = (*raw, *averages, *thresholds)
     return Panel("innovation", "Innovation", caption, "kPa", traces, limits_of(shown))

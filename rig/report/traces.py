@@ -84,8 +84,6 @@ def envelope(time_s: Array, values: Array, points: int = POINTS) -> tuple[Array,
     highest = np.where(missing, -np.inf, table).argmax(axis=1)
     order = np.sort(np.column_stack([lowest, highest]), axis=1)
     chosen = (np.arange(buckets)[:, None] * width + order).ravel()
-    # The padding of the last bucket is never chosen over a sample; of an empty one, the first is.
-    chosen = np.minimum(chosen, values.size - 1)
     return time_s[chosen], values[chosen]
 
 

@@ -16,7 +16,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Write the page; return 0, or 2 if a recording cannot be read (and nothing is written)."""
     parser = argparse.ArgumentParser(prog="python -m tools.thesis_tables", description=__doc__)
     parser.add_argument(
-        "--measured", type=Path, metavar="DIR", help="recordings to validate section 3.2 against too"
+        "--measured",
+        type=Path,
+        metavar="DIR",
+        help="recordings to validate section 3.2 against too",
     )
     parser.add_argument(
         "--origin", default="not stated", help="what the recordings are, for the page to say"

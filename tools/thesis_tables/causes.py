@@ -1,4 +1,4 @@
-"""Why the thesis's filters show what they show: what their healthy level is made of, and how one runs away."""
+"""Why the thesis's filters show what they show, measured on simulated rigs where truth is known."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.setpoints import Sine
-from estimator.filters import run_filter
+from estimator.filters import DEFAULT_FILTER
 from estimator.pattern import STARTED_S
-from estimator.replay import samples_of
+from estimator.replay import filter_recording
 from estimator.thesis import thesis6_jacobian, thesis6_predict
 from rig.configuration.campaign import load_campaign
 from rig.plant import Parameters
@@ -18,8 +18,9 @@ from rig.plant.dynamics import chamber_volumes
 from rig.plant.integrator import TICK
 from rig.plant.simulation import simulate
 
-from .measures import Change, change
-from .trials import Trial, record
+from .measures import Change, average_change, change
+from .trials import Trial, Trials, record
+from .trusted import run_trusted
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,8 @@ _FILTER_ORDER: Final = (
 VELOCITY: Final = 4
 """Where the thesis filters keep the velocity among their states."""
 POSITION: Final = 3
+REPEATS: Final = 10
+"""How often a test is repeated with other noise."""
 
 MOTIONS: Final = (
     ("open_loop_5_1", "thesis-6"),
@@ -49,7 +52,7 @@ RIGS: Final = (
     ("thesis", True, "`thesis`: none, Karnopp friction as in the filter"),
     ("thesis", False, "the same behind perfect transducers"),
 )
-"""Rigs from most to least different from the model: name, whether their transducers are noisy, label."""
+"""Rigs, less and less unlike the model: name, whether their transducers are noisy, label."""
 
 
 @dataclass(frozen=True)
@@ -68,21 +71,18 @@ def healthy_level(campaign_name: str, filter_name: str, rig_name: str, noisy: bo
     if not noisy:
         sensors = sensors._replace(pressure_noise=0.0, position_resolution=1e-7, spool_noise=0.0)
     recording = record(replace(rig, sensors=sensors), test, campaign.model)
-    samples = samples_of(recording)
-    measured = np.column_stack(
-        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
-    )
-    started = samples.time_s > STARTED_S
+    started = recording.time_s > STARTED_S
     levels = []
-    for name in (filter_name, "product"):
-        run = run_filter(samples.time_s, samples.command, measured, campaign.model, name, rig.sensors)
+    for name in (filter_name, DEFAULT_FILTER):
+        # The filter goes by the data sheet, whatever the transducers do.
+        run = filter_recording(recording, campaign.model, name, rig.sensors)
         mean = np.abs(run.innovation[started, 1:3]).mean(axis=0)
         levels.append((float(mean[0]), float(mean[1])))
     return HealthyLevel(*levels)
 
 
 def empty_chamber(par: Parameters) -> tuple[float, float]:
-    """Return the positions in m at which chamber 1, and chamber 2, would have no volume (eq. 2.4)."""
+    """Return the ram positions in m at which chamber 1, and 2, would have no volume (eq. 2.4)."""
     return (
         par.stroke_min - par.line_volume_1 / par.piston_area,
         par.stroke_max + par.line_volume_2 / par.piston_area,
@@ -90,7 +90,7 @@ def empty_chamber(par: Parameters) -> tuple[float, float]:
 
 
 def euler_error(rig_name: str) -> tuple[float, float]:
-    """Return by how many Pa one forward-Euler step (eq. 2.15) from the true state misses each pressure.
+    """Return by how many Pa a forward-Euler step (eq. 2.15) from the truth misses each pressure.
 
     Mean absolute values over the healthy sine of section 5.1: no filter, no noise.
     """
@@ -107,8 +107,10 @@ def euler_error(rig_name: str) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class OilColumn:
-    """The oil column at a ram position in m: its resonance in rad/s, and how much one forward-Euler
-    step of 1 ms multiplies it by (largest eigenvalue of eq. 4.19)."""
+    """The oil column at a ram position in m: resonance in rad/s, growth in a forward-Euler step.
+
+    The growth is the largest eigenvalue of A (eq. 4.19).
+    """
 
     position: float
     resonance: float
@@ -116,7 +118,7 @@ class OilColumn:
 
 
 def oil_column(par: Parameters, position: float) -> OilColumn:
-    """Return the oil column's resonance and growth; ram sliding at 0.2 m/s, pressures at half supply."""
+    """Return resonance and growth with the ram sliding at 0.2 m/s, pressures at half supply."""
     v1, v2 = chamber_volumes(position, par)
     stiffness = par.piston_area**2 * par.bulk_modulus * (1.0 / v1 + 1.0 / v2)
     half = 0.5 * par.supply_pressure
@@ -130,7 +132,10 @@ def oil_column(par: Parameters, position: float) -> OilColumn:
 
 @dataclass(frozen=True)
 class Chatter:
-    """How a filter's velocity reverses, and its innovations of both pressures (Pa), slow and fast."""
+    """How often the velocity reverses, and innovations of both pressures (Pa), slow and fast.
+
+    A reversal is from sliding one way (faster than v_o, eq. 2.17) to sliding the other; per second.
+    """
 
     true_reversals: float
     estimated_reversals: float
@@ -139,7 +144,7 @@ class Chatter:
 
 
 def chatter(trial: Trial, speed: float) -> Chatter:
-    """Return reversals a second of true and estimated velocity, and levels below and above `speed` m/s."""
+    """Compare a thesis filter's velocity with the truth; slow is truly below `speed` (m/s)."""
     started = trial.recording.time_s > STARTED_S
     truth = trial.recording["true_velocity_m_per_s"][started]
     run = trial.thesis.run
@@ -147,8 +152,8 @@ def chatter(trial: Trial, speed: float) -> Chatter:
     slow = np.abs(truth) < speed
 
     def reversals(velocity: Array) -> float:
-        side = velocity > 0.0
-        return float((side[1:] != side[:-1]).mean() / TICK)
+        sliding = np.sign(velocity[np.abs(velocity) > trial.model.parameters.stick_velocity])
+        return float(np.count_nonzero(sliding[1:] != sliding[:-1]) / (velocity.size * TICK))
 
     def level(part: NDArray[np.bool_]) -> tuple[float, float]:
         mean = innovation[part].mean(axis=0)
@@ -163,7 +168,7 @@ class HiddenLeak:
     """What an internal leak does to the velocity that a thesis filter estimates, m/s.
 
     Attributes:
-        error: estimated less true velocity, positive from the higher to the lower pressure; its mean.
+        error: mean of estimated less true velocity, from the higher to the lower pressure.
         leak: mean leak over piston area: the velocity at which the ram would displace as much.
     """
 
@@ -177,7 +182,26 @@ def hidden_leak(trial: Trial, velocity: Array) -> HiddenLeak:
     side = np.sign(recording["true_pressure_1_Pa"] - recording["true_pressure_2_Pa"])
     error = side * (velocity - recording["true_velocity_m_per_s"])
     flow = np.abs(recording["true_leak_internal_m3_per_s"]) / trial.model.parameters.piston_area
-    return HiddenLeak(change(error, trial), change(flow, trial).after or 0.0)
+    time_s, leak = recording.time_s, trial.leak
+    return HiddenLeak(change(error, time_s, leak), change(flow, time_s, leak).after or 0.0)
+
+
+def noise_ranges(trials: Trials, trial: Trial) -> tuple[Array, Array]:
+    """Repeat a test with other sensor noise; return averages (`REPEATS`, 2) after its leak, in Pa.
+
+    Of the innovations of both chambers, for the thesis filter as printed and trusting the encoder.
+    """
+    printed, trusted = np.empty((REPEATS, 2)), np.empty((REPEATS, 2))
+    for i in range(REPEATS):
+        test = replace(trial.test, seed=trial.test.seed + 1 + i)
+        recording = record(trials.rig, test, trial.model)
+        run = filter_recording(recording, trial.model, trials.filter_name, trials.rig.sensors)
+        other = run_trusted(recording, trial.model, trials.filter_name)
+        for averages, outputs in ((printed, run.outputs), (trusted, other.outputs)):
+            for j in range(2):
+                after = average_change(outputs[:, 1 + j], recording.time_s, trial.leak).after
+                averages[i, j] = np.nan if after is None else after
+    return printed, trusted
 
 
 @dataclass(frozen=True)

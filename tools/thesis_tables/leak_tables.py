@@ -4,6 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator.detection import Decision
 from faults.leakage import to_litres_per_minute
 
@@ -19,6 +22,8 @@ from .measures import (
 )
 from .printed import Printed, PrintedTable
 from .trials import Trial, Trials
+
+Array = NDArray[np.float64]
 
 LOCATIONS: Final = {
     "external_leakage_1": "chamber 1",
@@ -104,17 +109,21 @@ def _chamber_rows(i: int, unit: float) -> list[Row]:
 
 def innovation_change(trial: Trial, chamber: int) -> Change:
     """Return the moving average of a chamber's (0 or 1) absolute innovations, Pa."""
-    return average_change(trial.thesis.run.innovation[:, 1 + chamber], trial)
+    return _average(trial.thesis.run.innovation[:, 1 + chamber], trial)
 
 
 def residual_change(trial: Trial, chamber: int) -> Change:
     """Return the moving average of a chamber's (0 or 1) absolute a posteriori residuals, Pa."""
-    return average_change(trial.thesis.run.residual[:, 1 + chamber], trial)
+    return _average(trial.thesis.run.residual[:, 1 + chamber], trial)
 
 
 def trusted_change(trial: Trial, chamber: int) -> Change:
     """Return the same average of innovations for the thesis filter that trusts the encoder, Pa."""
-    return average_change(trial.trusted.outputs[:, 1 + chamber], trial)
+    return _average(trial.trusted.outputs[:, 1 + chamber], trial)
+
+
+def _average(error: Array, trial: Trial) -> Change:
+    return average_change(error, trial.recording.time_s, trial.leak)
 
 
 def outside_change(trial: Trial) -> Change:

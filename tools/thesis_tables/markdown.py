@@ -7,21 +7,23 @@ from typing import Final
 from .measures import Change, Coefficient
 
 NOTHING: Final = "–"
-_PLAIN_UP_TO: Final = 5
-"""Digits before the point from which on a figure is written with a power of ten."""
+_PLAIN: Final = range(-4, 5)
+"""Powers of ten that a figure is written out for, without an exponent."""
 _LEAST_AT_TWO_DECIMALS: Final = 0.005
 
 
 def figure(value: float | None, digits: int = 2) -> str:
-    """Return a value with so many significant digits; a dash for None."""
+    """Return a value with so many significant digits, one more from 10^digits on."""
     if value is None:
         return NOTHING
     if not isfinite(value):
         return "not finite"
     if value == 0.0:
         return "0"
+    if abs(value) >= 10.0**digits:
+        digits += 1
     exponent = floor(log10(abs(float(f"{value:.{digits - 1}e}"))))
-    if exponent >= _PLAIN_UP_TO:
+    if exponent not in _PLAIN:
         return f"{value / 10.0**exponent:.{digits - 1}f}e{exponent}"
     rounded = round(value, digits - 1 - exponent)
     return f"{rounded:.{max(digits - 1 - exponent, 0)}f}"
@@ -34,7 +36,7 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def arrow(change: Change, unit: float = 1.0, decimals: int | None = None) -> str:
-    """Return "before → after", or the one of them there is, in a unit; 2 digits, or so many decimals."""
+    """Return "before → after", or the one there is, in a unit; 2 digits, or so many decimals."""
     texts = [
         figure(value / unit) if decimals is None else fixed(value / unit, decimals)
         for value in change

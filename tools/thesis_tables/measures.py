@@ -1,5 +1,6 @@
-"""What the thesis reads off a test: moving averages before and after the leak, flows, coefficients."""
+"""What the thesis reads off a test: moving averages, flows and leak coefficients."""
 
+from math import nan
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from estimator.detection import SETTLED_AFTER_S
 from estimator.pattern import STARTED_S
 from estimator.residuals import THESIS_WINDOW, moving_average_absolute
 from faults.leakage import linear_coefficient, square_root_coefficient, to_litres_per_minute
+from faults.schedule import Fault
 from rig.plant.integrator import TICK
 from rig.plant.parameters import Parameters
 
@@ -34,6 +36,12 @@ class Change(NamedTuple):
     after: float | None
 
 
+def rise(change: Change) -> float:
+    """Return by how much a figure is higher after the leak; NaN without a before or an after."""
+    before, after = change
+    return nan if before is None or after is None else after - before
+
+
 class Coefficient(NamedTuple):
     """A leak coefficient, SI: mean and standard deviation over the samples."""
 
@@ -41,39 +49,37 @@ class Coefficient(NamedTuple):
     deviation: float
 
 
-def change(series: Array, trial: Trial, lead_s: float = 0.0) -> Change:
-    """Return the means of a series (n,) before and after the leak.
+def change(series: Array, time_s: Array, leak: Fault | None, lead_s: float = 0.0) -> Change:
+    """Return the means of a series (n,) before and after a leak; before alone if there is none.
 
-    Left out are the filter's start, the time a leak takes to open, and `lead_s` after each.
+    Left out are the filter's start, the time the leak takes to open, and `lead_s` after each.
     """
-    time_s, leak = trial.recording.time_s, trial.leak
     started = time_s >= STARTED_S + lead_s
     if leak is None:
         return Change(float(series[started].mean()), None)
     after = time_s >= leak.at_s + leak.travel_s + lead_s
-    return Change(
-        float(series[started & (time_s < leak.at_s)].mean()), float(series[after].mean())
-    )
+    return Change(float(series[started & (time_s < leak.at_s)].mean()), float(series[after].mean()))
 
 
-def average_change(error: Array, trial: Trial) -> Change:
+def average_change(error: Array, time_s: Array, leak: Fault | None) -> Change:
     """Return the moving average of absolute errors (n,) (section 4.4), its mean before and after.
 
     Only averages whose whole window lies before, or after, the leak's opening are taken.
     """
-    return change(moving_average_absolute(error), trial, WINDOW_S)
+    return change(moving_average_absolute(error), time_s, leak, WINDOW_S)
 
 
 def share_outside(position: Array, trial: Trial) -> Change:
-    """Return the share of time, in %, in which an estimated position (n,) in m is outside the stroke."""
+    """Return the share of time, in %, that an estimated position (n,) in m is off the stroke."""
     par = trial.model.parameters
     outside = (position < par.stroke_min) | (position > par.stroke_max)
-    return change(100.0 * outside, trial)
+    return change(np.where(outside, 100.0, 0.0), trial.recording.time_s, trial.leak)
 
 
 def meter_flow(trial: Trial, kind: str) -> Change:
     """Return a leak's mean flow in L/min as its meter reads it."""
-    return change(to_litres_per_minute(trial.recording[_FLOWS[kind][0]]), trial, SETTLED_AFTER_S)
+    flow = to_litres_per_minute(trial.recording[_FLOWS[kind][0]])
+    return change(flow, trial.recording.time_s, trial.leak, SETTLED_AFTER_S)
 
 
 def true_flow(trial: Trial) -> float | None:
@@ -86,7 +92,7 @@ def true_flow(trial: Trial) -> float | None:
 
 
 def metered_coefficient(trial: Trial) -> Coefficient | None:
-    """Return the leak coefficient by flow meter and pressures (eqs. 5.3, 5.4, 5.6, 5.7); None if healthy.
+    """Return the leak coefficient by flow meter and pressures (eqs. 5.3 to 5.7); None if healthy.
 
     From 2 s after the leak on, without samples whose drop is below `LEAST_DROP`.
     """
@@ -101,7 +107,7 @@ def metered_coefficient(trial: Trial) -> Coefficient | None:
 
 
 def _drop(trial: Trial, kind: str, par: Parameters) -> Array:
-    """Return the measured pressure drop (n,) across a leak, without sign, as the meters read none."""
+    """Return the measured drop (n,) in Pa across a leak; no sign, as the meters read none."""
     p1, p2 = trial.recording["pressure_1_Pa"], trial.recording["pressure_2_Pa"]
     if kind == "internal_leakage":
         return np.abs(p1 - p2)

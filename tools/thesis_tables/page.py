@@ -1,124 +1,113 @@
-"""The page as a whole: how to read it, the outcome in short, every table, and the reasons."""
+"""The page as a whole: runs every campaign once and fills the template."""
 
 from collections.abc import Sequence
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
-from .chapters import (
-    SECTION_7_1_WORDS,
-    SECTION_7_2_WORDS,
-    section_3_2,
-    section_5,
-    section_7,
-)
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from rig.plant.integrator import TICK
+
+from .causes import REPEATS
+from .chapters import loaded_tables, unloaded_table, validation_tables
 from .leak_tables import innovation_change, residual_change
-from .markdown import figure, table
+from .markdown import figure, fixed, table
+from .measures import LEAST_DROP
+from .printed import SECTION_7_1, SECTION_7_2, TABLE_5_1, TABLE_5_2, TABLE_5_3
 from .score import score
 from .trials import Trials, run_trials
-from .validation import Measured
-from .why import euler_section, hidden_section, levels_section, runaway_section
-
-_CAMPAIGNS: Final = (
-    ("open_loop_5_1", "thesis-6"),
-    ("closed_loop_sine_5_2_1", "thesis-6"),
-    ("closed_loop_pseudorandom_5_2_2", "thesis-6"),
-    ("simulation_7_1", "thesis-7"),
-    ("loaded_7_2", "thesis-7"),
+from .validation import FILES, Measured
+from .why import (
+    friction_table,
+    hidden_table,
+    levels_table,
+    noise_table,
+    oil_table,
+    runaway_figures,
+    runaway_table,
 )
+
+_TEMPLATE: Final = "page.md.j2"
 
 
 def page(measured: Measured | None) -> str:
     """Return the page as Markdown; section 3.2 beside measured recordings too, if there are any."""
-    open_loop, sine, pseudorandom, simulation, loaded = trials = [
-        run_trials(*campaign) for campaign in _CAMPAIGNS
-    ]
-    sections = [
-        _HEAD,
-        _in_short(trials),
-        section_3_2(measured),
-        section_5("Table 5.1: open loop", open_loop, "5.1"),
-        section_5("Table 5.2: closed loop, sine", sine, "5.2"),
-        section_5("Table 5.3: closed loop, pseudorandom", pseudorandom, "5.3"),
-        section_7("Section 7.1: the thesis's simulations", simulation, _FIGURES_7_1, SECTION_7_1_WORDS),
-        section_7("Tables 7.1 to 7.3: against a spring", loaded, _TABLES_7_2, SECTION_7_2_WORDS),
-        "## Why",
-        levels_section(),
-        euler_section([open_loop, sine]),
-        hidden_section([open_loop, sine]),
-        runaway_section(loaded),
-    ]
-    return "\n\n".join(sections) + "\n"
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(_TEMPLATE).render(_context(measured))
 
 
-_FIGURES_7_1: Final = {
-    "external_leakage_1": "Figure 7.13: leaks at chamber 1",
-    "external_leakage_2": "Figure 7.14: leaks at chamber 2",
-    "internal_leakage": "Figure 7.15: internal leaks",
-}
-_TABLES_7_2: Final = {
-    "external_leakage_1": "Table 7.1: leaks at chamber 1",
-    "external_leakage_2": "Table 7.2: leaks at chamber 2",
-    "internal_leakage": "Table 7.3: internal leaks",
-}
+def _context(measured: Measured | None) -> dict[str, Any]:
+    open_loop = run_trials("open_loop_5_1", "thesis-6")
+    sine = run_trials("closed_loop_sine_5_2_1", "thesis-6")
+    pseudorandom = run_trials("closed_loop_pseudorandom_5_2_2", "thesis-6")
+    simulation = run_trials("simulation_7_1", "thesis-7")
+    loaded = run_trials("loaded_7_2", "thesis-7")
+    par = open_loop.campaign.model.parameters
+    slip_speed = par.coulomb * TICK / par.moving_mass
+    healthy = open_loop.healthy()
+    return {
+        "false_alarms": f"{open_loop.campaign.false_alarms_per_day:g}",
+        "least_drop": f"{LEAST_DROP / 1e6:g}",
+        "short": short_table([open_loop, sine, pseudorandom, simulation, loaded]),
+        "residual": _both(residual_change(healthy, i).before for i in range(2)),
+        "innovation": _both(innovation_change(healthy, i).before for i in range(2)),
+        "validation": validation_tables(measured),
+        "recordings": _recordings(measured),
+        "origin": "" if measured is None else measured.origin,
+        "table_5_1": unloaded_table(open_loop, TABLE_5_1),
+        "table_5_2": unloaded_table(sine, TABLE_5_2),
+        "table_5_3": unloaded_table(pseudorandom, TABLE_5_3, sine=False),
+        "section_7_1": loaded_tables(simulation, SECTION_7_1),
+        "section_7_2": loaded_tables(loaded, SECTION_7_2),
+        "levels": levels_table(),
+        "oil_column": oil_table(open_loop),
+        "friction": friction_table([open_loop, sine], slip_speed),
+        "slip_speed": f"{fixed(slip_speed, 2)} m/s",
+        "repeats": str(REPEATS),
+        "noise": noise_table([open_loop, sine]),
+        "hidden": hidden_table([open_loop, sine]),
+        "runaway": runaway_table(loaded),
+        "run": runaway_figures(loaded),
+    }
 
-_HEAD: Final = """\
-# The thesis's tables, run again
 
-Written by `python -m tools.thesis_tables`; do not edit. It runs the thesis's tests, as the shipped campaigns have them,
-on the simulated rig, and sets what the thesis prints beside what comes out. Figures are computed but where they are called
-*printed*, and nothing is tuned towards those. The same seeds give the same page.
-
-- **MAE**: moving average of the absolute error over 4000 samples (section 4.4, chapter 8); its mean over all windows that
-  lie wholly before, or wholly after, the leak's opening. *Before → after*; a single figure is a healthy run's.
-- **Innovation**, z - H x(-): the error of the prediction. **A posteriori**, z - H x(+): what eq. 4.24 defines as
-  the residual, after the measurement has corrected the estimate.
-- **Encoder trusted**: the thesis's filter with one figure changed. The printed variance of the position in R is 1e-4, with
-  the unit m. It enters as m², a standard deviation of 1 cm; here it is read as a standard deviation of 1e-4 m.
-- **Thesis's pattern**: one chamber's average above its threshold is an external leak there, both are an internal one.
-  Thresholds come from the campaign's healthy test of the same motion, at one false alarm a day. **Product's detector**: the default of `rig run`,
-  with its own filter. Right verdicts are **bold**.
-- **By the meter**: flow and coefficient (eqs. 5.3 to 5.7) as the flow meters of the rig read them, fixed error and lag included;
-  mean ± standard deviation over the samples. **Truth**: mean flow from 2 s after the leak on, as the simulation knows it."""
-
-
-def _in_short(trials: Sequence[Trials]) -> str:
-    head = ["campaign", "leaks", "pattern: named rightly", "fault held before the leak",
-            "healthy tests it alarms in", "product: named rightly", "true flow in its interval",
-            "healthy tests it alarms in"]  # fmt: skip
+def short_table(trials: Sequence[Trials]) -> str:
+    """Return how often each detector was right, a row a campaign."""
+    head = ["campaign and thesis filter", "leaks", "pattern: right at the end",
+            "pattern: fault before the leak", "pattern: alarm in healthy tests",
+            "product: right at the end", "product: true flow in its interval",
+            "product: alarm in healthy tests"]  # fmt: skip
     rows = []
     for campaign in trials:
         counts = score(campaign.trials)
-        rows.append([
-            f"`{campaign.campaign.name}`, `{campaign.filter_name}`",
-            *(str(n) for n in (counts.leaks, counts.pattern_right, counts.pattern_early)),
-            f"{counts.pattern_alarms} of {counts.healthy}",
-            str(counts.product_right), f"{counts.covered} of {counts.product_right}",
-            f"{counts.product_alarms} of {counts.healthy}",
-        ])  # fmt: skip
-    return "\n\n".join(["## In short", table(head, rows), _general(trials[0])])
+        rows.append(
+            [
+                f"`{campaign.campaign.name}`, `{campaign.filter_name}`",
+                str(counts.leaks),
+                str(counts.pattern_right),
+                str(counts.pattern_early),
+                f"{counts.pattern_alarms} of {counts.healthy}",
+                str(counts.product_right),
+                f"{counts.covered} of {counts.product_right}",
+                f"{counts.product_alarms} of {counts.healthy}",
+            ]
+        )
+    return table(head, rows)
 
 
-def _general(open_loop: Trials) -> str:
-    healthy = open_loop.healthy()
-    innovation, residual = (
-        " and ".join(figure((of(healthy, i).before or 0.0) / 1e6) for i in range(2))
-        for of in (innovation_change, residual_change)
+def _both(levels: Any) -> str:
+    return " and ".join(figure(level / 1e6) for level in levels)
+
+
+def _recordings(measured: Measured | None) -> str:
+    if measured is None:
+        return ""
+    return ", ".join(
+        f"`{FILES[motion]}` ({recording.content_hash()[:12]})"
+        for motion, recording in measured.recordings.items()
     )
-    return f"""\
-Where and why the computed figures differ from the printed ones:
-
-1. *A posteriori or innovation.* With the printed Q and R the filter follows the measured pressures so closely that little
-   of them is left after the correction: in the healthy open loop {residual} (1e6 Pa, chambers 1 and 2), against a printed level near 0.1.
-   The innovations, {innovation}, are of the printed order. The printed tables behave like innovations, so that is what the pattern here judges.
-2. *What the filter cannot tell from motion.* An internal leak moves oil as a faster ram would, and the filter
-   believes in the faster ram. Printed, both averages rise; computed, neither does, with either reading of R. A simulation
-   lacks whatever of the real rig's behaviour the thesis's model did not hold, and it must have been that which showed.
-3. *The position estimate leaves the stroke.* A leak pulls at the pressures, which the filter takes at their word, and not at the encoder,
-   which it trusts to 1 cm. Once it has the piston beyond the end of a chamber its equations have no oil there, and averages
-   over such samples compare nothing. Where the row *outside the stroke* is not near zero, read the row *encoder trusted* instead.
-4. *Forward Euler* at 1 ms neither holds the oil column nor lets the friction settle. That makes most of the healthy level of the six-state filter.
-5. *The seven-state filter runs away* as printed, healthy or not, on the loaded rig and in the thesis's own simulations. It is shown as it is.
-6. *What this rig differs in.* The simulated rig has friction that creeps before it slips, a spool null bias, a softer oil, unequal friction
-   extending and retracting, a supply that droops, and meters with a fixed error. The thesis's rig had faults of its own, which nobody wrote down.
-
-With the encoder trusted an external leak raises both chambers' averages, in proportion to the leak but to much the same extent: the leak is seen, its
-place is not. The pattern that isolates the leak in the thesis is in this simulation an accident of the tuning, where it appears at all."""

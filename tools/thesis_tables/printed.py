@@ -30,7 +30,7 @@ PrintedTable = dict[str, tuple[Printed, ...]]
 def _unloaded(
     mean: float, deviation: float, mae: tuple[float, float] | None = None, flow: float | None = None
 ) -> Printed:
-    """Make a column of tables 5.1 to 5.3: coefficient in 1e-9, its deviation in 1e-10, MAE in 1e6 Pa."""
+    """Make a column of tables 5.1 to 5.3: coefficient in 1e-9 ± 1e-10, MAE in 1e6 Pa."""
     averages = (UNTOLD, UNTOLD)
     if mae is not None:
         averages = (Change(None, 1e6 * mae[0]), Change(None, 1e6 * mae[1]))

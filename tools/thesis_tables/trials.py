@@ -1,4 +1,4 @@
-"""Runs the tests of a shipped campaign in memory, each once, and judges its recording by both detectors."""
+"""Runs the tests of a shipped campaign in memory, once, and judges them by both detectors."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class Trial:
         test: what was asked of the rig.
         model: what filters and detectors assume of it.
         recording: 1 kHz, truth included.
-        thesis: the thesis's filter, and its pattern with thresholds from the campaign's healthy test.
+        thesis: the thesis's filter, and its pattern with thresholds from the healthy test.
         trusted: the thesis's filter that trusts the encoder (`tools.thesis_tables.trusted`).
         product: the product's filter and default detector.
     """
@@ -71,14 +71,14 @@ class Trials:
         )
 
     def leaks(self, kind: str, *, sine: bool = True) -> list[Trial]:
-        """Return the tests with one kind of leak under a sine (or another setpoint), smallest first."""
+        """Return the tests with one kind of leak, under a sine or not, smallest leak first."""
         found = [(t.leak.coefficient, t) for t in self.trials if t.leak and t.leak.kind == kind
                  and isinstance(t.test.setpoint, Sine) == sine]  # fmt: skip
         return [trial for _, trial in sorted(found, key=lambda pair: pair[0])]
 
 
 def record(rig: Rig, test: CampaignTest, model: Model) -> Recording:
-    """Return a test on the simulated rig as a recording: every channel of the loop, truth included."""
+    """Return a test on the simulated rig: every channel of the loop, truth included."""
     loop = loop_of(rig, test, start_memory(DEFAULT_FILTER, model, rig.sensors), model)
     loop.position()
     rows = loop.advance(loop.ticks_left)
@@ -113,7 +113,11 @@ def run_trials(name: str, filter_name: str, kinds: Collection[str] | None = None
 
 
 def _run(
-    campaign: Campaign, rig: Rig, test: CampaignTest, filter_name: str, references: HealthyReferences
+    campaign: Campaign,
+    rig: Rig,
+    test: CampaignTest,
+    filter_name: str,
+    references: HealthyReferences,
 ) -> Trial:
     model = campaign.model
     recording = record(rig, test, model)

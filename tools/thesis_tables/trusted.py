@@ -1,8 +1,8 @@
 """The thesis's filters with one figure changed: they trust the encoder.
 
-The thesis calls the 1e-4 of R a variance and gives its unit as m (chapter 5). As printed it enters R in
-m^2, a standard deviation of 1 cm; read as the standard deviation that its unit says, it is 0.1 mm. Only
-this page runs the second reading, to show how much of what the printed filters do hangs on it.
+The thesis calls the 1e-4 of R a variance and gives its unit as m (chapter 5). As printed it enters
+R in m^2, a standard deviation of 1 cm; read as the standard deviation that its unit says, it is
+0.1 mm. Only this page runs the second reading, to show how much hangs on it.
 """
 
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def _run_7(x, P, command, measured, par, Q, R, states, outputs):
 
 @dataclass(frozen=True)
 class TrustedRun:
-    """Estimates of a thesis filter with its own R, as `FilterRun`: states (n, 6 or 7), outputs (n, 9)."""
+    """Estimates of a thesis filter, as in `FilterRun`: states (n, 6 or 7), outputs (n, 9)."""
 
     states: Array
     outputs: Array
@@ -58,7 +58,7 @@ def run_trusted(
     filter_name: str,
     position_variance: float = POSITION_VARIANCE,
 ) -> TrustedRun:
-    """Run a thesis filter over a recording with its printed tuning but for R's position variance (m^2)."""
+    """Run a thesis filter with its printed tuning but for R's position variance (m^2)."""
     with_load = filter_named(filter_name).code == THESIS_7
     x, P = thesis.initial_state(with_load)
     run, Q, R = (

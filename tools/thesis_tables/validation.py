@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.filters import run_filter
 from estimator.pattern import STARTED_S
-from estimator.replay import samples_of
+from estimator.replay import filter_recording
 from rig.configuration.campaign import load_campaign
 from rig.plant import Model
 from rig.plant.dynamics import PlantState
@@ -31,6 +30,7 @@ _WIDEST_BIAS: Final = 2e-5
 """m, of either sign: beyond twice the bias that section 3.2.1 finds nothing is looked for."""
 _HALVINGS: Final = 16
 _LAST_S: Final = 1.0
+_COUNTS_APART: Final = (-4, -3, -2, -1, 1, 2, 3, 4)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Comparison:
 
 
 def start_of(recording: Recording, model: Model) -> PlantState:
-    """Return the state a recording begins in: a ram at rest, held by friction against its pressures."""
+    """Return the state a recording begins in: a ram at rest, held by friction."""
     par = model.parameters
     p1, p2 = float(recording["pressure_1_Pa"][0]), float(recording["pressure_2_Pa"][0])
     return PlantState(
@@ -99,7 +99,7 @@ def start_of(recording: Recording, model: Model) -> PlantState:
 
 
 def compare(recording: Recording, model: Model, null_bias: float = 0.0) -> Comparison:
-    """Simulate a model with some spool null bias (m) from a recording's start, under its command."""
+    """Simulate a model with a spool null bias (m) from a recording's start, under its command."""
     biased = model.with_effect("spool_null_bias", value=null_bias)
     states = simulate(biased, recording["command_V"], initial=start_of(recording, model))
     spool = recording.channels.get("spool_m", np.full(len(recording), np.nan))
@@ -130,19 +130,25 @@ def compare_without_drift(recording: Recording, model: Model) -> Comparison:
 
 
 def compare_with_itself(recording: Recording, model: Model) -> Comparison:
-    """Compare two simulations of the model alone, one started an encoder's count from the other."""
+    """Compare the model with itself, started a few encoder counts beside the recording's start.
+
+    The errors of all these runs one after the other: what a single one shows depends on chance.
+    """
     start = start_of(recording, model)
-    moved = start._replace(position=start.position + DATA_SHEET.position_resolution)
-    one, other = (
-        simulate(model, recording["command_V"], initial=state) for state in (moved, start)
-    )
-    return Comparison(
-        0.0,
-        one["position"] - other["position"],
-        one["pressure_1"] - other["pressure_1"],
-        one["pressure_2"] - other["pressure_2"],
-        one["spool"] - other["spool"],
-    )
+    reference = simulate(model, recording["command_V"], initial=start)
+    runs = [
+        simulate(
+            model,
+            recording["command_V"],
+            initial=start._replace(position=start.position + n * DATA_SHEET.position_resolution),
+        )
+        for n in _COUNTS_APART
+    ]
+    errors = {
+        name: np.concatenate([run[name] - reference[name] for run in runs])
+        for name in ("position", "pressure_1", "pressure_2", "spool")
+    }
+    return Comparison(0.0, **errors)
 
 
 def one_step_error(recording: Recording, model: Model) -> Array:
@@ -150,12 +156,9 @@ def one_step_error(recording: Recording, model: Model) -> Array:
 
     How far the model is off one sample ahead, sensor noise included.
     """
-    samples = samples_of(recording)
-    measured = np.column_stack(
-        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
-    )
-    run = run_filter(samples.time_s, samples.command, measured, model)
-    return np.asarray(np.abs(run.innovation[samples.time_s > STARTED_S]).mean(axis=0))
+    run = filter_recording(recording, model)
+    started = recording.time_s - recording.time_s[0] > STARTED_S
+    return np.asarray(np.abs(run.innovation[started]).mean(axis=0))
 
 
 Figure = Callable[[Comparison], float]

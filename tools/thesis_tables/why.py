@@ -1,11 +1,12 @@
-"""The page's last part: why the thesis's filters show what they show, in figures."""
+"""Tables that say why the thesis's filters show what they show."""
 
 from collections.abc import Sequence
 from math import sqrt
 from typing import Final
 
+import numpy as np
+
 from estimator.thesis import THESIS7_MEASUREMENT_NOISE
-from rig.plant.integrator import TICK
 
 from .causes import (
     MOTIONS,
@@ -17,11 +18,13 @@ from .causes import (
     euler_error,
     healthy_level,
     hidden_leak,
+    noise_ranges,
     oil_column,
     stretches,
 )
 from .leak_tables import LEVELS
 from .markdown import NOTHING, arrow, figure, fixed, table
+from .measures import rise
 from .trials import Trials
 
 _LENGTH_S: Final = 10.0
@@ -29,14 +32,12 @@ _POSITIONS: Final = (0.02, 0.1, 0.3)
 """Ram positions in m: near an end, between, about mid stroke."""
 
 
-def _pair(values: tuple[float, float]) -> str:
-    return " / ".join(figure(value / 1e5) for value in values)
-
-
-def levels_section() -> str:
-    """Return what the healthy level is made of: rigs that differ from the model by less and less."""
-    head = ["mean absolute innovation, chamber 1 / 2 (1e5 Pa)", *(_motion(m) for m in MOTIONS)]
-    head += [f"product, {_section(MOTIONS[0][0])}", f"product, {_section(MOTIONS[-1][0])}"]
+def levels_table() -> str:
+    """Return what the healthy level is made of: rigs less and less unlike the model."""
+    first, last = MOTIONS[0][0], MOTIONS[-1][0]
+    head = ["mean absolute innovation, chamber 1 / 2 (1e5 Pa)"]
+    head += [f"{name}, {_section(campaign)}" for campaign, name in MOTIONS]
+    head += [f"product, {_section(first)}", f"product, {_section(last)}"]
     rows = []
     for rig, noisy, label in RIGS:
         levels = [healthy_level(campaign, name, rig, noisy) for campaign, name in MOTIONS]
@@ -44,108 +45,73 @@ def levels_section() -> str:
         rows.append([label, *thesis, _pair(levels[0].product), _pair(levels[-1].product)])
     step = [_pair(euler_error("thesis")), *[NOTHING] * (len(head) - 2)]
     rows.append(["one forward-Euler step from that rig's true state, no filter", *step])
-    return "\n\n".join(["### What the healthy level is made of", table(head, rows), _LEVELS])
+    return table(head, rows)
 
 
-def _motion(motion: tuple[str, str]) -> str:
-    return f"{motion[1]}, {_section(motion[0])}"
-
-
-def _section(campaign: str) -> str:
-    """Return the section a shipped campaign is named after, as `5.1` in `open_loop_5_1`."""
-    return ".".join(part for part in campaign.split("_") if part.isdigit())
-
-
-_LEVELS: Final = (
-    "From row to row the rig loses what the filter does not know of it. The levels hardly fall; the rig with "
-    "Karnopp friction, whose breakaway is sudden, even raises those of `thesis-6`. So they are not the "
-    "rig's imperfections, nor the transducers' noise alone, but mostly the filter's own; the next tables "
-    "say how. The product's filter stands beside it on the same recordings. A leak has to show above this "
-    "level. On the thesis's rig errors of its model came on top, and yet the averages it prints for the "
-    "healthy open loop are no higher: how its filter was run must differ from what is printed in "
-    "more than we can tell."
-)
-
-
-def euler_section(trials: Sequence[Trials]) -> str:
-    """Return what one forward-Euler step of a millisecond does to oil column and friction."""
-    par = trials[0].campaign.model.parameters
-    columns = [oil_column(par, x) for x in _POSITIONS]
-    oil = table(
+def oil_table(trials: Trials) -> str:
+    """Return the growth of the oil column under forward Euler, by ram position."""
+    columns = [oil_column(trials.campaign.model.parameters, x) for x in _POSITIONS]
+    return table(
         ["ram position", *(f"{c.position:g} m" for c in columns)],
         [
             ["resonance of the oil column (rad/s)", *(f"{c.resonance:.0f}" for c in columns)],
             ["largest eigenvalue of A (eq. 4.19)", *(fixed(c.growth, 2) for c in columns)],
         ],
     )
-    step = par.coulomb * TICK / par.moving_mass
-    speed = f"{fixed(step, 2)} m/s"
+
+
+def friction_table(trials: Sequence[Trials], speed: float) -> str:
+    """Return how the six-state filter's velocity chatters; slow is below `speed` (m/s)."""
+    named = f"{fixed(speed, 2)} m/s"
+    head = ["`thesis-6`, healthy", "true reversals a second", "estimated",
+            f"innovation below {named}, chamber 1 / 2 (1e5 Pa)", f"above {named}"]  # fmt: skip
     rows = []
     for campaign in trials:
-        found = chatter(campaign.healthy(), step)
-        rows.append([
-            f"section {_section(campaign.campaign.name)}, healthy",
-            figure(found.true_reversals), figure(found.estimated_reversals),
-            *(_pair(level) for level in (found.slow, found.fast)),
-        ])  # fmt: skip
-    head = ["`thesis-6`", "true reversals a second", "estimated",
-            f"innovation below {speed}, chamber 1 / 2 (1e5 Pa)", f"above {speed}"]  # fmt: skip
-    return "\n\n".join(["### Forward Euler at 1 ms", oil, _OIL, table(head, rows),
-                        _friction_words(speed)])  # fmt: skip
+        found = chatter(campaign.healthy(), speed)
+        reversals = [figure(found.true_reversals), figure(found.estimated_reversals)]
+        name = f"section {_section(campaign.campaign.name)}"
+        rows.append([name, *reversals, _pair(found.slow), _pair(found.fast)])
+    return table(head, rows)
 
 
-_OIL: Final = (
-    "One prediction multiplies an error in the oil column by the second row; only the measured pressures pull "
-    "it back, sample by sample. This is why the thesis finds 1000 Hz to be the lowest sampling frequency "
-    "that works (chapter 5). The product's filter and the simulated rig step stably."
-)
+def noise_table(trials: Sequence[Trials]) -> str:
+    """Return how far other sensor noise alone moves the averages after a leak at chamber 1."""
+    head = ["MAE after the leak (1e6 Pa)", "as printed: chamber 1", "chamber 2",
+            "encoder trusted: chamber 1", "chamber 2"]  # fmt: skip
+    rows = []
+    for campaign in trials:
+        leaks = campaign.leaks("external_leakage_1")
+        for level, trial in zip(LEVELS[len(leaks)], leaks, strict=True):
+            averages = np.hstack(noise_ranges(campaign, trial)) / 1e6
+            ends = zip(averages.min(axis=0), averages.max(axis=0), strict=True)
+            name = f"section {_section(campaign.campaign.name)}, chamber 1, {level}"
+            rows.append([name, *(f"{figure(low)} to {figure(high)}" for low, high in ends)])
+    return table(head, rows)
 
 
-def _friction_words(speed: str) -> str:
-    return (
-        f"In one such step the slip friction alone changes the ram's velocity by {speed}, so that below "
-        "about that speed the predicted friction pushes the ram through zero and back at the next step: the estimated "
-        "velocity chatters, and the oil it displaces shows as innovation of both pressures. Slow motions "
-        "have the higher level for it, and this, more than anything of the rig, is what a leak has to rise above."
-    )
-
-
-def hidden_section(trials: Sequence[Trials]) -> str:
+def hidden_table(trials: Sequence[Trials]) -> str:
     """Return where an internal leak goes in the six-state filter."""
-    head = ["internal leak", "velocity error, as printed (mm/s)", "encoder trusted (mm/s)",
-            "leak / piston area (mm/s)"]  # fmt: skip
+    head = ["internal leak", "velocity error, as printed (mm/s)", "grows by",
+            "encoder trusted (mm/s)", "grows by", "leak / piston area (mm/s)"]  # fmt: skip
     rows = []
     for campaign in trials:
         leaks = campaign.leaks("internal_leakage")
         for level, trial in zip(LEVELS[len(leaks)], leaks, strict=True):
-            found = [
-                hidden_leak(trial, states[:, VELOCITY])
-                for states in (trial.thesis.run.states, trial.trusted.states)
-            ]
-            name = f"section {_section(campaign.campaign.name)}, {level}"
-            changes = [arrow(hidden.error, 1e-3) for hidden in found]
-            rows.append([name, *changes, figure(found[0].leak / 1e-3)])
-    return "\n\n".join(["### Where an internal leak goes", table(head, rows), _HIDDEN])
+            cells = [f"section {_section(campaign.campaign.name)}, {level}"]
+            for states in (trial.thesis.run.states, trial.trusted.states):
+                hidden = hidden_leak(trial, states[:, VELOCITY])
+                cells += [arrow(hidden.error, 1e-3), figure(rise(hidden.error) / 1e-3)]
+            rows.append([*cells, figure(hidden.leak / 1e-3)])
+    return table(head, rows)
 
 
-_HIDDEN: Final = (
-    "Estimated less true velocity, counted from the higher pressure to the lower, before → after. An internal "
-    "leak takes from one chamber what it gives to the other, exactly as a faster ram does. The filter is "
-    "free to think the ram faster (Q of velocity and position), and does, by about the leak over the "
-    "piston area; the pressures then fit and no innovation is left. That is why neither reading of R shows it. "
-    "On the thesis's rig both averages rose: there, the leak must have shown through something "
-    "that neither this simulation nor that filter models. What, the thesis does not let us tell."
-)
-
-
-def runaway_section(trials: Trials) -> str:
-    """Return how the seven-state filter does on a healthy loaded rig, over time."""
+def runaway_table(trials: Trials) -> str:
+    """Return how the seven-state filter does on a healthy rig under a sine, over time."""
     trial = trials.healthy()
-    first, second = empty_chamber(trial.model.parameters)
     printed = stretches(trial, trial.thesis.run.states, trial.thesis.run.outputs, _LENGTH_S)
     trusted = stretches(trial, trial.trusted.states, trial.trusted.outputs, _LENGTH_S)
     head = ["time (s)", "mean (1e5 Pa)", "median", "largest", "position error (mm)",
-            "position estimate (m)", "trusted: mean (1e5 Pa)", "largest",
+            "position estimate (m)", "encoder trusted: mean (1e5 Pa)", "largest",
             "position estimate (m)"]  # fmt: skip
     rows = [
         [
@@ -158,21 +124,31 @@ def runaway_section(trials: Trials) -> str:
         ]
         for p, t in zip(printed, trusted, strict=True)
     ]
+    return table(head, rows)
+
+
+def runaway_figures(trials: Trials) -> dict[str, str]:
+    """Return the figures that the text on the table of `runaway_table` names."""
+    trial = trials.healthy()
     position, pressure = (sqrt(variance) for variance in THESIS7_MEASUREMENT_NOISE[:2])
-    words = (
-        "Absolute innovation of pressure 1 in section 7.2's healthy sine; the ram is within "
-        f"{fixed(trial.recording['position_m'].min(), 3)} to "
-        f"{fixed(trial.recording['position_m'].max(), 3)} m throughout. The filter as printed "
-        f"believes its pressures to {figure(pressure / 1e3)} kPa and its encoder to {figure(position / 1e-2)} cm "
-        "(R; the transducers' own sigma is far above the one and below the other), and with the friction "
-        "model gone from it nothing else ties the position down: pressure noise is taken for "
-        f"displacement. At {fixed(first, 3)} m chamber 1 would have no volume, at {fixed(second, 3)} m chamber 2; "
-        "the estimate passes through both, the bulk modulus is divided by next to nothing (eq. 2.3), and single "
-        "innovations reach what the table's column *largest* says. The mean follows from these; the median does "
-        "not see them. Only the position's variance in R, read as its unit says, and the same filter "
-        "stays in the stroke after its start, where the printed P0 still throws it once."
-    )
-    return "\n\n".join(["### The seven-state filter runs away", table(head, rows), words])
+    empty_1, empty_2 = empty_chamber(trial.model.parameters)
+    return {
+        "lowest": fixed(trial.recording["position_m"].min(), 3),
+        "highest": fixed(trial.recording["position_m"].max(), 3),
+        "pressure_sigma": figure(pressure / 1e3),
+        "position_sigma": figure(position / 1e-2, 1),
+        "empty_1": fixed(empty_1, 3),
+        "empty_2": fixed(empty_2, 3),
+    }
+
+
+def _section(campaign: str) -> str:
+    """Return the section a shipped campaign is named after, as `5.1` of `open_loop_5_1`."""
+    return ".".join(part for part in campaign.split("_") if part.isdigit())
+
+
+def _pair(values: tuple[float, float]) -> str:
+    return " / ".join(figure(value / 1e5) for value in values)
 
 
 def _range(stretch: Stretch) -> str:

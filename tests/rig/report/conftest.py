@@ -1,6 +1,6 @@
-"""A small campaign, run once: a healthy test, a leak of chamber 1, and the same by a thesis filter."""
+"""A small campaign, run once: healthy, a leak of chamber 1, and that leak by a thesis filter."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.detection import LEAKS
 from estimator.filters import start_memory
-from estimator.replay import ReplayResult, replay
+from estimator.replay import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import Model
@@ -33,19 +33,7 @@ SETPOINT = {
 }
 
 
-@dataclass(frozen=True)
-class RunTest:
-    """A test that was run: its outcome, its recording as read back, and the detector's history."""
-
-    __test__ = False
-
-    outcome: TestOutcome
-    recording: Recording
-    replayed: ReplayResult
-    directory: Path
-
-
-def run_on_loop(directory: Path, name: str, filter_name: str, leak_l_per_min: float) -> RunTest:
+def run_on_loop(directory: Path, name: str, filter_name: str, leak_l_per_min: float) -> TestOutcome:
     """Run a sine with a leak of chamber 1 from 8 s on, record it, and judge the recording."""
     model = Model()
     time_s = np.arange(round(DURATION_S * 1e3)) * 1e-3
@@ -69,7 +57,7 @@ def run_on_loop(directory: Path, name: str, filter_name: str, leak_l_per_min: fl
     result = replay(recording, model, filter_name=filter_name)
     injected = _injected(recording, coefficient) if leak_l_per_min else ()
     expect = injected[0].kind if injected else "healthy"
-    outcome = TestOutcome(
+    return TestOutcome(
         name=name,
         expect=expect,
         status=Status.PASSED if result.decision.verdict == expect else Status.FAILED,
@@ -81,7 +69,6 @@ def run_on_loop(directory: Path, name: str, filter_name: str, leak_l_per_min: fl
         recording=path.name,
         recorded_s=DURATION_S,
     )
-    return RunTest(outcome, recording, result, directory)
 
 
 def _injected(recording: Recording, coefficient: float) -> tuple[InjectedFault, ...]:
@@ -97,34 +84,39 @@ def run_directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def healthy(run_directory: Path) -> RunTest:
+def healthy(run_directory: Path) -> TestOutcome:
     """A healthy test, judged by the product filter."""
     return run_on_loop(run_directory, "healthy", "product", 0.0)
 
 
 @pytest.fixture(scope="session")
-def leaking(run_directory: Path) -> RunTest:
+def leaking(run_directory: Path) -> TestOutcome:
     """A leak of chamber 1, found by the product filter."""
     return run_on_loop(run_directory, "leaking", "product", LEAK_L_PER_MIN)
 
 
 @pytest.fixture(scope="session")
-def by_thesis_filter(run_directory: Path) -> RunTest:
+def by_thesis_filter(run_directory: Path) -> TestOutcome:
     """The same leak before the thesis's 7-state filter."""
     return run_on_loop(run_directory, "by_thesis_filter", "thesis-7", LEAK_L_PER_MIN)
 
 
-def campaign(*tests: TestOutcome, filter_name: str = "product", **changed: Any) -> CampaignOutcome:
-    """Return the outcome of a campaign of these tests."""
-    told: dict[str, Any] = {
-        "name": "trial",
-        "description": "A healthy rig and a leak.",
-        "rig": "simulated",
-        "model": "nominal",
-        "filter": filter_name,
-        "false_alarms_per_day": 1.0,
-        "started": "2026-11-21T06:00:00+00:00",
-        "tests": tests,
-        "provenance": {"versions": {"rig": "0.1.0"}, "source_files": {"trial.yaml": "ab" * 32}},
-    }
-    return CampaignOutcome(**(told | changed))
+@pytest.fixture(scope="session")
+def campaign() -> Callable[..., CampaignOutcome]:
+    """Make the outcome of a campaign of given tests; keywords change what else it says."""
+
+    def of(*tests: TestOutcome, **changed: Any) -> CampaignOutcome:
+        told: dict[str, Any] = {
+            "name": "trial",
+            "description": "A healthy rig and a leak.",
+            "rig": "simulated",
+            "model": "nominal",
+            "filter": "product",
+            "false_alarms_per_day": 1.0,
+            "started": "2026-11-21T06:00:00+00:00",
+            "tests": tests,
+            "provenance": {"versions": {"rig": "0.1.0"}, "source_files": {"trial.yaml": "ab" * 32}},
+        }
+        return CampaignOutcome(**(told | changed))
+
+    return of
