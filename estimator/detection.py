@@ -238,7 +238,8 @@ class OilAccountDetector:
         settled = self._onset(finding) + SETTLED_AFTER_S
         since = [b for b in self._blocks[first:] if b.start_s >= settled - 1e-6]
         chosen = since or self._blocks[first:]
-        return float(np.mean([block.sizes[finding.fault] for block in chosen]))
+        sizes = [block.sizes[finding.fault] for block in chosen]
+        return float(np.average(sizes, weights=[block.end_s - block.start_s for block in chosen]))
 
     def _name(self, finding: Finding) -> str:
         """Name a fault; those of the supply and return lines need a measured supply pressure."""

@@ -34,8 +34,8 @@ STATE_COUNT: Final = len(PlantState._fields)
 # Where the bristle damping, a Gaussian of velocity, has fallen below one part in 10^15.
 _DAMPING_CUTOFF: Final = 6.0
 
-# N. Bristles need some friction level to relax to; this one is below any sensor's resolution.
-_LEVEL_FLOOR: Final = 1.0
+LEVEL_FLOOR: Final = 1.0
+"""N. Bristles need some friction level to relax to; this one is below any sensor's resolution."""
 
 
 def rest_state(parameters: Parameters, position: float) -> np.ndarray:
@@ -164,7 +164,7 @@ def slip_friction(speed, direction, par):
         level += par.friction_asymmetry
     elif direction < 0.0:
         level -= par.friction_asymmetry
-    return max(level, _LEVEL_FLOOR)
+    return max(level, LEVEL_FLOOR)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

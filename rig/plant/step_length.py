@@ -9,7 +9,7 @@ from typing import Final
 
 from numba import njit
 
-from .dynamics import chamber_volumes, valve_conductance
+from .dynamics import LEVEL_FLOOR, chamber_volumes, valve_conductance
 from .parameters import KARNOPP
 
 # What half a millisecond, the longest step of a default run, resolves.
@@ -21,7 +21,7 @@ _ORIFICE_RATE: Final = 6e5
 drop of (K h / 5.6)^2 and chatters below it: K h = 300 keeps that under a tenth of the noise."""
 
 _LINE_RATE: Final = 1000.0
-"""1/s. Filling of supply and return line, sped up by a restriction that the valve's flow follows."""
+"""1/s. Filling of the supply and return lines, faster through a restriction."""
 
 _VALVE_RATE: Final = 1500.0
 """1/s. Motion of the spool."""
@@ -32,11 +32,14 @@ _BRISTLE_RATE: Final = 2000.0
 _CONTACT_RATE: Final = 600.0
 """rad/s. Natural frequency of the ram on a stroke end."""
 
-_SPEED_RATE: Final = 1000.0
+_SPEED_RATE: Final = 2000.0
 """1/s. Acceleration over the velocity scale on which friction changes."""
 
-_LOADING_RATE: Final = 2e5
-"""N/s. Rate of the bristles' force."""
+_BELL_SCALE: Final = 0.3
+"""That scale near standstill, over the width v_s1 of the bristles' damping."""
+
+_LOADING_RATE: Final = 200.0
+"""1/s. Rate of the bristles' force over the Coulomb level."""
 
 _RUNAWAY_RATE: Final = 1000.0
 """1/s. Growth of a small velocity down the Stribeck slope."""
@@ -80,14 +83,15 @@ def smooth_step(y, k, longest, par):
     """Return the step in s over which friction changes little, from state `y` with rates `k`."""
     velocity, acceleration = y[5], abs(k[5])
     speed = abs(velocity)
-    scale = par.bristle_damping_velocity
-    speed_rate = _SPEED_RATE * max(scale, speed - scale)
+    width = par.bristle_damping_velocity
+    speed_rate = _SPEED_RATE * max(_BELL_SCALE * width, speed - width)
     loading = par.bristle_stiffness * abs(k[6])
+    loading_rate = _LOADING_RATE * max(par.coulomb, LEVEL_FLOOR)
     ahead = y[4] + longest * velocity
-    hits = speed > 0.1 * scale and not par.stroke_min <= ahead <= par.stroke_max
-    if acceleration <= speed_rate and loading <= _LOADING_RATE and not hits:
+    hits = speed > 0.1 * width and not par.stroke_min <= ahead <= par.stroke_max
+    if acceleration <= speed_rate and loading <= loading_rate and not hits:
         return longest
-    h = longest / max(acceleration / speed_rate, loading / _LOADING_RATE, 1.0)
+    h = longest / max(acceleration / speed_rate, loading / loading_rate, 1.0)
     if hits:
         h = min(h, longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness))
     h = max(h, _SHORTEST * longest)

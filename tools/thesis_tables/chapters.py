@@ -13,11 +13,11 @@ from .validation import (
     FIGURES,
     PRINTED,
     Measured,
+    Simulated,
     compare,
-    compare_with_itself,
     compare_without_drift,
     one_step_error,
-    simulated_recordings,
+    run_simulated,
 )
 
 EXTERNAL: Final = ("external_leakage_1", "external_leakage_2")
@@ -27,28 +27,32 @@ KINDS: Final = (*EXTERNAL, INTERNAL)
 
 def validation_tables(measured: Measured | None) -> dict[str, str]:
     """Return section 3.2's tables by motion, beside measured recordings too if there are any."""
-    model, simulated = simulated_recordings()
-    tables = {}
-    for motion, printed in PRINTED.items():
-        sources = {"simulated rig": simulated[motion]}
-        if measured is not None:
-            sources["recording"] = measured.recordings[motion]
-        head, comparisons, one_step = ["recorded less simulated", "printed"], [], []
-        for name, recording in sources.items():
-            head += [name, f"{name}, drift out"]
-            comparisons += [compare(recording, model), compare_without_drift(recording, model)]
-            one_step += [one_step_error(recording, model)] * 2
-        head.append("model less itself, up to 4 counts apart")
-        comparisons.append(compare_with_itself(recording, model))
-        rows = [
-            [name, printed.get(name, NOTHING), *(figure(take(c) / unit) for c in comparisons)]
-            for name, unit, take in FIGURES
-        ]
-        for i in (1, 2):
-            cells = [figure(error[i] / 1e5) for error in one_step]
-            rows.append([f"pressure {i}, one sample ahead (1e5 Pa)", NOTHING, *cells, NOTHING])
-        tables[motion] = table(head, rows)
-    return tables
+    simulated = run_simulated()
+    return {motion: _validation_table(motion, simulated, measured) for motion in PRINTED}
+
+
+def _validation_table(motion: str, simulated: Simulated, measured: Measured | None) -> str:
+    model, recording = simulated.model, simulated.recordings[motion]
+    columns = {
+        "simulated rig": compare(recording, model),
+        "simulated rig, drift out": compare_without_drift(recording, model),
+        "simulated rig, its own model": compare(recording, simulated.truth),
+    }
+    steps = [one_step_error(recording, model)] * 2 + [one_step_error(recording, simulated.truth)]
+    if measured is not None:
+        recording = measured.recordings[motion]
+        columns["recording"] = compare(recording, model)
+        columns["recording, drift out"] = compare_without_drift(recording, model)
+        steps += [one_step_error(recording, model)] * 2
+    told = PRINTED[motion]
+    rows = [
+        [name, told.get(name, NOTHING), *(figure(take(c) / unit) for c in columns.values())]
+        for name, unit, take in FIGURES
+    ]
+    for i in (1, 2):
+        cells = [figure(step[i] / 1e5) for step in steps]
+        rows.append([f"pressure {i}, one sample ahead (1e5 Pa)", NOTHING, *cells])
+    return table(["recorded less simulated", "printed", *columns], rows)
 
 
 def unloaded_table(trials: Trials, printed: PrintedTable, *, sine: bool = True) -> dict[str, str]:
