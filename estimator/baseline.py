@@ -1,8 +1,8 @@
 """What a detector may assume of one rig, learnt from healthy recordings of it.
 
 For the default detector that is what the recordings say of the nuisances (null bias, valve edges,
-pressures, oil), so that a leak that is there from the first sample is told from them. For the thesis
-filters it is the healthy level of the innovations' moving averages.
+pressures, oil), so that a leak that is there from the first sample is told from them. For the
+thesis filters it is the healthy level of the innovations' moving averages.
 """
 
 import json

@@ -5,7 +5,7 @@ positive down a positive drop, so one signed law serves both. The thesis's "m^3/
 square-root coefficients is m^3/(s Pa^0.5).
 """
 
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,7 @@
 """Where compiled code is kept between runs: one folder for each state of the sources.
 
 numba notices a change of the function's own file only, not of the physics that it calls, and would
-go on running what was compiled from older equations. A cache keyed by all compiled sources cannot be
+go on running what was compiled from older equations. A cache keyed by all compiled sources can't be
 stale.
 """
 

@@ -12,7 +12,9 @@ from rig.plant.simulation import simulate
 from rig.recording import Recording, export
 
 DOCS = Path(__file__).parents[1] / "docs"
-EXAMPLES = re.findall(r"## ([^\n]+)\n(?:(?!\n## ).)*?```python\n(.*?)```", (DOCS / "api.md").read_text(), re.S)
+EXAMPLES = re.findall(
+    r"## ([^\n]+)\n(?:(?!\n## ).)*?```python\n(.*?)```", (DOCS / "api.md").read_text(), re.DOTALL
+)
 
 
 @pytest.fixture

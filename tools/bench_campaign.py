@@ -1,8 +1,8 @@
 """Time campaigns: rig-seconds per wall-second on one core, by filter, and the start of a run.
 
-`python -m tools.bench_campaign` runs the same closed-loop test with each filter in turn, round after
-round: plant with bristle friction, sensor noise, controller and filter in the compiled loop; then with
-the default detector's decisions; then as a campaign does it, with its recording.
+`python -m tools.bench_campaign` runs the same closed-loop test with each filter in turn, round
+after round: plant with bristle friction, sensor noise, controller and filter in the compiled loop;
+then the quickstart campaign as a user runs it, with detector and recordings, without its report.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def whole_campaign() -> None:
         run_campaign(campaign, rig, Path(folder) / "run", pace="fast")
 
 
-def _timed(run: Callable[[], None]) -> float:
+def _timed(run: Callable[[], object]) -> float:
     start = time.perf_counter()
     run()
     return time.perf_counter() - start

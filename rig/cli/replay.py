@@ -76,7 +76,9 @@ def command(
             # With bad input nothing else is told: the rest is read for its own problems only.
             if not problems.found:
                 replayed.append(
-                    _replay(recording, content, assumed, filter_name, false_alarms_per_day, baseline)
+                    _replay(
+                        recording, content, assumed, filter_name, false_alarms_per_day, baseline
+                    )
                 )
     if problems.found:
         return problems.report()

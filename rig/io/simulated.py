@@ -1,7 +1,7 @@
 """The simulated rig: the plant with its transducers in place of the wire.
 
-Noise comes from a generator seeded by the test, drawn in order, so that a run does not depend on how
-its ticks are batched: the same seed gives the same recording bit for bit, paced or not.
+Noise comes from a generator seeded by the test, drawn in order, so that a run does not depend on
+how its ticks are batched: the same seed gives the same recording bit for bit, paced or not.
 """
 
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ class SimulatedRig:
     Attributes:
         parameters: the truth of this rig, SI.
         sensors: its transducers' data sheet.
-        fitted: float64 (9,), 1 where the rig has the transducer of `rig.plant.sensors.Reading`, else
-            NaN.
+        fitted: float64 (9,), 1 where the rig has the transducer of `rig.plant.sensors.Reading`,
+            else NaN.
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
         meters: float64 (3,), flow-meter lag states in m^3/s.
         offsets: float64 (3,), the meters' fixed errors in m^3/s, drawn once.
@@ -61,7 +61,9 @@ def simulated_rig(
         model: the truth of the rig.
         seed: fixes all noise.
         sensors: its transducers' data sheet.
-        spool_sensor, supply_pressure_sensor, load_cell: whether the rig has them.
+        spool_sensor: whether the rig measures its spool.
+        supply_pressure_sensor: whether it measures its supply pressure.
+        load_cell: whether it measures the force on its rod.
     """
     par = model.parameters
     generator = np.random.default_rng(seed)

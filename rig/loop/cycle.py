@@ -62,10 +62,22 @@ def simulated_ticks(
         period: s.
         setpoint: (ticks,) in m, or in V in open loop.
         open_loop: whether the setpoint is the command.
-        gain, limit: position loop, V/m and V.
+        gain: of the position loop, V/m.
+        limit: greatest command of either sign, V.
         faults: (ticks, 8) coefficients (`rig.plant.faults.FaultInput`).
-        plant, par, sensors, fitted, meters, offsets, noise: the simulated rig and its noise.
-        code, x, covariance, filter_par, filter_noise, work: the filter and its memory.
+        plant: (9,) true state, `rig.plant.dynamics.PlantState`; updated.
+        par: the rig's true `Parameters`.
+        sensors: `SensorParameters`.
+        fitted: (9,) 1 or NaN, which transducers there are.
+        meters: (3,) flow-meter lags, m^3/s; updated.
+        offsets: (3,) flow-meter errors, m^3/s.
+        noise: (ticks, 9) standard normal numbers.
+        code: which filter.
+        x: its state; updated.
+        covariance: its covariance; updated.
+        filter_par: the `Parameters` it assumes.
+        filter_noise: the noise it assumes.
+        work: its scratch space.
         held: (1,) command held since the last tick, V; updated.
         rows: (ticks, columns) to fill, in the order of `row_channels`.
     """
@@ -90,8 +102,8 @@ def simulated_ticks(
             filter_start(code, x, reading[0], reading[1], reading[2], reading[3], command,
                          filter_par)  # fmt: skip
         else:
-            filter_step(code, x, covariance, held[0], reading[0], reading[1], reading[2], reading[3],
-                        filter_par, filter_noise, work, outputs)  # fmt: skip
+            filter_step(code, x, covariance, held[0], reading[0], reading[1], reading[2],
+                        reading[3], filter_par, filter_noise, work, outputs)  # fmt: skip
         row[_STATES_AT:truth] = x
         held[0] = command
         row[0] = (first + k) * period

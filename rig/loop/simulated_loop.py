@@ -1,4 +1,4 @@
-"""The loop on the simulated backend: compiled ticks in batches, at the wall clock or as fast as can be."""
+"""The loop on the simulated backend: compiled ticks in batches of whatever length is asked for."""
 
 from dataclasses import dataclass
 
@@ -83,7 +83,7 @@ class SimulatedLoop:
         return self._motion.setpoint.size - self._tick
 
     def position(self) -> None:
-        """Bring the ram to its start by the position loop, along a raised cosine, and let it rest."""
+        """Bring the ram to its start by the position loop, along a raised cosine; let it rest."""
         ticks = self._motion.settle_ticks
         ramp = max(int(_RAMP_PART * ticks), 1)
         here = self._rig.state[4]

@@ -37,11 +37,8 @@ def _net_force(y, par):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _mode_at_rest(net_force, par):
     """Return 0 if stiction holds a ram at rest, else the direction it slides in (eq. 2.8)."""
-    if net_force > par.stiction + par.friction_asymmetry:
-        return 1.0
-    if net_force < par.friction_asymmetry - par.stiction:
-        return -1.0
-    return 0.0
+    direction = copysign(1.0, net_force)
+    return direction if abs(net_force) > slip_friction(0.0, direction, par) else 0.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -9,7 +9,7 @@ from typing import Final
 
 from numba import njit
 
-from .dynamics import LEVEL_FLOOR, chamber_volumes, valve_conductance
+from .dynamics import LEVEL_FLOOR, chamber_volumes, slip_friction, valve_conductance
 from .parameters import KARNOPP
 
 # What half a millisecond, the longest step of a default run, resolves.
@@ -104,7 +104,7 @@ def smooth_step(y, k, longest, par):
 def break_away_step(y, k, h, net_force, par):
     """Return the step in s, at most `h`, to the break-away of a stuck ram."""
     loading = par.piston_area * (k[2] - k[3])
-    gap = par.friction_asymmetry + copysign(par.stiction, loading) - net_force
+    gap = copysign(slip_friction(0.0, loading, par), loading) - net_force
     if abs(gap) < abs(loading) * h:
         return max(gap / loading, _EVENT)
     return h

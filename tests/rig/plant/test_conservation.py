@@ -16,13 +16,12 @@ from rig.plant.dynamics import (
     valve_conductance,
     valve_flows,
 )
-from rig.plant.integrator import TICK, advance
+from rig.plant.integrator import SUBSTEPS, TICK, advance
 from rig.plant.simulation import simulate
 
 Array = NDArray[np.float64]
 
 SHUT = np.zeros(60)
-STILL = np.array([1, 1, 1, 1, 1, 0, 0, 1, 1])
 PIECES = 16
 
 LAWS = st.sampled_from([BRISTLE, KARNOPP])
@@ -69,12 +68,9 @@ def test_a_struck_ram_never_gains_energy(
     position: float, velocity: float, p1: float, p2: float, law: float, stiffness: float
 ) -> None:
     rig = NOMINAL._replace(friction_law=law, spring_stiffness=stiffness, spring_contact=0.45)
-    run = simulate(
-        Model(parameters=rig), SHUT, initial=disturbed(position, velocity, p1, p2, law)
-    )
+    run = simulate(Model(parameters=rig), SHUT, initial=disturbed(position, velocity, p1, p2, law))
     stored = energy(run, rig)
-    assert (np.diff(stored) <= 1e-3 * stored[:-1] + 1e-6).all()
-    assert stored[-1] <= stored[0] + 1e-6
+    assert (np.diff(stored) <= 1e-5 * stored[0] + 1e-6).all()
 
 
 @given(POSITIONS, st.floats(-0.1, 0.1), st.floats(2e6, 13.8e6), LAWS)
@@ -86,21 +82,26 @@ def test_without_friction_the_ram_swings_on_its_oil_without_gaining_energy(
     )
     start = disturbed(position, velocity, pressure, pressure, law)
     stored = energy(simulate(Model(parameters=rig), SHUT, initial=start), rig)
-    struck = stored - energy(simulate(Model(parameters=rig), SHUT, initial=start * STILL), rig)[0]
-    assert (np.diff(struck) <= 1e-3 * struck[0] + 1e-6).all()
-    print(struck[0], struck[-1], np.diff(struck).max()/struck[0])
+    kinetic = 0.5 * rig.moving_mass * velocity**2
+    assert (np.diff(stored) <= 1e-5 * kinetic + 1e-9).all()
 
 
+@pytest.mark.parametrize(("substeps", "tolerance"), [(SUBSTEPS, 3e-7), (16 * SUBSTEPS, 1e-9)])
 @given(POSITIONS, VELOCITIES, PRESSURES, PRESSURES, LAWS)
 def test_a_shut_chamber_keeps_its_oil_cavitating_or_not(
-    position: float, velocity: float, p1: float, p2: float, law: float
+    substeps: int,
+    tolerance: float,
+    position: float,
+    velocity: float,
+    p1: float,
+    p2: float,
+    law: float,
 ) -> None:
     rig = NOMINAL._replace(friction_law=law)
-    run = simulate(
-        Model(parameters=rig), SHUT, initial=disturbed(position, velocity, p1, p2, law)
-    )
+    start = disturbed(position, velocity, p1, p2, law)
+    run = simulate(Model(parameters=rig), SHUT, initial=start, substeps=substeps)
     for kept in chamber_oil(run, rig):
-        assert kept == pytest.approx(np.full(SHUT.size, kept[0]), rel=1e-7)
+        assert np.ptp(kept) < tolerance * kept[0]
 
 
 @given(

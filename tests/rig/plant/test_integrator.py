@@ -81,8 +81,8 @@ def test_a_finer_step_changes_short_runs_by_less_than_a_tenth_of_what_the_sensor
         "position": DATA_SHEET.position_resolution,
         "spool": DATA_SHEET.spool_noise,
     }
-    # Not every run: where a ram just about sticks or just escapes, any two integrations part, so one
-    # horizon in ten may differ by more (docs/model.md).
+    # Not every run: where a ram just about sticks or just escapes, any two integrations part, so
+    # one horizon in ten may differ by more (docs/model.md).
     typical = dict(zip(PlantState._fields, np.quantile(parted, 0.9, axis=0), strict=True))
     assert all(typical[name] < 0.1 * limit for name, limit in resolution.items()), typical
     rare = dict(zip(PlantState._fields, np.quantile(parted, 0.98, axis=0), strict=True))
