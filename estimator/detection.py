@@ -1,4 +1,4 @@
-"""From a filter's estimates to a verdict: the detector's interface and the product's own detector."""
+"""From a filter's estimates to a verdict: what a detector is, and the product's own."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,14 +28,14 @@ LEAKS: Final = FAULTS[:3]
 INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
 LEAST_ACCOUNTED: Final = 0.5
-"""With less of the later half accounted for (sensors missing, a chamber dry), nothing is claimed."""
+"""With less of the later half accounted for (sensors missing, chamber dry), nothing is claimed."""
 SETTLED_AFTER_S: Final = 2.0
 """A leak's flow is averaged from this long after its onset (the command-line contract)."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """A stretch of a recording as a detector sees it: float64 (n,) each, SI; NaN where not measured."""
+    """A stretch of a recording as a detector sees it: float64 (n,) each, SI; NaN: not measured."""
 
     time_s: Array
     command: Array
@@ -258,7 +258,7 @@ class OilAccountDetector:
 
 
 def leak_flow(run: FilterRun, parameters: Parameters) -> dict[str, Array]:
-    """Return the product filter's leak flows over time, float64 (n,) in m^3/s, by leak (eq. 5.2)."""
+    """Return the product filter's leak flows, float64 (n,) in m^3/s each, by leak (eq. 5.2)."""
     p1, p2 = run.state("pressure_1_Pa"), run.state("pressure_2_Pa")
     drops = (p1 - parameters.return_pressure, p2 - parameters.return_pressure, p1 - p2)
     root = np.vectorize(signed_root)

@@ -1,7 +1,7 @@
 """The filters by name, behind one compiled step that the loop and the replay both call.
 
-Every filter takes the same measurements and writes the same nine outputs a sample; its states are its
-own. The code of a filter is an integer so that one compiled loop serves all of them.
+Every filter takes the same measurements and writes the same nine outputs a sample; its states are
+its own. The code of a filter is an integer so that one compiled loop serves all of them.
 """
 
 from dataclasses import dataclass
@@ -104,7 +104,7 @@ def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET
 
 @njit(cache=True, error_model="numpy")
 def filter_start(code, x, position, p1, p2, spool, command, par):
-    """Take the first sample. The thesis filters start from their printed x0 instead (section 4.5)."""
+    """Take the first sample. The thesis filters start from their printed x0 (section 4.5)."""
     if code == PRODUCT:
         start_product(x, position, p1, p2, spool, command, par)
 
@@ -144,7 +144,7 @@ class FilterRun:
         filter: which filter.
         time_s: float64 (n,).
         states: float64 (n, filter states), a posteriori, SI, columns as `filter.states`.
-        outputs: float64 (n, 9), columns as `OUTPUTS`; the first row, which starts the filter, is NaN.
+        outputs: float64 (n, 9), columns as `OUTPUTS`; the first row starts the filter and is NaN.
         covariance: final covariance.
     """
 
@@ -165,7 +165,7 @@ class FilterRun:
 
     @property
     def residual(self) -> Array:
-        """A posteriori residuals of position (m), pressure 1 and 2 (Pa): float64 (n, 3) (eq. 4.24)."""
+        """A posteriori residuals of position (m), pressures 1 and 2 (Pa): (n, 3) (eq. 4.24)."""
         return self.outputs[:, 3:6]
 
 
@@ -192,12 +192,22 @@ def run_filter(
     """
     if measured.shape != (time_s.size, 4) or command.shape != time_s.shape:
         raise ValueError(
-            f"measured {measured.shape} and command {command.shape} do not fit {time_s.size} samples "
+            f"measured {measured.shape} and command {command.shape} do not fit {time_s.size} rows "
             "of (position, pressure 1, pressure 2, spool)"
         )
     memory = start_memory(name, model, sensors)
     states = np.empty((time_s.size, memory.x.size))
     outputs = np.empty((time_s.size, len(OUTPUTS)))
-    _run(memory.filter.code, memory.x, memory.covariance, model.parameters, memory.noise, memory.work,
-         np.ascontiguousarray(command), np.ascontiguousarray(measured), states, outputs)  # fmt: skip
+    _run(
+        memory.filter.code,
+        memory.x,
+        memory.covariance,
+        model.parameters,
+        memory.noise,
+        memory.work,
+        np.ascontiguousarray(command),
+        np.ascontiguousarray(measured),
+        states,
+        outputs,
+    )
     return FilterRun(memory.filter, time_s, states, outputs, memory.covariance)

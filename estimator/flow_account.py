@@ -1,12 +1,13 @@
 """Keeps an oil account of each chamber: what the valve should have let in, less where it went.
 
-Integrated over a block of half a second (longer while a chamber is dry), eq. 2.3 balances without friction, load or acceleration:
+Integrated over a block of half a second (longer while a chamber is dry), eq. 2.3 balances without
+friction, load or acceleration:
 
     valve flow in = swept volume + compression + leaks.
 
-What is missing is a leak, or an error of the model. The account of a block is therefore one row per
-chamber, with the missing flow and, beside it, how it would look if each leak, or each known weakness
-of the model, were there. Measured noise is small here: one encoder count in half a second is
+What is missing is a leak, or an error of the model. The account of a block is therefore one row
+per chamber, with the missing flow and, beside it, how it would look if each leak, or each known
+weakness of the model, were there. Measured noise is small here: one encoder count in half a second is
 0.002 L/min. That is what makes small leaks visible (docs/decisions/0006-oil-account.md).
 """
 
@@ -30,8 +31,8 @@ BLOCK_TICKS: Final = 500
 BLOCK_S: Final = BLOCK_TICKS * TICK
 
 _LONGEST: Final = 16 * BLOCK_TICKS
-"""Cavities open and close again, so an account is only drawn up when neither chamber is dry; until then
-its block grows, by half a second at a time, and is given up after 8 s."""
+"""Cavities open and close again, so an account is only drawn up when neither chamber is dry; until
+then its block grows, by half a second at a time, and is given up after 8 s."""
 
 
 class Nuisance(NamedTuple):
@@ -73,7 +74,7 @@ FAULTS: Final = (
 FAULT_COUNT: Final = len(FAULTS)
 
 _HEAD: Final = 5
-# One row of sums: time, good ticks, ticks, two balances, nuisances and faults by chamber, sizes of the faults.
+# One row of sums: time, good ticks, ticks, two balances, nuisances and faults by chamber, sizes.
 _WIDTH: Final = _HEAD + 2 * NUISANCE_COUNT + 3 * FAULT_COUNT
 _CARRIED: Final = 5
 
@@ -86,8 +87,8 @@ class AccountBlock:
         start_s, end_s: time of the last sample before the block, and of its last.
         missing: float64 (2,), flow that entered by the valve's law and is nowhere to be found.
         nuisances: float64 (2, 15), missing flow per standard deviation of each of `NUISANCES`.
-        faults: float64 (2, 5), missing flow per unit coefficient of each of `FAULTS` (SI; for supply
-            leakage per Pa of lost supply pressure).
+        faults: float64 (2, 5), missing flow per unit coefficient of each of `FAULTS` (SI; for
+            supply leakage per Pa of lost supply pressure).
         sizes: float64 (5,), mean absolute flow per unit coefficient.
         complete: whether enough of the block's samples were measured.
     """
@@ -105,8 +106,8 @@ class AccountBlock:
 def _tick(spool, spool_rate, null_bias, p1, p2, par, row):
     """Add one sample's flows and signatures to the sums in `row`.
 
-    The estimated null bias only tells which edges are open; its flow is left to the nuisance, so that
-    a leak cannot hide in it.
+    The estimated null bias only tells which edges are open; its flow is left to the nuisance, so
+    that a leak cannot hide in it.
     """
     supply, back = par.supply_pressure, par.return_pressure
     conductance = valve_conductance(par)
@@ -175,8 +176,8 @@ def _tick(spool, spool_rate, null_bias, p1, p2, par, row):
 def _accumulate(time_s, spool, null_bias, p1, p2, position, fresh, par, carried, row, rows):
     """Add samples to the running block `row`; move finished blocks to `rows`, return their number.
 
-    `carried` keeps (samples in the block, last spool, p1, p2, position) between calls; samples are -1
-    while no block can begin, for want of a sample before it or because a chamber is dry.
+    `carried` keeps (samples in the block, last spool, p1, p2, position) between calls; samples are
+    -1 while no block can begin, for want of a sample before it or because a chamber is dry.
     """
     finished = 0
     for k in range(time_s.size):
@@ -232,8 +233,8 @@ class FlowAccount:
     ) -> list[AccountBlock]:
         """Add samples (float64 (n,) each, SI, the filter's estimates) and return finished blocks.
 
-        `fresh` is 1 where position and both pressures were measured in range, else 0; a block counts
-        as complete when nine tenths of its samples were.
+        `fresh` is 1 where position and both pressures were measured in range, else 0; a block
+        counts as complete when nine tenths of its samples were.
         """
         rows = np.empty((time_s.size // BLOCK_TICKS + 1, _WIDTH))
         count = _accumulate(time_s, spool, null_bias, p1, p2, position, fresh, self._parameters,
@@ -257,13 +258,16 @@ class FlowAccount:
 
 
 def reference_drop(parameters: Parameters, fault: str) -> float:
-    """Return the pressure drop in Pa at which a leak's flow is quoted: half supply, or for internal
-    leaks the drop that slip friction at rest needs (table 2.1)."""
+    """Return the pressure drop in Pa at which a leak's flow is quoted.
+
+    Half the supply pressure; for internal leaks, what a ram that moves slowly against its friction
+    needs, half as much again as the slip friction (table 2.1).
+    """
     if fault == "internal_leakage":
         return 1.5 * parameters.coulomb / parameters.piston_area
     return 0.5 * (parameters.supply_pressure - parameters.return_pressure)
 
 
 def reference_flow(parameters: Parameters, fault: str, coefficient: float) -> float:
-    """Return the flow in m^3/s that a leak coefficient (SI) passes at its reference drop (eq. 5.2)."""
+    """Return the flow in m^3/s that a leak coefficient (SI) passes at that drop (eq. 5.2)."""
     return coefficient * sqrt(reference_drop(parameters, fault))

@@ -6,9 +6,9 @@ At the end of every block the missing flows of all blocks so far are explained b
 
 for each fault and each onset. Nuisances carry Gaussian priors, the coefficient is free and not
 negative, the noise level is estimated with an inverse-gamma prior, so that a coefficient over its
-standard error follows Student's t (Bayesian linear regression; generalised likelihood ratio over the
-onset, Basseville and Nikiforov 1993, ch. 7). A model-error budget is added to the standard error: no
-leak is claimed that a wandering spool null could feign.
+standard error follows Student's t (Bayesian linear regression; generalised likelihood ratio over
+the onset, Basseville and Nikiforov 1993, ch. 7). A model-error budget is added to the standard
+error: no leak is claimed that a wandering spool null could feign.
 """
 
 from dataclasses import dataclass
@@ -244,8 +244,10 @@ class LeakTest:
         return [first] if second is None else [first, second]
 
     def smallest(self, part: float = 0.5) -> Array:
-        """Return the smallest coefficient of each fault (5,), SI, that would have been found had the
-        fault begun after this part of the blocks (0: with the first)."""
+        """Return the smallest coefficient of each fault (5,), SI, that would have been found.
+
+        `part` of the blocks had passed when the fault began (0: it was there from the first).
+        """
         scores = self._scores(np.array([-1, 0]))
         j = int(part * self._onsets)
         freedom = NOISE_WEIGHT + 2 * self._blocks
@@ -290,7 +292,7 @@ class LeakTest:
         limit = self.threshold(weight)
         explained[:, np.arange(FAULT_COUNT) == chosen[0]] = 0.0
         gain = weight * np.log1p(explained / (weight * variance))
-        # Whatever another cause explains far better is not this one, even if that is below its budget.
+        # What another cause explains far better is not this one, even if that is below its budget.
         rivalled = gain < gain.max() - _RIVAL_GAIN
         gain[rivalled | (coefficient <= limit * deviation)] = 0.0
         for i in np.argsort(-gain.max(axis=0)):
@@ -308,10 +310,10 @@ class LeakTest:
     def _jackknife(
         self, fault: int, onset: int, coefficient: float, chosen: NDArray[np.int64]
     ) -> float:
-        """Standard error of a coefficient if noise differs from block to block, from the blocks' own
-        residuals (jackknife form of Eicker, Huber and White; both chambers of a block together).
+        """Return a coefficient's standard error, from the blocks' own residuals.
 
-        It is large when few blocks speak for the fault: no single block can raise an alarm.
+        Noise may differ from block to block (jackknife form of Eicker, Huber and White; both
+        chambers of a block together). It is large when few blocks speak for the fault: no single block can raise an alarm.
         """
         y = np.array([block[0] for block in self._history])
         f = np.array([block[1] for block in self._history])

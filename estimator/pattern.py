@@ -1,4 +1,4 @@
-"""The thesis's leak identification: which moving averages of the innovations rise (sections 4.4, 5.3).
+"""The thesis's leak identification: which averages of the innovations rise (sections 4.4, 5.3).
 
 One chamber up: an external leak there. Both up: an internal leak. The thesis sets its thresholds by
 eye; here they are learnt from healthy running at a stated false-alarm rate.
@@ -25,8 +25,8 @@ at 18 s and 20 s."""
 STARTED_S: Final = 2.0
 """The filter's start, which says nothing about the rig, is left out."""
 EXTERNAL_RATIO: Final = 2.0
-"""With both averages above threshold, the chamber whose rise is this many times the other's is named
-(table 5.1: an external leak also lifts the other chamber's average a little)."""
+"""With both averages above threshold, the chamber whose rise is this many times the other's is
+named (table 5.1: an external leak also lifts the other chamber's average a little)."""
 _PIECE: Final = 500
 """Samples whose mean is one look at the healthy level: half a second."""
 
@@ -69,7 +69,7 @@ def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> 
     """Learn the thresholds that healthy moving averages exceed at the stated rate.
 
     Args:
-        innovations: of healthy runs, float64 (n, 2) each: pressures 1 and 2, Pa; at least 4 s in all.
+        innovations: of healthy runs, float64 (n, 2) each: pressures 1 and 2, Pa; 4 s or more.
         false_alarms_per_day: alarms that a healthy rig may raise in a day.
 
     Raises:
@@ -103,7 +103,7 @@ class PatternDetector:
 
     Args:
         false_alarms_per_day: alarms that a healthy rig may raise in a day.
-        baseline: learnt from healthy runs; else the recording's own first 15 s are taken as healthy.
+        baseline: learnt from healthy runs; else the first 15 s are taken as healthy.
     """
 
     def __init__(

@@ -1,13 +1,13 @@
 """The product's filter: load, three leak coefficients and spool null bias beside the rig's states.
 
 An extended Kalman filter that predicts with a stable scheme. Friction and environment are one load
-state (section 6.3), so that no friction law is assumed. Where the thesis filter takes one forward Euler
-step a millisecond, which the oil column does not survive (docs/model.md), this one takes four
-semi-implicit ones: velocity first, then position and pressures with the new velocity. That keeps the
-oil column's oscillation bounded up to omega h = 2; here omega h is at most 0.24.
+state (section 6.3), so that no friction law is assumed. Where the thesis filter takes one forward
+Euler step a millisecond, which the oil column does not survive (docs/model.md), this one takes four
+semi-implicit ones: velocity first, then position and pressures with the new velocity. That keeps
+the oil column's oscillation bounded up to omega h = 2; here omega h is at most 0.24.
 """
 
-from math import exp, sin, cos, sqrt
+from math import cos, exp, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant import Model, Parameters
-from rig.plant.dynamics import chamber_volumes, signed_root, valve_conductance
+from rig.plant.dynamics import chamber_volumes, valve_conductance
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import SensorParameters
@@ -38,8 +38,8 @@ STATES: Final = (
 STATE_COUNT: Final = len(STATES)
 
 DRY: Final = 1e5
-"""Below this pressure (Pa) a chamber may hold a vapour cavity, whose volume no sensor sees: three times
-the noise of a 20.7 MPa transducer."""
+"""Below this pressure (Pa) a chamber may hold a vapour cavity, whose volume no sensor sees: three
+times the noise of a 20.7 MPa transducer."""
 
 _SUBSTEPS: Final = 4
 # Rows of the transition matrix that are not the identity: the six rig states come first.
@@ -68,8 +68,8 @@ def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductN
 
     The encoder's error is uniform over one count. The budget: the valve model is off by 2 um (white
     over its bandwidth), a chamber's flow by 0.1 L/min, the load moves by 150 N/ms (it carries the
-    friction, which turns around within some 20 ms), a leak by 0.1 L/min at half supply pressure in a
-    second, the spool's null by 0.02 um in a second.
+    friction, which turns around within some 20 ms), a leak by 0.1 L/min at half supply pressure in
+    a second, the spool's null by 0.02 um in a second.
     """
     half_supply = 0.5 * parameters.supply_pressure
     spool_acceleration = 2e-6 * parameters.valve_natural_frequency**2
@@ -92,7 +92,8 @@ def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductN
 def initial_covariance(model: Model) -> Array:
     """Return P0 (11, 11): first samples to their noise, null to 5 um, leaks to 0.02 L/min.
 
-    A leak and a shifted null look alike at first; what is there from the start is taken as the null.
+    A leak and a shifted null look alike at first; what is there from the start is taken for the
+    null.
     """
     leak = 0.02 * LITRE_PER_MINUTE / sqrt(0.5 * model.parameters.supply_pressure)
     sigma = np.array([2e-6, 5e4, 5e4, 2e-5, 0.05, 1e-2, 500.0, leak, leak, leak, 5e-6])
@@ -101,7 +102,7 @@ def initial_covariance(model: Model) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def start_product(x, position, p1, p2, spool, command, par):
-    """Set the state (11,) to a first sample; an absent spool reading is replaced by the command's."""
+    """Set the state (11,) to a first sample; for want of a spool reading, take the command's."""
     x[:] = 0.0
     x[0] = par.valve_gain * command if np.isnan(spool) else spool
     x[1] = p1
@@ -255,7 +256,7 @@ def _correct(x, covariance, index, measured, variance, gain):
 def _start_afresh(x, covariance, index, measured, variance):
     """Take a state as measured and forget what its error had to do with the others'.
 
-    In a dry chamber the oil's compression is not what the model says: nothing may be learnt from it.
+    In a dry chamber the oil's compression is not what the model says: nothing is learnt from it.
     """
     x[index] = measured
     covariance[index, :] = 0.0
@@ -268,9 +269,13 @@ def product_step(x, covariance, command, position, p1, p2, spool, par, noise, wo
     """Advance the product filter by one sample.
 
     Args:
-        x, covariance: state (11,) and covariance (11, 11), updated in place.
+        x: state (11,), updated in place.
+        covariance: its covariance (11, 11), updated in place.
         command: command in V held since the last sample.
-        position, p1, p2, spool: measurements, SI; NaN is skipped.
+        position: measured, m; NaN is skipped.
+        p1: measured pressure of chamber 1, Pa; NaN is skipped.
+        p2: measured pressure of chamber 2, Pa; NaN is skipped.
+        spool: measured spool displacement, m; NaN is skipped.
         par: `Parameters` the filter assumes.
         noise: `ProductNoise`.
         work: scratch, float64 (13, 11).

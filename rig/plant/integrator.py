@@ -15,7 +15,7 @@ from numba import njit
 
 from .dynamics import environment_force, rates, slip_friction
 from .parameters import KARNOPP
-from .step_length import break_away_step, resolving_step, runaway_step, smooth_step
+from .step_length import break_away_step, resolving_step, sliding_step, smooth_step
 
 TICK: Final = 1e-3
 """The loop's period in s: one command interval (table 2.1, T)."""
@@ -70,7 +70,7 @@ def _rates(y, command, par, fault):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _bristle_weights(velocity, h, par):
+def _bristle_weights(velocity, acceleration, h, par):
     """Return the bristles' relaxation rate (1/s), decay over half a step, and weights (s).
 
     The weights are those of half a step and of the first, both middle and the last stage. Without
@@ -78,7 +78,9 @@ def _bristle_weights(velocity, h, par):
     """
     relaxation = 0.0
     if par.friction_law != KARNOPP:
-        stiff = par.bristle_stiffness * abs(velocity)
+        # The faster end of the step: out of a reversal, bristles stiffen within it.
+        fastest = max(abs(velocity), abs(velocity + h * acceleration))
+        stiff = par.bristle_stiffness * fastest
         if h * stiff > _FAST_BRISTLE * par.coulomb:
             relaxation = stiff / slip_friction(abs(velocity), velocity, par)
     r = relaxation * h
@@ -97,7 +99,7 @@ def _bristle_weights(velocity, h, par):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _runge_kutta(y, k, h, command, par, fault):
     """Return the state one step of h (s) after `y`, where the rates are `k`."""
-    relaxation, half, reach, first, middle, last = _bristle_weights(y[5], h, par)
+    relaxation, half, reach, first, middle, last = _bristle_weights(y[5], k[5], h, par)
     z = y[6]
     drive_1 = k[6] + relaxation * z
     z_2 = half * z + reach * drive_1
@@ -153,7 +155,7 @@ def advance(state, command, par, fault, duration=TICK, substeps=SUBSTEPS):
             if y[6] == 0.0:
                 h = break_away_step(y, k, h, _net_force(y, par), par)
             else:
-                h = runaway_step(y, h, longest, par)
+                h = sliding_step(y, k, h, longest, par)
         if h > 0.999999 * remaining:
             h = remaining
         elif h > 0.5 * remaining:

@@ -18,7 +18,7 @@ _COLUMN_RATE: Final = 800.0
 
 _ORIFICE_RATE: Final = 6e5
 """Pa^0.5/s. An orifice, dp/dt = -K sqrt(p), meets the stability limit of Runge-Kutta, 2.8, at a
-drop of (K h / 5.6)^2 and chatters below it: K h = 300 keeps that under a tenth of the noise."""
+drop of (K h / 5.6)^2 and chatters below it: at K h = 300, by a tenth of the sensors' noise."""
 
 _LINE_RATE: Final = 1000.0
 """1/s. Filling of the supply and return lines, faster through a restriction."""
@@ -47,11 +47,8 @@ _RUNAWAY_RATE: Final = 1000.0
 _SHORTEST: Final = 1.0 / 32.0
 """Fraction of the longest step below which no rate shortens a step."""
 
-_STANDSTILL: Final = 1e-4
-"""m/s. A reversal nearer to the start of a step than this needs no step of its own."""
-
 _EVENT: Final = 1e-6
-"""s. Shortest step towards a break-away; what it overshoots is below 1 N."""
+"""s. Shortest step towards a standstill or a break-away."""
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -79,6 +76,15 @@ def resolving_step(y, longest, par, fault):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def standstill_step(y, k, h):
+    """Return the step in s, at most `h`, to where a slowing ram comes to a standstill."""
+    velocity, acceleration = y[5], k[5]
+    if velocity * acceleration < 0.0 and abs(velocity) < abs(acceleration) * h:
+        return max(abs(velocity / acceleration), _EVENT)
+    return h
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def smooth_step(y, k, longest, par):
     """Return the step in s over which friction changes little, from state `y` with rates `k`."""
     velocity, acceleration = y[5], abs(k[5])
@@ -95,9 +101,7 @@ def smooth_step(y, k, longest, par):
     if hits:
         h = min(h, longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness))
     h = max(h, _SHORTEST * longest)
-    if velocity * k[5] < 0.0 and _STANDSTILL < speed < acceleration * h:
-        h = speed / acceleration
-    return h
+    return standstill_step(y, k, h)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -111,9 +115,9 @@ def break_away_step(y, k, h, net_force, par):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def runaway_step(y, h, longest, par):
-    """Return the step in s, at most `h`, that follows a sliding ram down the Stribeck slope."""
+def sliding_step(y, k, h, longest, par):
+    """Return the step in s, at most `h`, that follows a ram down the Stribeck slope or to rest."""
     slope = (par.stiction - par.coulomb) / par.stribeck_velocity
     if abs(y[5]) < 2.0 * par.stribeck_velocity and slope > _RUNAWAY_RATE * par.moving_mass:
-        return min(h, longest * _RUNAWAY_RATE * par.moving_mass / slope)
-    return h
+        h = min(h, longest * _RUNAWAY_RATE * par.moving_mass / slope)
+    return standstill_step(y, k, h)

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 SHUT = np.zeros(60)
 PIECES = 16
 
+JITTER = 1e-5
+"""J. Energy of the ram at 1.4 mm/s: what a reversal within a step may cost or give."""
+
 LAWS = st.sampled_from([BRISTLE, KARNOPP])
 POSITIONS = st.floats(0.01, 0.6)
 VELOCITIES = st.floats(-0.6, 0.6)
@@ -70,7 +73,7 @@ def test_a_struck_ram_never_gains_energy(
     rig = NOMINAL._replace(friction_law=law, spring_stiffness=stiffness, spring_contact=0.45)
     run = simulate(Model(parameters=rig), SHUT, initial=disturbed(position, velocity, p1, p2, law))
     stored = energy(run, rig)
-    assert (np.diff(stored) <= 1e-5 * stored[0] + 1e-6).all()
+    assert (np.diff(stored) <= 1e-5 * stored[0] + JITTER).all()
 
 
 @given(POSITIONS, st.floats(-0.1, 0.1), st.floats(2e6, 13.8e6), LAWS)
@@ -83,10 +86,10 @@ def test_without_friction_the_ram_swings_on_its_oil_without_gaining_energy(
     start = disturbed(position, velocity, pressure, pressure, law)
     stored = energy(simulate(Model(parameters=rig), SHUT, initial=start), rig)
     kinetic = 0.5 * rig.moving_mass * velocity**2
-    assert (np.diff(stored) <= 1e-5 * kinetic + 1e-9).all()
+    assert (np.diff(stored) <= 1e-4 * kinetic + 1e-8).all()
 
 
-@pytest.mark.parametrize(("substeps", "tolerance"), [(SUBSTEPS, 3e-7), (16 * SUBSTEPS, 1e-9)])
+@pytest.mark.parametrize(("substeps", "tolerance"), [(SUBSTEPS, 1e-6), (16 * SUBSTEPS, 1e-8)])
 @given(POSITIONS, VELOCITIES, PRESSURES, PRESSURES, LAWS)
 def test_a_shut_chamber_keeps_its_oil_cavitating_or_not(
     substeps: int,
