@@ -7,8 +7,8 @@ friction, load or acceleration:
 
 What is missing is a leak, or an error of the model. The account of a block is therefore one row
 per chamber, with the missing flow and, beside it, how it would look if each leak, or each known
-weakness of the model, were there. Measured noise is small here: one encoder count in half a second is
-0.002 L/min. That is what makes small leaks visible (docs/decisions/0006-oil-account.md).
+weakness of the model, were there. Measured noise is small here: one encoder count in half a second
+is 0.002 L/min. That is what makes small leaks visible (docs/decisions/0006-oil-account.md).
 """
 
 from dataclasses import dataclass
@@ -124,33 +124,34 @@ def _tick(spool, spool_rate, null_bias, p1, p2, par, row):
     row[4] -= q2
     side = 1.0 if extending else -1.0
 
+    # By how much the account would miss oil if the rig had one more unit of each than the model.
     n = _HEAD
-    row[n] += conductance * root_1
-    row[n + 1] -= conductance * root_2
+    row[n] -= conductance * root_1
+    row[n + 1] += conductance * root_2
     row[n + 2] += conductance * root_1 * side
     row[n + 3] -= conductance * root_2 * side
-    row[n + 4] += q1
-    row[n + 5] -= q2
+    row[n + 4] -= q1
+    row[n + 5] += q2
     if extending:
-        row[n + 6] += q1
-        row[n + 11] -= q2
-        row[n + 14] += slope_1
+        row[n + 6] -= q1
+        row[n + 11] += q2
+        row[n + 14] -= slope_1
         row[n + 16] -= slope_1
         row[n + 19] -= slope_2
         row[n + 21] -= slope_2
         row[n + 23] -= slope_2 * q2 * q2
         row[n + 24] += slope_1 * q1 * q1
     else:
-        row[n + 8] += q1
-        row[n + 13] -= q2
-        row[n + 15] -= slope_2
+        row[n + 8] -= q1
+        row[n + 13] += q2
+        row[n + 15] += slope_2
         row[n + 16] += slope_1
         row[n + 19] += slope_2
         row[n + 20] += slope_1
         row[n + 22] += slope_1 * q1 * q1
         row[n + 25] -= slope_2 * q2 * q2
-    row[n + 26] += conductance * root_1 * spool_rate
-    row[n + 27] -= conductance * root_2 * spool_rate
+    row[n + 26] -= conductance * root_1 * spool_rate
+    row[n + 27] += conductance * root_2 * spool_rate
 
     f = _HEAD + 2 * NUISANCE_COUNT
     e1, e2, e12 = signed_root(p1 - back), signed_root(p2 - back), signed_root(p1 - p2)
@@ -194,8 +195,8 @@ def _accumulate(time_s, spool, null_bias, p1, p2, position, fresh, par, carried,
             row[3] -= swept + squeezed_1
             row[4] += swept - squeezed_2
             last = _HEAD + 2 * (NUISANCE_COUNT - 1)
-            row[last] += squeezed_1
-            row[last + 1] += squeezed_2
+            row[last] -= squeezed_1
+            row[last + 1] -= squeezed_2
             row[1] += fresh[k]
             carried[0] += 1.0
             if carried[0] % BLOCK_TICKS == 0 and (not dry or carried[0] == _LONGEST):

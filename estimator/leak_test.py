@@ -313,7 +313,8 @@ class LeakTest:
         """Return a coefficient's standard error, from the blocks' own residuals.
 
         Noise may differ from block to block (jackknife form of Eicker, Huber and White; both
-        chambers of a block together). It is large when few blocks speak for the fault: no single block can raise an alarm.
+        chambers of a block together). It is large when few blocks speak for the fault: no single
+        block can raise an alarm.
         """
         y = np.array([block[0] for block in self._history])
         f = np.array([block[1] for block in self._history])

@@ -143,7 +143,7 @@ def advance(state, command, par, fault, duration=TICK, substeps=SUBSTEPS):
         fault[0], fault[1], fault[2], fault[3], fault[4], fault[5], fault[6], fault[7],
     )  # fmt: skip
     karnopp = par.friction_law == KARNOPP
-    longest = resolving_step(y, duration / substeps, par, fault)
+    longest = resolving_step(y, duration / substeps, duration, par, fault)
     remaining = duration
     while remaining > 0.0:
         if karnopp and y[6] == 0.0:

@@ -13,8 +13,8 @@ from rig.plant.simulation import simulate
 
 PRESSURES = st.floats(0.0, 2e7)
 
-CHATTER = 0.2 * DATA_SHEET.pressure_noise
-"""Pa. Where no oil moves, the root's infinite slope at no drop lets the integrator chatter so far."""
+CHATTER = 0.1 * DATA_SHEET.pressure_noise
+"""Pa. Where no oil moves, the root is infinitely steep and the integrator chatters this much."""
 
 
 def settled(
@@ -97,10 +97,10 @@ def test_the_signed_root_squares_back(drop: float) -> None:
 
 @given(
     droop=st.floats(0.0, 2e13),
-    back=st.floats(0.0, 2e13),
+    back=st.floats(0.0, 5e12),
     leak=st.floats(1e-9, 3e-8),
     command=st.floats(2.0, 10.0),
-    blockage=st.floats(0.0, 2e13),
+    blockage=st.floats(0.0, 5e12),
 )
 def test_supply_and_return_settle_at_their_line_losses(
     droop: float, back: float, leak: float, command: float, blockage: float

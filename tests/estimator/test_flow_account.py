@@ -1,0 +1,192 @@
+"""The oil accounts close on a rig as modelled, and show every fault and weakness as they say."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.flow_account import (
+    BLOCK_TICKS,
+    FAULTS,
+    NUISANCES,
+    AccountBlock,
+    FlowAccount,
+    reference_drop,
+    reference_flow,
+)
+from rig.plant import NOMINAL, Model, Parameters
+from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.plant.simulation import simulate
+
+Array = NDArray[np.float64]
+Motion = dict[str, Array]
+
+NAMES = [nuisance.name for nuisance in NUISANCES]
+TICKS = 8 * BLOCK_TICKS + 1
+COMMAND = 3.0 * np.sin(2.0 * np.pi * 0.7 * np.arange(TICKS) * 1e-3) + np.sin(
+    2.0 * np.pi * 1.9 * np.arange(TICKS) * 1e-3
+)
+
+
+def moved(parameters: Parameters) -> Motion:
+    return simulate(Model(parameters=parameters), COMMAND, substeps=8)
+
+
+def accounts(motion: Motion, null_bias: float = 0.0, parts: int = 1) -> list[AccountBlock]:
+    account = FlowAccount(NOMINAL)
+    time_s = np.arange(TICKS) * 1e-3
+    columns = (
+        time_s,
+        motion["spool"],
+        np.full(TICKS, null_bias),
+        motion["pressure_1"],
+        motion["pressure_2"],
+        motion["position"],
+        np.ones(TICKS),
+    )
+    blocks = []
+    for piece in np.array_split(np.arange(TICKS), parts):
+        blocks += account.add(*(np.ascontiguousarray(column[piece]) for column in columns))
+    return blocks
+
+
+def missing(blocks: list[AccountBlock]) -> Array:
+    return np.array([block.missing for block in blocks]) / LITRE_PER_MINUTE
+
+
+@pytest.fixture(scope="module")
+def sound() -> Motion:
+    return moved(NOMINAL)
+
+
+def test_no_oil_is_missing_on_the_rig_as_modelled(sound: Motion) -> None:
+    assert np.abs(missing(accounts(sound))).max() < 0.005
+
+
+@pytest.mark.parametrize("leak", FAULTS[:3])
+def test_what_is_missing_is_the_leak(leak: str) -> None:
+    blocks = accounts(moved(NOMINAL._replace(**{leak: 3e-9})))
+    column = FAULTS.index(leak)
+    told = np.array([block.faults[:, column] for block in blocks]) * 3e-9 / LITRE_PER_MINUTE
+    assert np.abs(told).max() > 0.2
+    assert missing(blocks) == pytest.approx(told, abs=0.006)
+
+
+def _signature(blocks: list[AccountBlock], name: str) -> Array:
+    index = NAMES.index(name)
+    return np.array([block.nuisances[:, index] for block in blocks]) / NUISANCES[index].sigma
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("spool_null_bias", 2e-7),
+        ("discharge_coefficient", 0.002),
+        ("supply_pressure", 5e4),
+        ("return_pressure", 2e4),
+        ("return_back_pressure", 2e12),
+        ("supply_droop", 2e12),
+        ("bulk_modulus", 0.15),
+    ],
+)
+def test_a_rig_unlike_its_model_misses_oil_as_the_signature_says(
+    sound: Motion, name: str, change: float
+) -> None:
+    relative = name in ("discharge_coefficient", "bulk_modulus")
+    value = getattr(NOMINAL, name)
+    truth = NOMINAL._replace(**{name: value * (1.0 + change) if relative else value + change})
+    blocks = accounts(moved(truth), null_bias=change if name == "spool_null_bias" else 0.0)
+    told = _signature(blocks, name) * change / LITRE_PER_MINUTE
+    found = missing(blocks) - missing(accounts(sound)).mean(axis=0)
+    size = np.abs(told).max()
+    assert size > 0.01
+    assert np.abs(found - told).max() < 0.25 * size + 0.004
+    assert np.corrcoef(found.ravel(), told.ravel())[0, 1] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "measured"),
+    [
+        ("pressure_1_bias", 5e4, lambda m, c: {"pressure_1": m["pressure_1"] + c}),
+        ("pressure_2_bias", 5e4, lambda m, c: {"pressure_2": m["pressure_2"] + c}),
+        ("valve_overlap", 3e-7, lambda m, c: {"spool": m["spool"] + c * np.sign(m["spool"])}),
+        ("spool_delay", 1e-3, lambda m, _: {"spool": np.roll(m["spool"], 1)}),
+    ],
+)
+def test_a_transducer_that_errs_misses_oil_as_the_signature_says(
+    sound: Motion, name: str, change: float, measured: Callable[[Motion, float], Motion]
+) -> None:
+    blocks = accounts(sound | measured(sound, change))
+    told = _signature(blocks, name)[1:] * change / LITRE_PER_MINUTE
+    found = (missing(blocks) - missing(accounts(sound)))[1:]
+    size = np.abs(told).max()
+    assert size > 0.005
+    assert np.abs(found - told).max() < 0.1 * size + 1e-3
+
+
+def test_the_four_edges_make_up_the_valve(sound: Motion) -> None:
+    for block in accounts(sound):
+        column = {name: block.nuisances[:, NAMES.index(name)] for name in NAMES}
+        sigma = {nuisance.name: nuisance.sigma for nuisance in NUISANCES}
+        edges = sum(
+            column[name] / sigma[name]
+            for name in ("edge_supply_1", "edge_return_1", "edge_return_2", "edge_supply_2")
+        )
+        valve = column["discharge_coefficient"] / sigma["discharge_coefficient"]
+        assert edges == pytest.approx(valve, rel=1e-12)
+
+
+def test_a_lost_supply_pressure_and_a_blocked_return_have_their_nuisance_signature(
+    sound: Motion,
+) -> None:
+    for block in accounts(sound):
+        per_pascal = block.nuisances[:, NAMES.index("supply_pressure")] / 6.9e5
+        assert block.faults[:, FAULTS.index("supply_leakage")] == pytest.approx(-per_pascal)
+        blocked = block.nuisances[:, NAMES.index("return_back_pressure")] / 2e12
+        assert block.faults[:, FAULTS.index("return_blockage")] == pytest.approx(blocked)
+
+
+@pytest.mark.parametrize("parts", [2, 7, 400])
+def test_how_samples_are_batched_does_not_matter(sound: Motion, parts: int) -> None:
+    whole, pieces = accounts(sound), accounts(sound, parts=parts)
+    assert [block.end_s for block in whole] == [block.end_s for block in pieces]
+    for one, other in zip(whole, pieces, strict=True):
+        assert np.array_equal(one.missing, other.missing)
+        assert np.array_equal(one.nuisances, other.nuisances)
+
+
+def test_a_block_is_half_a_second(sound: Motion) -> None:
+    blocks = accounts(sound)
+    assert len(blocks) == 8
+    assert [block.start_s for block in blocks] == pytest.approx(np.arange(8) * 0.5)
+    assert [block.end_s for block in blocks] == pytest.approx(0.5 + np.arange(8) * 0.5)
+
+
+def test_no_block_begins_or_ends_while_a_chamber_is_dry(sound: Motion) -> None:
+    dry = sound["pressure_2"].copy()
+    dry[600:1300] = 1e4
+    blocks = accounts(sound | {"pressure_2": dry})
+    assert blocks[1].start_s == pytest.approx(0.5)
+    assert blocks[1].end_s == pytest.approx(1.5)
+    assert all(block.complete for block in blocks)
+    always = accounts(sound | {"pressure_2": np.full(TICKS, 1e4)})
+    assert not any(block.complete for block in always)
+
+
+def test_a_block_with_missing_samples_is_not_complete(sound: Motion) -> None:
+    account = FlowAccount(NOMINAL)
+    fresh = np.ones(TICKS)
+    fresh[510:580] = 0.0
+    blocks = account.add(
+        np.arange(TICKS) * 1e-3, sound["spool"], np.zeros(TICKS), sound["pressure_1"],
+        sound["pressure_2"], sound["position"], fresh,
+    )  # fmt: skip
+    assert [block.complete for block in blocks[:3]] == [True, False, True]
+
+
+def test_leaks_are_quoted_at_their_reference_drops() -> None:
+    assert reference_drop(NOMINAL, "external_leakage_1") == pytest.approx(6.9e6)
+    assert reference_drop(NOMINAL, "internal_leakage") == pytest.approx(2.6e6, rel=0.01)
+    flow = reference_flow(NOMINAL, "external_leakage_2", 3.87e-9) / LITRE_PER_MINUTE
+    assert flow == pytest.approx(0.61, abs=0.01)
