@@ -12,9 +12,9 @@ error: no leak is claimed that a wandering spool null could feign.
 """
 
 from dataclasses import dataclass
-from math import exp, sqrt
+from math import exp, hypot, sqrt
 from statistics import NormalDist
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -49,7 +49,7 @@ ONSETS: Final = 240
 
 
 def student_quantile(probability: float, freedom: float) -> float:
-    """Return the value that Student's t exceeds with a (small) probability, to about 1 %.
+    """Return the value that Student's t exceeds with a (small) probability, to 3 %.
 
     Wallace's transformation of the normal quantile (Wallace 1959, Ann. Math. Stat. 30).
     """
@@ -90,6 +90,19 @@ class Finding:
     deviation: float
     statistic: float
     likelihood: float
+
+
+class _Candidates(NamedTuple):
+    """Every fault at every onset, float64 (onsets, faults) each.
+
+    Coefficient (SI), its standard error with the budget, the budget alone, and the gain in twice
+    the log likelihood.
+    """
+
+    coefficient: Array
+    deviation: Array
+    budget: Array
+    gain: Array
 
 
 @njit(cache=True, error_model="numpy")
@@ -238,10 +251,20 @@ class LeakTest:
             return []
         first = self._best(np.array([-1, 0]), 0.0)
         if first is None:
-            return []
+            return self._pair()
         chosen = np.array([first.fault, self._candidate(first.onset)])
         second = self._best(chosen, first.coefficient * self._mean_size(first))
         return [first] if second is None else [first, second]
+
+    def _pair(self) -> list[Finding]:
+        """Return two faults neither of which stands out while the other passes for noise."""
+        gain = self._candidates(np.array([-1, 0]), 0.0).gain
+        j, i = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        second = self._best(np.array([i, j]), 0.0)
+        if second is None:
+            return []
+        first = self._best(np.array([second.fault, self._candidate(second.onset)]), 0.0)
+        return [] if first is None else [first, second]
 
     def smallest(self, part: float = 0.5) -> Array:
         """Return the smallest coefficient of each fault (5,), SI, that would have been found.
@@ -276,10 +299,12 @@ class LeakTest:
     def _misfit(self) -> float:
         return self._yy - float(self._fy @ np.linalg.solve(self._ff, self._fy))
 
-    def _best(self, chosen: NDArray[np.int64], first_flow: float) -> Finding | None:
+    def _candidates(self, chosen: NDArray[np.int64], first_flow: float) -> _Candidates:
+        """Weigh every fault at every onset, beside a fault that is `chosen` already."""
         scores = self._scores(chosen)
         size = scores[..., 2] / scores[..., 3]
         visible = (scores[..., 0] > 0.0) & (size > 0.0) & (scores[..., 3] >= WITNESSES)
+        visible[:, np.arange(FAULT_COUNT) == chosen[0]] = False
         information = np.where(visible, scores[..., 0], 1.0)
         coefficient = np.where(visible, scores[..., 1] / information, 0.0)
         explained = np.where(coefficient > 0.0, coefficient * scores[..., 1], 0.0)
@@ -288,23 +313,31 @@ class LeakTest:
         variance = np.maximum((misfit - explained) / weight, _LEAST_VARIANCE)
         flow_budget = np.hypot(np.array(FLOW_BUDGET), RELATIVE_BUDGET * first_flow)
         budget = np.where(visible, flow_budget / np.where(visible, size, 1.0), 0.0)
-        deviation = np.sqrt(variance / information + budget**2)
-        limit = self.threshold(weight)
-        explained[:, np.arange(FAULT_COUNT) == chosen[0]] = 0.0
-        gain = weight * np.log1p(explained / (weight * variance))
+        return _Candidates(
+            coefficient,
+            np.sqrt(variance / information + budget**2),
+            budget,
+            weight * np.log1p(explained / (weight * variance)),
+        )
+
+    def _best(self, chosen: NDArray[np.int64], first_flow: float) -> Finding | None:
+        """Return the likeliest fault beside `chosen` that passes the test, or None."""
+        found = self._candidates(chosen, first_flow)
+        limit = self.threshold(NOISE_WEIGHT + 2 * self._blocks)
         # What another cause explains far better is not this one, even if that is below its budget.
-        rivalled = gain < gain.max() - _RIVAL_GAIN
-        gain[rivalled | (coefficient <= limit * deviation)] = 0.0
-        for i in np.argsort(-gain.max(axis=0)):
+        rivalled = found.gain < found.gain.max() - _RIVAL_GAIN
+        passing = ~rivalled & (found.coefficient > limit * found.deviation)
+        gain = np.where(passing, found.gain, 0.0)
+        for i in map(int, np.argsort(-gain.max(axis=0))):
             j = int(np.argmax(gain[:, i]))
             if gain[j, i] <= 0.0:
                 return None
-            onset, k = int(self._onset_blocks[j]), float(coefficient[j, i])
-            spread = max(float(deviation[j, i]), np.hypot(
-                self._jackknife(int(i), onset, k, chosen), budget[j, i]))  # fmt: skip
-            if k > limit * spread:
-                return Finding(int(i), onset, self._fraction(int(i), onset, k), k, float(spread),
-                               k / float(spread), float(gain[j, i]))  # fmt: skip
+            onset, k = int(self._onset_blocks[j]), float(found.coefficient[j, i])
+            jackknife = self._jackknife(i, onset, k, chosen)
+            deviation = max(float(found.deviation[j, i]), hypot(jackknife, found.budget[j, i]))
+            if k > limit * deviation:
+                fraction = self._fraction(i, onset, k)
+                return Finding(i, onset, fraction, k, deviation, k / deviation, float(gain[j, i]))
         return None
 
     def _jackknife(

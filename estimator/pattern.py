@@ -55,10 +55,11 @@ class HealthyLevel:
         """Return the thresholds that healthy moving averages exceed at the stated rate.
 
         Means of half a second are independent looks at the healthy level; a moving average of 4000
-        samples is the mean of eight. Two chambers and 21600 such averages a day share the stated
-        rate, and the quantile is Student's for the looks there were.
+        samples is the mean of eight, and renews itself with every half second. Two chambers and
+        172800 such averages a day share the stated rate, and the quantile is Student's for the
+        looks there were.
         """
-        looks_per_day = 2.0 * 86400.0 / (THESIS_WINDOW * 1e-3)
+        looks_per_day = 2.0 * 86400.0 / (_PIECE * 1e-3)
         probability = min(false_alarms_per_day / looks_per_day, 0.25)
         quantile = student_quantile(probability, self.looks - 1.0)
         spread = self.deviation * sqrt(_PIECE / THESIS_WINDOW + 1.0 / self.looks)

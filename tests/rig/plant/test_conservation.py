@@ -89,7 +89,7 @@ def test_without_friction_the_ram_swings_on_its_oil_without_gaining_energy(
     assert (np.diff(stored) <= 1e-4 * kinetic + 1e-8).all()
 
 
-@pytest.mark.parametrize(("substeps", "tolerance"), [(SUBSTEPS, 1e-6), (16 * SUBSTEPS, 1e-8)])
+@pytest.mark.parametrize(("substeps", "tolerance"), [(SUBSTEPS, 3e-6), (16 * SUBSTEPS, 3e-8)])
 @given(POSITIONS, VELOCITIES, PRESSURES, PRESSURES, LAWS)
 def test_a_shut_chamber_keeps_its_oil_cavitating_or_not(
     substeps: int,
@@ -125,7 +125,7 @@ def test_a_chambers_oil_changes_by_what_flows_through_its_orifices(
 ) -> None:
     rig = NOMINAL._replace(external_leakage_1=4e-9, internal_leakage=3e-9)
     s, _, p1, p2, x, v, _, ps, pe = state
-    change = rates(*state, 0.0, rig, NO_FAULT)
+    change = rates(*PlantState(*state), 0.0, rig, NO_FAULT)
     q1, q2 = valve_flows(s, max(p1, 0.0), max(p2, 0.0), ps, pe, valve_conductance(rig))
     out_1, out_2, across = leak_flows(max(p1, 0.0), max(p2, 0.0), pe, rig, NO_FAULT)
     v1, v2 = chamber_volumes(x, rig)

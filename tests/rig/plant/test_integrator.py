@@ -41,7 +41,7 @@ def stacked(run: dict[str, Array]) -> Array:
 
 
 def derivative(state: Array, command: float, parameters: Parameters) -> Array:
-    return np.array(rates(*state, command, parameters, NO_FAULT))
+    return np.array(rates(*PlantState(*state), command, parameters, NO_FAULT))
 
 
 def jacobian(field: Callable[[Array], Array], state: Array) -> Array:

@@ -1,0 +1,203 @@
+"""Every equation of the plant holds in units, and breaking one does not go unnoticed.
+
+The source of `rig.plant.dynamics` runs uncompiled on pint quantities: whatever adds pascals to
+metres, or leaves a rate in another unit than its state's per second, raises.
+"""
+
+import inspect
+from collections.abc import Callable
+from typing import Any, Final
+
+import pint
+import pytest
+
+from rig.plant import KARNOPP, NOMINAL, FaultInput, Parameters, dynamics, quantities
+from rig.plant.dynamics import PlantState
+from rig.plant.parameters import Quantity
+from rig.plant.sensors import SensorParameters
+
+UNITS: Final[pint.UnitRegistry[float]] = pint.UnitRegistry()
+Q = UNITS.Quantity
+
+SOURCE: Final = inspect.getsource(dynamics)
+
+STATE_UNITS: Final = ("m", "m/s", "Pa", "Pa", "m", "m/s", "m", "Pa", "Pa")
+KARNOPP_UNITS: Final = (*STATE_UNITS[:6], "", *STATE_UNITS[7:])
+FAULT_UNITS: Final = (
+    *("m^3/(s Pa^0.5)",) * 3, *("m^3/(s Pa)",) * 3, "m^3/(s Pa^0.5)", "Pa/(m^3/s)^2",
+)  # fmt: skip
+
+SITUATIONS: Final = {
+    "extending against spring and stroke end": PlantState(
+        1e-4, 0.01, 9e6, 4e6, 0.608, 0.02, 1e-5, 13e6, 2e5
+    ),
+    "retracting past the other end": PlantState(
+        -1e-4, 0.01, 4e6, 9e6, -1e-4, -0.02, -1e-5, 13e6, 2e5
+    ),
+    "cavitating in chamber 1": PlantState(1e-4, 0.0, -1e5, 4e6, 0.3, 0.5, 5e-5, 13e6, 2e5),
+    "cavitating in chamber 2": PlantState(-1e-4, 0.0, 4e6, -1e5, 0.3, -0.5, -5e-5, 13e6, 2e5),
+}
+WITH_EVERYTHING: Final = NOMINAL._replace(
+    supply_droop=5e12,
+    return_back_pressure=5e12,
+    friction_asymmetry=100.0,
+    spring_stiffness=6e5,
+    external_leakage_1=1e-9,
+    external_leakage_2=1e-9,
+    internal_leakage=1e-9,
+    external_leakage_1_linear=1e-12,
+    external_leakage_2_linear=1e-12,
+    internal_leakage_linear=1e-12,
+    supply_leakage=1e-9,
+)
+LEAKING: Final = (Q(9, "MPa"), Q(4, "MPa"), Q(0, "MPa"))
+FAULT: Final = FaultInput(*(1e-9,) * 3, *(1e-12,) * 3, 1e-9, 1e12)
+
+
+def with_units(values: Any, units: Any) -> Any:
+    """Return a named tuple of numbers as one of quantities."""
+    return type(values)(*(Q(value, unit) for value, unit in zip(values, units, strict=True)))
+
+
+def in_units(parameters: Parameters) -> Any:
+    known = quantities()
+    return with_units(parameters, [known[name].unit for name in Parameters._fields])
+
+
+def uncompiled(source: str = SOURCE) -> dict[str, Any]:
+    """Return the names that the source defines, its functions uncompiled and fit for quantities."""
+    for old, new in (
+        ("from numba import njit", "njit = lambda **options: (lambda function: function)"),
+        ("from math import exp, sqrt", "from numpy import exp, sqrt"),
+        ("from .parameters", "from rig.plant.parameters"),
+    ):
+        assert old in source
+        source = source.replace(old, new)
+    names: dict[str, Any] = {"__name__": "dynamics_in_units"}
+    exec(compile(source, "dynamics_in_units", "exec"), names)
+    names["LEVEL_FLOOR"] = Q(names["LEVEL_FLOOR"], "N")
+    return names
+
+
+def check_rates(names: dict[str, Any]) -> None:
+    """Raise unless every rate is its state's unit per second, in every situation and law."""
+    for law in (0.0, KARNOPP):
+        par = in_units(WITH_EVERYTHING._replace(friction_law=law))
+        units = KARNOPP_UNITS if law == KARNOPP else STATE_UNITS
+        for situation in SITUATIONS.values():
+            state = situation._replace(friction_state=1.0) if law == KARNOPP else situation
+            rates = names["rates"](
+                *with_units(state, units), Q(2.0, "V"), par, with_units(FAULT, FAULT_UNITS)
+            )
+            for rate, unit in zip(rates, units, strict=True):
+                if unit:
+                    Q(rate).ito(f"({unit}) / s")
+                else:  # the direction of sliding, which changes between steps only
+                    assert rate == 0.0
+
+
+def test_every_rate_is_its_states_unit_per_second() -> None:
+    check_rates(uncompiled())
+
+
+def test_uncompiled_quantities_and_compiled_numbers_agree() -> None:
+    rates = uncompiled()["rates"]
+    for state in SITUATIONS.values():
+        found = rates(
+            *with_units(state, STATE_UNITS),
+            Q(2.0, "V"),
+            in_units(WITH_EVERYTHING),
+            with_units(FAULT, FAULT_UNITS),
+        )
+        compiled = dynamics.rates(*state, 2.0, WITH_EVERYTHING, FAULT)
+        in_si = [rate.to_base_units().magnitude for rate in found]
+        assert in_si == pytest.approx(compiled, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "unit"),
+    [
+        ("signed_root", lambda par: (Q(4.0, "MPa"),), "Pa^0.5"),
+        ("valve_conductance", lambda par: (par,), "m^2/(s Pa^0.5)"),
+        ("chamber_volumes", lambda par: (Q(30.0, "cm"), par), "m^3"),
+        ("slip_friction", lambda par: (Q(1.0, "m/s"), Q(1.0, "m/s"), par), "N"),
+        ("environment_force", lambda par: (Q(61.0, "cm"), Q(1.0, "m/s"), par), "N"),
+        (
+            "leak_flows",
+            lambda par: (*LEAKING, par, with_units(FAULT, FAULT_UNITS)),
+            "m^3/s",
+        ),
+        (
+            "valve_flows",
+            lambda par: (
+                Q(0.1, "mm"), Q(9, "MPa"), Q(4, "MPa"), Q(13, "MPa"), Q(0, "MPa"),
+                Q(6e-4, "m^2/(s Pa^0.5)"),
+            ),
+            "L/min",
+        ),
+    ],
+)  # fmt: skip
+def test_each_function_returns_what_its_docstring_says(
+    function: str, arguments: Callable[[Any], tuple[Any, ...]], unit: str
+) -> None:
+    names = uncompiled()
+    found = names[function](*arguments(in_units(WITH_EVERYTHING)))
+    for value in found if isinstance(found, tuple) else (found,):
+        assert value.is_compatible_with(unit)
+    documented = unit if unit != "L/min" else "m^3/s"
+    assert f"{documented}" in names[function].__doc__
+
+
+BROKEN: Final = {
+    "the area gradient left out": (
+        "par.discharge_coefficient * par.area_gradient * sqrt",
+        "par.discharge_coefficient * sqrt",
+    ),
+    "sqrt(2/rho) taken twice, as table 2.1 prints C_d": (
+        "sqrt(2.0 / par.density)",
+        "sqrt(2.0 / par.density) * sqrt(2.0 / par.density)",
+    ),
+    "no root of the drop across the edge": ("signed_root(supply - p1)", "(supply - p1)"),
+    "a turbulent leak with the drop itself": ("k1 * signed_root(p1 - back)", "k1 * (p1 - back)"),
+    "a laminar leak with the root": ("l12 * (p1 - p2)", "l12 * signed_root(p1 - p2)"),
+    "volume as length": ("par.piston_area * (position", "(position"),
+    "stiffness of one chamber": ("par.bulk_modulus / (v1 * v2)", "par.bulk_modulus / v1"),
+    "swept volume without velocity": ("= par.piston_area * v\n", "= par.piston_area\n"),
+    "a cavity in pascals": ("1.0 + p1 * compliance", "1.0 + p1"),
+    "valve command in volts (k_sp left out)": ("par.valve_gain * command", "command"),
+    "the natural frequency once": ("wn * wn * (", "wn * ("),
+    "damping without it": ("2.0 * par.valve_damping * wn * w", "2.0 * par.valve_damping * w"),
+    "droop linear in the flow": ("drawn * abs(drawn)", "drawn"),
+    "back pressure of the flow's root": ("returned * abs(returned)", "signed_root(returned)"),
+    "lines without their time constant": ("dps * rate, dpe * rate", "dps, dpe"),
+    "spring force without its way": (
+        "par.spring_stiffness * (position - par.spring_contact)",
+        "par.spring_stiffness",
+    ),
+    "stroke end losing by the way": ("par.stop_damping * velocity", "par.stop_damping * depth"),
+    "Stribeck's velocity left out": ("-speed * (1.0 / par.stribeck_velocity)", "-speed"),
+    "bristles relaxing without their level": ("friction_state / level", "friction_state"),
+    "viscous friction of nothing": ("= par.viscous * velocity", "= par.viscous"),
+    "bristle damping of the deflection": ("* bristle_velocity\n", "* friction_state\n"),
+    "force for acceleration": ("(force - drag) * (1.0 / par.moving_mass)", "force - drag"),
+}
+
+
+@pytest.mark.parametrize("equation", BROKEN)
+def test_breaking_an_equation_breaks_its_units(equation: str) -> None:
+    right, wrong = BROKEN[equation]
+    assert right in SOURCE
+    with pytest.raises(pint.DimensionalityError):
+        check_rates(uncompiled(SOURCE.replace(right, wrong)))
+
+
+@pytest.mark.parametrize("owner", [Parameters, SensorParameters])
+def test_every_parameters_unit_is_one(owner: Any) -> None:
+    hints = inspect.get_annotations(owner, eval_str=True)
+    assert hints.keys() == set(owner._fields)
+    for name, hint in hints.items():
+        (quantity,) = hint.__metadata__
+        assert isinstance(quantity, Quantity), name
+        UNITS.Unit(quantity.unit)
+        assert quantity.lower < quantity.upper
+        assert quantity.lower <= owner._field_defaults[name] <= quantity.upper
