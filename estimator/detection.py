@@ -29,6 +29,8 @@ INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
 LEAST_ACCOUNTED: Final = 0.5
 """With less of the later half accounted for (sensors missing, chamber dry), nothing is claimed."""
+CONFIRMED_AFTER_S: Final = 5.0
+"""An alarm is withdrawn if what raised it passes before that."""
 SETTLED_AFTER_S: Final = 2.0
 """A leak's flow is averaged from this long after its onset (the command-line contract)."""
 
@@ -127,6 +129,7 @@ class OilAccountDetector:
         self._supply_sum = np.zeros(2)
         self._first_s = self._last_s = 0.0
         self._alarm: Decision | None = None
+        self._held_since: float | None = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
@@ -150,14 +153,20 @@ class OilAccountDetector:
     def decide(self) -> Decision:
         """Return the verdict of the sequential test on all complete blocks so far.
 
-        An alarm stays: a fault that has gone again is still reported, as it stood out most.
+        An alarm that has been held for 5 s stays: a fault that has gone again is still reported, as
+        it stood out most.
         """
         findings = self._test.search()
         threshold = self._test.threshold(10.0 + 2.0 * self._test.blocks)
         if not findings:
+            self._held_since = None
             return self._alarm or self._nothing_found(threshold)
         decision = self._found(findings, threshold)
-        if self._alarm is None or decision.statistic >= self._alarm.statistic:
+        if self._held_since is None:
+            self._held_since = self._last_s
+        if self._last_s - self._held_since >= CONFIRMED_AFTER_S and (
+            self._alarm is None or decision.statistic >= self._alarm.statistic
+        ):
             self._alarm = decision
         return decision
 

@@ -35,7 +35,8 @@ FLOW_BUDGET: Final = (0.01, 0.01, 0.01, 0.03, 0.03)
 null is 0.01 L/min; supply and return pressures wander by more than a leak would."""
 RELATIVE_BUDGET: Final = 0.05
 """A second fault must exceed this part of the first one's flow: the leak law is not exact."""
-MINIMUM_BLOCKS: Final = 8
+MINIMUM_BLOCKS: Final = 16
+"""Before that many, 8 s of motion, the nuisances are not told well enough to accuse anybody."""
 WITNESSES: Final = 4
 """Blocks that must speak for a fault: from fewer, their spread cannot be told."""
 _RIVAL_GAIN: Final = 20.0

@@ -62,7 +62,7 @@ def _clipped(value, lower, upper):
     return min(max(value, lower), upper)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def read_sensors(state, leaks, load, meters, offsets, noise, sensors, reading):
     """Sample every transducer into `reading`.
 
