@@ -15,7 +15,7 @@ from numba import njit
 
 from .dynamics import environment_force, rates, slip_friction
 from .parameters import KARNOPP
-from .step_length import break_away_step, resolving_step, sliding_step, smooth_step
+from .step_length import SHORTEST, break_away_step, resolving_step, sliding_step, smooth_step
 
 TICK: Final = 1e-3
 """The loop's period in s: one command interval (table 2.1, T)."""
@@ -144,13 +144,14 @@ def advance(state, command, par, fault, duration=TICK, substeps=SUBSTEPS):
     )  # fmt: skip
     karnopp = par.friction_law == KARNOPP
     longest = resolving_step(y, duration / substeps, duration, par, fault)
+    shortest = SHORTEST * duration / substeps
     remaining = duration
     while remaining > 0.0:
         if karnopp and y[6] == 0.0:
             mode = _mode_at_rest(_net_force(y, par), par) if y[5] == 0.0 else copysign(1.0, y[5])
             y = _with_friction(y, y[5], mode)
         k = _rates(y, command, par, fault)
-        h = smooth_step(y, k, longest, par)
+        h = smooth_step(y, k, longest, shortest, par)
         if karnopp:
             if y[6] == 0.0:
                 h = break_away_step(y, k, h, _net_force(y, par), par)

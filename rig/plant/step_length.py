@@ -44,7 +44,7 @@ _LOADING_RATE: Final = 200.0
 _RUNAWAY_RATE: Final = 1000.0
 """1/s. Growth of a small velocity down the Stribeck slope."""
 
-_SHORTEST: Final = 1.0 / 32.0
+SHORTEST: Final = 1.0 / 32.0
 """Fraction of the longest step below which no rate shortens a step."""
 
 _EVENT: Final = 1e-6
@@ -75,7 +75,7 @@ def resolving_step(y, longest, duration, par, fault):
         damping = par.bristle_damping / par.moving_mass
         stiffness = sqrt(par.bristle_stiffness / par.moving_mass)
         h = min(h, longest * _BRISTLE_RATE / max(damping, stiffness))
-    return max(h, _SHORTEST * longest)
+    return max(h, SHORTEST * longest)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -88,7 +88,7 @@ def standstill_step(y, k, h):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def smooth_step(y, k, longest, par):
+def smooth_step(y, k, longest, shortest, par):
     """Return the step in s over which friction changes little, from state `y` with rates `k`."""
     velocity, acceleration = y[5], abs(k[5])
     speed = abs(velocity)
@@ -103,8 +103,7 @@ def smooth_step(y, k, longest, par):
     h = longest / max(acceleration / speed_rate, loading / loading_rate, 1.0)
     if hits:
         h = min(h, longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness))
-    h = max(h, _SHORTEST * longest)
-    return standstill_step(y, k, h)
+    return standstill_step(y, k, max(h, shortest))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -54,11 +54,16 @@ def blocks(
     missing = shapes @ drawn + noise * LITRE_PER_MINUTE * errors + present * faults[:, :, column]
     return [
         AccountBlock(
-            0.5 * k, 0.5 * (k + 1), missing[k], shapes[k], faults[k],
-            np.abs(faults[k]).max(axis=0), True,
+            0.5 * k,
+            0.5 * (k + 1),
+            missing[k],
+            shapes[k],
+            faults[k],
+            np.abs(faults[k]).max(axis=0),
+            True,
         )
         for k in range(count)
-    ]  # fmt: skip
+    ]
 
 
 def searched(series: list[AccountBlock], false_alarms_per_day: float = 1.0) -> list[list[Finding]]:
@@ -131,9 +136,14 @@ def test_no_single_block_raises_an_alarm(size: float) -> None:
     series = blocks(60, 4)
     wild = series[40]
     series[40] = AccountBlock(
-        wild.start_s, wild.end_s, wild.missing + np.array([size, 0.0]) * LITRE_PER_MINUTE,
-        wild.nuisances, wild.faults, wild.sizes, True,
-    )  # fmt: skip
+        wild.start_s,
+        wild.end_s,
+        wild.missing + np.array([size, 0.0]) * LITRE_PER_MINUTE,
+        wild.nuisances,
+        wild.faults,
+        wild.sizes,
+        True,
+    )
     assert not any(searched(series))
 
 
@@ -153,7 +163,7 @@ def test_incomplete_blocks_are_left_out() -> None:
                 block.faults,
                 block.sizes,
                 False,
-            )  # fmt: skip
+            )
         )
     assert test.blocks == 0
 

@@ -22,7 +22,7 @@ def fed(detector: PatternDetector, series: Array, piece: int = 500) -> list[Deci
     decisions = []
     for start in range(0, len(series), piece):
         part = series[start : start + piece]
-        time_s = (start + np.arange(len(part))) * 1e-3
+        time_s = 1e-3 * np.arange(start, start + len(part), dtype=np.float64)
         nothing = np.full(len(part), np.nan)
         outputs = np.full((len(part), 9), np.nan)
         outputs[:, 1:3] = part

@@ -162,11 +162,13 @@ def filtered(command: Array, readings: Array) -> tuple[Array, Array, Array]:
     """Return states, outputs and the last covariance."""
     x, covariance = np.zeros(STATE_COUNT), initial_covariance(Model())
     work = np.zeros((13, STATE_COUNT))
-    start_product(x, *readings[0], command[0], NOMINAL)
+    start_product(x, *readings[0], command[0], NOMINAL)  # type: ignore[call-arg]
     states_, outputs = np.empty((command.size, STATE_COUNT)), np.full((command.size, 9), np.nan)
     states_[0] = x
     for k in range(1, command.size):
-        product_step(x, covariance, command[k - 1], *readings[k], NOMINAL, NOISE, work, outputs[k])
+        product_step(  # type: ignore[call-arg]
+            x, covariance, command[k - 1], *readings[k], NOMINAL, NOISE, work, outputs[k]
+        )
         states_[k] = x
     return states_, outputs, covariance
 
@@ -179,7 +181,7 @@ def sound() -> tuple[Array, Array, Array]:
 def test_innovations_stay_within_what_the_filter_expects(
     sound: tuple[Array, Array, Array],
 ) -> None:
-    """On a rig as modelled the model-error budget is not used up, so that their ratio is below one."""
+    """On a rig as modelled the model-error budget is not used up: their ratio is below one."""
     _, outputs, _ = sound
     settled = outputs[2000:]
     ratio = np.mean(settled[:, :3] ** 2 / settled[:, 6:9], axis=0)
