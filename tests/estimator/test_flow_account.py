@@ -179,7 +179,7 @@ def test_a_block_with_missing_samples_is_not_complete(sound: Motion) -> None:
     fresh = np.ones(TICKS)
     fresh[510:580] = 0.0
     blocks = account.add(
-        np.arange(TICKS) * 1e-3, sound["spool"], np.zeros(TICKS), sound["pressure_1"],
+        np.arange(TICKS, dtype=np.float64) * 1e-3, sound["spool"], np.zeros(TICKS), sound["pressure_1"],
         sound["pressure_2"], sound["position"], fresh,
     )  # fmt: skip
     assert [block.complete for block in blocks[:3]] == [True, False, True]
