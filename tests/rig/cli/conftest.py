@@ -24,7 +24,7 @@ name: short
 rig: simulated
 tests:
   - name: healthy
-    duration: 6 s
+    duration: 10 s
     settle: 0.5 s
     setpoint: {type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}
   - name: leak [low]

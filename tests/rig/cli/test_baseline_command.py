@@ -1,0 +1,56 @@
+"""`rig baseline` learns from healthy recordings, and `rig replay` judges by it."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Invoke = Callable[..., Any]
+
+
+@pytest.fixture
+def recordings(invoke: Invoke, campaign_file: Path, tmp_path: Path) -> Path:
+    """A folder with the recordings of the short campaign."""
+    invoke("run", campaign_file, "--out", tmp_path / "run")
+    return tmp_path / "run"
+
+
+def test_a_baseline_of_a_healthy_recording_is_used_by_replay(
+    invoke: Invoke, recordings: Path
+) -> None:
+    learnt = invoke("baseline", recordings / "healthy.mcap", "--out", "rig.json")
+    assert (learnt.code, learnt.err) == (0, "")
+    assert Path("rig.json").is_file()
+    done = invoke("replay", "--json", "--baseline", "rig.json", recordings / "leak_low.mcap")
+    assert done.code == 0
+    assert json.loads(done.out)["verdict"] == "external_leakage_1"
+
+
+def test_a_leaking_recording_is_refused_and_nothing_written(
+    invoke: Invoke, recordings: Path
+) -> None:
+    done = invoke("baseline", recordings / "leak_low.mcap", "--out", "rig.json")
+    assert done.code == 2
+    assert "leak_low.mcap: the recording is external_leakage_1" in done.err
+    assert not Path("rig.json").exists()
+
+
+def test_all_that_is_wrong_is_told_at_once(invoke: Invoke, recordings: Path) -> None:
+    done = invoke(
+        "baseline", "nowhere.mcap", recordings / "healthy.mcap", "--model", "nominl",
+        "--out", "no_folder/rig.json",
+    )  # fmt: skip
+    assert done.code == 2
+    assert "nowhere.mcap" in done.err
+    assert "nominal" in done.err
+    assert "no_folder" in done.err
+
+
+def test_a_baseline_that_is_none_is_named(invoke: Invoke, recordings: Path) -> None:
+    Path("rig.json").write_text("{}")
+    done = invoke("replay", "--baseline", "rig.json", recordings / "healthy.mcap")
+    assert done.code == 2
+    assert done.err.startswith("rig.json: not a baseline")
+    assert done.out == ""
