@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import sqrt
+from math import hypot, sqrt
 from typing import Final, Protocol
 
 import numpy as np
@@ -55,9 +55,9 @@ class Decision:
     Attributes:
         verdict: one of the verdict names of `estimator.verdict`.
         onset_s: estimated start of the fault; None when healthy or inconclusive.
-        leak_m3_per_s: mean absolute leak flow from 2 s after onset, of the first leak found.
+        leak_m3_per_s: mean absolute leak flow from 2 s after onset, of all leaks found together.
         leak_std_m3_per_s: its standard error, model-error budget included.
-        coefficient: leak coefficient, m^3/(s Pa^0.5).
+        coefficient: leak coefficient, m^3/(s Pa^0.5); None if there are several faults.
         statistic, threshold: the test statistic and what a healthy rig exceeds at the stated rate.
         details: further figures by name, for reports.
     """
@@ -182,13 +182,16 @@ class OilAccountDetector:
         if FAULTS[first.fault] not in LEAKS:
             return Decision(verdict, self._onset(first), statistic=first.statistic,
                             threshold=threshold, details=details)  # fmt: skip
-        size = self._mean_size(first)
+        leaks = [finding for finding in findings if FAULTS[finding.fault] in LEAKS]
+        sizes = [self._mean_size(leak) for leak in leaks]
+        flow = sum(leak.coefficient * size for leak, size in zip(leaks, sizes, strict=True))
+        deviations = (leak.deviation * size for leak, size in zip(leaks, sizes, strict=True))
         return Decision(
             verdict,
-            self._onset(first),
-            first.coefficient * size,
-            first.deviation * size,
-            first.coefficient,
+            min(self._onset(finding) for finding in findings),
+            flow,
+            hypot(*deviations),
+            first.coefficient if len(findings) == 1 else None,
             first.statistic,
             threshold,
             details,

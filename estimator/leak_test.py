@@ -107,14 +107,13 @@ class _Candidates(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _scan(total_ff_inverse, total_fy, total, before, count, chosen, scores):
+def _scan(total_ff_inverse, solved, total, before, count, chosen, scores):
     """Fill `scores` (onsets, faults, 5) with (information, projection, size sum, ...) by onset.
 
     Arrays hold sums over blocks up to now (`total`) and before each onset (`before`), packed as
     [ll (5, 5), lf (5, 15), ly (5), size (5), blocks]; scaled by the noise.
     """
     n, m = FAULT_COUNT, NUISANCE_COUNT
-    solved = total_ff_inverse @ total_fy
     ll0, lf0, ly0, size0 = 0, n * n, n * n + n * m, n * n + n * m + n
     for j in range(count):
         for i in range(n):
@@ -293,8 +292,9 @@ class LeakTest:
 
     def _scores(self, chosen: NDArray[np.int64]) -> Array:
         scores = np.empty((self._onsets, FAULT_COUNT, 4))
-        _scan(np.linalg.inv(self._ff), self._fy, self._total, self._before, self._onsets, chosen,
-              scores)  # fmt: skip
+        inverse = np.linalg.inv(self._ff)
+        solved = np.einsum("nm,m->n", inverse, self._fy)
+        _scan(inverse, solved, self._total, self._before, self._onsets, chosen, scores)
         return scores
 
     def _misfit(self) -> float:

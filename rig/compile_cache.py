@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final
 
 _COMPILED: Final = ("rig/plant", "rig/io", "rig/loop", "control", "estimator")
-_KEPT: Final = 4
-"""Folders of earlier source states that stay; older ones go when a new one is made."""
+_KEPT: Final = 12
+"""Folders that stay when a new one is made, last used first: other checkouts have theirs here."""
 
 
 def source_key(root: Path) -> str:
@@ -39,7 +39,9 @@ def use_compile_cache() -> None:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hydraulic-rig"
     folder = home / source_key(Path(__file__).parents[1])
     try:
-        if not folder.is_dir():
+        if folder.is_dir():
+            os.utime(folder)
+        else:
             folder.mkdir(parents=True)
             _drop_old(home)
     except OSError:

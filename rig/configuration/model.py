@@ -144,7 +144,7 @@ def override(base: Model, item: Located, sources: Sources) -> Model:
     parameters, effects, law = (item.get(key) for key in ("parameters", "effects", "friction_law"))
     if parameters is not None:
         changes.apply_parameters(parameters)
-    if law is not None and law.value in FRICTION_LAWS:
+    if law is not None and isinstance(law.value, str) and law.value in FRICTION_LAWS:
         changes.values["friction_law"] = FRICTION_LAWS[law.value]
     if effects is not None:
         changes.apply_effects(effects)

@@ -78,7 +78,9 @@ class Parameters(NamedTuple):
     coulomb: Annotated[float, _q("N", 0.0, 2e4, "f_sl", "table 2.1; section 3.1")] = 1.1e3
     stribeck_velocity: Annotated[float, _q("m/s", 1e-3, 1.0, "alpha", "table 2.1")] = 0.04
     viscous: Annotated[float, _q("N s/m", 0.0, 1e4, "d", "table 2.1")] = 350.0
-    stick_velocity: Annotated[float, _q("m/s", 1e-5, 0.05, "v_o", "table 2.1")] = 1e-3
+    stick_velocity: Annotated[
+        float, _q("m/s", 1e-5, 0.05, "v_o", "table 2.1; eq. 2.16, used by the thesis filters only")
+    ] = 1e-3
     bristle_stiffness: Annotated[
         float, _q("N/m", 1e5, 1e9, "s_0", "Canudas de Wit et al. 1995; value in docs/model.md")
     ] = 2e7

@@ -72,6 +72,12 @@ class Judge:
             rows = self._rows[0] if len(self._rows) == 1 else np.concatenate(self._rows)
             samples = Samples(*(np.ascontiguousarray(rows[:, i]) for i in self._sampled))
             self._detector.update(samples, estimates_in(rows, self._channels, self._memory))
-            self.history.append((float(rows[-1, 0]), self._detector.decide()))
+            decision = self._detector.decide()
+            if not isinstance(decision, Decision):
+                raise TypeError(
+                    f"detector {type(self._detector).__name__}: decide() returned {decision!r}; "
+                    "it must return an estimator.detection.Decision"
+                )
+            self.history.append((float(rows[-1, 0]), decision))
         self._rows = []
         self._due = batch_ticks(first=False)

@@ -178,10 +178,9 @@ def test_a_block_with_missing_samples_is_not_complete(sound: Motion) -> None:
     account = FlowAccount(NOMINAL)
     fresh = np.ones(TICKS)
     fresh[510:580] = 0.0
-    blocks = account.add(
-        np.arange(TICKS, dtype=np.float64) * 1e-3, sound["spool"], np.zeros(TICKS), sound["pressure_1"],
-        sound["pressure_2"], sound["position"], fresh,
-    )  # fmt: skip
+    p1, p2, position = sound["pressure_1"], sound["pressure_2"], sound["position"]
+    time_s = np.arange(TICKS, dtype=np.float64) * 1e-3
+    blocks = account.add(time_s, sound["spool"], np.zeros(TICKS), p1, p2, position, fresh)
     assert [block.complete for block in blocks[:3]] == [True, False, True]
 
 
