@@ -53,7 +53,7 @@ class Decision:
     """What a detector holds after the samples it has seen.
 
     Attributes:
-        verdict: one of the verdict names of `estimator.verdict`.
+        verdict: one of the names in `faults.verdict`.
         onset_s: estimated start of the fault; None when healthy or inconclusive.
         leak_m3_per_s: mean absolute leak flow from 2 s after onset, of all leaks found together.
         leak_std_m3_per_s: its standard error, model-error budget included.
