@@ -109,7 +109,7 @@ def filter_start(code, x, position, p1, p2, spool, command, par):
         start_product(x, position, p1, p2, spool, command, par)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def filter_step(code, x, covariance, command, position, p1, p2, spool, par, noise, work, out):
     """Advance the filter `code` by one sample; see `product_step` for the arguments.
 

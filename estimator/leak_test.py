@@ -190,6 +190,7 @@ class LeakTest:
         self._onset_blocks = np.zeros(ONSETS + 1, dtype=np.int64)
         self._onsets = 0
         self._blocks = 0
+        self._alone: Array | None = None
         self._history: list[tuple[Array, Array, Array]] = []
 
     def nuisances(self) -> NuisanceBelief:
@@ -236,6 +237,7 @@ class LeakTest:
              block.sizes / LITRE_PER_MINUTE, [1.0]]
         )  # fmt: skip
         self._history.append((y, f, faults))
+        self._alone = None
         self._blocks += 1
 
     def _thin(self) -> None:
@@ -291,10 +293,16 @@ class LeakTest:
         return float(sums[finding.fault] / sums[-1])
 
     def _scores(self, chosen: NDArray[np.int64]) -> Array:
+        """Return what `_scan` fills; beside no other fault it is asked for often, and kept."""
+        alone = chosen[0] < 0
+        if alone and self._alone is not None:
+            return self._alone
         scores = np.empty((self._onsets, FAULT_COUNT, 4))
         inverse = np.linalg.inv(self._ff)
         solved = np.einsum("nm,m->n", inverse, self._fy)
         _scan(inverse, solved, self._total, self._before, self._onsets, chosen, scores)
+        if alone:
+            self._alone = scores
         return scores
 
     def _misfit(self) -> float:

@@ -86,7 +86,12 @@ def simulated_ticks(
     truth = _STATES_AT + states
     for k in range(rows.shape[0]):
         row = rows[k]
-        leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, faults[k])
+        # A tuple: numba counts references to an array wherever it is handed on.
+        fault = (
+            faults[k, 0], faults[k, 1], faults[k, 2], faults[k, 3], faults[k, 4], faults[k, 5],
+            faults[k, 6], faults[k, 7],
+        )  # fmt: skip
+        leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, fault)
         load = environment_force(min(max(plant[4], par.stroke_min), par.stroke_max), 0.0, par)
         read_sensors(plant, leaks, load, meters, offsets, noise[k], sensors, reading)
         for i in range(READING_COUNT):
@@ -118,7 +123,7 @@ def simulated_ticks(
         row[truth + 6] = leaks[0]
         row[truth + 7] = leaks[1]
         row[truth + 8] = leaks[2]
-        advance(plant, command, par, faults[k])
+        advance(plant, command, par, fault)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
