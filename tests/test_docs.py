@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.configuration import check
 from rig.io.simulated import simulated_rig
 from rig.plant import Model
 from rig.plant.simulation import simulate
@@ -46,6 +47,14 @@ def leaking(workplace: Path) -> None:
 def test_the_example_runs(title: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(code, title, "exec"), {"__name__": "example"})
     assert capsys.readouterr().out.strip()
+
+
+def test_the_campaign_of_the_campaigns_page_checks_without_a_warning(workplace: Path) -> None:
+    (example,) = re.findall(r"```yaml\n(.*?)```", (DOCS / "campaigns.md").read_text(), re.DOTALL)
+    (workplace / "example.yaml").write_text(example)
+    report = check("example.yaml")
+    assert len(report.tests) == 11
+    assert not report.warnings
 
 
 def test_every_section_of_the_api_page_has_an_example() -> None:
