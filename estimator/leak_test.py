@@ -108,7 +108,7 @@ class _Candidates(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _scan(total_ff_inverse, solved, total, before, count, chosen, scores):
-    """Fill `scores` (onsets, faults, 5) with (information, projection, size sum, ...) by onset.
+    """Fill `scores` (onsets, faults, 4): information, projection, sum of sizes, blocks.
 
     Arrays hold sums over blocks up to now (`total`) and before each onset (`before`), packed as
     [ll (5, 5), lf (5, 15), ly (5), size (5), blocks]; scaled by the noise.
@@ -121,7 +121,6 @@ def _scan(total_ff_inverse, solved, total, before, count, chosen, scores):
             ly = total[ly0 + i] - before[j, ly0 + i]
             cc = 0.0
             cy = 0.0
-            cross = 0.0
             for a in range(m):
                 ca = total[lf0 + i * m + a] - before[j, lf0 + i * m + a]
                 cy += ca * solved[a]
