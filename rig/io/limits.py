@@ -1,0 +1,31 @@
+"""A limit of a channel as configured: between which values, how long beyond them, and what then."""
+
+from dataclasses import dataclass
+from math import inf
+from typing import Literal
+
+Response = Literal["indicate", "hold", "ramp_down", "trip"]
+"""What a channel beyond its limit calls for, mildest first: tell the operator, hold the position,
+bring the motion to rest, or leave at once for the safe state (`rig.loop.ladder` carries it out)."""
+
+
+@dataclass(frozen=True)
+class ChannelLimit:
+    """One rung of the action ladder of a channel.
+
+    A value at the limit is within it. NaN is no value and exceeds nothing: that values are fresh
+    and plausible is watched elsewhere.
+
+    Attributes:
+        channel: name in FAST_INPUTS or SLOW_INPUTS of `rig.io.signals`.
+        low: least value allowed, SI.
+        high: greatest value allowed, SI.
+        action: what to do beyond them.
+        for_s: time in s that the value must stay beyond before anything is done; 0: one sample.
+    """
+
+    channel: str
+    low: float = -inf
+    high: float = inf
+    action: Response = "trip"
+    for_s: float = 0.0

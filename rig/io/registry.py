@@ -1,0 +1,94 @@
+"""Finds the class of a driver by its type in a rig file: an entry point of `hydraulic_rig.drivers`.
+
+A driver's module is imported when a rig asks for it, so that the client libraries of other drivers
+cost nothing, and a third party's driver that cannot be imported hurts nobody else.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, is_dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Final
+
+from .driver import ENTRY_POINTS, Driver, DriverError
+
+_REQUIRED: Final = ("kind", "Options", "open", "read", "write", "safe_state", "close")
+
+
+@dataclass(frozen=True)
+class DriverSpec:
+    """A driver as a rig file configures it: all that a process needs to make it.
+
+    Attributes:
+        name: its name in the rig file.
+        type: its entry point's name.
+        options: an instance of its class's `Options`.
+    """
+
+    name: str
+    type: str
+    options: Any
+
+    @property
+    def path(self) -> str:
+        """Where its class is, `module:class`."""
+        return _entry_point(self.type).value
+
+    def create(self) -> Driver:
+        """Return the driver, not yet open.
+
+        Raises:
+            DriverError: there is none of this type, or its options do not fit together.
+        """
+        return driver_class(self.type)(self.name, self.options)
+
+
+def driver_types() -> tuple[str, ...]:
+    """Return the types of driver installed, sorted."""
+    return tuple(sorted(_installed()))
+
+
+def driver_class(driver_type: str) -> Any:
+    """Return the class of a type of driver.
+
+    Raises:
+        DriverError: none or several are installed, or the one is broken; names its package.
+    """
+    entry = _entry_point(driver_type)
+    try:
+        found = entry.load()
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise _broken(entry, f"cannot be imported: {reason}") from error
+    lacking = [name for name in _REQUIRED if not hasattr(found, name)]
+    if lacking or not is_dataclass(found.Options):
+        what = ", ".join(lacking) if lacking else "a dataclass Options"
+        raise _broken(entry, f"is not a driver: it lacks {what}")
+    return found
+
+
+def _entry_point(driver_type: str) -> EntryPoint:
+    found = _installed().get(driver_type)
+    if found is None:
+        listing = ", ".join(driver_types())
+        raise DriverError(driver_type, "is not a known driver", f"choose one of {listing}")
+    if len(found) > 1:
+        owners = " and ".join(sorted(_owner(entry) for entry in found.values()))
+        raise DriverError(driver_type, f"is a driver of {owners}", "uninstall all but one of them")
+    return next(iter(found.values()))
+
+
+def _installed() -> Mapping[str, Mapping[str, EntryPoint]]:
+    """Return the entry points by name, and by the class they name: one found twice counts once."""
+    installed: dict[str, dict[str, EntryPoint]] = {}
+    for entry in entry_points(group=ENTRY_POINTS):
+        installed.setdefault(entry.name, {})[entry.value] = entry
+    return installed
+
+
+def _owner(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.value
+
+
+def _broken(entry: EntryPoint, state: str) -> DriverError:
+    action = f"repair or uninstall the package {_owner(entry)}"
+    return DriverError(entry.name, f"{entry.value} {state}", action)
