@@ -66,7 +66,7 @@ def start_up() -> tuple[float, float]:
 
 def first_sample() -> None:
     """Load the quickstart campaign and run the first tick of its first test."""
-    from rig.runner.single_test import loop_of
+    from rig.runner.simulated_bench import loop_of
 
     campaign, rig = load_campaign("quickstart")
     memory = start_memory(campaign.filter_name, campaign.model, rig.sensors)

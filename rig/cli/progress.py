@@ -18,6 +18,7 @@ STYLES: Final = {
     Status.FAILED: "red",
     Status.ERROR: "bold red",
     Status.ABORTED: "yellow",
+    Status.TRIPPED: "bold red",
     Status.NOT_RUN: "dim",
 }
 

@@ -31,6 +31,7 @@ STATUS_LABELS: Final = {
     Status.FAILED: ("✗", "failed"),
     Status.ERROR: ("!", "error"),
     Status.ABORTED: ("■", "aborted"),
+    Status.TRIPPED: ("⏻", "tripped"),
     Status.NOT_RUN: ("–", "not run"),
 }
 """Symbol and word of how a test ended; neither needs the colour."""

@@ -9,6 +9,7 @@ from estimator.replay import DetectorFactory
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rig import Rig
 
+from .bench import Bench
 from .directory import JUNIT, RESULTS, default_directory, prepare_directory, recording_names
 from .junit import write_junit
 from .observer import Observer
@@ -16,6 +17,7 @@ from .outcome import CampaignOutcome, Status, TestOutcome
 from .pacing import Pace, Pacer
 from .provenance import provenance
 from .results import write_results
+from .simulated_bench import SimulatedBench
 from .single_test import Setting, run_test
 from .stopping import StopFlag
 from .thresholds import HealthyReferences
@@ -33,8 +35,9 @@ def run_campaign(
     observer: Observer | None = None,
     stop: StopFlag | None = None,
     detector: DetectorFactory | None = None,
+    bench: Bench | None = None,
 ) -> CampaignOutcome:
-    """Run every test of a campaign on a simulated rig and write what comes of it to a folder.
+    """Run every test of a campaign on a rig and write what comes of it to a folder.
 
     The folder gets `results.json` and `junit.xml`, a recording a test, and `errors.log` if a test
     crashed. They are written whatever ends the run: a test that crashes is an outcome, a stop
@@ -42,7 +45,7 @@ def run_campaign(
 
     Args:
         campaign: checked against the rig.
-        rig: the rig, simulated.
+        rig: the rig.
         out: a new or empty folder, or that of an earlier run, which is replaced; if not given, a
             new one below `runs`.
         pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
@@ -50,6 +53,7 @@ def run_campaign(
         observer: is told how the run goes on.
         stop: ends the run after the present batch; see `stop_on_signals`.
         detector: makes the detector of each test instead of the filter's own.
+        bench: what the tests are run on, not entered yet; a simulated rig if not given.
 
     Raises:
         DirectoryError: the folder cannot be used; nothing was written.
@@ -63,6 +67,7 @@ def run_campaign(
     setting = Setting(
         campaign=campaign,
         rig=rig,
+        bench=bench or SimulatedBench(rig),
         directory=directory,
         pacer=Pacer(pace or rig.pace, stop),
         observer=observer or Observer(),
@@ -73,7 +78,8 @@ def run_campaign(
     )
     run = _CampaignRun(setting, names, started)
     try:
-        run.run()
+        with setting.bench:
+            run.run()
     finally:
         run.write()
     return run.outcome

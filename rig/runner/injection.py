@@ -1,4 +1,7 @@
-"""What was injected: the events of a test's faults, and the leak flows that they really gave."""
+"""What was injected: the events of a test's faults, and the leak flows that they really gave.
+
+A simulated rig records its true flows; a real one what its flow meters read.
+"""
 
 from dataclasses import dataclass
 from math import inf
@@ -16,10 +19,11 @@ from .outcome import InjectedFault
 Array = NDArray[np.float64]
 
 LEAK_CHANNELS: Final = {
-    str(Verdict.EXTERNAL_LEAKAGE_1): "true_leak_1_m3_per_s",
-    str(Verdict.EXTERNAL_LEAKAGE_2): "true_leak_2_m3_per_s",
-    str(Verdict.INTERNAL_LEAKAGE): "true_leak_internal_m3_per_s",
+    str(Verdict.EXTERNAL_LEAKAGE_1): ("true_leak_1_m3_per_s", "flow_1_m3_per_s"),
+    str(Verdict.EXTERNAL_LEAKAGE_2): ("true_leak_2_m3_per_s", "flow_2_m3_per_s"),
+    str(Verdict.INTERNAL_LEAKAGE): ("true_leak_internal_m3_per_s", "flow_internal_m3_per_s"),
 }
+"""The flow of each leak: the channel of its truth, and that of its meter."""
 # A sample at the very moment counts, whatever the rounding of its time.
 _INSTANT_S: Final = 1e-6
 
@@ -35,6 +39,7 @@ class _MeanFlow:
 
     def add(self, rows: Array) -> None:
         flow = np.abs(rows[rows[:, 0] >= self.from_s - _INSTANT_S, self.column])
+        flow = flow[np.isfinite(flow)]
         self.total += float(flow.sum())
         self.count += flow.size
 
@@ -53,7 +58,10 @@ class Injection:
 
     def __init__(self, faults: tuple[Fault, ...], channels: tuple[str, ...]) -> None:
         self._faults = faults
-        columns = {kind: channels.index(channel) for kind, channel in LEAK_CHANNELS.items()}
+        columns = {
+            kind: channels.index(truth if truth in channels else meter)
+            for kind, (truth, meter) in LEAK_CHANNELS.items()
+        }
         self._flows = {
             index: _MeanFlow(columns[fault.kind], fault.at_s + SETTLED_AFTER_S)
             for index, fault in enumerate(faults)

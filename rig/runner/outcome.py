@@ -15,6 +15,7 @@ class Status(StrEnum):
     FAILED = "failed"
     ERROR = "error"
     ABORTED = "aborted"
+    TRIPPED = "tripped"
     NOT_RUN = "not_run"
 
 
@@ -131,9 +132,9 @@ class CampaignOutcome:
 
     @property
     def exit_code(self) -> int:
-        """0 all as expected, 1 a test failed or crashed, 3 stopped before the end."""
+        """0 all as expected, 1 a test failed or crashed, 3 tripped or stopped before the end."""
         statuses = {test.status for test in self.tests}
-        if statuses & {Status.ABORTED, Status.NOT_RUN}:
+        if statuses & {Status.ABORTED, Status.TRIPPED, Status.NOT_RUN}:
             return EXIT_STOPPED
         if statuses & {Status.FAILED, Status.ERROR}:
             return EXIT_FAILED

@@ -1,4 +1,4 @@
-"""Runs one test of a campaign on the simulated rig, to its recording and verdict."""
+"""Runs one test of a campaign on a bench, to its recording and verdict."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -7,21 +7,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from estimator.detection import Detector
-from estimator.filters import FilterMemory, start_memory
+from estimator.filters import start_memory
 from estimator.pattern import PatternDetector
 from estimator.replay import DetectorFactory, detector_for
 from faults.campaign import Campaign, CampaignTest
 from faults.schedule import FaultSchedule
 from rig.configuration.rig import Rig
-from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import Model
 from rig.plant.integrator import TICK
-from rig.recording.mcap_writer import McapWriter
 
+from .bench import Bench, Loop, TripError, Writer
 from .directory import log_error
 from .injection import Injection
 from .judging import Judge
@@ -38,12 +33,14 @@ class Setting:
     """What the tests of one campaign share while they run.
 
     Attributes:
+        bench: what the tests are run on, entered.
         directory: where recordings and tracebacks go.
         detector: makes the detector instead of the filter's own.
     """
 
     campaign: Campaign
     rig: Rig
+    bench: Bench
     directory: Path
     pacer: Pacer
     observer: Observer
@@ -53,50 +50,10 @@ class Setting:
     detector: DetectorFactory | None = None
 
 
-def truth_of(rig: Rig, test: CampaignTest) -> Model:
-    """Return the model that a simulated rig is during a test: its own, with the test's load."""
-    if test.load is None:
-        return rig.plant
-    stiffness, contact = test.load.stiffness, test.load.contact
-    return rig.plant.with_effect("spring_load", stiffness=stiffness, contact=contact)
-
-
-def motion_of(test: CampaignTest) -> Motion:
-    """Return what a test asks of the ram, tick by tick."""
-    ticks = round(test.duration_s / TICK)
-    return Motion(
-        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
-        open_loop=test.setpoint.quantity == "command",
-        faults=FaultSchedule(test.faults).table(ticks, TICK),
-        start_position=test.start_position_m,
-        settle_ticks=round(test.settle_s / TICK),
-    )
-
-
-def loop_of(rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedLoop:
-    """Return the loop of a test, before the ram is brought to its start."""
-    simulated = simulated_rig(
-        truth_of(rig, test),
-        test.seed,
-        sensors=rig.sensors,
-        spool_sensor=rig.has_spool_sensor,
-        supply_pressure_sensor=rig.has_supply_pressure_sensor,
-        load_cell=rig.has_load_cell,
-    )
-    return SimulatedLoop(
-        simulated,
-        motion_of(test),
-        memory,
-        assumed.parameters,
-        gain=rig.gain_V_per_m,
-        limit=rig.limits.command_V,
-    )
-
-
 def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcome:
     """Run one test; whatever happens in it, the rig is left safe and the recording closed.
 
-    A crash is an outcome, not an exception, and so is a stop; only what is no `Exception`
+    A crash is an outcome, not an exception, and so are a trip and a stop; only what is no `Exception`
     (SystemExit) is raised on.
 
     Args:
@@ -112,6 +69,9 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
     except KeyboardInterrupt:
         setting.stop.request("KeyboardInterrupt")
         status = Status.ABORTED
+    except TripError as error:
+        setting.stop.request("a trip")
+        status, message = Status.TRIPPED, str(error)
     except Exception as error:
         where = log_error(setting.directory, f"test {test.name}")
         message = f"{type(error).__name__}: {error} (traceback in {where})"
@@ -130,7 +90,7 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
 
 
 @contextmanager
-def _left_safe(loop: SimulatedLoop) -> Iterator[None]:
+def _left_safe(loop: Loop) -> Iterator[None]:
     try:
         yield
     finally:
@@ -151,7 +111,7 @@ class _RunningTest:
         self._learning = setting.references.learning(test)
         self._detector = HealthyInnovations(self._chosen_detector())
         memory = start_memory(campaign.filter_name, campaign.model, setting.rig.sensors)
-        self._loop = loop_of(setting.rig, test, memory, campaign.model)
+        self._loop = setting.bench.loop(test, memory, campaign.model)
         self._judge = Judge(self._detector, memory, self._loop.channels)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
@@ -195,23 +155,27 @@ class _RunningTest:
             return PatternDetector(campaign.false_alarms_per_day, self._learning.baseline)
         return detector_for(campaign.filter_name, campaign.model, campaign.false_alarms_per_day)
 
-    def _writer(self) -> McapWriter:
+    @contextmanager
+    def _writer(self) -> Iterator[Writer]:
         setting, channels = self._setting, self._loop.channels
         metadata = metadata_of(
             setting.campaign, setting.rig, self._test, self._learning, channels, setting.provenance
         )
         path = setting.directory / self._recording
-        writer = McapWriter(path, channels, metadata, start_ns=time.time_ns())
-        self._recorded = True
-        return writer
+        with setting.bench.writer(path, channels, metadata) as writer:
+            self._recorded = True
+            yield writer
 
-    def _drive(self, writer: McapWriter) -> None:
+    def _drive(self, writer: Writer) -> None:
         writer.event(0.0, "test_begin", self._test.name)
         try:
             while self._loop.ticks_left and not self._setting.stop.requested:
                 self._run_batch(writer)
             self._judge.finish()
             self._note_verdict(writer)
+        except TripError as error:
+            writer.event(self._last_s, "trip", str(error))
+            raise
         except Exception as error:
             writer.event(self._last_s, "error", f"{type(error).__name__}: {error}")
             raise
@@ -220,10 +184,11 @@ class _RunningTest:
         else:
             writer.event(self._last_s, "test_end", self._verdict)
 
-    def _run_batch(self, writer: McapWriter) -> None:
+    def _run_batch(self, writer: Writer) -> None:
         pacer = self._setting.pacer
         ticks = self._judge.ticks_due
-        rows = self._loop.advance(min(ticks, LIVE_TICKS) if pacer.live else ticks)
+        live = pacer.live or self._setting.bench.live
+        rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
         writer.write(rows)
         for event in self._injection.take(rows):
@@ -233,7 +198,7 @@ class _RunningTest:
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
 
-    def _note_verdict(self, writer: McapWriter) -> None:
+    def _note_verdict(self, writer: Writer) -> None:
         decision = self._judge.decision
         if decision is not None and decision.verdict != self._verdict:
             self._verdict = decision.verdict

@@ -16,7 +16,7 @@ from rig.configuration.campaign import load_campaign
 from rig.configuration.rig import Rig
 from rig.plant import Model
 from rig.recording import Recording
-from rig.runner.single_test import loop_of
+from rig.runner.simulated_bench import loop_of
 from rig.runner.thresholds import HealthyReferences
 
 from .trusted import TrustedRun, run_trusted

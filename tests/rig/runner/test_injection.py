@@ -6,7 +6,7 @@ import pytest
 from faults.schedule import Fault
 from rig.runner.injection import LEAK_CHANNELS, Injection
 
-CHANNELS = ("time_s", *LEAK_CHANNELS.values())
+CHANNELS = ("time_s", *(truth for truth, _ in LEAK_CHANNELS.values()))
 
 
 def rows(from_s: float, to_s: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

@@ -1,0 +1,83 @@
+"""Tests on the simulated rig, in this process: a new rig for each test, paced by the runner."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.filters import FilterMemory
+from faults.campaign import CampaignTest
+from faults.schedule import FaultSchedule
+from rig.configuration.rig import Rig
+from rig.io.simulated import simulated_rig
+from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.plant import Model
+from rig.plant.integrator import TICK
+from rig.recording.mcap_writer import McapWriter
+
+
+class SimulatedBench:
+    """A `rig.runner.bench.Bench` of simulated rigs; a loop that is dropped leaves nothing behind."""
+
+    live = False
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+
+    def __enter__(self) -> "SimulatedBench":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedLoop:
+        """Return the loop of a test, on a rig of its own."""
+        return loop_of(self._rig, test, memory, assumed)
+
+    def writer(
+        self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
+    ) -> McapWriter:
+        """Return the writer of a test's recording."""
+        return McapWriter(path, channels, metadata, start_ns=time.time_ns())
+
+
+def truth_of(rig: Rig, test: CampaignTest) -> Model:
+    """Return the model that a simulated rig is during a test: its own, with the test's load."""
+    if test.load is None:
+        return rig.plant
+    stiffness, contact = test.load.stiffness, test.load.contact
+    return rig.plant.with_effect("spring_load", stiffness=stiffness, contact=contact)
+
+
+def motion_of(test: CampaignTest) -> Motion:
+    """Return what a test asks of the ram, tick by tick."""
+    ticks = round(test.duration_s / TICK)
+    return Motion(
+        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
+        open_loop=test.setpoint.quantity == "command",
+        faults=FaultSchedule(test.faults).table(ticks, TICK),
+        start_position=test.start_position_m,
+        settle_ticks=round(test.settle_s / TICK),
+    )
+
+
+def loop_of(rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedLoop:
+    """Return the loop of a test, before the ram is brought to its start."""
+    simulated = simulated_rig(
+        truth_of(rig, test),
+        test.seed,
+        sensors=rig.sensors,
+        spool_sensor=rig.has_spool_sensor,
+        supply_pressure_sensor=rig.has_supply_pressure_sensor,
+        load_cell=rig.has_load_cell,
+    )
+    return SimulatedLoop(
+        simulated,
+        motion_of(test),
+        memory,
+        assumed.parameters,
+        gain=rig.gain_V_per_m,
+        limit=rig.limits.command_V,
+    )
