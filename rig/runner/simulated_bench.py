@@ -19,7 +19,7 @@ from rig.recording.mcap_writer import McapWriter
 
 
 class SimulatedBench:
-    """A `rig.runner.bench.Bench` of simulated rigs; a loop that is dropped leaves nothing behind."""
+    """A `Bench` of simulated rigs; a loop that is dropped leaves nothing behind."""
 
     live = False
 

@@ -53,8 +53,8 @@ class Setting:
 def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcome:
     """Run one test; whatever happens in it, the rig is left safe and the recording closed.
 
-    A crash is an outcome, not an exception, and so are a trip and a stop; only what is no `Exception`
-    (SystemExit) is raised on.
+    A crash is an outcome, not an exception, and so are a trip and a stop; only what is no
+    `Exception` (SystemExit) is raised on.
 
     Args:
         setting: the campaign.

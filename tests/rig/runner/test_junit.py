@@ -27,7 +27,7 @@ def test_every_way_to_end_has_its_place_in_junit() -> None:
     document, cases = written(*(replace(TEST, status=status, message="why") for status in Status))
     kinds = [type(case.result[0]) if case.result else None for case in cases]
     assert kinds == [None, Failure, Error, Error, Error, Skipped]
-    assert (document.tests, document.failures, document.errors, document.skipped) == (5, 1, 2, 1)
+    assert (document.tests, document.failures, document.errors, document.skipped) == (6, 1, 3, 1)
 
 
 def test_a_failure_tells_injected_against_found() -> None:

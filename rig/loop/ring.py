@@ -1,0 +1,45 @@
+"""Reading the board's ring: every row once, in order, while the loop goes on writing."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .board import RING_ROWS, Board, Word
+
+Array = NDArray[np.float64]
+
+_MARGIN = 256
+"""Rows that the loop may write while a reader copies: those next in line are given up as lost."""
+
+
+class RingReader:
+    """One reader of the ring, which does not disturb the loop or other readers.
+
+    Attributes:
+        lost: rows overwritten before they were read, since it was last set to 0.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._words, self._ring = board.words, board.ring
+        self._next = int(board.words[Word.ROWS])
+        self.lost = 0
+
+    def skip_to_end(self) -> None:
+        """Read on from the next row that is written."""
+        self._next = int(self._words[Word.ROWS])
+
+    def take(self, most: int = RING_ROWS) -> Array:
+        """Return the rows since the last call, at most so many, float64 (n, columns)."""
+        end = int(self._words[Word.ROWS])
+        oldest = end - RING_ROWS + _MARGIN
+        if self._next < oldest:
+            self.lost += oldest - self._next
+            self._next = oldest
+        end = min(end, self._next + most)
+        rows = self._ring[np.arange(self._next, end) % RING_ROWS]
+        self._next = end
+        return rows
+
+    def latest(self, count: int) -> Array:
+        """Return the last rows written, at most so many, whether or not they were read."""
+        end = int(self._words[Word.ROWS])
+        return self._ring[np.arange(max(end - count, 0), end) % RING_ROWS]
