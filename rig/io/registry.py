@@ -7,7 +7,7 @@ cost nothing, and a third party's driver that cannot be imported hurts nobody el
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from .driver import ENTRY_POINTS, Driver, DriverError
 
@@ -16,30 +16,47 @@ _REQUIRED: Final = ("kind", "Options", "open", "read", "write", "safe_state", "c
 
 @dataclass(frozen=True)
 class DriverSpec:
-    """A driver as a rig file configures it: all that a process needs to make it.
+    """A driver as a rig file configures it, and what it says of itself before it is opened.
 
     Attributes:
         name: its name in the rig file.
         type: its entry point's name.
+        path: where its class is, `module:class`.
         options: an instance of its class's `Options`.
+        kind: "fast" or "slow".
+        inputs: signals it reads.
+        outputs: signals it writes.
+        rate_hz: how often it can be read and written.
     """
 
     name: str
     type: str
+    path: str
     options: Any
+    kind: Literal["fast", "slow"]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    rate_hz: float
 
-    @property
-    def path(self) -> str:
-        """Where its class is, `module:class`."""
-        return _entry_point(self.type).value
+    @classmethod
+    def of(cls, name: str, driver_type: str, options: Any) -> "DriverSpec":
+        """Return the specification of a driver, which is made for it and not opened.
+
+        Raises:
+            DriverError: there is none of this type, or its options do not fit together.
+        """
+        entry, driver = _entry_point(driver_type), driver_class(driver_type)(name, options)
+        says = driver.kind, driver.inputs, driver.outputs, driver.rate_hz
+        return cls(name, driver_type, entry.value, options, *says)
 
     def create(self) -> Driver:
         """Return the driver, not yet open.
 
         Raises:
-            DriverError: there is none of this type, or its options do not fit together.
+            DriverError: there is none of this type any more, or it refuses its options.
         """
-        return driver_class(self.type)(self.name, self.options)
+        driver: Driver = driver_class(self.type)(self.name, self.options)
+        return driver
 
 
 def driver_types() -> tuple[str, ...]:
