@@ -1,0 +1,83 @@
+"""The plant's motion between two looks at it, and what a look sees, compiled."""
+
+from math import exp
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rig.plant import Parameters
+from rig.plant.dynamics import environment_force, leak_flows
+from rig.plant.integrator import SUBSTEPS, TICK, advance
+from rig.plant.sensors import SensorParameters, read_sensors
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def advance_plant(
+    state: Array,
+    flows: Array,
+    command: float,
+    par: Parameters,
+    fault: Array,
+    duration: float,
+    flow_time_constant: float,
+) -> None:
+    """Advance the plant and its flow meters in place over any time, command and faults held.
+
+    Args:
+        state: float64 (9,), `rig.plant.dynamics.PlantState`.
+        flows: float64 (3,), flow-meter lag states in m^3/s.
+        command: what the valve is driven by, V.
+        par: the plant's `Parameters`.
+        fault: float64 (8,), coefficients (`rig.plant.faults.FaultInput`).
+        duration: s; whole ticks are stepped as the simulated backend steps them, then the rest.
+        flow_time_constant: of the flow meters, s.
+    """
+    remaining = duration
+    while remaining > 0.0:
+        # A rest of rounding is no step of its own.
+        step = TICK if remaining > 1.000001 * TICK else remaining
+        leaks = leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
+        kept = exp(-step / flow_time_constant)
+        for i in range(3):
+            flows[i] = kept * flows[i] + (1.0 - kept) * abs(leaks[i])
+        advance(state, command, par, fault, step, SUBSTEPS)
+        remaining -= step
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def sample_plant(
+    state: Array,
+    flows: Array,
+    offsets: Array,
+    noise: Array,
+    par: Parameters,
+    fault: Array,
+    sensors: SensorParameters,
+    fitted: Array,
+    sampled: Array,
+) -> None:
+    """Sample every transducer into `sampled`, float64 (9,) in the order of `Reading`.
+
+    Args:
+        state: float64 (9,), `rig.plant.dynamics.PlantState`.
+        flows: float64 (3,), flow-meter lag states in m^3/s, which `advance_plant` moves.
+        offsets: float64 (3,), the meters' fixed errors in m^3/s.
+        noise: 9 standard normal numbers.
+        par: the plant's `Parameters`.
+        fault: float64 (8,), coefficients.
+        sensors: data sheet.
+        fitted: float64 (9,), 1 where the rig has the transducer, else NaN.
+        sampled: written.
+    """
+    leaks = leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
+    load = environment_force(min(max(state[4], par.stroke_min), par.stroke_max), 0.0, par)
+    # read_sensors moves the meters' lags by a tick a sample; here time does.
+    read_sensors(state, leaks, load, flows.copy(), offsets, noise, sensors, sampled)
+    for i in range(3):
+        metered = flows[i] + offsets[i] + sensors.flow_noise * noise[6 + i]
+        sampled[6 + i] = max(metered, 0.0)
+    for i in range(sampled.size):
+        sampled[i] *= fitted[i]

@@ -1,0 +1,98 @@
+"""The transducers as the rig's electronics see them: what the plant says, unless one has failed."""
+
+from dataclasses import dataclass
+from math import nan
+from typing import Final, Literal
+
+from rig.io.signals import FAST_INPUTS
+from rig.plant.sensors import Reading, SensorParameters
+
+from .plant import EmulatedPlant
+
+CHANNELS: Final = FAST_INPUTS[: len(Reading._fields)]
+"""Signals of the transducers, in the order of `Reading`."""
+
+Failure = Literal["nan", "zero", "low", "high", "drift"]
+
+
+@dataclass
+class FailedSensor:
+    """One transducer that no longer tells the truth.
+
+    Attributes:
+        reads: what it does: not a number, zero, one of its rails, drifting away.
+        rate_per_s: of a drift, in its own unit.
+        since_ns: when it failed.
+    """
+
+    reads: Failure
+    rate_per_s: float
+    since_ns: int
+
+
+class Instruments:
+    """Reads the plant's transducers, those that are frozen or have failed included."""
+
+    def __init__(self, plant: EmulatedPlant) -> None:
+        self.plant = plant
+        self._frozen: dict[int, float] = {}
+        self._failed: dict[int, FailedSensor] = {}
+
+    def read(self) -> Reading:
+        """Return one sample of all transducers, SI."""
+        reading = self.plant.reading()
+        if not self._frozen and not self._failed:
+            return reading
+        values = list(reading)
+        for index, failed in self._failed.items():
+            values[index] = self._wrong(index, values[index], failed)
+        for index, value in self._frozen.items():
+            values[index] = value
+        return Reading(*values)
+
+    def _wrong(self, index: int, value: float, failed: FailedSensor) -> float:
+        if failed.reads == "nan":
+            return nan
+        if failed.reads == "zero":
+            return 0.0
+        if failed.reads == "drift":
+            return value + failed.rate_per_s * 1e-9 * (self.plant.time_ns - failed.since_ns)
+        low, high = rails(self.plant.sensors)[index]
+        return low if failed.reads == "low" else high
+
+    def freeze(self, channel: str, frozen: bool) -> None:
+        """Hold a channel at its value of now, or let it go.
+
+        Raises:
+            ValueError: no such channel.
+        """
+        index = CHANNELS.index(channel)
+        if frozen:
+            self._frozen[index] = self.read()[index]
+        else:
+            self._frozen.pop(index, None)
+
+    def fail(self, channel: str, reads: Failure, rate_per_s: float = 0.0) -> None:
+        """Let the transducer of a channel fail.
+
+        Raises:
+            ValueError: no such channel.
+        """
+        index = CHANNELS.index(channel)
+        self._failed[index] = FailedSensor(reads, rate_per_s, self.plant.clock())
+
+    def mend(self, channel: str) -> None:
+        """Let the transducer of a channel tell the truth again."""
+        self._failed.pop(CHANNELS.index(channel), None)
+
+
+def rails(sensors: SensorParameters) -> tuple[tuple[float, float], ...]:
+    """Return the ends (low, high) of every transducer's range, SI, in the order of `Reading`.
+
+    A broken wire reads the low end, a short circuit the high one. The encoder and the flow meters
+    count and have no range of their own: they rail at zero and at something absurd.
+    """
+    pressure = (sensors.pressure_min, sensors.pressure_max)
+    spool = (-sensors.spool_range, sensors.spool_range)
+    counted, flow = (0.0, 10.0), (0.0, 1e-2)
+    return (counted, pressure, pressure, spool, pressure, (0.0, sensors.load_max), flow, flow, flow)

@@ -1,0 +1,204 @@
+"""The plant in real time: brought up to the present moment whenever anybody looks at it."""
+
+import time
+from collections.abc import Callable, Mapping
+from math import exp
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from faults.bypass import BypassValve, port_opening
+from faults.verdict import Verdict
+from rig.io.signals import BYPASSES
+from rig.plant import FAULT_COLUMNS, Model
+from rig.plant.dynamics import PlantState, rest_state
+from rig.plant.sensors import DATA_SHEET, READING_COUNT, Reading, SensorParameters
+
+from .advancing import advance_plant, sample_plant
+
+Clock = Callable[[], int]
+"""Returns the present moment in ns, as `time.monotonic_ns`."""
+
+COMMAND_RANGE: Final = 10.0
+"""V. The valve's amplifier takes this much of either sign."""
+
+PUMP_TIME_CONSTANT: Final = 0.05
+"""s. Supply pressure follows the pump's unloading valve as a first-order lag; chosen, no sheet."""
+
+_PUMP_STEP_NS: Final = 1_000_000
+_PUMP_SETTLED: Final = 1e3
+"""Pa; nearer than this to where it goes, the supply pressure is there."""
+
+_FLOW_METERS: Final = 3
+
+
+class EmulatedPlant:
+    """The rig's plant, with valves, pump and transducers, moving with a clock.
+
+    Args:
+        model: the truth of the rig.
+        sensors: its transducers' data sheet.
+        bypass_valves: by the fault each makes; one that is missing makes none.
+        return_resistance: of the return throttle shut, Pa/(m^3/s)^2.
+        fitted: float64 (9,), 1 where the rig has the transducer of `Reading`, else NaN.
+        pump_loaded: whether there is pressure from the start.
+        seed: fixes the noise.
+        clock: tells the time; the plant rests at mid stroke when it is made.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        sensors: SensorParameters = DATA_SHEET,
+        *,
+        bypass_valves: Mapping[str, BypassValve] | None = None,
+        return_resistance: float = 0.0,
+        fitted: NDArray[np.float64] | None = None,
+        pump_loaded: bool = True,
+        seed: int = 0,
+        clock: Clock = time.monotonic_ns,
+    ) -> None:
+        self.clock = clock
+        self.sensors = sensors
+        self._par = model.parameters
+        self._full_pressure = self._par.supply_pressure
+        self._bypass_valves = dict(bypass_valves or {})
+        self._return_resistance = return_resistance
+        self._fitted = np.ones(READING_COUNT) if fitted is None else fitted
+        self._generator = np.random.default_rng(seed)
+        errors = sensors.flow_error * self._generator.standard_normal(_FLOW_METERS)
+        self._flow_offsets = np.abs(errors)
+        self._flows = np.zeros(_FLOW_METERS)
+        self._fault = np.zeros(len(FAULT_COLUMNS))
+        self._sampled = np.empty(READING_COUNT)
+        self._command = 0.0
+        self._stuck_at: float | None = None
+        self._pump_loaded = pump_loaded
+        if not pump_loaded:
+            self._par = self._par._replace(supply_pressure=self._par.return_pressure)
+        middle = 0.5 * (self._par.stroke_min + self._par.stroke_max)
+        self._state = rest_state(self._par, middle)
+        self._compile()
+        self._time_ns = clock()
+
+    def _compile(self) -> None:
+        """Compile, or load from the cache, what runs at every look."""
+        advance_plant(
+            self._state.copy(), self._flows.copy(), 0.0, self._par, self._fault, 1e-6,
+            self.sensors.flow_time_constant,
+        )  # fmt: skip
+        self._sample(np.zeros(READING_COUNT))
+
+    def catch_up(self, until_ns: int | None = None) -> None:
+        """Advance to the present, or to a moment between the last look and now."""
+        until_ns = self.clock() if until_ns is None else until_ns
+        while self._pump_moves and self._time_ns < until_ns:
+            step_ns = min(_PUMP_STEP_NS, until_ns - self._time_ns)
+            self._move_supply(step_ns * 1e-9)
+            self._advance(step_ns)
+        self._advance(until_ns - self._time_ns)
+
+    def _advance(self, duration_ns: int) -> None:
+        if duration_ns <= 0:
+            return
+        advance_plant(
+            self._state, self._flows, self._acting_command, self._par, self._fault,
+            duration_ns * 1e-9, self.sensors.flow_time_constant,
+        )  # fmt: skip
+        self._time_ns += duration_ns
+
+    @property
+    def _acting_command(self) -> float:
+        """What moves the spool, V: a stuck one is driven by what holds it where it is."""
+        return self._command if self._stuck_at is None else self._stuck_at / self._par.valve_gain
+
+    @property
+    def _supply_target(self) -> float:
+        return self._full_pressure if self._pump_loaded else self._par.return_pressure
+
+    @property
+    def _pump_moves(self) -> bool:
+        return self._par.supply_pressure != self._supply_target
+
+    def _move_supply(self, duration: float) -> None:
+        target = self._supply_target
+        left = (self._par.supply_pressure - target) * exp(-duration / PUMP_TIME_CONSTANT)
+        pressure = target + left if abs(left) > _PUMP_SETTLED else target
+        self._par = self._par._replace(supply_pressure=pressure)
+
+    def drive_valve(self, command_V: float, at_ns: int | None = None) -> None:  # noqa: N803
+        """Drive the servovalve from now, or from a moment since the last look, on.
+
+        Beyond `COMMAND_RANGE` its amplifier saturates.
+        """
+        self.catch_up(at_ns)
+        self._command = min(max(command_V, -COMMAND_RANGE), COMMAND_RANGE)
+
+    def stick_spool(self, stuck: bool) -> None:
+        """Jam the spool where it is, or free it."""
+        self.catch_up()
+        self._stuck_at = float(self._state[0]) if stuck else None
+        self._state[1] = 0.0
+
+    def load_pump(self, loaded: bool) -> None:
+        """Let the pump deliver pressure, or unload it: the supply pressure collapses."""
+        self.catch_up()
+        self._pump_loaded = loaded
+
+    @property
+    def pump_loaded(self) -> bool:
+        """Whether the pump delivers pressure."""
+        return self._pump_loaded
+
+    def set_bypass(self, bypass: str, ball: float, needle: float) -> None:
+        """Set the real positions of a bypass, 0 shut to 1 open; the leak they make acts from now.
+
+        The return throttle has no ball: its `needle` 0 leaves the line free, 1 blocks it fully.
+
+        Raises:
+            ValueError: no such bypass.
+        """
+        if bypass not in BYPASSES:
+            raise ValueError(f"{bypass}: no such bypass; there are {', '.join(BYPASSES)}")
+        self.catch_up()
+        self._fault[FAULT_COLUMNS.index(bypass)] = self._coefficient(bypass, ball, needle)
+
+    def _coefficient(self, bypass: str, ball: float, needle: float) -> float:
+        if bypass == Verdict.RETURN_BLOCKAGE:
+            return float(self._return_resistance * port_opening(needle))
+        valve = self._bypass_valves.get(bypass)
+        return valve.effective(needle, ball) if valve else 0.0
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Fault coefficients acting now, SI, by `FAULT_COLUMNS`."""
+        return dict(zip(FAULT_COLUMNS, map(float, self._fault), strict=True))
+
+    @property
+    def time_ns(self) -> int:
+        """Up to when the plant has moved."""
+        return self._time_ns
+
+    @property
+    def truth(self) -> PlantState:
+        """The true state now."""
+        self.catch_up()
+        return PlantState(*map(float, self._state))
+
+    def reading(self) -> Reading:
+        """Sample every transducer now, noise included; NaN for those the rig lacks."""
+        self.catch_up()
+        return self._sample(self._generator.standard_normal(READING_COUNT))
+
+    def _sample(self, noise: NDArray[np.float64]) -> Reading:
+        sample_plant(
+            self._state, self._flows, self._flow_offsets, noise, self._par, self._fault,
+            self.sensors, self._fitted, self._sampled,
+        )  # fmt: skip
+        return Reading(*self._sampled.tolist())
+
+    def encoder_counts(self) -> int:
+        """Return the encoder's increments from position 0 of the plant, whole counts."""
+        self.catch_up()
+        return round(float(self._state[4]) / self.sensors.position_resolution)
