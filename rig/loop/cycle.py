@@ -1,9 +1,12 @@
-"""The loop's cycle, compiled: read, estimate, control, limit, write, record, once a millisecond.
+"""The loop's cycle, compiled: control and limit the command, estimate, record, once a millisecond.
 
-One tick at t_k reads the transducers, updates the filter with the command held since t_{k-1}, and
-writes the next command, which holds until t_{k+1}: row k of a recording is in that order too.
+Row k of a recording is one sample, the filter's update by it with the command held since t_{k-1},
+and the command that holds from t_k on. This is the same on every backend. On the simulated one the
+command of row k follows from sample k; on the wire (`wire_cycle`) from sample k-1, as both travel
+in one transaction.
 """
 
+from math import isnan
 from typing import Final
 
 import numpy as np
@@ -39,14 +42,69 @@ TRUTH: Final = (
 )
 _HEAD: Final = 3
 _OUTPUTS_AT: Final = _HEAD + READING_COUNT
-_STATES_AT: Final = _OUTPUTS_AT + len(OUTPUTS)
+STATES_AT: Final = _OUTPUTS_AT + len(OUTPUTS)
+
+
+def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
+    """Return the names of the columns that `sample_row` fills for a filter's states."""
+    setpoint = "setpoint_V" if open_loop else "setpoint_m"
+    estimates = tuple(f"est_{state}" for state in states)
+    return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates)
 
 
 def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
-    """Return the names of a row's columns for a filter's states, in the cycle's order."""
-    setpoint = "setpoint_V" if open_loop else "setpoint_m"
-    estimates = tuple(f"est_{state}" for state in states)
-    return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates, *TRUTH)
+    """Return the names of a simulated rig's columns for a filter's states, in the cycle's order."""
+    return (*sample_channels(states, open_loop), *TRUTH)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def limited_command(open_loop, setpoint, position, gain, limit):
+    """Return the command in V within +-limit; in open loop the setpoint (V) is the command.
+
+    Without a setpoint (NaN) it is 0 V, the valve's null.
+    """
+    if not open_loop:
+        return proportional_command(setpoint, position, gain, limit)
+    if isnan(setpoint):
+        return 0.0
+    return min(max(setpoint, -limit), limit)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def sample_row(
+    starts, time_s, setpoint, command, held, reading,
+    code, x, covariance, filter_par, filter_noise, work, row,
+):  # fmt: skip
+    """Update the filter by one sample, and fill the row up to the filter's states.
+
+    Args:
+        starts: whether this is the sample that starts the filter.
+        time_s: time of the sample.
+        setpoint: of this tick, m, or V in open loop.
+        command: V, held from this sample on.
+        held: V, held up to this sample.
+        reading: (9,) in the order of `READINGS`; what is NaN is skipped by the filter.
+        code: which filter.
+        x: its state; updated.
+        covariance: its covariance; updated.
+        filter_par: the `Parameters` it assumes.
+        filter_noise: the noise it assumes.
+        work: its scratch space.
+        row: to fill, in the order of `row_channels`.
+    """
+    for i in range(READING_COUNT):
+        row[_HEAD + i] = reading[i]
+    outputs = row[_OUTPUTS_AT:STATES_AT]
+    if starts:
+        outputs[:] = np.nan
+        filter_start(code, x, reading[0], reading[1], reading[2], reading[3], command, filter_par)
+    else:
+        filter_step(code, x, covariance, held, reading[0], reading[1], reading[2], reading[3],
+                    filter_par, filter_noise, work, outputs)  # fmt: skip
+    row[STATES_AT : STATES_AT + x.size] = x
+    row[0] = time_s
+    row[1] = setpoint
+    row[2] = command
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -82,8 +140,7 @@ def simulated_ticks(
         rows: (ticks, columns) to fill, in the order of `row_channels`.
     """
     reading = np.empty(READING_COUNT)
-    states = x.size
-    truth = _STATES_AT + states
+    truth = STATES_AT + x.size
     for k in range(rows.shape[0]):
         row = rows[k]
         # A tuple: numba counts references to an array wherever it is handed on.
@@ -96,24 +153,12 @@ def simulated_ticks(
         read_sensors(plant, leaks, load, meters, offsets, noise[k], sensors, reading)
         for i in range(READING_COUNT):
             reading[i] *= fitted[i]
-            row[_HEAD + i] = reading[i]
-        if open_loop:
-            command = min(max(setpoint[k], -limit), limit)
-        else:
-            command = proportional_command(setpoint[k], reading[0], gain, limit)
-        outputs = row[_OUTPUTS_AT:_STATES_AT]
-        if first + k == 0:
-            outputs[:] = np.nan
-            filter_start(code, x, reading[0], reading[1], reading[2], reading[3], command,
-                         filter_par)  # fmt: skip
-        else:
-            filter_step(code, x, covariance, held[0], reading[0], reading[1], reading[2],
-                        reading[3], filter_par, filter_noise, work, outputs)  # fmt: skip
-        row[_STATES_AT:truth] = x
+        command = limited_command(open_loop, setpoint[k], reading[0], gain, limit)
+        sample_row(
+            first + k == 0, (first + k) * period, setpoint[k], command, held[0], reading,
+            code, x, covariance, filter_par, filter_noise, work, row,
+        )  # fmt: skip
         held[0] = command
-        row[0] = (first + k) * period
-        row[1] = setpoint[k]
-        row[2] = command
         row[truth] = plant[4]
         row[truth + 1] = plant[5]
         row[truth + 2] = max(plant[2], 0.0)

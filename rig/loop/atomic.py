@@ -1,0 +1,58 @@
+"""Ordered access to the words that processes share.
+
+What was written before a release-store is seen by whoever load-acquires the stored value: a reader
+that sees the index of a row sees the row, on processors that reorder stores too. With the JIT off
+(NUMBA_DISABLE_JIT=1) they are ordinary stores and loads, which x86 does not reorder.
+"""
+
+from typing import Final
+
+from numba import config, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+_BYTES: Final = 8
+_INTERPRETED: Final = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
+
+
+def _word(context, builder, signature, arguments):
+    """Return a pointer to the element that the first two arguments, array and index, name."""
+    kind = signature.args[0]
+    array = context.make_array(kind)(context, builder, arguments[0])
+    return cgutils.get_item_pointer(context, builder, kind, array, [arguments[1]])
+
+
+@intrinsic
+def _store(typing_context, words, index, value):
+    def generate(context, builder, signature, arguments):
+        pointer = _word(context, builder, signature, arguments)
+        builder.store_atomic(arguments[2], pointer, "release", _BYTES)
+        return context.get_dummy_value()
+
+    return types.void(words, types.intp, words.dtype), generate
+
+
+@intrinsic
+def _load(typing_context, words, index):
+    def generate(context, builder, signature, arguments):
+        pointer = _word(context, builder, signature, arguments)
+        return builder.load_atomic(pointer, "acquire", _BYTES)
+
+    return words.dtype(words, types.intp), generate
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def store_release(words, index, value):
+    """Store `words[index] = value` (int64) after everything written before."""
+    if _INTERPRETED:
+        words[index] = value
+    else:
+        _store(words, index, value)  # type: ignore[call-arg]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def load_acquire(words, index):
+    """Return `words[index]` (int64); whatever is read after it is no older."""
+    if _INTERPRETED:
+        return words[index]
+    return _load(words, index)  # type: ignore[call-arg]
