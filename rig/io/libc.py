@@ -1,0 +1,109 @@
+"""The C library's socket calls, for compiled code that must not hold the interpreter's lock.
+
+With the compiler switched off (NUMBA_DISABLE_JIT) the same names call the library by ctypes, so
+that the functions built on them run as plain Python too. Addresses are passed as integers
+(`array.ctypes.data`), structures as the int64 words they are made of on 64-bit Linux.
+"""
+
+import ctypes
+from typing import Any, Final
+
+import numpy as np
+from numba import njit, types
+from numba.core import config
+from numba.np.numpy_support import carray
+
+MSG_DONTWAIT: Final = 0x40
+MSG_NOSIGNAL: Final = 0x4000
+POLLIN: Final = 0x1
+EINTR: Final = 4
+EAGAIN: Final = 11
+# Values of Linux on every architecture with a generic ABI (uapi/asm-generic), time ids of time.h.
+_CLOCK_MONOTONIC: Final = 1
+_SECOND: Final = 1_000_000_000
+
+_COMPILED: Final = not vars(config)["DISABLE_JIT"]
+_LIBRARY: Final = ctypes.CDLL(None, use_errno=True)
+_C_TYPES: Final = {
+    "int32": ctypes.c_int32,
+    "int64": ctypes.c_int64,
+    "uintp": ctypes.c_size_t,
+}
+
+
+def bind(name: str, result: str, *arguments: str) -> Any:
+    """Return a function of the C library, callable where it is called from.
+
+    Args:
+        name: its name there.
+        result: numba's name of its result's type, such as "int32".
+        arguments: the same of its arguments; addresses are "uintp".
+    """
+    if _COMPILED:
+        signature = getattr(types, result)(*(getattr(types, argument) for argument in arguments))
+        return types.ExternalFunction(name, signature)
+    function = _LIBRARY[name]
+    function.restype = _C_TYPES[result]
+    function.argtypes = [_C_TYPES[argument] for argument in arguments]
+    return function
+
+
+_send = bind("send", "int64", "int32", "uintp", "uintp", "int32")
+_recv = bind("recv", "int64", "int32", "uintp", "uintp", "int32")
+_ppoll = bind("ppoll", "int32", "uintp", "uintp", "uintp", "uintp")
+_clock_gettime = bind("clock_gettime", "int32", "int32", "uintp")
+
+_errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _library_errno():
+    return carray(_errno_location(), 1)[0]
+
+
+errno: Any = _library_errno if _COMPILED else ctypes.get_errno
+"""Return why the last call failed (errno.h)."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def monotonic_ns():
+    """Return CLOCK_MONOTONIC, ns."""
+    time = np.empty(2, np.int64)
+    _clock_gettime(_CLOCK_MONOTONIC, time.ctypes.data)
+    return time[0] * _SECOND + time[1]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def send(fd, data, start, stop):
+    """Send `data[start:stop]` (uint8) as far as it goes without waiting; -1 and `errno` if not."""
+    return _send(fd, data.ctypes.data + start, stop - start, MSG_DONTWAIT | MSG_NOSIGNAL)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def receive(fd, data, start):
+    """Receive into `data[start:]` (uint8) what is there, without waiting; -1 and `errno` if none.
+
+    Returns 0 when the other end has closed.
+    """
+    return _recv(fd, data.ctypes.data + start, data.size - start, MSG_DONTWAIT)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def wait_readable(fd, deadline_ns):
+    """Wait until `fd` can be read, or failed, and return True; False once the deadline passed.
+
+    Args:
+        fd: descriptor.
+        deadline_ns: on CLOCK_MONOTONIC.
+    """
+    # struct timespec, then struct pollfd: int fd, short events, short revents (little-endian).
+    words = np.empty(3, np.int64)
+    while True:
+        left = max(deadline_ns - monotonic_ns(), 0)
+        words[0], words[1] = left // _SECOND, left % _SECOND
+        words[2] = fd | POLLIN << 32
+        ready = _ppoll(words.ctypes.data + 16, 1, words.ctypes.data, 0)
+        if ready > 0:
+            return True
+        if ready == 0 or errno() != EINTR:
+            return False

@@ -1,0 +1,114 @@
+"""The request frames of an exchange as bytes, with the places of their values.
+
+Modbus Application Protocol V1.1b3, sections 6.3 (read), 6.12 (write) and 6.17 (both), in the frame
+of "Modbus Messaging on TCP/IP" V1.0b, 3.1.3; function 76 as in LabJack's "Protocol Details".
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+from .register_map import ExchangeMode, RegisterMap, Span, block, spans
+
+TRANSACTION_AT: Final = 0
+"""Byte of a frame at which its transaction id stands, high byte first."""
+
+LENGTH_AT: Final = 4
+"""Byte at which the length of what follows it stands."""
+
+UNIT_AT: Final = 6
+FUNCTION_AT: Final = 7
+
+_READ, _WRITE, _READ_WRITE, _FEEDBACK = 3, 16, 23, 76
+_FEEDBACK_READ, _FEEDBACK_WRITE = 0, 1
+
+
+class Request(NamedTuple):
+    """One transaction: the frame to send, and what its reply looks like.
+
+    Attributes:
+        frame: the frame with transaction id 0 and all values 0.
+        reply_head: what the reply must have from its function code up to its values.
+        reply_size: bytes of the reply.
+        written: byte of the frame at which each register written stands, by address.
+        returned: byte of the reply at which each register read stands, by address.
+    """
+
+    frame: bytes
+    reply_head: bytes
+    reply_size: int
+    written: Mapping[int, int]
+    returned: Mapping[int, int]
+
+
+def exchange_requests(
+    register_map: RegisterMap, mode: ExchangeMode, unit: int
+) -> tuple[Request, ...]:
+    """Return the transactions that exchange all outputs and inputs, in their order.
+
+    Args:
+        register_map: the device's registers.
+        mode: one of the map's.
+        unit: unit id, 0 to 255.
+    """
+    read, written = register_map.read, register_map.written
+    if mode == "fc23":
+        return (read_write(unit, block(read), block(written)),)
+    if mode == "fc76":
+        return (feedback(unit, spans(read), spans(written)),)
+    return write_registers(unit, block(written)), read_registers(unit, block(read))
+
+
+def read_registers(unit: int, read: Span) -> Request:
+    """Return a request of function 3, read holding registers."""
+    pdu = struct.pack(">BHH", _READ, *read)
+    return _request(unit, pdu, bytes((_READ, 2 * read.size)), (), (read,))
+
+
+def write_registers(unit: int, written: Span) -> Request:
+    """Return a request of function 16, write multiple registers."""
+    head = struct.pack(">BHH", _WRITE, *written)
+    pdu = head + bytes((2 * written.size,))
+    return _request(unit, pdu, head, ((len(pdu), written),), ())
+
+
+def read_write(unit: int, read: Span, written: Span) -> Request:
+    """Return a request of function 23, which writes first and then reads."""
+    pdu = struct.pack(">BHHHHB", _READ_WRITE, *read, *written, 2 * written.size)
+    head = bytes((_READ_WRITE, 2 * read.size))
+    return _request(unit, pdu, head, ((len(pdu), written),), (read,))
+
+
+def feedback(unit: int, read: Sequence[Span], written: Sequence[Span]) -> Request:
+    """Return a request of LabJack's function 76: its frames act in order, so writes come first."""
+    pdu = bytes((_FEEDBACK,))
+    places = []
+    for span in written:
+        pdu += struct.pack(">BHB", _FEEDBACK_WRITE, *span)
+        places.append((len(pdu), span))
+        pdu += bytes(2 * span.size)
+    for span in read:
+        pdu += struct.pack(">BHB", _FEEDBACK_READ, *span)
+    return _request(unit, pdu, bytes((_FEEDBACK,)), places, read)
+
+
+def _request(
+    unit: int,
+    pdu: bytes,
+    reply_head: bytes,
+    written: Sequence[tuple[int, Span]],
+    read: Sequence[Span],
+) -> Request:
+    """Frame a protocol data unit; a run written at its very end still gets room for its values."""
+    room = max((at + 2 * span.size for at, span in written), default=0)
+    pdu = pdu.ljust(room, b"\0")
+    places = {
+        span.address + word: FUNCTION_AT + at + 2 * word
+        for at, span in written
+        for word in range(span.size)
+    }
+    registers = [span.address + word for span in read for word in range(span.size)]
+    values_at = FUNCTION_AT + len(reply_head)
+    returned = {address: values_at + 2 * index for index, address in enumerate(registers)}
+    header = struct.pack(">HHHB", 0, 0, 1 + len(pdu), unit)
+    return Request(header + pdu, reply_head, values_at + 2 * len(registers), places, returned)
