@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from math import inf
+from math import isinf
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -172,7 +172,8 @@ def resolved(
 def plain(value: Any) -> Any:
     """Return a value as dicts, lists, strings, numbers and None, as JSON holds them.
 
-    A dataclass tells its type, so that a sine is told from a chirp; "never" (inf) becomes None.
+    A dataclass tells its type, so that a sine is told from a chirp; "never" and "no limit" (inf)
+    become None.
     """
     if is_dataclass(value) and not isinstance(value, type):
         public = {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.repr}
@@ -185,6 +186,6 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, np.generic):
         return plain(value.item())
-    if isinstance(value, float) and value == inf:
+    if isinstance(value, float) and isinf(value):
         return None
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)

@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
+from rig.io.register_map import RegisterMap
+from rig.io.registry import DriverSpec
 from rig.plant.effects import CATALOGUE
 from rig.plant.model import Model
 
@@ -11,14 +14,21 @@ from .document import Located, Sources
 from .dry_run import PlannedTest, plan_campaign
 from .lookup import FOLDERS, Kind, available, is_path, resolve
 from .model import ModelFile, read_model
+from .options import options_schema
 from .problems import ConfigError, Place, Problems, display_path, suggestion
 from .quantities import show
+from .register_maps import read_dbc, read_register_map
 from .rig import Rig, RigFile, read_rig
+from .validation import Schema
 
-_SCHEMAS: dict[Kind, type[CampaignFile] | type[RigFile] | type[ModelFile]] = {
+if TYPE_CHECKING:
+    from cantools.database.can import Database
+
+_SCHEMAS: Final[dict[Kind, type[Schema]]] = {
     "campaign": CampaignFile,
     "rig": RigFile,
     "model": ModelFile,
+    "map": options_schema(RegisterMap),
 }
 
 
@@ -53,7 +63,7 @@ class CheckReport:
 def check(
     reference: str | Path, rig_override: str | Path | None = None, base: Path | None = None
 ) -> CheckReport:
-    """Check a model, rig or campaign, given by path or by name, and dry-run a campaign.
+    """Check a configuration, given by path or by name, and dry-run a campaign.
 
     Args:
         reference: path of a file, or name of a shipped configuration.
@@ -75,6 +85,12 @@ def check(
     elif kind == "rig":
         rig = read_rig(path, sources)
         report = _report_rig(path, rig) if rig else None
+    elif kind == "map":
+        register_map = read_register_map(path, sources)
+        report = _report_map(path, register_map) if register_map else None
+    elif kind == "dbc":
+        database = read_dbc(path, sources)
+        report = _report_dbc(path, database) if database else None
     else:
         chosen = None
         if rig_override is not None:
@@ -87,11 +103,13 @@ def check(
 
 def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, Kind | None]:
     """Return the file a reference means, and the kind of configuration it holds."""
-    order: tuple[Kind, ...] = ("campaign", "rig", "model")
+    order: tuple[Kind, ...] = ("campaign", "rig", "model", "map", "dbc")
     if is_path(reference):
         folder = Path(reference).parent.name
         guess = next((kind for kind, name in FOLDERS.items() if name == folder), order[0])
         path = resolve(guess, reference, base, sources.problems)
+        if path is not None and path.suffix == ".dbc":
+            return path, "dbc"
         root = sources.read_yaml(path) if path is not None else None
         return path, _kind_of(root, sources.problems) if root is not None else None
     for kind in order:
@@ -114,8 +132,7 @@ def _kind_of(root: Located, problems: Problems) -> Kind | None:
     best = max(scores, key=lambda kind: scores[kind])
     if scores[best] > 0 or root.get("parent") is not None:
         return best if scores[best] > 0 else "model"
-    listing = ", ".join(FOLDERS)
-    remedy = f"write a {listing.replace(', campaign', ' or campaign')}; see the shipped ones"
+    remedy = f"write a {', '.join(_SCHEMAS)}; see the shipped ones"
     problems.add(Place(root.place.path, 1, 1), "file", "", "is no known configuration", remedy)
     return None
 
@@ -126,7 +143,6 @@ def _report_model(path: Path, model: Model) -> CheckReport:
 
 
 def _report_rig(path: Path, rig: Rig) -> CheckReport:
-    valves = [*rig.bypass_valves, *(["return_blockage"] if rig.return_valve else [])]
     limits = rig.limits
     summary = (
         f"  {rig.description}",
@@ -134,9 +150,36 @@ def _report_rig(path: Path, rig: Rig) -> CheckReport:
         f"{', '.join(rig.plant.effects) or 'no effects'}",
         f"  limits {show(limits.position_min_m, 'm')} to {show(limits.position_max_m, 'm')}, "
         f"{show(limits.command_V, 'V')}, {show(limits.pressure_max_Pa, 'Pa')}",
-        f"  faults it can inject: {', '.join(valves) or 'none'}",
+        f"  faults it can inject: {', '.join(rig.injectable) or 'none'}",
+        *(_driver_line(spec, rig.loop.rate) for spec in rig.drivers),
     )
     return CheckReport("rig", path, rig.name, summary)
+
+
+def _driver_line(spec: DriverSpec, loop_rate: float) -> str:
+    line = f"  driver {spec.name}: {spec.type}, {spec.kind}, {show(spec.rate_hz, 'Hz')}"
+    if spec.kind == "fast" and spec.rate_hz < loop_rate:
+        line += ", slower than the loop: values held in between"
+    return line
+
+
+def _report_map(path: Path, register_map: RegisterMap) -> CheckReport:
+    summary = (
+        f"  {register_map.device}, {show(register_map.rate, 'Hz')} by "
+        f"{' or '.join(register_map.exchange)}",
+        f"  reads {', '.join(register.signal for register in register_map.read)}",
+        f"  writes {', '.join(register.signal for register in register_map.written)}",
+    )
+    return CheckReport("map", path, path.stem, summary)
+
+
+def _report_dbc(path: Path, database: "Database") -> CheckReport:
+    summary = tuple(
+        f"  message {message.name} ({message.frame_id:#x}): "
+        f"{', '.join(signal.name for signal in message.signals)}"
+        for message in database.messages
+    )
+    return CheckReport("dbc", path, path.stem, summary)
 
 
 def _report_campaign(path: Path, sources: Sources, rig_path: Path | None) -> CheckReport | None:

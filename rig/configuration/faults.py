@@ -12,6 +12,7 @@ from rig.plant.parameters import quantities
 
 from .document import Located
 from .fields import Physical
+from .hardware import valves_of
 from .problems import Problems
 from .quantities import QuantityError, show
 from .rig import Rig
@@ -98,6 +99,8 @@ class _FaultReader:
         sized = self._has_one_size(file)
         if self.problems.reported > before or not sized or self.rig is None:
             return None
+        if self.rig.backend == "hardware" and not self._is_movable(file, self.rig):
+            return None
         if file.type == Verdict.RETURN_BLOCKAGE:
             return self._blockage(file, self._coefficient(file, RESISTANCE), self.rig)
         return self._leak(file, self._coefficient(file, LEAKAGE), self.rig)
@@ -151,6 +154,22 @@ class _FaultReader:
         if file.type == Verdict.RETURN_BLOCKAGE:
             return ("coefficient", "flow")
         return SIZES if file.type in LEAK_KINDS else tuple(s for s in SIZES if "linear" not in s)
+
+    def _is_movable(self, file: FaultFile, rig: Rig) -> bool:
+        """Tell whether real valves can make the fault: moved by drivers, and by a needle's law."""
+        fitted = {**rig.bypass_valves, str(Verdict.RETURN_BLOCKAGE): rig.return_valve}
+        if fitted.get(file.type) is not None and file.type not in rig.injectable:
+            outputs = " and ".join(valves_of(file.type))
+            limit = f"needs valves that no driver of the rig {rig.name} moves"
+            remedy = f"add a driver that writes {outputs}, or leave the fault out"
+            self._add("type", file.type, limit, remedy)
+            return False
+        if file.linear_coefficient is not None:
+            shown_value = shown(self.item.find(("linear_coefficient",)))
+            remedy = "give needle_opening, coefficient, or flow with pressure"
+            self._add("linear_coefficient", shown_value, "is a law no needle follows", remedy)
+            return False
+        return True
 
     def _coefficient(self, file: FaultFile, physical: Physical) -> float | None:
         entry = self.item.find(("coefficient",))

@@ -7,14 +7,20 @@ from typing import Final, Literal
 from .document import Located
 from .problems import ConfigError, Place, Problem, Problems, display_path, nearest
 
-Kind = Literal["model", "rig", "campaign"]
+Kind = Literal["model", "rig", "campaign", "map", "dbc"]
 
-FOLDERS: Final[dict[Kind, str]] = {"model": "models", "rig": "rigs", "campaign": "campaigns"}
-SUFFIXES: Final = (".yaml", ".yml")
+FOLDERS: Final[dict[Kind, str]] = {
+    "model": "models",
+    "rig": "rigs",
+    "campaign": "campaigns",
+    "map": "maps",
+    "dbc": "dbc",
+}
+SUFFIXES: Final = (".yaml", ".yml", ".dbc")
 
 
 def shipped_config_dir() -> Path:
-    """Return the folder of the shipped rigs, models and campaigns: in the wheel or the checkout.
+    """Return the folder of the shipped configurations: in the wheel or the checkout.
 
     Raises:
         FileNotFoundError: the installation is damaged.
@@ -47,7 +53,7 @@ def _refusal(path: Path, limit: str, remedy: str) -> ConfigError:
 
 
 def is_path(reference: str) -> bool:
-    """Tell a path from a name: a path has a separator or the suffix of a YAML file."""
+    """Tell a path from a name: a path has a separator or the suffix of a configuration."""
     return "/" in reference or "\\" in reference or reference.endswith(SUFFIXES)
 
 
@@ -90,7 +96,8 @@ def available(kind: Kind, base: Path | None = None) -> list[str]:
     """Return the names of the shipped configurations of a kind, and of those next to `base`."""
     folders = [shipped_config_dir() / FOLDERS[kind]]
     folders += [base / FOLDERS[kind], base.parent / FOLDERS[kind]] if base else []
-    return sorted({path.stem for folder in folders for path in folder.glob("*.yaml")})
+    files = (path for folder in folders for path in folder.glob("*"))
+    return sorted({path.stem for path in files if path.suffix in SUFFIXES})
 
 
 def _folders(kind: Kind, base: Path, beside: bool) -> list[Path]:

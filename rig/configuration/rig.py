@@ -1,36 +1,32 @@
 """Rig files: what a rig is made of, what it can measure and inject, and what it must not exceed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal
 
-from pydantic import create_model
-
-from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
+from control.position_loop import POSITION_GAIN
 from faults.bypass import BypassValve
+from rig.io.limits import ChannelLimit
+from rig.io.registry import DriverSpec
+from rig.io.settings import HomingSettings, LoopSettings
 from rig.plant.model import Model
-from rig.plant.sensors import DATA_SHEET, SensorParameters
+from rig.plant.sensors import SensorParameters
 
 from .document import Located, Sources
-from .fields import Interval, Physical
+from .drivers import read_drivers
+from .fields import Physical
+from .hardware import check_hardware, check_rates, check_rungs, moved_faults
+from .limits import Limits, read_ladder, read_limits, usual_ladder
 from .lookup import reference_in, resolve
 from .model import override, read_model
+from .options import read_options
 from .quantities import show
-from .validation import Schema, check, shown
+from .validation import Schema, check
 from .valves import ReturnValve, read_bypass_valves, read_return_valve
 
+Backend = Literal["simulated", "hardware"]
 Pace = Literal["real", "fast"]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a test may ask of a rig: position, command of either sign, chamber pressure."""
-
-    position_min_m: float
-    position_max_m: float
-    command_V: float  # noqa: N815
-    pressure_max_Pa: float  # noqa: N815
 
 
 @dataclass(frozen=True)
@@ -38,16 +34,21 @@ class Rig:
     """A rig as its file describes it.
 
     Attributes:
-        plant: the truth of a simulated rig, not what a detector knows of it.
+        plant: the truth of a simulated rig, not what a detector knows of it; of a hardware rig,
+            what `rig check` reckons with and the emulator serves.
         bypass_valves: the valves that make leaks, by the kind of fault each makes.
         return_valve: the valve that blocks the return line, if there is one.
         gain_V_per_m: gain of the proportional position loop.
         pace: whether its campaigns run at the wall clock or as fast as they can, unless told.
+        ladder: what is done when a channel leaves its limits.
+        drivers: of a hardware rig, one of them fast; a simulated one has none.
+        loop: how the loop of a hardware rig is paced and watched.
+        homing: how its encoder finds its zero; None: it always knows where it is.
     """
 
     name: str
     description: str
-    backend: Literal["simulated"]
+    backend: Backend
     plant: Model
     sensors: SensorParameters
     has_supply_pressure_sensor: bool
@@ -58,6 +59,19 @@ class Rig:
     limits: Limits
     gain_V_per_m: float  # noqa: N815
     pace: Pace
+    ladder: tuple[ChannelLimit, ...] = ()
+    drivers: tuple[DriverSpec, ...] = ()
+    loop: LoopSettings = field(default_factory=LoopSettings)
+    homing: HomingSettings | None = None
+
+    @property
+    def injectable(self) -> tuple[str, ...]:
+        """The kinds of fault whose valves it has, and can move."""
+        fitted = (*self.bypass_valves, *(["return_blockage"] if self.return_valve else []))
+        if self.backend == "simulated":
+            return fitted
+        moved = moved_faults(self.drivers)
+        return tuple(kind for kind in fitted if kind in moved)
 
 
 class RigFile(Schema):
@@ -66,7 +80,7 @@ class RigFile(Schema):
     name: str
     description: str = ""
     parent: str | None = None
-    backend: Literal["simulated"] = "simulated"
+    backend: Backend = "simulated"
     plant: Any
     sensors: Any = None
     supply_pressure_sensor: bool = False
@@ -77,6 +91,9 @@ class RigFile(Schema):
     limits: Any
     position_gain: Annotated[float, Physical("V/m", 0.1, 1e4, POSITION_GAIN)] = POSITION_GAIN
     pace: Pace = "fast"
+    drivers: Any = None
+    loop: Any = None
+    homing: Any = None
 
 
 class PlantFile(Schema):
@@ -88,38 +105,24 @@ class PlantFile(Schema):
     effects: Any = None
 
 
-class LimitsFile(Schema):
-    """Keys of a rig's limits."""
-
-    position: Annotated[tuple[float, float], Interval(Physical("m", -1.0, 6.0, 0.3))]
-    command: Annotated[float, Physical("V", 0.1, 100.0, COMMAND_LIMIT)] = COMMAND_LIMIT
-    pressure: Annotated[float, Physical("Pa", 1e6, 1e8, 2e7)]
-
-
-def _sensors_schema() -> type[Schema]:
-    fields: dict[str, Any] = {}
-    for name, hint in get_type_hints(SensorParameters, include_extras=True).items():
-        quantity, usual = get_args(hint)[1], getattr(DATA_SHEET, name)
-        limits = Physical(quantity.unit, quantity.lower, quantity.upper, usual or None)
-        fields[name] = (Annotated[float, limits], usual)
-    return create_model("SensorsFile", __base__=Schema, **fields)
-
-
-_SENSORS_SCHEMA: Final = _sensors_schema()
-
-
 def read_rig(path: Path, sources: Sources) -> Rig | None:
     """Return the rig in a file; None, with problems added to the sources', if it cannot be made."""
     root = _with_parents(path, sources, ())
     if root is None:
         return None
-    file = check(RigFile, root, sources.problems)
+    problems = sources.problems
+    file = check(RigFile, root, problems)
     plant = _read_plant(root, sources)
     sensors = _read_sensors(root, sources)
-    bypass_valves = read_bypass_valves(root.get("bypass_valves"), sources.problems)
-    return_valve = read_return_valve(root.get("return_valve"), sources.problems)
-    limits = _read_limits(root, plant, sources)
-    if file is None or plant is None or sensors is None or limits is None:
+    bypass_valves = read_bypass_valves(root.get("bypass_valves"), problems)
+    return_valve = read_return_valve(root.get("return_valve"), problems)
+    limits = read_limits(root.get("limits"), plant, problems)
+    rungs = read_ladder(root.get("limits"), problems)
+    loop = read_options(LoopSettings, root.get("loop"), sources)
+    homing = root.get("homing")
+    settings = read_options(HomingSettings, homing, sources) if homing is not None else None
+    drivers = _read_drivers(root, file, loop, rungs, sources)
+    if file is None or plant is None or sensors is None or limits is None or loop is None:
         return None
     return Rig(
         name=file.name,
@@ -135,6 +138,10 @@ def read_rig(path: Path, sources: Sources) -> Rig | None:
         limits=limits,
         gain_V_per_m=file.position_gain,
         pace=file.pace,
+        ladder=(*usual_ladder(limits, plant.parameters), *rungs),
+        drivers=drivers,
+        loop=loop,
+        homing=settings,
     )
 
 
@@ -190,15 +197,40 @@ def _read_plant(root: Located, sources: Sources) -> Model | None:
     return model if base else None
 
 
+def _read_drivers(
+    root: Located,
+    file: RigFile | None,
+    loop: LoopSettings | None,
+    rungs: tuple[ChannelLimit, ...],
+    sources: Sources,
+) -> tuple[DriverSpec, ...]:
+    """Return the drivers of a hardware rig; a simulated one may inherit some, and has no use."""
+    item = root.get("drivers")
+    hardware = file is not None and file.backend == "hardware"
+    if not hardware and item is not None and item.place.path == root.place.path:
+        remedy = "add `backend: hardware`, or remove them"
+        sources.problems.add(item.place, "drivers", "", "drive a simulated rig", remedy)
+    if not hardware:
+        return ()
+    if item is None:
+        remedy = "add `drivers: {...}`, one of them fast"
+        sources.problems.add(root.place, "drivers", "", "are missing", remedy)
+        return ()
+    placed = read_drivers(item, sources)
+    if placed is None:
+        return ()
+    specs = tuple(driver.spec for driver in placed)
+    check_hardware(root, placed, sources.problems)
+    check_rungs(root.get("limits"), rungs, specs, sources.problems)
+    if loop is not None:
+        check_rates(root, loop, specs, sources.problems)
+    return specs
+
+
 def _read_sensors(root: Located, sources: Sources) -> SensorParameters | None:
     item = root.get("sensors")
-    if item is None:
-        return DATA_SHEET
-    file = check(_SENSORS_SCHEMA, item, sources.problems)
-    if file is None:
-        return None
-    sensors = SensorParameters(**file.model_dump())
-    if sensors.pressure_min >= sensors.pressure_max:
+    sensors = read_options(SensorParameters, item, sources)
+    if item is not None and sensors is not None and sensors.pressure_min >= sensors.pressure_max:
         sources.problems.add(
             item.find(("pressure_max",)).place,
             "pressure_max",
@@ -207,32 +239,3 @@ def _read_sensors(root: Located, sources: Sources) -> SensorParameters | None:
             "correct the transducer's range",
         )
     return sensors
-
-
-def _read_limits(root: Located, plant: Model | None, sources: Sources) -> Limits | None:
-    item = root.get("limits")
-    file = check(LimitsFile, item, sources.problems) if item is not None else None
-    if item is None or file is None:
-        return None
-    lower, upper = file.position
-    if plant is not None:
-        par = plant.parameters
-        entry = item.find(("position",))
-        if lower < par.stroke_min or upper > par.stroke_max:
-            stroke = f"{show(par.stroke_min, 'm')} to {show(par.stroke_max, 'm')}"
-            sources.problems.add(
-                entry.place,
-                "position",
-                f"{show(lower, 'm')} to {show(upper, 'm')}",
-                f"reaches beyond the stroke of {stroke}",
-                "keep the limits within the stroke",
-            )
-        if file.pressure <= par.supply_pressure:
-            sources.problems.add(
-                item.find(("pressure",)).place,
-                "pressure",
-                shown(item.find(("pressure",))),
-                f"is not above the supply pressure of {show(par.supply_pressure, 'Pa')}",
-                "give the pressure at which the rig must trip",
-            )
-    return Limits(lower, upper, file.command, file.pressure)

@@ -17,11 +17,12 @@ class ChannelLimit:
     and plausible is watched elsewhere.
 
     Attributes:
-        channel: name in FAST_INPUTS or SLOW_INPUTS of `rig.io.signals`.
+        channel: name in FAST_INPUTS of `rig.io.signals`: limits act in the loop.
         low: least value allowed, SI.
         high: greatest value allowed, SI.
         action: what to do beyond them.
         for_s: time in s that the value must stay beyond before anything is done; 0: one sample.
+        hysteresis: how far back within it must be for the action to end, SI.
     """
 
     channel: str
@@ -29,3 +30,4 @@ class ChannelLimit:
     high: float = inf
     action: Response = "trip"
     for_s: float = 0.0
+    hysteresis: float = 0.0

@@ -8,7 +8,8 @@ import pytest
 from faults.bypass import NOMINAL_BYPASSES
 from faults.verdict import FAULT_KINDS, Verdict
 from rig.configuration import ConfigError
-from rig.configuration.rig import Limits, Rig, load_rig
+from rig.configuration.limits import Limits
+from rig.configuration.rig import Rig, load_rig
 from rig.plant.parameters import KARNOPP, NOMINAL
 from rig.plant.sensors import DATA_SHEET
 
