@@ -151,7 +151,11 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
 
 def exception_text(plan: ExchangePlan) -> str:
     """Return what the device answered to the last request that it refused."""
-    code = int(plan.tally[_CODE])
+    return exception_name(int(plan.tally[_CODE]))
+
+
+def exception_name(code: int) -> str:
+    """Return a Modbus exception code with its name in the standard (V1.1b3, section 7)."""
     names = {int(member): member.name.lower().replace("_", " ") for member in ExcCodes}
     return f"exception {code} ({names.get(code, 'not in the standard')})"
 

@@ -1,0 +1,338 @@
+"""Driver of an I/O device on Modbus/TCP: the fast one, which the loop exchanges samples with.
+
+Set-up, diagnosis and nulling go by pymodbus, each over a connection of its own; samples go over
+one more, by the compiled exchange (`rig.io.modbus_exchange`).
+"""
+
+import socket
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final, Literal
+
+import numpy as np
+
+from rig.plant.parameters import Quantity
+
+from .driver import DriverError
+from .modbus_daq_link import DaqLink
+from .modbus_exchange import (
+    ExchangePlan,
+    ExchangeStatus,
+    exception_text,
+    exchange,
+    exchange_plan,
+)
+from .register_map import ExchangeMode, Register, RegisterMap, RegisterValue
+from .signals import FAST_INPUTS, FAST_OUTPUTS
+
+GREATEST_RATE: Final = "greatest_rate_Hz"
+"""The fact of a map that tells the rate which the device itself gives."""
+
+_EXCHANGES_IN_WATCHDOG: Final = 3
+"""Fewer, and one reply that comes late would trip the device."""
+
+_POLL_S: Final = 0.002
+_NANOSECONDS: Final = 1e9
+
+_STATES: Final = {
+    ExchangeStatus.TIMEOUT: "does not reply in time",
+    ExchangeStatus.WRONG_REPLY: "replies to something else than what was asked",
+    ExchangeStatus.DISCONNECTED: "has closed the connection",
+    ExchangeStatus.GARBAGE: "sends what is no Modbus/TCP",
+}
+
+
+@dataclass(frozen=True)
+class ModbusDaqOptions:
+    """Keys of the device in a rig file.
+
+    Attributes:
+        host: its name or address.
+        map: its registers, a file of `config/maps`.
+        port: its TCP port.
+        unit: its unit id.
+        exchange: how samples are exchanged; None takes the map's first.
+        watchdog: its own watchdog's time; needed where it has one.
+        rate: exchanges in a second; None takes the map's.
+        timeout: longest wait for a connection, or for a reply outside the loop.
+    """
+
+    host: str
+    map: RegisterMap
+    port: Annotated[int, Quantity("", 1, 65535, "", "")] = 502
+    unit: Annotated[int, Quantity("", 0, 255, "", "")] = 1
+    exchange: ExchangeMode | None = None
+    watchdog: Annotated[float | None, Quantity("s", 1e-3, 3600.0, "", "")] = None
+    rate: Annotated[float | None, Quantity("Hz", 0.1, 1e4, "", "")] = None
+    timeout: Annotated[float, Quantity("s", 0.01, 60.0, "", "")] = 1.0
+
+
+class ModbusDaq:
+    """An I/O device on Modbus/TCP.
+
+    Args:
+        name: its name in the rig file.
+        options: its section there.
+
+    Raises:
+        DriverError: the options do not fit the map.
+    """
+
+    kind: ClassVar[Literal["fast", "slow"]] = "fast"
+    Options: ClassVar[type] = ModbusDaqOptions
+
+    def __init__(self, name: str, options: ModbusDaqOptions) -> None:
+        self.name = name
+        self._options, self._map = options, options.map
+        self.inputs = tuple(register.signal for register in self._map.read)
+        self.outputs = tuple(register.signal for register in self._map.written)
+        self.rate_hz = self._map.rate if options.rate is None else options.rate
+        self._mode: ExchangeMode = options.exchange or self._map.exchange[0]
+        self._check()
+        self._socket: socket.socket | None = None
+        self._plan = exchange_plan(self._map, self._mode, options.unit)
+        self._sequence = 0
+        self._given = np.zeros(len(FAST_OUTPUTS))
+        self._found = np.full(len(FAST_INPUTS), np.nan)
+
+    def open(self) -> None:
+        """Connect, verify that it is the device of the map, and set it up; no output changes.
+
+        Raises:
+            DriverError: nobody answers, another device does, or it is too slow.
+        """
+        if self._socket is not None:
+            return
+        with self._link() as link:
+            self._verify(link)
+            self._set_up(link)
+        # Compiled, or loaded, here rather than within the first deadline.
+        exchange(-1, self._plan, 0, self._given, self._found, 0)
+        self._socket = self._connected()
+
+    def fileno(self) -> int:
+        """Return the socket that samples are exchanged over; blocking, as compiled code needs it.
+
+        Raises:
+            DriverError: the device is not open.
+        """
+        return self._opened().fileno()
+
+    def plan(self) -> ExchangePlan:
+        """Return the plan of the exchange over this socket."""
+        return self._plan
+
+    def read(self) -> Mapping[str, float]:
+        """Exchange once with the outputs as they are, and return the inputs.
+
+        Raises:
+            DriverError: the device is lost, or refuses.
+        """
+        self._exchange()
+        return {signal: float(self._found[FAST_INPUTS.index(signal)]) for signal in self.inputs}
+
+    def write(self, outputs: Mapping[str, float]) -> None:
+        """Exchange once with some outputs set anew, the others as they were.
+
+        `host_counter` counts by itself.
+
+        Raises:
+            DriverError: the device is lost, refuses, or has no such output.
+        """
+        for signal in outputs:
+            if signal not in self.outputs:
+                remedy = f"it has {', '.join(self.outputs)}"
+                raise DriverError(
+                    self.name, f"{self._map.device} has no such output", remedy, signal
+                )
+        for signal, value in outputs.items():
+            self._given[FAST_OUTPUTS.index(signal)] = value
+        self._exchange()
+
+    def safe_state(self) -> None:
+        """Null the valve over a new connection, and return when the device says that it is.
+
+        A device with a null request latches it. One without takes 0 V and valve off like any other
+        command, so that nobody must be exchanging with it any more.
+
+        Raises:
+            DriverError: it was not confirmed in time; the valve may still be driven.
+        """
+        self._given[:] = 0.0
+        with self._link() as link:
+            for value in self._null_values():
+                link.write(value)
+            deadline = time.monotonic() + self._options.timeout
+            while waiting := self._not_null(link):
+                if time.monotonic() > deadline:
+                    raise DriverError(
+                        self.name,
+                        f"{self._map.device} was asked for null and after "
+                        f"{self._options.timeout:g} s still has {waiting}",
+                        "cut the hydraulic supply, then find out why",
+                    )
+                time.sleep(_POLL_S)
+
+    def diagnostics(self) -> Mapping[str, float]:
+        """Return what the device says of itself, over a new connection; see the map's `facts`.
+
+        Raises:
+            DriverError: nobody answers, or another device does.
+        """
+        with self._link() as link:
+            self._verify(link)
+            found = {"identity": self._map.identity.value}
+            if self._map.version is not None:
+                found["map_version"] = self._map.version.value
+            return found | {
+                fact.name: link.read(fact.address, fact.type) for fact in self._map.facts
+            }
+
+    def close(self) -> None:
+        """Close the connection; harmless when repeated."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _check(self) -> None:
+        options, register_map = self._options, self._map
+        if self._mode not in register_map.exchange:
+            raise self._refused("exchange", self._mode, f"use {' or '.join(register_map.exchange)}")
+        if self.rate_hz > register_map.rate:
+            raise self._refused("rate", f"{self.rate_hz:g} Hz", f"at most {register_map.rate:g} Hz")
+        watchdog = register_map.watchdog
+        if watchdog is None:
+            if options.watchdog is not None:
+                raise self._refused("watchdog", f"{options.watchdog:g} s", "leave it out")
+            return
+        shortest = max(watchdog.shortest, _EXCHANGES_IN_WATCHDOG / self.rate_hz)
+        limits = f"write {shortest:g} to {watchdog.longest:g} s"
+        if options.watchdog is None:
+            raise DriverError(self.name, "no time is given for its watchdog", limits, "watchdog")
+        if not shortest <= options.watchdog <= watchdog.longest:
+            raise self._refused("watchdog", f"{options.watchdog:g} s", limits)
+
+    def _refused(self, key: str, value: str, remedy: str) -> DriverError:
+        state = f"{value} is not for {self._map.device}"
+        return DriverError(self.name, state, remedy, key)
+
+    def _link(self) -> DaqLink:
+        options = self._options
+        return DaqLink(
+            self.name, options.host, options.port, options.unit, self._map, options.timeout
+        )
+
+    def _verify(self, link: DaqLink) -> None:
+        """Verify identity, map version and rate."""
+        place = f"{self._options.host}:{self._options.port}"
+        for what, expected in (("", self._map.identity), ("map version ", self._map.version)):
+            if expected is not None and not link.holds(expected):
+                found = link.read(expected.address, expected.type)
+                raise DriverError(
+                    self.name,
+                    f"{place} is not the {self._map.device} expected: {what}{found:g} instead of "
+                    f"{expected.value:g}",
+                    "check host, port and map",
+                    f"register {expected.address}",
+                )
+        for fact in self._map.facts:
+            if fact.name == GREATEST_RATE:
+                greatest = link.read(fact.address, fact.type)
+                if self.rate_hz > greatest:
+                    state = f"{place} does {greatest:g} exchanges a second, not {self.rate_hz:g}"
+                    raise DriverError(self.name, state, f"rate: {greatest:g} Hz", "rate")
+
+    def _set_up(self, link: DaqLink) -> None:
+        """Write set-up and watchdog, unless the device has all of it already, and read it back."""
+        values = [*self._map.setup]
+        watchdog = self._map.watchdog
+        if watchdog is not None and self._options.watchdog is not None:
+            counts = round(self._options.watchdog * watchdog.counts_per_s)
+            values += [RegisterValue(watchdog.address, watchdog.type, counts), *watchdog.arm]
+        last = {value.address: value for value in values}.values()
+        if all(link.holds(value) for value in last):
+            return
+        for value in values:
+            link.write(value)
+        for value in last:
+            if not link.holds(value):
+                raise DriverError(
+                    self.name,
+                    f"{self._map.device} was given {value.value:g} and has "
+                    f"{link.read(value.address, value.type):g}",
+                    "check the map's set-up",
+                    f"register {value.address}",
+                )
+
+    def _connected(self) -> socket.socket:
+        options = self._options
+        try:
+            found = socket.create_connection((options.host, options.port), options.timeout)
+        except OSError as error:
+            state = f"{self._map.device} takes no second connection: {error.strerror or error}"
+            raise DriverError(self.name, state, "end other programs that use it") from error
+        # Blocking for good: a timeout would make it non-blocking underneath.
+        found.settimeout(None)
+        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return found
+
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise DriverError(self.name, "is not open", "call open() first")
+        return self._socket
+
+    def _exchange(self) -> None:
+        fd = self._opened().fileno()
+        counter = FAST_OUTPUTS.index("host_counter")
+        self._given[counter] = (self._given[counter] + 1) % 0x10000
+        self._sequence += 1
+        deadline = time.monotonic_ns() + int(self._options.timeout * _NANOSECONDS)
+        status = ExchangeStatus(
+            exchange(fd, self._plan, self._sequence, self._given, self._found, deadline)
+        )
+        if status is ExchangeStatus.OK:
+            return
+        place = f"{self._map.device} at {self._options.host}:{self._options.port}"
+        if status is ExchangeStatus.EXCEPTION:
+            state, remedy = f"refuses with {exception_text(self._plan)}", "check the map"
+        else:
+            state, remedy = _STATES[status], "check power and cable"
+        raise DriverError(self.name, f"{place} {state}", remedy)
+
+    def _null_values(self) -> list[RegisterValue]:
+        """Return what brings the valve to null, in order."""
+        if self._map.null_request is not None:
+            return [self._map.null_request]
+        switched = ("command_V", "valve_enable")
+        registers = [r for signal in switched for r in self._map.written if r.signal == signal]
+        return [RegisterValue(r.address, r.type, _number_at_zero(r)) for r in registers]
+
+    def _not_null(self, link: DaqLink) -> str:
+        """Return what in the device is not at null yet, of all that it tells; empty if nothing."""
+        request = self._map.null_request
+        if request is not None and not link.holds(request):
+            return "not taken the request"
+        for register in self._map.registers:
+            checked = register.signal in ("device_command_V", "valve_enabled")
+            if request is None:
+                checked |= register.access == "rw" and register.signal in _NULLED
+            if checked and (value := _value_of(register, link)) != 0.0:
+                return f"{register.signal} at {value:g}"
+        return ""
+
+
+_NULLED: Final = ("command_V", "valve_enable")
+
+
+def _number_at_zero(register: Register) -> float:
+    """Return the number that stands for 0; the whole word of a switch."""
+    number = -register.bias / register.gain
+    return number * (1 << register.bit) if register.bit is not None else number
+
+
+def _value_of(register: Register, link: DaqLink) -> float:
+    number = link.read(register.address, register.type)
+    if register.bit is not None:
+        number = int(number) >> register.bit & 1
+    return register.gain * number + register.bias
