@@ -53,6 +53,8 @@ class InterlockMemory(NamedTuple):
     """(3,): action, cause and channel of the first trip; zeros before."""
     values: NDArray[np.float64]
     """(len(FAST_INPUTS),): latest value of each channel, NaN if none came."""
+    trusted: NDArray[np.float64]
+    """As `values`, NaN for a transducer that has failed by itself."""
     outside: NDArray[np.int64]
     """(limits,): ticks in a row outside."""
     active: NDArray[np.int64]
@@ -80,6 +82,7 @@ def _start(limits: int) -> InterlockMemory:
     channels = len(FAST_INPUTS)
     return InterlockMemory(
         np.zeros(3, np.int64),
+        np.full(channels, np.nan),
         np.full(channels, np.nan),
         np.zeros(limits, np.int64),
         np.zeros(limits, np.int64),
@@ -127,25 +130,24 @@ def check_sample(inputs, fresh, age_ticks, command, counter, driving, homed, lim
         memory: `InterlockMemory`, updated.
     """
     sampled = fresh and _take(inputs, tol, memory)
-    action, cause, channel = _chain(memory.values, driving, tol, memory)
+    action, cause, channel = _chain(driving, tol, memory)
     if action < _TRIP and age_ticks > tol.stale_ticks:
         action, cause, channel = _TRIP, Cause.STALE_SAMPLE.value, NO_CHANNEL
     if action < _TRIP:
         action, cause, channel = _device(fresh, sampled, command, counter, tol, memory)
-    if action < _TRIP:
-        action, cause, channel = _transducers(tol, memory)
-    enabled = memory.values[_ENABLED] != 0.0
-    held = command if enabled else 0.0
-    wrong, where = implausible(memory.values, sampled, held, homed, tol, memory.evidence)
-    if action < _TRIP and wrong != _NONE:
-        action, cause, channel = _TRIP, wrong, where
-    if action < _TRIP and not homed:
-        worse, why, at = _unhomed(command, tol, memory)
-        if worse > action:
-            action, cause, channel = worse, why, at
-    worse, why, at = _limits(homed, limits, memory)
+    worse, why, where = _transducers(tol, memory)
     if worse > action:
-        action, cause, channel = worse, why, at
+        action, cause, channel = worse, why, where
+    held = command if memory.values[_ENABLED] != 0.0 else 0.0
+    why, where = implausible(memory.trusted, sampled, held, homed, tol, memory.evidence)
+    if action < _TRIP and why != _NONE:
+        action, cause, channel = _TRIP, why, where
+    worse, why, where = _unhomed(command, homed, tol, memory)
+    if worse > action:
+        action, cause, channel = worse, why, where
+    worse, why, where = _limits(homed, limits, memory)
+    if worse > action:
+        action, cause, channel = worse, why, where
     if memory.latched[0] == _TRIP:
         return memory.latched[0], memory.latched[1], memory.latched[2]
     if not driving:
@@ -172,8 +174,9 @@ def _take(inputs, tol, memory):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _chain(values, driving, tol, memory):
+def _chain(driving, tol, memory):
     """Judge the emergency stop's chain; what the device does not report is not judged."""
+    values = memory.values
     off = driving and values[_ENABLED] == 0.0
     memory.unconfirmed[_DISABLED] = memory.unconfirmed[_DISABLED] + 1 if off else 0
     if values[_ESTOP] == 0.0:
@@ -213,10 +216,11 @@ def _device(fresh, sampled, command, counter, tol, memory):
 @njit(cache=True, error_model="numpy", nogil=True)
 def _transducers(tol, memory):
     """Judge each channel by itself: there, off its rails, and alive."""
-    if memory.values[_ENCODER_FAULT] == 1.0:
-        return _TRIP, Cause.ENCODER_FAULT.value, _POSITION
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
+    if memory.values[_ENCODER_FAULT] == 1.0:
+        worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, _POSITION
     for i in range(memory.values.size):
+        memory.trusted[i] = memory.values[i]
         found = _NONE
         if tol.required[i] and memory.missing[i] >= _BAD_SAMPLES:
             found = Cause.SENSOR_NAN.value
@@ -225,6 +229,7 @@ def _transducers(tol, memory):
         elif 0 < tol.frozen_samples[i] <= memory.repeated[i]:
             found = Cause.SENSOR_FROZEN.value
         if found != _NONE:
+            memory.trusted[i] = np.nan
             # Without these three the ram cannot be held or its chambers not be protected.
             needed = i in (_POSITION, _PRESSURE_1, _PRESSURE_2)
             action = _TRIP if needed else _RAMP_DOWN
@@ -234,8 +239,10 @@ def _transducers(tol, memory):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _unhomed(command, tol, memory):
+def _unhomed(command, homed, tol, memory):
     """Judge a ram that may meet its stroke end at any time: slowly and gently, or not at all."""
+    if homed:
+        return _NONE, _NONE, NO_CHANNEL
     force = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
     # Only what is being pushed harder: oil trapped at a stroke end must be able to let go.
     pushes = abs(force) > tol.unhomed_load_pressure_Pa and force * command > 0.0

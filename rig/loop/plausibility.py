@@ -134,9 +134,10 @@ def _against_flow(values, step, homed, tol, evidence):
     chamber 2: acc_2 - q_12 <= A v <= acc_1 - q_12, whatever external leaks there are.
     """
     par, period = tol.par, tol.period_s
-    p1, p2, supply = evidence[_P1], evidence[_P2], values[_SUPPLY]
-    if isnan(supply):
-        supply = par.supply_pressure
+    p1, p2, supply = evidence[_P1], evidence[_P2], par.supply_pressure
+    # A failing supply or its failing transducer is not the encoder's fault: both only widen.
+    if values[_SUPPLY] > supply:
+        supply = values[_SUPPLY]
     opening = values[_SPOOL]
     if isnan(opening):
         opening = evidence[_MODEL]
@@ -149,15 +150,23 @@ def _against_flow(values, step, homed, tol, evidence):
 
     q1, q2 = valve_flows(opening, p1, p2, supply, par.return_pressure, tol.conductance)
     least = 1.0 / sqrt(1.0 + tol.return_restriction * (tol.conductance * opening) ** 2)
-    unknown = tol.conductance * tol.null_m * sqrt(max(supply, 0.0))
+    unknown = tol.conductance * tol.null_m
     middle = 0.5 * (par.stroke_min + par.stroke_max)
     v1, v2 = chamber_volumes(values[_POSITION] if homed else middle, par)
     compressed_1 = v1 * change_1 / par.bulk_modulus
     compressed_2 = v2 * change_2 / par.bulk_modulus
     part = _HOMED_COMPRESSION if homed else _UNHOMED_COMPRESSION
-    high = (q1 if q1 > 0.0 else least * q1) + unknown + tol.flow_fraction * abs(q1)
+    high = (
+        (q1 if q1 > 0.0 else least * q1)
+        + unknown * sqrt(max(p1, supply - p1))
+        + tol.flow_fraction * abs(q1)
+    )
     high += tol.leak_coefficient * sqrt(max(p2 - p1, 0.0))
-    low = (q2 if q2 < 0.0 else least * q2) - unknown - tol.flow_fraction * abs(q2)
+    low = (
+        (q2 if q2 < 0.0 else least * q2)
+        - unknown * sqrt(max(p2, supply - p2))
+        - tol.flow_fraction * abs(q2)
+    )
     low -= tol.leak_coefficient * sqrt(max(p1 - p2, 0.0))
     high_m = (high * period - compressed_1 + part * abs(compressed_1)) / par.piston_area
     low_m = (low * period + compressed_2 - part * abs(compressed_2)) / par.piston_area
