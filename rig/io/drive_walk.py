@@ -1,0 +1,104 @@
+"""Takes a digital servovalve from state to state, one transition at a time, each one confirmed."""
+
+from collections.abc import Callable
+from typing import Final
+
+from .ds408 import D, DriveState, keeping_word, next_state, words_towards
+
+Refuse = Callable[[str, str], Exception]
+"""Makes the error of a state of affairs and the action it calls for."""
+
+_LOOK: Final = "look at the valve's enable input, its supply and its error memory"
+
+
+class DriveWalk:
+    """The way of one valve through its states.
+
+    A target asked for twice is one request: after a fault, or a trip, a valve does not walk on to
+    where it was before because somebody still asks for it.
+
+    Args:
+        timeout: s that one transition may take.
+        refuse: makes the errors that are raised.
+
+    Attributes:
+        word: the control word to send; None before anything was asked.
+    """
+
+    def __init__(self, timeout: float, refuse: Refuse) -> None:
+        self.word: int | None = None
+        self._timeout = timeout
+        self._refuse = refuse
+        self._asked: DriveState | None = None
+        self._target: DriveState | None = None
+        self._expected: DriveState | None = None
+        self._words: list[int] = []
+        self._until = 0.0
+
+    @property
+    def active(self) -> bool:
+        """Whether the valve is in ACTIVE, as asked, so that setpoints may be sent."""
+        return self._target is DriveState.ACTIVE and self._expected is None
+
+    def ask(self, state: DriveState, target: DriveState, now: float) -> None:
+        """Begin to walk; a fault is reset on the way, but only by asking for DISABLED.
+
+        Raises:
+            Exception: of `refuse`: the valve is in a fault.
+        """
+        if target is self._asked:
+            return
+        if not state.ready and target is not DriveState.DISABLED:
+            text = f"is in {state.name} and cannot go to {target.name}"
+            raise self._refuse(text, "ask for DISABLED first, which resets the fault")
+        self._asked = self._target = target
+        if state is target:
+            self._arrive(state)
+        else:
+            self._step(state, now)
+
+    def advance(self, state: DriveState, now: float) -> None:
+        """Take the next step, if the last one is confirmed by the state that the valve shows.
+
+        Raises:
+            Exception: of `refuse`: a step took too long, or the valve left its target by itself.
+        """
+        target, expected = self._target, self._expected
+        if target is None:
+            return
+        if expected is None:
+            if state is not target:
+                self.give_up(state)
+                raise self._refuse(f"left {target.name} for {state.name} by itself", _LOOK)
+        elif state is expected:
+            if state is target:
+                self._arrive(state)
+            else:
+                self._step(state, now)
+        elif now >= self._until:
+            self.give_up(state)
+            text = f"stands in {state.name}, {expected.name} wanted on the way to {target.name}"
+            raise self._refuse(f"{text}, for {self._timeout:g} s", _LOOK)
+        elif self._words:
+            self.word = self._words.pop(0)
+
+    def give_up(self, state: DriveState) -> None:
+        """Stay where the valve is, until another target is asked for."""
+        self._target = self._expected = None
+        if self.word is not None:
+            self.word = keeping_word(state)
+
+    def disable(self) -> None:
+        """Want DISABLED or less, whatever was asked before, and whatever is confirmed."""
+        self._target = self._expected = None
+        self.word = D
+
+    def _step(self, state: DriveState, now: float) -> None:
+        assert self._target is not None
+        self._expected = next_state(state, self._target)
+        self.word, *self._words = words_towards(state, self._target)
+        self._until = now + self._timeout
+
+    def _arrive(self, state: DriveState) -> None:
+        self._expected = None
+        self.word = keeping_word(state)

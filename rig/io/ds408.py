@@ -1,0 +1,197 @@
+"""CiA 408, the CANopen profile of digital servovalves: state machine, words, objects, scaling.
+
+Pure logic, shared by the driver and the emulated valve. The profile is sold by CiA; what stands
+here was checked against the manual of a valve that follows it: Moog ACV with CANopen interface,
+B99224-DV018-D-211, 2018, whose sections are cited ("5.2.2": state transitions).
+"""
+
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+from .canopen import Entry
+
+DEVICE_PROFILE: Final = 408
+"""Low 16 bits of object 0x1000, device type (section 4.1.1)."""
+
+CONTROL_WORD: Final = Entry(0x6040, 0, "<H")
+STATUS_WORD: Final = Entry(0x6041, 0, "<H")
+DEVICE_MODE: Final = Entry(0x6042, 0, "<b")
+CONTROL_MODE: Final = Entry(0x6043, 0, "<b")
+SETPOINT: Final = Entry(0x6300, 1, "<h")
+ACTUAL: Final = Entry(0x6301, 1, "<h")
+HOLD_SETPOINT: Final = Entry(0x6314, 1, "<h")
+
+MODE_BUS: Final = 1
+"""Device mode: the setpoint comes by the bus, object 0x6300 (section 6.2.1)."""
+MODE_ANALOG: Final = 2
+"""Device mode: the setpoint comes by the valve's own analog input."""
+
+SPOOL_CLOSED_LOOP: Final = 2
+"""Control mode: closed-loop control of the spool position (section 7.1.1)."""
+
+D: Final = 0b0001
+"""Bit "disabled" of either word."""
+H: Final = 0b0010
+"""Bit "hold"."""
+M: Final = 0b0100
+"""Bit "active"."""
+R: Final = 0b1000
+"""Control word: reset of a fault, by its rising edge; status word: ready, no fault."""
+
+FULL_SCALE: Final = 16384
+"""Increments of setpoint and actual value at 100 % (object 0x6311, section 7.2.2)."""
+
+
+class DriveState(IntEnum):
+    """State of the valve's electronics; its value is what the status word shows as bits RMHD.
+
+    Figure 19 and section 5.2.1. FAULT_INIT, a fault met in INIT, shows the same bits as NOT_READY.
+    """
+
+    NOT_READY = 0b0000
+    """Starting up, or a fault met in INIT; the spool is in its hydraulic fail-safe position."""
+    FAULT_DISABLED = D
+    """A fault; spool as in DISABLED."""
+    FAULT_HOLD = D | H
+    """A fault; spool as in HOLD."""
+    FAULT_REACTION = D | H | M
+    """A fault was just met; which fault state follows depends on it."""
+    INIT = R
+    """Ready to be set up; spool in its fail-safe position."""
+    DISABLED = R | D
+    """Actual values are there; spool in its fail-safe position."""
+    HOLD = R | D | H
+    """The spool is controlled to the hold setpoint, object 0x6314; others have no effect."""
+    ACTIVE = R | D | H | M
+    """The spool follows the setpoint of the bus or of the analog input."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether there is no fault."""
+        return bool(self & R)
+
+    @property
+    def disabled(self) -> bool:
+        """Whether the electronics have let go of the spool: it is in its fail-safe position."""
+        return not self & H
+
+
+WALK: Final = (DriveState.INIT, DriveState.DISABLED, DriveState.HOLD, DriveState.ACTIVE)
+"""The states that can be asked for, in the order in which they are passed."""
+
+
+class Transition(NamedTuple):
+    """One arrow of the state machine.
+
+    Attributes:
+        number: its name in figure 19, "TR2".
+        source, target: from where to where.
+        word: what of the control word makes it, bits RMHD, x: any, ^: rising edge; or `FAULT`.
+    """
+
+    number: str
+    source: DriveState
+    target: DriveState
+    word: str
+
+
+FAULT: Final = "fault"
+
+TRANSITIONS: Final = (
+    Transition("TR2", DriveState.INIT, DriveState.DISABLED, "xxx1"),
+    Transition("TR3", DriveState.DISABLED, DriveState.HOLD, "xx11"),
+    Transition("TR4", DriveState.HOLD, DriveState.ACTIVE, "x111"),
+    Transition("TR5", DriveState.ACTIVE, DriveState.HOLD, "x0xx"),
+    Transition("TR6", DriveState.HOLD, DriveState.DISABLED, "x00x"),
+    Transition("TR7", DriveState.DISABLED, DriveState.INIT, "x000"),
+    Transition("TR8", DriveState.INIT, DriveState.NOT_READY, FAULT),
+    Transition("TR8", DriveState.DISABLED, DriveState.FAULT_DISABLED, FAULT),
+    Transition("TR8", DriveState.HOLD, DriveState.FAULT_HOLD, FAULT),
+    Transition("TR8", DriveState.ACTIVE, DriveState.FAULT_HOLD, FAULT),
+    Transition("TR10", DriveState.FAULT_DISABLED, DriveState.DISABLED, "^001"),
+    Transition("TR11", DriveState.FAULT_HOLD, DriveState.HOLD, "^011"),
+    Transition("TR14", DriveState.NOT_READY, DriveState.INIT, "^000"),
+    Transition("TR15", DriveState.FAULT_HOLD, DriveState.FAULT_DISABLED, "x00x"),
+    Transition("TR16", DriveState.FAULT_DISABLED, DriveState.NOT_READY, "x000"),
+)
+"""The state machine (figure 19 and section 5.2.2).
+
+Left out: TR0 and TR1, power-up, which nobody commands, and the enable input, which valves have in
+many variants. TR8 stands for itself and the TR9, 12 or 13 after it: FAULT_REACTION lasts no longer
+than the reaction. A valve can be set to fall lower than these, never higher (section 5.2.1). TR15
+and TR16 take the words of TR6 and TR7.
+"""
+
+
+def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
+    """Return the state one transition after a control word; the same where it makes none.
+
+    Args:
+        state: where the valve is.
+        word: the control word.
+        previous_word: the one before it, for the rising edge of a reset.
+    """
+    for transition in TRANSITIONS:
+        if transition.source is state and _matches(transition.word, word, previous_word):
+            return transition.target
+    return state
+
+
+def after_fault(state: DriveState) -> DriveState:
+    """Return the state in which a fault leaves the valve; the same where there is one already."""
+    for transition in TRANSITIONS:
+        if transition.source is state and transition.word == FAULT:
+            return transition.target
+    return state
+
+
+def _matches(pattern: str, word: int, previous_word: int) -> bool:
+    if pattern == FAULT:
+        return False
+    for symbol, bit in zip(pattern, (R, M, H, D), strict=True):
+        if symbol == "^" and not (word & bit and not previous_word & bit):
+            return False
+        if symbol in "01" and bool(word & bit) != (symbol == "1"):
+            return False
+    return True
+
+
+def keeping_word(state: DriveState) -> int:
+    """Return the control word under which a valve stays in a state: its own bits M, H, D."""
+    return state & (M | H | D)
+
+
+def next_state(state: DriveState, target: DriveState) -> DriveState:
+    """Return the state one transition nearer to a target of `WALK`.
+
+    Out of a fault that is its reset; FAULT_REACTION has to end by itself.
+    """
+    if state is DriveState.FAULT_REACTION:
+        return state
+    if not state.ready:
+        return DriveState(state | R)
+    here, there = WALK.index(state), WALK.index(target)
+    return WALK[here + (there > here) - (there < here)]
+
+
+def words_towards(state: DriveState, target: DriveState) -> tuple[int, ...]:
+    """Return the control words, to be sent one after the other, that make `next_state`."""
+    if state.ready or state is DriveState.FAULT_REACTION:
+        return (keeping_word(next_state(state, target)),)
+    return keeping_word(state), keeping_word(state) | R
+
+
+def to_increments(share: float) -> int:
+    """Return a setpoint, -1 to 1, as the device counts it (section 7.2.2).
+
+    Raises:
+        ValueError: it is beyond full scale, or not a number.
+    """
+    if not -1.0 <= share <= 1.0:
+        raise ValueError(f"{share:g} is not between -1 and 1")
+    return round(share * FULL_SCALE)
+
+
+def to_share(increments: int) -> float:
+    """Return an actual value as a share of full scale; it may exceed 1 a little."""
+    return increments / FULL_SCALE

@@ -1,0 +1,58 @@
+"""What a digital servovalve and its host exchange cyclically, and how the valve is set up for it.
+
+RPDO1: control word and setpoint; TPDO1: status word and actual spool position, of which
+`config/dbc/servovalve.dbc` tells other programs. The mapping is written at every start (CiA 301,
+sections 7.5.2.33 ff.), so that it does not depend on what a valve was left with.
+"""
+
+from collections.abc import Iterator
+from typing import Final
+
+from .canopen import PRODUCER_HEARTBEAT, RPDO1, TPDO1, Entry
+from .ds408 import ACTUAL, CONTROL_WORD, SETPOINT, STATUS_WORD
+
+COMMAND_LAYOUT: Final = "<Hh"
+"""RPDO1: control word, setpoint in increments."""
+
+STATUS_LAYOUT: Final = "<Hh"
+"""TPDO1: status word, actual spool position in increments."""
+
+_RPDO1_COMMUNICATION: Final = 0x1400
+_TPDO1_COMMUNICATION: Final = 0x1800
+_RPDO1_MAPPING: Final = 0x1600
+_TPDO1_MAPPING: Final = 0x1A00
+
+_NOT_VALID: Final = 1 << 31
+_ON_CHANGE: Final = 255
+"""Transmission type: at once when received, or when the event timer has run out."""
+
+_BEATS_IN_SILENCE: Final = 4
+"""Heartbeats that may be lost before a node is called lost."""
+
+
+def set_up(node: int, rate_hz: float, silence: float) -> Iterator[tuple[Entry, int]]:
+    """Yield the entries to be written, in order, to a node that is pre-operational.
+
+    Args:
+        node: its id.
+        rate_hz: how often the host reads; TPDO1 comes twice as often, so that none is missed.
+        silence: s after which the host calls the node lost.
+    """
+    period_ms = max(1, round(500.0 / rate_hz))
+    yield from _pdo(_RPDO1_COMMUNICATION, _RPDO1_MAPPING, RPDO1 + node, (CONTROL_WORD, SETPOINT))
+    yield Entry(_TPDO1_COMMUNICATION, 5, "<H"), period_ms
+    yield from _pdo(_TPDO1_COMMUNICATION, _TPDO1_MAPPING, TPDO1 + node, (STATUS_WORD, ACTUAL))
+    yield PRODUCER_HEARTBEAT, round(1e3 * silence / _BEATS_IN_SILENCE)
+
+
+def _pdo(
+    communication: int, mapping: int, identifier: int, mapped: tuple[Entry, ...]
+) -> Iterator[tuple[Entry, int]]:
+    """Yield what maps 16-bit entries to a PDO: it is made invalid meanwhile."""
+    yield Entry(communication, 1, "<I"), _NOT_VALID | identifier
+    yield Entry(communication, 2, "<B"), _ON_CHANGE
+    yield Entry(mapping, 0, "<B"), 0
+    for number, entry in enumerate(mapped, 1):
+        yield Entry(mapping, number, "<I"), entry.index << 16 | entry.subindex << 8 | 16
+    yield Entry(mapping, 0, "<B"), len(mapped)
+    yield Entry(communication, 1, "<I"), identifier
