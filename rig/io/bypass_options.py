@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal
 
 from rig.plant.parameters import Quantity as _Quantity
 
-from .bypass_registers import BypassRegisters
+from .bypass_registers import STANDARD_REGISTERS, BypassRegisters
 from .signals import BYPASSES
 
 _CYCLE_CHARACTERS: Final = 38 + 4 * 3.5
@@ -57,7 +57,7 @@ class BypassOptions:
     needle_travel: Annotated[float, _q("s", 0.0, 60.0)] = 2.0
     margin: Annotated[float, _q("s", 0.1, 60.0)] = 1.0
     needle_tolerance: Annotated[float, _q("", 1e-4, 0.2)] = 0.02
-    map: BypassRegisters = BypassRegisters()
+    map: BypassRegisters = STANDARD_REGISTERS
 
     def problems(self) -> Iterator[str]:
         """Yield what does not fit together."""

@@ -47,3 +47,7 @@ class BypassRegisters:
     positions: _Address = 0
     identity: _Address = 100
     watchdog: _Address = 101
+
+
+STANDARD_REGISTERS: Final = BypassRegisters()
+"""Those of an I/O built for this rig."""

@@ -1,0 +1,94 @@
+"""The far end of an emulated serial line: a pseudo-terminal with a stable name."""
+
+import os
+import tty
+from contextlib import suppress
+from pathlib import Path
+
+
+class LinkError(ValueError):
+    """A path that cannot name a serial line; bad input, as `problems` says to the command line."""
+
+    def __init__(self, path: Path, state: str) -> None:
+        super().__init__(f"{path}: {state}; give the path of a link that may be made or replaced")
+        self.problems = (str(self),)
+
+
+class PseudoTerminal:
+    """A serial line whose near end is `path`, as `/dev/ttyUSB0` would be.
+
+    It has no baud rate: bytes arrive at once.
+
+    Args:
+        path: symbolic link to make, or to replace; who opens it has the line's near end.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._far: int | None = None
+        self._near: int | None = None
+
+    def plug_in(self) -> None:
+        """Make the line and its name; harmless when it is there.
+
+        Raises:
+            LinkError: the path is no link, or its folder cannot be written to.
+        """
+        if self._far is not None:
+            return
+        far, near = os.openpty()
+        try:
+            tty.setraw(near)
+            os.set_blocking(far, False)
+            self._name(os.ttyname(near))
+        except BaseException:
+            os.close(far)
+            os.close(near)
+            raise
+        # The near end stays open here too: a line with nobody at it is not a broken one.
+        self._far, self._near = far, near
+
+    def unplug(self) -> None:
+        """Take the line away, as a pulled plug does; harmless when repeated."""
+        if self._far is None or self._near is None:
+            return
+        with suppress(OSError):
+            self.path.unlink()
+        os.close(self._far)
+        os.close(self._near)
+        self._far = self._near = None
+
+    def fileno(self) -> int:
+        """Return the descriptor of the far end.
+
+        Raises:
+            OSError: it is unplugged.
+        """
+        if self._far is None:
+            raise OSError("the line is unplugged")
+        return self._far
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; what does not fit, because nobody reads, is lost as on a real line."""
+        if self._far is not None:
+            with suppress(BlockingIOError):
+                os.write(self._far, data)
+
+    def read(self) -> bytes:
+        """Return what has come in, empty if nothing has."""
+        if self._far is None:
+            return b""
+        try:
+            return os.read(self._far, 4096)
+        except BlockingIOError:
+            return b""
+
+    def _name(self, device: str) -> None:
+        try:
+            if self.path.is_symlink():
+                self.path.unlink()
+            self.path.symlink_to(device)
+        except FileExistsError as error:
+            raise LinkError(self.path, "is there, and is no link") from error
+        except OSError as error:
+            raise LinkError(self.path, f"cannot be made ({error.strerror})") from error
