@@ -108,11 +108,12 @@ def _read_rungs(elements: list[Located], problems: Problems) -> Iterator[Channel
     for element in elements:
         entry = element.get("channel")
         channel = str(entry.value) if entry is not None else ""
+        before = problems.reported
         file = check(_rung_schema(channel), element, problems)
         if entry is not None and channel not in FAST_INPUTS:
             remedy = suggestion(channel, FAST_INPUTS, "channels")
             problems.add(entry.place, "channel", channel, "is not a known channel", remedy)
-        elif file is not None:
+        elif file is not None and problems.reported == before:
             keys = file.model_dump()
             rung = ChannelLimit(for_s=keys.pop("for"), **keys)
             if _is_sound(rung, element, problems):

@@ -1,0 +1,84 @@
+"""Drivers of third parties, installed for one test as pip would install them."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+Install = Callable[..., None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+    """Install a package of one module, with the types of driver that it names as entry points."""
+    site = tmp_path / "site-packages"
+    site.mkdir()
+    monkeypatch.syspath_prepend(str(site))
+
+    def install(package: str, source: str, **drivers: str) -> None:
+        monkeypatch.delitem(sys.modules, package, raising=False)
+        (site / f"{package}.py").write_text(dedent(source))
+        about = site / f"{package}-1.0.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        lines = [f"{name} = {package}:{target}" for name, target in drivers.items()]
+        (about / "entry_points.txt").write_text("\n".join(["[hydraulic_rig.drivers]", *lines]))
+
+    return install
+
+
+@pytest.fixture
+def plain_drivers(install: Install) -> None:
+    """Install drivers without a device, `plain_fast` and `plain_slow`, that obey their options."""
+    install("plain_drivers", PLAIN_DRIVERS, plain_fast="Fast", plain_slow="Slow")
+
+
+PLAIN_DRIVERS = '''
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from rig.io.driver import DriverError
+from rig.io.register_map import RegisterMap
+from rig.plant.parameters import Quantity
+
+
+@dataclass(frozen=True)
+class Options:
+    """Keys of a driver that reads and writes whatever it is told to."""
+
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    rate: Annotated[float, Quantity("Hz", 1.0, 2000.0, "", "")] = 1000.0
+    host: str = ""
+    port: str = ""
+    retries: Annotated[int, Quantity("", 0, 9, "", "")] = 1
+    mode: Literal["gentle", "harsh"] = "gentle"
+    verify: bool = True
+    table: Path | None = None
+    map: RegisterMap | None = None
+
+
+class Slow:
+    kind = "slow"
+    Options = Options
+
+    def __init__(self, name, options):
+        if options.mode == "harsh" and not options.verify:
+            raise DriverError(name, "is harsh without verifying", "write `verify: true`")
+        self.name = name
+        self.options = options
+        self.inputs, self.outputs, self.rate_hz = options.inputs, options.outputs, options.rate
+
+    def open(self): ...
+    def read(self): return {}
+    def write(self, outputs): ...
+    def safe_state(self): ...
+    def close(self): ...
+
+
+class Fast(Slow):
+    kind = "fast"
+'''
