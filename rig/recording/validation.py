@@ -17,6 +17,12 @@ SAMPLE_PERIOD_S: Final = 1e-3
 PERIOD_TOLERANCE: Final = 0.01
 MIN_DURATION_S: Final = 1.0
 
+MISSED: Final = "exchange_status"
+"""Channel of a hardware loop: above 0 where no fresh sample came, so that none is recorded."""
+
+# What the loop knows whatever the wire does.
+_COMMANDED: Final = ("time_s", "command_V")
+
 # Names other programs use, where the letters alone are not near enough.
 _ALIASES: Final = {
     "t": "time_s",
@@ -90,7 +96,11 @@ def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _missing_values(table: Table, name: str) -> Iterator[Problem]:
     values = table.columns[name]
     limit = f"{name} must have a value in every row"
-    for first, last in runs(~np.isfinite(values) & ~table.unread(name)):
+    missing = ~np.isfinite(values) & ~table.unread(name)
+    if name not in _COMMANDED and MISSED in table.columns:
+        # The loop recorded why there is none, and its filter went on without it.
+        missing &= ~(np.isnan(values) & (table.columns[MISSED] > 0.0))
+    for first, last in runs(missing):
         if np.isinf(values[first]):
             value, remedy = f"{values[first]:g}", "find out what overflowed, and record again"
         else:

@@ -31,7 +31,7 @@ class Child:
 
     Args:
         name: what messages call it.
-        module: its module, run as `python -m MODULE BOARD_FD PIPE_FD`.
+        module: its module, whose `main()` finds board and pipe by `child_ends`.
         board: shared with it.
         log: file that its stderr is appended to.
     """
@@ -40,9 +40,11 @@ class Child:
         self.name = name
         self.pipe, theirs = Pipe()
         descriptors = (board.fd, theirs.fileno())
+        # Imported, not run as __main__: the classes of its orders are then those of the sender.
+        program = f"from {module} import main; main()"
         with log.open("ab") as stderr, theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", module, *(str(fd) for fd in descriptors)],
+                [sys.executable, "-P", "-c", program, *(str(fd) for fd in descriptors)],
                 pass_fds=descriptors,
                 stdin=subprocess.DEVNULL,
                 stdout=stderr,
@@ -98,7 +100,9 @@ class Child:
                     raise answer
                 return answer
         except (EOFError, ConnectionError):
-            pass
+            # The pipe is closed a moment before the process can be asked how it ended.
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_GRACE_S)
         state = self.ended or f"did not answer within {timeout_s:g} s"
         raise ChildError(f"{self.name} process: {state}")
 

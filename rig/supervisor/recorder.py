@@ -156,7 +156,3 @@ def main() -> None:
         Recorder(board, pipe).run()
     except OSError as error:
         pipe.send(error)
-
-
-if __name__ == "__main__":
-    main()

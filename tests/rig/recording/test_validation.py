@@ -64,6 +64,18 @@ def test_a_dropout_in_a_required_column_is_refused_at_its_line(
     assert problem.value == "empty or NaN"
 
 
+def test_a_sample_that_the_loop_recorded_as_missed_is_no_dropout(
+    judge: Judge, healthy_csv: list[str]
+) -> None:
+    lines = [f"{healthy_csv[0]},exchange_status", *(f"{line},0" for line in healthy_csv[1:])]
+    missed = with_cell(with_cell(lines, 700, "position_m", ""), 700, "exchange_status", "1")
+    assert not judge(csv(missed))
+    unexplained = with_cell(lines, 700, "position_m", "")
+    assert only(judge(csv(unexplained))).line == 700
+    no_command = with_cell(missed, 700, "command_V", "")
+    assert only(judge(csv(no_command))).field == "command_V"
+
+
 def test_a_longer_dropout_is_one_problem_from_first_to_last_line(
     judge: Judge, healthy_csv: list[str]
 ) -> None:

@@ -1,0 +1,228 @@
+"""The field process: publishes slow values, moves on time, and is safe when anybody is not well."""
+
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import pytest
+
+from rig.io.driver import DriverError
+from rig.io.registry import DriverSpec
+from rig.io.settings import LoopSettings
+from rig.io.signals import SLOW_INPUTS
+from rig.loop.board import Board, Word
+from rig.loop.ladder import Cause
+from rig.supervisor.field import Complaint, FieldProcess, Moves, Open, Safe, Safety, Write
+
+DEADLINE_S = 20.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """None."""
+
+
+@dataclass
+class FakeDriver:
+    """A driver that notes what it is asked for."""
+
+    kind: ClassVar[Literal["slow"]] = "slow"
+    Options: ClassVar[type] = Options
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    log: list[tuple[str, Any]]
+    rate_hz: float = 100.0
+    values: dict[str, float] = field(default_factory=dict)
+    error: DriverError | None = None
+
+    def open(self) -> None:
+        self.log.append((self.name, "open"))
+
+    def read(self) -> Mapping[str, float]:
+        if self.error is not None:
+            raise self.error
+        return self.values
+
+    def write(self, outputs: Mapping[str, float]) -> None:
+        self.log.append((self.name, dict(outputs)))
+
+    def safe_state(self) -> None:
+        self.log.append((self.name, "safe"))
+
+    def close(self) -> None:
+        self.log.append((self.name, "close"))
+
+
+DRIVERS: dict[str, FakeDriver] = {}
+
+
+class FakeSpec(DriverSpec):
+    """A spec of a driver that is there already: orders are pickled, drivers stay."""
+
+    def create(self) -> Any:
+        return DRIVERS[self.name]
+
+
+@dataclass
+class Site:
+    """A field process in a thread, with its board and the supervisor's end of its pipe."""
+
+    board: Board
+    pipe: Connection
+    log: list[tuple[str, Any]]
+    bypass: FakeDriver
+    pump: FakeDriver
+    meters: FakeDriver
+
+    def beat(self) -> None:
+        """Be supervisor and loop, both well, for a long while."""
+        later = time.monotonic_ns() + int(3600e9)
+        self.board.words[Word.SUPERVISOR_BEAT] = self.board.words[Word.LOOP_BEAT] = later
+
+    def until(self, reached: Any) -> None:
+        """Wait for a condition."""
+        end = time.monotonic() + DEADLINE_S
+        while not reached():
+            assert time.monotonic() < end, f"never came: {self.log}"
+            time.sleep(1e-3)
+
+    def trips(self) -> dict[Word, int]:
+        words = (Word.FIELD_TRIP, Word.LOOP_TRIP, Word.SUPERVISOR_TRIP)
+        return {word: int(self.board.words[word]) for word in words if self.board.words[word]}
+
+
+@pytest.fixture
+def site() -> Iterator[Site]:
+    log: list[tuple[str, Any]] = []
+    bypass = FakeDriver("bypass", ("external_leakage_1_ball",), ("external_leakage_1_ball",), log)
+    pump = FakeDriver("pump", ("pump_loaded",), ("pump_load",), log)
+    meters = FakeDriver("meters", ("flow_1_m3_per_s",), (), log)
+    board = Board.create(1)
+    ours, theirs = Pipe()
+    site = Site(board, ours, log, bypass, pump, meters)
+    site.beat()
+    process = FieldProcess(board, theirs)
+    thread = threading.Thread(target=process.run)
+    # The pump first: the order of a trip does not follow that of the file.
+    DRIVERS.update({driver.name: driver for driver in (pump, meters, bypass)})
+    drivers = tuple(
+        FakeSpec(d.name, "fake", "", Options(), d.kind, d.inputs, d.outputs, d.rate_hz)
+        for d in (pump, meters, bypass)
+    )
+    thread.start()
+    ours.send(Open(drivers, LoopSettings()))
+    assert ours.recv() == ("pump", "meters", "bypass")
+    yield site
+    ours.close()
+    thread.join(DEADLINE_S)
+    assert not thread.is_alive()
+    theirs.close()
+
+
+def test_what_drivers_read_stands_on_the_board_with_its_time(site: Site) -> None:
+    site.meters.values = {"flow_1_m3_per_s": 1e-5}
+    index = SLOW_INPUTS.index("flow_1_m3_per_s")
+    site.until(lambda: site.board.slow[index] == 1e-5)
+    assert site.board.slow_at[index] > 0
+    assert np.isnan(site.board.slow[SLOW_INPUTS.index("oil_temperature_K")])
+
+
+def test_a_move_is_made_when_its_tick_has_come_and_in_its_segment_only(site: Site) -> None:
+    opened = ("bypass", {"external_leakage_1_ball": 1.0})
+    site.pipe.send(Moves(4, ((100, {"external_leakage_1_ball": 1.0}),)))
+    site.board.words[Word.TICK] = 100
+    site.board.words[Word.SEGMENT] = 3
+    beat = site.board.words[Word.FIELD_BEAT]
+    site.until(lambda: site.board.words[Word.FIELD_BEAT] > beat + 50_000_000)
+    assert opened not in site.log
+    site.board.words[Word.TICK] = 99
+    site.board.words[Word.SEGMENT] = 4
+    beat = site.board.words[Word.FIELD_BEAT]
+    site.until(lambda: site.board.words[Word.FIELD_BEAT] > beat + 50_000_000)
+    assert opened not in site.log
+    site.board.words[Word.TICK] = 100
+    site.until(lambda: opened in site.log)
+    assert site.log.count(opened) == 1
+
+
+def test_an_output_goes_to_the_driver_that_has_it(site: Site) -> None:
+    site.pipe.send(Write({"pump_load": 1.0, "external_leakage_1_ball": 0.0}))
+    site.until(lambda: len(site.log) >= 5)
+    assert ("pump", {"pump_load": 1.0}) in site.log
+    assert ("bypass", {"external_leakage_1_ball": 0.0}) in site.log
+
+
+@pytest.mark.parametrize("word", [Word.LOOP_TRIP, Word.SUPERVISOR_TRIP, Word.FIELD_TRIP])
+def test_after_any_trip_the_bypasses_are_shut_and_then_the_pump_is_unloaded(
+    site: Site, word: Word
+) -> None:
+    site.board.words[word] = Cause.ESTOP_OPEN
+    site.until(lambda: site.board.words[Word.PUMP_UNLOADED_AT])
+    assert [entry[0] for entry in site.log if entry[1] == "safe"][:2] == ["bypass", "pump"]
+    assert 0 < site.board.words[Word.BYPASS_SHUT_AT] <= site.board.words[Word.PUMP_UNLOADED_AT]
+
+
+@pytest.mark.parametrize(
+    ("word", "cause"),
+    [(Word.LOOP_BEAT, Cause.LOOP_LOST), (Word.SUPERVISOR_BEAT, Cause.SUPERVISOR_LOST)],
+)
+def test_the_silence_of_another_part_trips(site: Site, word: Word, cause: Cause) -> None:
+    site.board.words[word] = 1
+    site.until(lambda: site.board.words[Word.PUMP_UNLOADED_AT])
+    assert site.trips() == {Word.FIELD_TRIP: cause}
+
+
+def test_a_valve_that_does_not_do_what_it_should_trips_and_is_named(site: Site) -> None:
+    channel = "external_leakage_1_ball"
+    site.bypass.error = DriverError("bypass", "stuck at 0.42", "free the valve", channel)
+    site.until(lambda: site.board.words[Word.BYPASS_SHUT_AT])
+    assert site.trips() == {Word.FIELD_TRIP: Cause.BYPASS_STUCK}
+    told = site.pipe.recv()
+    assert isinstance(told, Complaint)
+    assert told.driver == "bypass"
+    assert told.tripped
+    assert "stuck at 0.42" in told.text
+
+
+def test_lost_meters_are_told_but_trip_nothing_and_read_nan(site: Site) -> None:
+    site.meters.values = {"flow_1_m3_per_s": 1e-5}
+    index = SLOW_INPUTS.index("flow_1_m3_per_s")
+    site.until(lambda: site.board.slow[index] == 1e-5)
+    site.meters.error = DriverError("meters", "silent", "plug them in")
+    site.until(lambda: np.isnan(site.board.slow[index]))
+    told = site.pipe.recv()
+    assert isinstance(told, Complaint)
+    assert not told.tripped
+    assert not site.trips()
+
+
+def test_asked_for_it_makes_everything_safe_and_says_so(site: Site) -> None:
+    site.pipe.send(Safe())
+    assert site.pipe.recv() == Safety({})
+
+
+def test_what_cannot_be_made_safe_is_named_and_the_rest_is_safe_all_the_same(site: Site) -> None:
+    def refuse() -> None:
+        raise DriverError("bypass", "shut switch is off", "shut it by hand")
+
+    site.bypass.safe_state = refuse  # type: ignore[method-assign]
+    site.pipe.send(Safe())
+    answers = [site.pipe.recv()]
+    while not isinstance(answers[-1], Safety):
+        answers.append(site.pipe.recv())
+    assert "shut switch is off" in answers[-1].failures["bypass"]
+    assert ("pump", "safe") in site.log
+    assert not site.board.words[Word.BYPASS_SHUT_AT]
+
+
+def test_without_a_supervisor_it_leaves_everything_safe_and_closes(site: Site) -> None:
+    site.pipe.close()
+    site.until(lambda: ("pump", "close") in site.log)
+    assert ("bypass", "safe") in site.log

@@ -1,0 +1,125 @@
+"""The recorder: every row of its segment is on disk, whatever becomes of the others."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.loop.board import RING_ROWS, Board, Word
+from rig.loop.ring import RingReader
+from rig.recording import read_recording, recover
+from rig.supervisor.child import Child, ChildError
+from rig.supervisor.recorder import Begin, Finish, Note
+
+CHANNELS = ("time_s", "setpoint_V", "segment")
+DEADLINE_S = 20.0
+
+
+@dataclass
+class Session:
+    """A recorder process with its board and the supervisor's end of its pipe."""
+
+    board: Board
+    child: Child
+    folder: Path
+
+    def write(self, segment: int, first: int, count: int) -> None:
+        """Be the loop: write rows of a segment to the ring."""
+        for tick in range(first, first + count):
+            at = int(self.board.words[Word.ROWS])
+            self.board.ring[at % RING_ROWS] = (tick * 1e-3, 1e-3 * tick, segment)
+            self.board.words[Word.ROWS] = at + 1
+
+    def begin(self, segment: int = 1, name: str = "test.mcap") -> Path:
+        path = self.folder / name
+        self.child.pipe.send(Begin(segment, path, CHANNELS, {"test": {"name": name}}, 10**18))
+        assert self.child.pipe.recv() == segment
+        return path
+
+    def until_recorded(self, rows: int) -> None:
+        end = time.monotonic() + DEADLINE_S
+        while self.board.words[Word.RECORDED] < rows:
+            assert time.monotonic() < end
+            time.sleep(1e-2)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[Session]:
+    board = Board.create(len(CHANNELS))
+    child = Child("recorder", "rig.supervisor.recorder", board, tmp_path / "log")
+    yield Session(board, child, tmp_path)
+    child.end()
+    os.close(board.fd)
+    assert (tmp_path / "log").read_text() == ""
+
+
+def test_the_file_holds_the_rows_of_its_segment_and_the_events(session: Session) -> None:
+    session.write(0, 0, 500)
+    path = session.begin()
+    session.child.pipe.send(Note(0.0, "test_begin", "here"))
+    session.write(1, 0, 1500)
+    session.write(2, 0, 100)
+    session.child.pipe.send(Finish(1500))
+    assert session.child.pipe.recv() == 1500
+    recording = read_recording(path, required=("time_s",))
+    np.testing.assert_array_equal(recording.time_s, np.arange(1500) * 1e-3)
+    assert [event.kind for event in recording.events] == ["test_begin"]
+
+
+def test_one_file_follows_the_other(session: Session) -> None:
+    for segment in (1, 2):
+        path = session.begin(segment, f"{segment}.mcap")
+        session.write(segment, 0, 1100)
+        session.child.pipe.send(Finish(1100))
+        assert session.child.pipe.recv() == 1100
+        assert read_recording(path, required=("time_s",)).time_s.size == 1100
+
+
+def test_without_a_supervisor_the_file_is_completed(session: Session) -> None:
+    path = session.begin()
+    session.write(1, 0, 1700)
+    session.child.end()
+    assert session.child.ended == "ended with exit code 0"
+    assert read_recording(path, required=("time_s",)).time_s.size == 1700
+
+
+def test_after_a_kill_every_flushed_second_is_readable(session: Session) -> None:
+    path = session.begin()
+    session.write(1, 0, 1200)
+    session.until_recorded(1200)
+    os.kill(session.child.pid, signal.SIGKILL)
+    with pytest.raises(ChildError, match="recorder process: killed by SIGKILL"):
+        session.child.answer(DEADLINE_S)
+    recover(path, session.folder / "saved.mcap")
+    assert read_recording(session.folder / "saved.mcap", required=("time_s",)).time_s.size == 1200
+
+
+def test_a_reader_that_falls_behind_counts_what_it_lost() -> None:
+    board = Board.create(2)
+    reader = RingReader(board)
+    board.ring[:, 0] = np.arange(RING_ROWS)
+    board.words[Word.ROWS] = RING_ROWS + 1000
+    rows = reader.take()
+    assert reader.lost + len(rows) == RING_ROWS + 1000
+    assert reader.lost >= 1000
+    os.close(board.fd)
+
+
+def test_a_reader_gets_every_row_once_and_in_order_across_the_ring_s_end() -> None:
+    board = Board.create(1)
+    reader = RingReader(board)
+    taken = []
+    written = 0
+    for count in (RING_ROWS - 500, 700, 1):
+        at = np.arange(written, written + count)
+        board.ring[at % RING_ROWS, 0] = at
+        written += count
+        board.words[Word.ROWS] = written
+        taken.append(reader.take()[:, 0])
+    np.testing.assert_array_equal(np.concatenate(taken), np.arange(written))
+    os.close(board.fd)
