@@ -15,7 +15,7 @@ import numpy as np
 from rig.plant.parameters import Quantity
 
 from .driver import DriverError
-from .modbus_daq_link import DaqLink
+from .modbus_daq_link import DaqLink, RefusedError
 from .modbus_exchange import (
     ExchangePlan,
     ExchangeStatus,
@@ -213,6 +213,10 @@ class ModbusDaq:
         if not shortest <= options.watchdog <= watchdog.longest:
             raise self._refused("watchdog", f"{options.watchdog:g} s", limits)
 
+    @property
+    def _place(self) -> str:
+        return f"{self._options.host}:{self._options.port}"
+
     def _refused(self, key: str, value: str, remedy: str) -> DriverError:
         state = f"{value} is not for {self._map.device}"
         return DriverError(self.name, state, remedy, key)
@@ -225,23 +229,32 @@ class ModbusDaq:
 
     def _verify(self, link: DaqLink) -> None:
         """Verify identity, map version and rate."""
-        place = f"{self._options.host}:{self._options.port}"
-        for what, expected in (("", self._map.identity), ("map version ", self._map.version)):
-            if expected is not None and not link.holds(expected):
-                found = link.read(expected.address, expected.type)
-                raise DriverError(
-                    self.name,
-                    f"{place} is not the {self._map.device} expected: {what}{found:g} instead of "
-                    f"{expected.value:g}",
-                    "check host, port and map",
-                    f"register {expected.address}",
-                )
+        self._verify_register(link, "identity", self._map.identity)
+        if self._map.version is not None:
+            self._verify_register(link, "map version", self._map.version)
         for fact in self._map.facts:
             if fact.name == GREATEST_RATE:
                 greatest = link.read(fact.address, fact.type)
                 if self.rate_hz > greatest:
-                    state = f"{place} does {greatest:g} exchanges a second, not {self.rate_hz:g}"
-                    raise DriverError(self.name, state, f"rate: {greatest:g} Hz", "rate")
+                    state = f"{self._place} does {greatest:g} exchanges/s, not {self.rate_hz:g}"
+                    raise DriverError(self.name, state, f"write rate: {greatest:g} Hz", "rate")
+
+    def _verify_register(self, link: DaqLink, what: str, expected: RegisterValue) -> None:
+        try:
+            found = link.read(expected.address, expected.type)
+        except RefusedError as refusal:
+            instead = refusal.exception
+        else:
+            if found == expected.value:
+                return
+            instead = f"{found:g}"
+        raise DriverError(
+            self.name,
+            f"{self._place} is not the {self._map.device} expected: its {what} is {instead} "
+            f"instead of {expected.value:g}",
+            "check host, port and map",
+            f"register {expected.address}",
+        )
 
     def _set_up(self, link: DaqLink) -> None:
         """Write set-up and watchdog, unless the device has all of it already, and read it back."""
@@ -293,7 +306,7 @@ class ModbusDaq:
         )
         if status is ExchangeStatus.OK:
             return
-        place = f"{self._map.device} at {self._options.host}:{self._options.port}"
+        place = f"{self._map.device} at {self._place}"
         if status is ExchangeStatus.EXCEPTION:
             state, remedy = f"refuses with {exception_text(self._plan)}", "check the map"
         else:

@@ -24,6 +24,23 @@ _TYPES: Final = {
 }
 
 
+class RefusedError(DriverError):
+    """A device that answers a request with an exception.
+
+    Attributes:
+        exception: code and name.
+    """
+
+    def __init__(self, driver: str, device: str, channel: str, code: int) -> None:
+        self._arguments = driver, device, channel, code
+        self.exception = exception_name(code)
+        state = f"{device} refuses with {self.exception}"
+        super().__init__(driver, state, "check the map", channel)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._arguments
+
+
 class DaqLink:
     """One connection, open while it is the context of a `with`.
 
@@ -55,7 +72,7 @@ class DaqLink:
         if not self._client.connect():
             raise DriverError(
                 driver,
-                f"{self._device} does not answer within {timeout_s:g} s",
+                f"{self._device} cannot be reached within {timeout_s:g} s",
                 "check power, cable, host and port",
             )
 
@@ -120,6 +137,5 @@ class DaqLink:
             state = f"{self._device} gives no valid reply"
             raise DriverError(self._driver, state, "check cable and unit id", channel) from error
         if reply.isError():
-            state = f"{self._device} refuses with {exception_name(reply.exception_code)}"
-            raise DriverError(self._driver, state, "check the map", channel)
+            raise RefusedError(self._driver, self._device, channel, reply.exception_code)
         return reply
