@@ -19,6 +19,7 @@ EXIT_STOPPED: Final = 3
 
 COMMANDS: Final = {
     "run": "Run a fault-injection campaign and write its report.",
+    "emulate": "Serve an emulated rig where drivers look for a real one.",
     "check": "Validate configurations; dry-run campaigns.",
     "replay": "Run filter and detector over recordings.",
     "baseline": "Learn from healthy recordings what is normal for a rig.",

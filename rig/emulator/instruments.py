@@ -2,14 +2,24 @@
 
 from dataclasses import dataclass
 from math import nan
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
-from rig.io.signals import FAST_INPUTS
 from rig.plant.sensors import Reading, SensorParameters
 
 from .plant import EmulatedPlant
 
-CHANNELS: Final = FAST_INPUTS[: len(Reading._fields)]
+Channel = Literal[
+    "position_m",
+    "pressure_1_Pa",
+    "pressure_2_Pa",
+    "spool_m",
+    "supply_pressure_Pa",
+    "load_N",
+    "flow_1_m3_per_s",
+    "flow_2_m3_per_s",
+    "flow_internal_m3_per_s",
+]
+CHANNELS: Final[tuple[Channel, ...]] = get_args(Channel)
 """Signals of the transducers, in the order of `Reading`."""
 
 Failure = Literal["nan", "zero", "low", "high", "drift"]
@@ -60,28 +70,20 @@ class Instruments:
         low, high = rails(self.plant.sensors)[index]
         return low if failed.reads == "low" else high
 
-    def freeze(self, channel: str, frozen: bool) -> None:
-        """Hold a channel at its value of now, or let it go.
-
-        Raises:
-            ValueError: no such channel.
-        """
+    def freeze(self, channel: Channel, frozen: bool) -> None:
+        """Hold a channel at its value of now, or let it go."""
         index = CHANNELS.index(channel)
         if frozen:
             self._frozen[index] = self.read()[index]
         else:
             self._frozen.pop(index, None)
 
-    def fail(self, channel: str, reads: Failure, rate_per_s: float = 0.0) -> None:
-        """Let the transducer of a channel fail.
-
-        Raises:
-            ValueError: no such channel.
-        """
+    def fail(self, channel: Channel, reads: Failure, rate_per_s: float = 0.0) -> None:
+        """Let the transducer of a channel fail."""
         index = CHANNELS.index(channel)
         self._failed[index] = FailedSensor(reads, rate_per_s, self.plant.clock())
 
-    def mend(self, channel: str) -> None:
+    def mend(self, channel: Channel) -> None:
         """Let the transducer of a channel tell the truth again."""
         self._failed.pop(CHANNELS.index(channel), None)
 

@@ -63,6 +63,7 @@ class IoNode:
         functions: Modbus functions it serves.
         connections: how many clients it has.
         frozen: its converters hang: it returns its last sample for ever.
+        exchanges: how often its host has written.
     """
 
     functions: Final = frozenset((3, 4, 6, 16, 23, 76))
@@ -100,7 +101,7 @@ class IoNode:
         self._null_requested = False
         self._tripped = False
         self._enabled = False
-        self._exchanges = 0
+        self.exchanges = 0
 
     def read(self, address: int, count: int) -> bytes:
         """Return registers, high byte first; samples if the read block is among them.
@@ -154,7 +155,7 @@ class IoNode:
         if Control.REARM in risen and self._tripped and self._host_runs(now):
             self._tripped = False
             self._record.note("watchdog_rearmed", now)
-        self._exchanges += 1
+        self.exchanges += 1
         self._settle("host", now)
         self._record.command(now, command, self._output, self._enabled)
 
@@ -246,7 +247,7 @@ class IoNode:
     def state(self) -> dict[str, object]:
         """Return how it stands, for the control port and the record."""
         return {
-            "exchanges": self._exchanges,
+            "exchanges": self.exchanges,
             "host_counter": self._host_counter,
             "command_V": self._command,
             "output_V": self._output,

@@ -1,0 +1,222 @@
+"""The whole emulated rig: one plant, the devices around it, and one event loop that serves them."""
+
+import asyncio
+import gc
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from rig.configuration.rig import Rig
+from rig.plant.sensors import Reading
+
+from .addresses import Endpoints
+from .bypass_io import BypassIo
+from .control_port import ControlPort
+from .effects import FaultEffects
+from .injection import Injection
+from .instruments import Instruments
+from .io_node import IoNode
+from .meters import MeterPanel
+from .modbus_server import ModbusServer
+from .operator_panel import EmulatedOperator
+from .plant import Clock, EmulatedPlant
+from .record import Record
+from .wire_faults import WireFault
+
+_TEND_S: Final = 5e-3
+"""How often what nobody looks at is brought up to date; exchanges do so themselves."""
+_SUMMARY_NS: Final = 1_000_000_000
+"""How often the record tells of exchanges, of which it does not name each."""
+
+
+class Emulator:
+    """A rig that is not there, served where its drivers look for it.
+
+    Args:
+        rig: what it is made of; its plant is the truth.
+        endpoints: where it is served.
+        record: takes note of all it receives.
+        script: faults that come by themselves.
+        attentive: whether somebody presses the reset button when its lamp is lit.
+        seed: fixes the sensors' noise.
+        clock: tells the time in ns.
+
+    Attributes:
+        ports: TCP port, or path, at which each part is served, by name, once it is open.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        endpoints: Endpoints,
+        record: Record,
+        *,
+        script: Iterable[WireFault] = (),
+        attentive: bool = True,
+        seed: int = 0,
+        clock: Clock = time.monotonic_ns,
+    ) -> None:
+        self.record = record
+        self.ports: dict[str, int | str] = {}
+        self._endpoints = endpoints
+        self._clock = clock
+        self._script = tuple(script)
+        self.plant = _plant(rig, seed, clock)
+        self.instruments = Instruments(self.plant)
+        self.node = IoNode(self.instruments, self.plant.drive_valve, record)
+        self.operator = EmulatedOperator(self.node, clock, attentive)
+        self._daq = ModbusServer("daq", self.node, record)
+        self._bypass = _bypass_io(rig, record, clock)
+        self._positions = self._bypass.positions()
+        self._meters = _meter_panel(endpoints.meters, self._metered, record)
+        effects = FaultEffects(
+            self.plant, self.instruments, self.node, self._daq, self._bypass, self._meters
+        )
+        self.injection = Injection(effects, record, clock)
+        self._control = ControlPort(self)
+        self._stopped = asyncio.Event()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._summed_ns = clock()
+        self._summed = 0
+
+    def _metered(self) -> tuple[float, ...]:
+        """Return the flow meters' readings in m^3/s."""
+        return tuple(self.instruments.read()[6:])
+
+    async def open(self) -> None:
+        """Begin to serve everything; the script's time begins.
+
+        Raises:
+            AddressError: an address is in use, or not to be had; nothing is served then.
+            LinkError: a serial line cannot be made; nothing is served then.
+            NotServedError: a fault of the script concerns a part that the rig does not have.
+        """
+        try:
+            await self._open(self._endpoints)
+            self.injection.script(self._script)
+        except BaseException:
+            self.close()
+            raise
+        self.record.note("ready", ports=self.ports)
+        # What is there now stays: the collector need not look through it at every turn.
+        gc.freeze()
+
+    async def _open(self, at: Endpoints) -> None:
+        self.ports["daq"] = await self._daq.open(*at.daq)
+        if isinstance(at.bypass, Path):
+            await self._bypass.open_serial(at.bypass)
+            self.ports["bypass"] = str(at.bypass)
+        elif at.bypass is not None:
+            self.ports["bypass"] = await self._bypass.open(*at.bypass)
+        if self._meters is not None:
+            self._meters.plug_in()
+            self._tasks.append(asyncio.create_task(self._meters.run()))
+            self.ports["meters"] = str(at.meters)
+        if at.control is not None:
+            self.ports["control"] = await self._control.open(*at.control)
+
+    async def run(self) -> None:
+        """Serve until it is stopped."""
+        while not self._stopped.is_set():
+            self.tend()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._stopped.wait(), _TEND_S)
+
+    def tend(self) -> None:
+        """Do what is due by the clock alone: watchdogs, buttons, faults, the plant itself."""
+        self.plant.catch_up()
+        self.node.tend()
+        self.operator.tend()
+        self._move_bypasses()
+        if self.node.enabled:
+            self.injection.valve_enabled()
+        self.injection.tend()
+        self._summarize()
+
+    def _move_bypasses(self) -> None:
+        """Let the plant leak as the bypass valves really stand."""
+        positions = self._bypass.positions()
+        for bypass, (ball, needle) in positions.items():
+            if (ball, needle) != self._positions[bypass]:
+                self.plant.set_bypass(bypass, ball, needle)
+        self._positions = positions
+
+    def _summarize(self) -> None:
+        """Tell the record of the exchanges of the last second."""
+        now = self._clock()
+        if now - self._summed_ns < _SUMMARY_NS:
+            return
+        new = self.node.exchanges - self._summed
+        self._summed_ns, self._summed = now, self.node.exchanges
+        if new:
+            self.record.note("exchanges", now, new=new, **self.node.state())
+        self.record.flush()
+
+    def stop(self) -> None:
+        """End `run` soon; to be called in the event loop's thread."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """Stop serving; harmless when repeated."""
+        for task in self._tasks:
+            task.cancel()
+        if self._meters is not None:
+            self._meters.close()
+        self._bypass.close()
+        self._control.close()
+        self._daq.close()
+
+    def status(self) -> dict[str, Any]:
+        """Return how every device stands, and the plant's true state, SI."""
+        truth = self.plant.truth
+        return {
+            "time_ns": self.plant.time_ns,
+            "daq": self.node.state(),
+            "bypass": self._bypass.state(),
+            "pump": {"loaded": self.plant.pump_loaded},
+            "plant": {**truth._asdict(), **self.plant.coefficients},
+            "faults": self.injection.state(),
+        }
+
+    def summary(self) -> dict[str, int]:
+        """Return what happened since the start: exchanges, and events of the record by name."""
+        events = Counter(event["event"] for event in self.record.events)
+        return {"exchange": self.node.exchanges, **events}
+
+
+def _plant(rig: Rig, seed: int, clock: Clock) -> EmulatedPlant:
+    """Return the plant of a rig file, at rest at mid stroke."""
+    fitted = np.ones(len(Reading._fields))
+    for field, present in (
+        ("spool", rig.has_spool_sensor),
+        ("supply_pressure", rig.has_supply_pressure_sensor),
+        ("load", rig.has_load_cell),
+    ):
+        if not present:
+            fitted[Reading._fields.index(field)] = np.nan
+    return EmulatedPlant(
+        rig.plant,
+        rig.sensors,
+        bypass_valves=rig.bypass_valves,
+        return_resistance=rig.return_valve.maximum if rig.return_valve else 0.0,
+        fitted=fitted,
+        seed=seed,
+        clock=clock,
+    )
+
+
+def _bypass_io(rig: Rig, record: Record, clock: Clock) -> BypassIo:
+    """Return the bypass valves of a rig, as slow as the slowest of its balls."""
+    travels = [valve.ball_travel_s for valve in rig.bypass_valves.values()]
+    return BypassIo(record, clock, *([max(travels)] if travels else []))
+
+
+def _meter_panel(
+    path: Path | None, flows: Callable[[], Sequence[float]], record: Record
+) -> MeterPanel | None:
+    return None if path is None else MeterPanel(path, flows, record)

@@ -1,0 +1,128 @@
+"""What each fault does to the emulated rig when it begins, and when it ends."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from .bypass_io import BypassIo
+from .instruments import Instruments
+from .io_node import IoNode
+from .meters import MeterPanel
+from .modbus_server import ModbusServer
+from .plant import EmulatedPlant
+from .wire_faults import (
+    Delay,
+    Disconnect,
+    Drop,
+    Estop,
+    Frozen,
+    Garbage,
+    LostCounts,
+    MeterUnplugged,
+    Refusal,
+    Sensor,
+    StuckBypass,
+    StuckValve,
+    WrongTransaction,
+)
+
+
+class NotServedError(ValueError):
+    """Faults of parts that the emulated rig does not have; bad input, as `problems` says."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = tuple(problems)
+
+
+class FaultEffects:
+    """Applies faults to the parts of an emulator.
+
+    Args:
+        plant: whose valves stick.
+        instruments: whose transducers fail.
+        node: whose buttons are pressed.
+        daq: the node's server, whose wire fails.
+        bypass: whose wire fails, and whose valves stick.
+        meters: who are unplugged, if the rig has any.
+    """
+
+    def __init__(
+        self,
+        plant: EmulatedPlant,
+        instruments: Instruments,
+        node: IoNode,
+        daq: ModbusServer,
+        bypass: BypassIo,
+        meters: MeterPanel | None,
+    ) -> None:
+        self._plant = plant
+        self._instruments = instruments
+        self._node = node
+        self._servers: dict[str, ModbusServer | BypassIo] = {"daq": daq, "bypass": bypass}
+        self._valves = bypass.valves
+        self._meters = meters
+
+    def require(self, *faults: Any) -> None:
+        """Verify that the rig has what the faults concern.
+
+        Raises:
+            NotServedError: it has not.
+        """
+        problems = []
+        if self._meters is None and any(isinstance(fault, MeterUnplugged) for fault in faults):
+            problems.append("meter_unplugged: the rig has no flow meters; leave it out")
+        if problems:
+            raise NotServedError(problems)
+
+    def apply(self, fault: Any, begins: bool) -> None:
+        """Let a fault, an instance of a class of `KINDS`, begin or end."""
+        match fault:
+            case Frozen(target=target):
+                if target == "daq":
+                    self._node.frozen = begins
+                else:
+                    self._instruments.freeze(target, begins)
+            case Sensor() if begins:
+                self._instruments.fail(fault.target, fault.reads, fault.rate)
+            case Sensor():
+                self._instruments.mend(fault.target)
+            case StuckValve():
+                self._plant.stick_spool(begins)
+            case StuckBypass():
+                self._valves.stick(fault.target, begins)
+            case MeterUnplugged() if self._meters is not None:
+                if begins:
+                    self._meters.unplug()
+                else:
+                    self._meters.plug_in()
+            case Estop():
+                self._node.press_estop(begins)
+            case LostCounts() if begins:
+                self._node.lose_counts(fault.counts, fault.flagged)
+            case LostCounts():
+                pass
+            case _:
+                self._spoil_wire(fault, begins)
+
+    def _spoil_wire(self, fault: Any, begins: bool) -> None:
+        server = self._servers[fault.target]
+        wire = server.wire
+        match fault:
+            case Delay():
+                wire.delay_s = fault.by if begins else 0.0
+            case Drop(what="requests"):
+                wire.requests_lost = begins
+            case Drop():
+                wire.replies_lost = begins
+            case Garbage():
+                wire.garbage = begins
+            case WrongTransaction():
+                wire.wrong_transaction = begins
+            case Refusal():
+                wire.exception = fault.code if begins else 0
+            case Disconnect():
+                wire.refuses = begins
+                if begins:
+                    server.disconnect()
+            case _:
+                raise ValueError(f"{type(fault).__name__}: no such effect")

@@ -1,0 +1,46 @@
+"""Whoever stands at the rig: presses the reset button when its lamp is lit, if he is there."""
+
+from typing import Final
+
+from .io_node import IoNode
+from .plant import Clock
+
+_REACTION_NS: Final = 200_000_000
+"""How long the lamp is lit before he presses; chosen, quick for a person."""
+_PRESS_NS: Final = 100_000_000
+
+
+class EmulatedOperator:
+    """Answers the reset lamp with the reset button.
+
+    Args:
+        node: where lamp and button are wired to.
+        clock: tells the time in ns.
+        attentive: whether he presses at all.
+    """
+
+    def __init__(self, node: IoNode, clock: Clock, attentive: bool = True) -> None:
+        self.attentive = attentive
+        self._node = node
+        self._clock = clock
+        self._lit_ns: int | None = None
+        self._pressed_ns: int | None = None
+
+    def tend(self) -> None:
+        """Look at the lamp, and press or let go if it is time."""
+        now = self._clock()
+        if self._pressed_ns is not None:
+            if now - self._pressed_ns >= _PRESS_NS:
+                self._node.press_reset(False)
+                self._pressed_ns = self._lit_ns = None
+        elif not (self.attentive and self._node.lamp and self._node.estop_closed):
+            self._lit_ns = None
+        elif self._lit_ns is None:
+            self._lit_ns = now
+        elif now - self._lit_ns >= _REACTION_NS:
+            self.press()
+
+    def press(self) -> None:
+        """Press the reset button now."""
+        self._node.press_reset(True)
+        self._pressed_ns = self._clock()

@@ -1,0 +1,115 @@
+"""The emulator in a thread, for tests and notebooks: `with EmulatorThread() as emulator: ...`."""
+
+import asyncio
+import threading
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Any, Final
+
+from rig.configuration.rig import Rig, load_rig
+
+from .addresses import HOST, Address, Endpoints
+from .application import Emulator
+from .record import Record
+from .wire_faults import WireFault, fault_from
+
+_ANYWHERE: Final = Endpoints(daq=Address(HOST, 0), control=Address(HOST, 0))
+
+
+class EmulatorThread:
+    """Serves an emulated rig from a thread of its own, on free ports unless told otherwise.
+
+    Args:
+        rig: the rig, or its name or file.
+        endpoints: where it is served.
+        record: takes note of all it receives; in memory if None.
+        script: faults that come by themselves.
+        attentive: whether somebody presses the reset button when its lamp is lit.
+        seed: fixes the sensors' noise.
+
+    Attributes:
+        ports: where each part is served, by name.
+        record: what it received.
+    """
+
+    def __init__(
+        self,
+        rig: Rig | str = "simulated",
+        *,
+        endpoints: Endpoints = _ANYWHERE,
+        record: Record | None = None,
+        script: Iterable[WireFault] = (),
+        attentive: bool = True,
+        seed: int = 0,
+    ) -> None:
+        self.record = record or Record()
+        self.ports: dict[str, int | str] = {}
+        self._rig = load_rig(rig) if isinstance(rig, str) else rig
+        self._endpoints = endpoints
+        self._options: dict[str, Any] = {
+            "script": tuple(script),
+            "attentive": attentive,
+            "seed": seed,
+        }
+        self._loop = asyncio.new_event_loop()
+        self._emulator: Emulator | None = None
+        self._thread = threading.Thread(target=self._serve, name="emulator", daemon=True)
+
+    def __enter__(self) -> "EmulatorThread":
+        """Serve.
+
+        Raises:
+            AddressError: an address is in use, or not to be had.
+        """
+        self._loop.run_until_complete(self._open())
+        self._thread.start()
+        return self
+
+    async def _open(self) -> None:
+        self._emulator = Emulator(self._rig, self._endpoints, self.record, **self._options)
+        await self._emulator.open()
+        self.ports = self._emulator.ports
+
+    def _serve(self) -> None:
+        assert self._emulator is not None
+        self._loop.run_until_complete(self._emulator.run())
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop serving and end the thread."""
+        assert self._emulator is not None
+        self._loop.call_soon_threadsafe(self._emulator.stop)
+        self._thread.join()
+        self._emulator.close()
+        # One more turn of the loop lets the transports close their sockets.
+        self._loop.run_until_complete(asyncio.sleep(0))
+        self._loop.close()
+        self.record.close()
+
+    def inject(self, **fault: Any) -> int:
+        """Inject a fault given by the keys of a script; return its number.
+
+        Raises:
+            ConfigError: every problem with it.
+        """
+        return self._ask(lambda emulator: emulator.injection.inject(fault_from(fault)))
+
+    def clear(self, number: int | None = None) -> int:
+        """End one fault, or all; return how many there were."""
+        return self._ask(lambda emulator: emulator.injection.clear(number))
+
+    def status(self) -> dict[str, Any]:
+        """Return how every device stands, and the plant's true state, SI."""
+        return self._ask(lambda emulator: emulator.status())
+
+    def _ask(self, question: Any) -> Any:
+        """Return the answer to a question put to the emulator in its own thread."""
+
+        async def answer() -> Any:
+            return question(self._emulator)
+
+        return asyncio.run_coroutine_threadsafe(answer(), self._loop).result()
