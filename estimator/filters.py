@@ -16,6 +16,7 @@ from rig.plant.sensors import DATA_SHEET, SensorParameters
 
 from . import product, thesis
 from .product import ProductNoise, product_noise, product_step, start_product
+from .product_model import STATE_COUNT, STATES
 from .thesis import thesis6_step, thesis7_step
 
 Array = NDArray[np.float64]
@@ -37,7 +38,7 @@ OUTPUTS: Final = (
 )
 """What every filter writes a sample: z - H x(-), z - H x(+) and the innovation's variance."""
 
-_THESIS_STATES: Final = product.STATES[:6]
+_THESIS_STATES: Final = STATES[:6]
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ FILTERS: Final = {
         Filter(
             "product",
             PRODUCT,
-            product.STATES,
+            STATES,
             "load, three leak coefficients and spool null bias as states; stable prediction",
         ),
         Filter("thesis-6", THESIS_6, _THESIS_STATES, "eq. 2.15 with the Karnopp friction model"),
@@ -95,11 +96,11 @@ def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET
     """Return a filter's memory before its first sample; `model` is what the filter assumes."""
     chosen = filter_named(name)
     if chosen.code == PRODUCT:
-        x, covariance = np.zeros(product.STATE_COUNT), product.initial_covariance(model)
+        x, covariance = np.zeros(STATE_COUNT), product.initial_covariance(model)
     else:
         x, covariance = thesis.initial_state(chosen.code == THESIS_7)
     noise = product_noise(sensors, model.parameters)
-    return FilterMemory(chosen, x, covariance, noise, np.zeros((13, product.STATE_COUNT)))
+    return FilterMemory(chosen, x, covariance, noise, np.zeros(product.WORK_SHAPE))
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,13 +1,10 @@
 """The product's filter: load, three leak coefficients and spool null bias beside the rig's states.
 
-An extended Kalman filter that predicts with a stable scheme. Friction and environment are one load
-state (section 6.3), so that no friction law is assumed. Where the thesis filter takes one forward
-Euler step a millisecond, which the oil column does not survive (docs/model.md), this one takes four
-semi-implicit ones: velocity first, then position and pressures with the new velocity. That keeps
-the oil column's oscillation bounded up to omega h = 2; here omega h is at most 0.24.
+An extended Kalman filter on `estimator.product_model`. Measurements are independent, so that they
+correct one after the other; of the symmetric covariance only the upper triangle is computed.
 """
 
-from math import cos, exp, sin, sqrt
+from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,35 +12,21 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant import Model, Parameters
-from rig.plant.dynamics import chamber_volumes, valve_conductance
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import SensorParameters
 
-Array = NDArray[np.float64]
+from .fused import fma
+from .product_model import DYNAMIC, STATE_COUNT, predict_product
 
-STATES: Final = (
-    "spool_m",
-    "pressure_1_Pa",
-    "pressure_2_Pa",
-    "position_m",
-    "velocity_m_per_s",
-    "spool_velocity_m_per_s",
-    "load_N",
-    "external_leakage_1_m3_per_s_sqrtPa",
-    "external_leakage_2_m3_per_s_sqrtPa",
-    "internal_leakage_m3_per_s_sqrtPa",
-    "null_bias_m",
-)
-STATE_COUNT: Final = len(STATES)
+Array = NDArray[np.float64]
 
 DRY: Final = 1e5
 """Below this pressure (Pa) a chamber may hold a vapour cavity, whose volume no sensor sees: three
 times the noise of a 20.7 MPa transducer."""
 
-_SUBSTEPS: Final = 4
-# Rows of the transition matrix that are not the identity: the six rig states come first.
-_DYNAMIC: Final = 6
+WORK_SHAPE: Final = (2 * DYNAMIC + 1, STATE_COUNT)
+"""Shape of the scratch array of `product_step`: Jacobian, its product with P, one gain."""
 
 
 class ProductNoise(NamedTuple):
@@ -102,154 +85,99 @@ def initial_covariance(model: Model) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def start_product(x, position, p1, p2, spool, command, par):
-    """Set the state (11,) to a first sample; for want of a spool reading, take the command's."""
+    """Set the state (11,) to a first sample; for want of a spool reading, take the command's.
+
+    Leaks and null bias start from what the model says of them. Without position or a pressure all
+    states are NaN, and the next sample is the first.
+    """
+    if np.isnan(position + p1 + p2):
+        x[:] = np.nan
+        return
     x[:] = 0.0
     x[0] = par.valve_gain * command if np.isnan(spool) else spool
     x[1] = p1
     x[2] = p2
     x[3] = position
     x[6] = par.piston_area * (p1 - p2)
+    x[7] = par.external_leakage_1
+    x[8] = par.external_leakage_2
+    x[9] = par.internal_leakage
+    x[10] = par.spool_null_bias
 
 
-@njit(cache=True, error_model="numpy")
-def _smooth_root(drop):
-    """Return a root of the drop (Pa^0.5) that stays smooth at zero, and its slope; 10 kPa wide."""
-    width = 1e4
-    size = sqrt(drop * drop + width * width)
-    root = drop / sqrt(size)
-    slope = (1.0 - 0.5 * drop * drop / (size * size)) / sqrt(size)
-    return root, slope
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _spool_rows(jacobian, a, b):
+    """Return the products of the Jacobian's rows of spool and spool velocity with a column.
 
-
-@njit(cache=True, error_model="numpy")
-def predict_product(x, command, par, jacobian):
-    """Advance the state (11,) by one tick of constant command and fill the Jacobian's rows (6, 11).
-
-    The spool follows eq. 2.5 exactly. Row order is that of `STATES`; rows 7 to 11 are the identity.
+    `a` and `b` are the column's entries of these two states; the rows have no others.
     """
-    h = TICK / _SUBSTEPS
-    wn = par.valve_natural_frequency
-    decay = exp(-par.valve_damping * wn * h)
-    # Exact step of the second-order valve about its steady state (damping below one).
-    wd = wn * sqrt(1.0 - par.valve_damping * par.valve_damping)
-    c, s = cos(wd * h), sin(wd * h)
-    ratio = par.valve_damping * wn / wd
-    m11 = decay * (c + ratio * s)
-    m12 = decay * s / wd
-    m21 = -decay * s * wn * wn / wd
-    m22 = decay * (c - ratio * s)
-    steady = par.valve_gain * command
-    area, mass = par.piston_area, par.moving_mass
-    supply, back = par.supply_pressure, par.return_pressure
-    conductance = valve_conductance(par)
-    load, k1, k2, k12, bias = x[6], x[7], x[8], x[9], x[10]
-    spool, p1, p2, position, velocity, spool_velocity = x[0], x[1], x[2], x[3], x[4], x[5]
-
-    jacobian[:, :] = 0.0
-    for i in range(_DYNAMIC):
-        jacobian[i, i] = 1.0
-    for _ in range(_SUBSTEPS):
-        before = spool
-        deviation = spool - steady
-        spool = steady + m11 * deviation + m12 * spool_velocity
-        spool_velocity = m21 * deviation + m22 * spool_velocity
-        opening = 0.5 * (before + spool) + bias
-
-        gain = h / mass
-        velocity += gain * (area * (p1 - p2) - load)
-        position += h * velocity
-        v1, v2 = chamber_volumes(position, par)
-        c1 = h * par.bulk_modulus / v1
-        c2 = h * par.bulk_modulus / v2
-        if opening >= 0.0:
-            r1, s1 = _smooth_root(supply - p1)
-            r2, s2 = _smooth_root(p2 - back)
-            s1 = -s1
-        else:
-            r1, s1 = _smooth_root(p1 - back)
-            r2, s2 = _smooth_root(supply - p2)
-            s2 = -s2
-        e1, es1 = _smooth_root(p1 - back)
-        e2, es2 = _smooth_root(p2 - back)
-        e12, es12 = _smooth_root(p1 - p2)
-        flow = conductance * opening
-        d1 = c1 * (flow * r1 - area * velocity - k1 * e1 - k12 * e12)
-        d2 = c2 * (area * velocity - flow * r2 - k2 * e2 + k12 * e12)
-        a11 = 1.0 + c1 * (flow * s1 - k1 * es1 - k12 * es12)
-        a12 = c1 * k12 * es12
-        a22 = 1.0 - c2 * (flow * s2 + k2 * es2 + k12 * es12)
-        a21 = c2 * k12 * es12
-        x1 = -d1 * area / v1
-        x2 = d2 * area / v2
-        for j in range(STATE_COUNT):
-            js0 = jacobian[0, j]
-            jw0 = jacobian[5, j]
-            jacobian[0, j] = m11 * js0 + m12 * jw0
-            jacobian[5, j] = m21 * js0 + m22 * jw0
-            opened = 0.5 * (js0 + jacobian[0, j])
-            jp1, jp2 = jacobian[1, j], jacobian[2, j]
-            jv = jacobian[4, j] + gain * area * (jp1 - jp2)
-            if j == 6:
-                jv -= gain
-            elif j == 10:
-                opened += 1.0
-            jx = jacobian[3, j] + h * jv
-            jacobian[4, j] = jv
-            jacobian[3, j] = jx
-            g1 = a11 * jp1 + a12 * jp2 + x1 * jx + c1 * (conductance * r1 * opened - area * jv)
-            g2 = a21 * jp1 + a22 * jp2 + x2 * jx + c2 * (area * jv - conductance * r2 * opened)
-            if j == 7:
-                g1 -= c1 * e1
-            elif j == 8:
-                g2 -= c2 * e2
-            elif j == 9:
-                g1 -= c1 * e12
-                g2 += c2 * e12
-            jacobian[1, j] = g1
-            jacobian[2, j] = g2
-        p1 += d1
-        p2 += d2
-    x[0], x[1], x[2], x[3], x[4], x[5] = spool, p1, p2, position, velocity, spool_velocity
+    return (
+        fma(jacobian[0, 5], b, jacobian[0, 0] * a),
+        fma(jacobian[5, 5], b, jacobian[5, 0] * a),
+    )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _full_rows(jacobian, matrix, i):
+    """Return the products of the Jacobian's rows 1 to 4 with row `i` of a matrix of 11 columns."""
+    s1 = s2 = s3 = s4 = 0.0
+    for k in range(STATE_COUNT):
+        c = matrix[i, k]
+        s1 = fma(jacobian[1, k], c, s1)
+        s2 = fma(jacobian[2, k], c, s2)
+        s3 = fma(jacobian[3, k], c, s3)
+        s4 = fma(jacobian[4, k], c, s4)
+    return s1, s2, s3, s4
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _predict_covariance(covariance, jacobian, product):
-    """Replace P by Phi P Phi^T, exploiting that rows 7 to 11 of Phi are the identity."""
-    for i in range(_DYNAMIC):
-        for j in range(STATE_COUNT):
-            total = 0.0
-            for k in range(STATE_COUNT):
-                total += jacobian[i, k] * covariance[k, j]
-            product[i, j] = total
-    for i in range(_DYNAMIC):
-        for j in range(i, _DYNAMIC):
-            total = 0.0
-            for k in range(STATE_COUNT):
-                total += product[i, k] * jacobian[j, k]
-            covariance[i, j] = total
-            covariance[j, i] = total
-        for j in range(_DYNAMIC, STATE_COUNT):
-            covariance[i, j] = product[i, j]
-            covariance[j, i] = product[i, j]
+    """Replace the upper triangle of a symmetric P by Phi P Phi^T.
 
-
-@njit(cache=True, error_model="numpy")
-def _correct(x, covariance, index, measured, variance, gain):
-    """Apply one scalar measurement of a state; return the innovation and its variance.
-
-    P - K S K^T with K = P h / S, kept symmetric by construction.
+    Zeros and identity of Phi are left out (`estimator.product_model.DYNAMIC`).
     """
-    innovation = measured - x[index]
-    total = covariance[index, index] + variance
+    for j in range(STATE_COUNT):
+        # P is symmetric: its rows are its columns.
+        p0, p5 = covariance[j, 0], covariance[j, 5]
+        product[0, j], product[5, j] = _spool_rows(jacobian, p0, p5)
+        s1, s2, s3, s4 = _full_rows(jacobian, covariance, j)
+        product[1, j] = s1
+        product[2, j] = s2
+        product[3, j] = s3
+        product[4, j] = s4
+    for i in range(DYNAMIC):
+        s0, s5 = _spool_rows(jacobian, product[i, 0], product[i, 5])
+        s1, s2, s3, s4 = _full_rows(jacobian, product, i)
+        covariance[i, 0] = s0
+        covariance[i, 1] = s1
+        covariance[i, 2] = s2
+        covariance[i, 3] = s3
+        covariance[i, 4] = s4
+        covariance[i, 5] = s5
+        for j in range(DYNAMIC, STATE_COUNT):
+            covariance[i, j] = product[i, j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _correct(x, covariance, index, measured, variance, gain):
+    """Apply one scalar measurement of a state: P - K S K^T with K = P h / S, P's upper triangle."""
+    inverse = 1.0 / (covariance[index, index] + variance)
+    weight = (measured - x[index]) * inverse
     for i in range(STATE_COUNT):
-        gain[i] = covariance[i, index] / total
+        gain[i] = covariance[min(i, index), max(i, index)]
+        x[i] = fma(gain[i], weight, x[i])
     for i in range(STATE_COUNT):
-        x[i] += gain[i] * innovation
+        share = -gain[i] * inverse
         for j in range(i, STATE_COUNT):
-            reduced = covariance[i, j] - gain[i] * gain[j] * total
-            covariance[i, j] = reduced
-            covariance[j, i] = reduced
-    return innovation, total
+            covariance[i, j] = fma(share, gain[j], covariance[i, j])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _mirror(covariance):
+    """Copy the upper triangle of a square matrix to the lower one."""
+    for i in range(covariance.shape[0]):
+        for j in range(i):
+            covariance[i, j] = covariance[j, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -278,11 +206,15 @@ def product_step(x, covariance, command, position, p1, p2, spool, par, noise, wo
         spool: measured spool displacement, m; NaN is skipped.
         par: `Parameters` the filter assumes.
         noise: `ProductNoise`.
-        work: scratch, float64 (13, 11).
+        work: scratch, float64 of `WORK_SHAPE`.
         out: float64 (9,): innovations, a posteriori residuals and innovation variances of position,
             pressure 1 and pressure 2.
     """
-    jacobian, product, gain = work[:6], work[6:12], work[12]
+    jacobian, product, gain = work[:DYNAMIC], work[DYNAMIC : 2 * DYNAMIC], work[2 * DYNAMIC]
+    if np.isnan(x[3]):
+        start_product(x, position, p1, p2, spool, command, par)
+        out[:] = np.nan
+        return
     predict_product(x, command, par, jacobian)
     _predict_covariance(covariance, jacobian, product)
     covariance[1, 1] += noise.chamber_pressure
@@ -310,6 +242,7 @@ def product_step(x, covariance, command, position, p1, p2, spool, par, noise, wo
             _start_afresh(x, covariance, index, pressure, noise.pressure)
         elif not np.isnan(pressure):
             _correct(x, covariance, index, pressure, noise.pressure, gain)
+    _mirror(covariance)
     out[3] = position - x[3]
     out[4] = p1 - x[1]
     out[5] = p2 - x[2]

@@ -9,14 +9,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from estimator.product import (
-    STATE_COUNT,
-    STATES,
     initial_covariance,
-    predict_product,
     product_noise,
     product_step,
     start_product,
 )
+from estimator.product_model import STATE_COUNT, STATES, predict_product
 from rig.io.simulated import simulated_rig
 from rig.plant import NOMINAL, Model
 from rig.plant.sensors import DATA_SHEET
