@@ -1,26 +1,21 @@
 """From a filter's estimates to a verdict: what a detector is, and the product's own."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import hypot, sqrt
+from math import hypot, isnan, sqrt
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.plant import Model, Parameters
-from rig.plant.dynamics import chamber_volumes, signed_root
+from rig.plant.dynamics import chamber_volumes
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .filters import FilterRun
-from .flow_account import (
-    FAULTS,
-    AccountBlock,
-    FlowAccount,
-    reference_drop,
-    reference_flow,
-)
+from .flow_account import FAULTS, AccountBlock, reference_drop, reference_flow
 from .leak_test import MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
+from .oil_account import OilAccount
 
 Array = NDArray[np.float64]
 
@@ -90,22 +85,22 @@ class Detector(Protocol):
         """Return the decision that the samples seen so far support."""
 
 
-def draw_up(account: FlowAccount, samples: Samples, run: FilterRun) -> list[AccountBlock]:
-    """Add samples with the product filter's estimates to an account; return the blocks finished."""
+_ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
+
+
+def draw_up(account: OilAccount, samples: Samples, run: FilterRun) -> Iterator[AccountBlock]:
+    """Add samples with the product filter's estimates; yield each block when it is tested."""
     fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
+    spool, p1, p2, position = (run.state(name) for name in _ESTIMATES)
     return account.add(
-        run.time_s,
-        run.state("spool_m"),
-        run.state("null_bias_m"),
-        run.state("pressure_1_Pa"),
-        run.state("pressure_2_Pa"),
-        run.state("position_m"),
-        fresh.astype(np.float64),
+        run.time_s, spool, p1, p2, position, fresh.astype(np.float64), samples.supply_pressure
     )
 
 
 class OilAccountDetector:
     """The default detector: tests the oil accounts kept with the product filter's estimates.
+
+    Its time per block and its memory do not grow with the length of the run.
 
     Args:
         model: the model the filter assumes.
@@ -120,35 +115,19 @@ class OilAccountDetector:
         expected: NuisanceBelief = UNINFORMED,
     ) -> None:
         self._parameters = model.parameters
-        self._account = FlowAccount(model.parameters)
         self._test = LeakTest(false_alarms_per_day, expected)
-        self._blocks: list[AccountBlock] = []
-        self._tested: list[int] = []
-        self._supply: list[float] = []
-        self._ranges: list[tuple[float, float]] = []
-        self._supply_sum = np.zeros(2)
-        self._first_s = self._last_s = 0.0
+        self._account = OilAccount(model.parameters, self._test)
+        self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._held_since: float | None = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
-        position = run.state("position_m")
-        blocks = draw_up(self._account, samples, run)
-        if not self._ranges:
+        if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
-        self._ranges.append((float(position.min()), float(position.max())))
-        measured = samples.supply_pressure[np.isfinite(samples.supply_pressure)]
-        self._supply_sum += (measured.sum(), measured.size)
-        for block in blocks:
-            if block.complete:
-                self._tested.append(len(self._blocks))
-                self._test.add(block)
-            self._blocks.append(block)
-            total, count = self._supply_sum
-            self._supply.append(total / count if count else np.nan)
-            self._supply_sum[:] = 0.0
+        for _ in draw_up(self._account, samples, run):
+            pass
 
     def decide(self) -> Decision:
         """Return the verdict of the sequential test on all complete blocks so far.
@@ -157,7 +136,7 @@ class OilAccountDetector:
         it stood out most.
         """
         findings = self._test.search()
-        threshold = self._test.threshold(10.0 + 2.0 * self._test.blocks)
+        threshold = self._test.limit()
         if not findings:
             self._held_since = None
             return self._alarm or self._nothing_found(threshold)
@@ -177,10 +156,10 @@ class OilAccountDetector:
             for finding in findings:
                 name = FAULTS[finding.fault]
                 details[f"{name}_coefficient"] = finding.coefficient
-                details[f"{name}_onset_s"] = self._onset(finding)
+                details[f"{name}_onset_s"] = finding.onset_s
         verdict = "multiple" if len(findings) > 1 else self._name(first)
         if FAULTS[first.fault] not in LEAKS:
-            return Decision(verdict, self._onset(first), statistic=first.statistic,
+            return Decision(verdict, first.onset_s, statistic=first.statistic,
                             threshold=threshold, details=details)  # fmt: skip
         leaks = [finding for finding in findings if FAULTS[finding.fault] in LEAKS]
         sizes = [self._mean_size(leak) for leak in leaks]
@@ -188,7 +167,7 @@ class OilAccountDetector:
         deviations = (leak.deviation * size for leak, size in zip(leaks, sizes, strict=True))
         return Decision(
             verdict,
-            min(self._onset(finding) for finding in findings),
+            min(finding.onset_s for finding in findings),
             flow,
             hypot(*deviations),
             first.coefficient if len(findings) == 1 else None,
@@ -201,31 +180,27 @@ class OilAccountDetector:
         """Healthy only if the motion would have shown a leak, else inconclusive."""
         if self._test.blocks < MINIMUM_BLOCKS:
             return Decision("inconclusive", threshold=threshold)
-        details = {"travel_m": self._travel(), "travel_needed_m": self._travel_needed()}
+        accounted, travel = self._later_half()
+        details = {"travel_m": travel, "travel_needed_m": self._travel_needed()}
         for prefix, part in (("smallest", 0.5), ("smallest_from_start", 0.0)):
             coefficients = self._test.smallest(part)
             for leak, coefficient in zip(LEAKS, coefficients, strict=False):
                 flow = reference_flow(self._parameters, leak, float(coefficient))
                 details[f"{prefix}_{leak}_m3_per_s"] = flow
         unseen = max(details[f"smallest_{leak}_m3_per_s"] for leak in LEAKS) > INCONCLUSIVE_ABOVE
-        still = details["travel_m"] < details["travel_needed_m"]
-        details["accounted"] = self._accounted()
-        blind = details["accounted"] < LEAST_ACCOUNTED
+        still = travel < details["travel_needed_m"]
+        blind = accounted < LEAST_ACCOUNTED
+        details["accounted"] = accounted
         verdict = "inconclusive" if unseen or still or blind else "healthy"
         return Decision(verdict, threshold=threshold, details=details)
 
-    def _accounted(self) -> float:
-        """Part of the later half of what was seen for which the oil could be accounted for."""
-        half = 0.5 * (self._first_s + self._last_s)
-        accounted = sum(
-            b.end_s - max(b.start_s, half) for b in self._blocks if b.complete and b.end_s > half
-        )
-        return float(accounted / (self._last_s - half))
-
-    def _travel(self) -> float:
-        """Range of the ram's position in m over the later half of what was seen."""
-        later = np.array(self._ranges[len(self._ranges) // 2 :])
-        return float(later[:, 1].max() - later[:, 0].min())
+    def _later_half(self) -> tuple[float, float]:
+        """Return the accounted part of the later half of what was seen, and its travel in m."""
+        sums, half_s = self._test.sums, 0.5 * (self._last_s - self._first_s)
+        mark = sums.mark_at(self._first_s + half_s)
+        if mark == sums.marks:
+            return 0.0, 0.0
+        return sums.seconds(mark) / half_s, sums.travel(mark)
 
     def _travel_needed(self) -> float:
         """Travel in m that sweeps the oil a chamber stores by compression at half supply pressure.
@@ -237,33 +212,26 @@ class OilAccountDetector:
         stored = volume / par.bulk_modulus * reference_drop(par, "external_leakage_1")
         return float(stored / par.piston_area)
 
-    def _onset(self, finding: Finding) -> float:
-        start = self._blocks[self._tested[finding.onset]].start_s
-        if finding.onset == 0:
-            return start
-        before = self._blocks[self._tested[finding.onset - 1]]
-        return start - finding.onset_fraction * (before.end_s - before.start_s)
-
     def _mean_size(self, finding: Finding) -> float:
         """Mean absolute flow per unit coefficient from 2 s after onset (or all there is since)."""
-        first = self._tested[finding.onset]
-        settled = self._onset(finding) + SETTLED_AFTER_S
-        since = [b for b in self._blocks[first:] if b.start_s >= settled - 1e-6]
-        chosen = since or self._blocks[first:]
-        sizes = [block.sizes[finding.fault] for block in chosen]
-        return float(np.average(sizes, weights=[block.end_s - block.start_s for block in chosen]))
+        sums = self._test.sums
+        mark = sums.mark_at(finding.onset_s + SETTLED_AFTER_S)
+        if mark == sums.marks:
+            mark = sums.mark_of(finding.onset)
+        return float(sums.mean_sizes(mark)[finding.fault]) * LITRE_PER_MINUTE
 
     def _name(self, finding: Finding) -> str:
         """Name a fault; those of the supply and return lines need a measured supply pressure."""
         name = FAULTS[finding.fault]
         if name in LEAKS:
             return name
-        onset = self._tested[finding.onset]
-        before, after = np.array(self._supply[:onset]), np.array(self._supply[onset:])
-        if not np.isfinite(before).any() or not np.isfinite(after).any():
+        sums = self._test.sums
+        onset = sums.mark_of(finding.onset)
+        count, before, spread = sums.supply(0, onset)
+        _, after, _ = sums.supply(onset)
+        if isnan(before) or isnan(after):
             return "unknown_fault"
-        dropped = np.nanmean(before) - np.nanmean(after)
-        wander = np.nanstd(before) / sqrt(max(np.isfinite(before).sum(), 1))
+        dropped, wander = before - after, spread / sqrt(count)
         if name == "supply_leakage":
             return name if dropped > 3.0 * wander else "unknown_fault"
         return name if dropped <= max(3.0 * wander, 1e5) else "unknown_fault"
@@ -273,8 +241,7 @@ def leak_flow(run: FilterRun, parameters: Parameters) -> dict[str, Array]:
     """Return the product filter's leak flows, float64 (n,) in m^3/s each, by leak (eq. 5.2)."""
     p1, p2 = run.state("pressure_1_Pa"), run.state("pressure_2_Pa")
     drops = (p1 - parameters.return_pressure, p2 - parameters.return_pressure, p1 - p2)
-    root = np.vectorize(signed_root)
     return {
-        leak: run.state(f"{leak}_m3_per_s_sqrtPa") * root(drop)
+        leak: run.state(f"{leak}_m3_per_s_sqrtPa") * np.sign(drop) * np.sqrt(np.abs(drop))
         for leak, drop in zip(LEAKS, drops, strict=True)
     }

@@ -4,49 +4,50 @@ At the end of every block the missing flows of all blocks so far are explained b
 
     missing = nuisances + coefficient x fault signature from an onset on + noise,
 
-for each fault and each onset. Nuisances carry Gaussian priors, the coefficient is free and not
-negative, the noise level is estimated with an inverse-gamma prior, so that a coefficient over its
-standard error follows Student's t (Bayesian linear regression; generalised likelihood ratio over
-the onset, Basseville and Nikiforov 1993, ch. 7). A model-error budget is added to the standard
-error: no leak is claimed that a wandering spool null could feign.
+for each fault and each onset (generalised likelihood ratio over the onset, Basseville and Nikiforov
+1993, ch. 7). The coefficient over its standard error follows Student's t; a model-error budget is
+added to the standard error, so that no leak is claimed that a wandering spool null could feign.
+docs/detection.md has the formulae.
 """
 
-from dataclasses import dataclass
-from math import exp, hypot, sqrt
+from dataclasses import dataclass, replace
+from math import exp, sqrt
 from statistics import NormalDist
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant.parameters import LITRE_PER_MINUTE
 
-from .flow_account import BLOCK_S, FAULT_COUNT, NUISANCE_COUNT, AccountBlock
+from .account_regression import Regression, Scores
+from .account_sums import MARKS, AccountSums, FaultProducts
+from .block_noise import RecentBlocks, lasting_noise
+from .flow_account import BLOCK_S, FAULT_COUNT, NUISANCE_COUNT, NUISANCES, AccountBlock
+from .joint_fit import JointFit
 
 Array = NDArray[np.float64]
 
 NOISE: Final = 0.03
 """Expected noise of one block's missing flow, L/min: twice the sensors' own (docs/detection.md)."""
-NOISE_WEIGHT: Final = 8.0
-"""How many blocks' worth of belief stands behind `NOISE`."""
 FLOW_BUDGET: Final = (0.01, 0.01, 0.01, 0.03, 0.03)
 """Flow in L/min that the model may still be wrong by after the nuisances, by fault: 0.1 um of spool
 null is 0.01 L/min; supply and return pressures wander by more than a leak would."""
+_FLOW_BUDGET: Final = np.array(FLOW_BUDGET)
 RELATIVE_BUDGET: Final = 0.05
 """A second fault must exceed this part of the first one's flow: the leak law is not exact."""
 MINIMUM_BLOCKS: Final = 16
-"""Before that many, 8 s of motion, the nuisances are not told well enough to accuse anybody."""
+"""Before that many nobody is accused, 8 s of motion: their 32 values are twice the 15 nuisances and
+one fault, so that as many are left to tell the noise by."""
 WITNESSES: Final = 4
 """Blocks that must speak for a fault: from fewer, their spread cannot be told."""
+ONSETS: Final = MARKS
+"""Onsets that are told apart."""
 _RIVAL_GAIN: Final = 20.0
 """Twice the log likelihood by which a rival cause must win to be preferred: odds of e^10."""
-_LEAST_INFORMATION: Final = 1e-6
-"""Below this part of its raw information a fault's signature is all nuisance, up to round-off."""
-_LEAST_VARIANCE: Final = 0.05
-"""The noise estimate, in units of NOISE^2, never falls below the sensors' own (0.007 L/min)."""
-ONSETS: Final = 240
-"""Onset candidates kept; when full, every second one of the older half goes."""
+_NULL_BIAS: Final = [nuisance.name for nuisance in NUISANCES].index("spool_null_bias")
+_SETTLED_PART: Final = 0.8
+"""Noise that a fault explains this much of was mostly that fault: it is estimated anew."""
 
 
 def student_quantile(probability: float, freedom: float) -> float:
@@ -77,11 +78,12 @@ class Finding:
 
     Attributes:
         fault: index into `FAULTS`.
-        onset: index of the first block with the fault.
+        onset: index of the first complete block with the fault.
         onset_fraction: part of the block before that already had it, 0 to 1.
         coefficient, deviation: its coefficient and standard error, SI.
         statistic: coefficient over its standard error, budget included.
         likelihood: gain in twice the log likelihood, in units of the noise.
+        onset_s: time at which it began.
     """
 
     fault: int
@@ -91,85 +93,39 @@ class Finding:
     deviation: float
     statistic: float
     likelihood: float
+    onset_s: float
 
 
-class _Candidates(NamedTuple):
-    """Every fault at every onset, float64 (onsets, faults) each.
+@dataclass(frozen=True)
+class _Candidates:
+    """Every fault from every mark on.
 
-    Coefficient (SI), its standard error with the budget, the budget alone, and the gain in twice
-    the log likelihood.
+    Attributes:
+        regression: of the missing flow on nuisances, and on the fault that was found, if any.
+        products: sums of the faults' products since each mark.
+        scores: what each fault would do for the regression.
+        usable: bool (marks, 5), whether it can be told at all.
+        gain: float64 (marks, 5), its gain in twice the log likelihood; 0 where it is not usable.
     """
 
-    coefficient: Array
-    deviation: Array
-    budget: Array
+    regression: Regression
+    products: FaultProducts
+    scores: Scores
+    usable: NDArray[np.bool_]
     gain: Array
-
-
-@njit(cache=True, error_model="numpy")
-def _scan(total_ff_inverse, solved, total, before, count, chosen, scores):
-    """Fill `scores` (onsets, faults, 4): information, projection, sum of sizes, blocks.
-
-    Arrays hold sums over blocks up to now (`total`) and before each onset (`before`), packed as
-    [ll (5, 5), lf (5, 15), ly (5), size (5), blocks]; scaled by the noise.
-    """
-    n, m = FAULT_COUNT, NUISANCE_COUNT
-    ll0, lf0, ly0, size0 = 0, n * n, n * n + n * m, n * n + n * m + n
-    for j in range(count):
-        for i in range(n):
-            ll = total[ll0 + i * n + i] - before[j, ll0 + i * n + i]
-            ly = total[ly0 + i] - before[j, ly0 + i]
-            cc = 0.0
-            cy = 0.0
-            for a in range(m):
-                ca = total[lf0 + i * m + a] - before[j, lf0 + i * m + a]
-                cy += ca * solved[a]
-                inner = 0.0
-                for b in range(m):
-                    cb = total[lf0 + i * m + b] - before[j, lf0 + i * m + b]
-                    inner += total_ff_inverse[a, b] * cb
-                cc += ca * inner
-            information = ll - cc
-            projection = ly - cy
-            if chosen[0] >= 0:
-                cross, own, own_projection = _against(
-                    total_ff_inverse, solved, total, before, j, i, chosen
-                )
-                information -= cross * cross / own
-                projection -= cross * own_projection / own
-            scores[j, i, 0] = information if information > _LEAST_INFORMATION * ll else 0.0
-            scores[j, i, 1] = projection
-            scores[j, i, 2] = total[size0 + i] - before[j, size0 + i]
-            scores[j, i, 3] = total[size0 + n] - before[j, size0 + n]
-
-
-@njit(cache=True, error_model="numpy")
-def _against(inverse, solved, total, before, j, i, chosen):
-    """Return the cross and own information of a fault already found, and its projection."""
-    n, m = FAULT_COUNT, NUISANCE_COUNT
-    fault, onset = chosen[0], chosen[1]
-    later = max(j, onset)
-    lf0, ly0 = n * n, n * n + n * m
-    cross = total[fault * n + i] - before[later, fault * n + i]
-    own = total[fault * n + fault] - before[onset, fault * n + fault]
-    own_projection = total[ly0 + fault] - before[onset, ly0 + fault]
-    for a in range(m):
-        ca = total[lf0 + fault * m + a] - before[onset, lf0 + fault * m + a]
-        own_projection -= ca * solved[a]
-        for b in range(m):
-            cb = total[lf0 + i * m + b] - before[j, lf0 + i * m + b]
-            co = total[lf0 + fault * m + b] - before[onset, lf0 + fault * m + b]
-            cross -= ca * inverse[a, b] * cb
-            own -= ca * inverse[a, b] * co
-    return cross, own, own_projection
 
 
 class LeakTest:
     """Tests the blocks it is given, one at a time, at a stated false-alarm rate.
 
+    Time and memory of a test do not grow with the number of blocks (`estimator.account_sums`).
+
     Args:
         false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
         expected: what is believed of the nuisances before any block.
+
+    Raises:
+        ValueError: the rate is not above 0 and at most 10000.
     """
 
     def __init__(self, false_alarms_per_day: float, expected: NuisanceBelief = UNINFORMED) -> None:
@@ -178,31 +134,19 @@ class LeakTest:
                 f"false_alarms_per_day: {false_alarms_per_day} is outside 0 to 10000 per day"
             )
         self.false_alarms_per_day = false_alarms_per_day
+        self.sums = AccountSums()
         self._expected = expected
         self._root = np.linalg.cholesky(expected.covariance)
-        width = FAULT_COUNT * (FAULT_COUNT + NUISANCE_COUNT + 2) + 1
-        self._ff = np.eye(NUISANCE_COUNT)
-        self._fy = np.zeros(NUISANCE_COUNT)
-        self._yy = 0.0
-        self._total = np.zeros(width)
-        self._before = np.zeros((ONSETS + 1, width))
-        self._onset_blocks = np.zeros(ONSETS + 1, dtype=np.int64)
-        self._onsets = 0
-        self._blocks = 0
-        self._alone: Array | None = None
-        self._history: list[tuple[Array, Array, Array]] = []
-
-    def nuisances(self) -> NuisanceBelief:
-        """Return what the blocks so far say of the nuisances, if no fault is in them."""
-        inverse = np.linalg.inv(self._ff)
-        mean = np.einsum("nm,m->n", self._root, np.einsum("nm,m->n", inverse, self._fy))
-        covariance = np.einsum("an,nm,bm->ab", self._root, inverse, self._root)
-        return NuisanceBelief(self._expected.mean + mean, covariance)
+        self._recent = RecentBlocks()
+        self._kept: frozenset[int] = frozenset()
+        # As of the last block: by the fault (and its onset) beside which others are looked for.
+        self._scored: dict[tuple[int, int] | None, _Candidates] = {}
+        self._findings: list[Finding] | None = None
 
     @property
     def blocks(self) -> int:
         """How many complete blocks were tested."""
-        return self._blocks
+        return self.sums.blocks
 
     def threshold(self, freedom: float) -> float:
         """Return the value of the statistic that a healthy rig exceeds at the stated rate.
@@ -211,186 +155,210 @@ class LeakTest:
         (Bonferroni's bound, so the true rate is lower), and turned into a quantile of Student's t.
         """
         per_block = self.false_alarms_per_day * BLOCK_S / 86400.0
-        looks = FAULT_COUNT * max(self._onsets, 1)
+        looks = FAULT_COUNT * max(self.sums.marks, 1)
         return student_quantile(min(per_block / looks, 0.25), freedom)
+
+    def limit(self) -> float:
+        """Return what the statistic of a first fault has to exceed as of the last block."""
+        return self.threshold(self._candidates().regression.freedom)
 
     def add(self, block: AccountBlock) -> None:
         """Take one more block; incomplete blocks only pass the time."""
         if not block.complete:
             return
-        if self._onsets == ONSETS:
-            self._thin()
-        self._before[self._onsets] = self._total
-        self._onset_blocks[self._onsets] = self._blocks
-        self._onsets += 1
-        y = block.missing / (LITRE_PER_MINUTE * NOISE)
-        f = block.nuisances / (LITRE_PER_MINUTE * NOISE)
-        y = y - np.einsum("cn,n->c", f, self._expected.mean)
-        f = np.einsum("cn,nm->cm", f, self._root)
-        faults = block.faults / (LITRE_PER_MINUTE * NOISE)
-        self._ff += f.T @ f
-        self._fy += f.T @ y
-        self._yy += float(y @ y)
-        self._total += np.concatenate(
-            [(faults.T @ faults).ravel(), (faults.T @ f).ravel(), faults.T @ y,
-             block.sizes / LITRE_PER_MINUTE, [1.0]]
-        )  # fmt: skip
-        self._history.append((y, f, faults))
-        self._alone = None
-        self._blocks += 1
-
-    def _thin(self) -> None:
-        half = ONSETS // 2
-        kept = np.concatenate([np.arange(0, half, 2), np.arange(half, ONSETS)])
-        self._before[: kept.size] = self._before[kept]
-        self._onset_blocks[: kept.size] = self._onset_blocks[kept]
-        self._onsets = kept.size
+        # Where nuisances may do more than their signatures say, the account counts for less.
+        noise = np.hypot(NOISE * LITRE_PER_MINUTE, block.doubts)
+        nuisances = block.nuisances / noise[:, None]
+        missing = block.missing / noise - nuisances @ self._expected.mean
+        rows = missing, nuisances @ self._root, block.faults / noise[:, None]
+        self._recent.add(*rows)
+        self.sums.add(block, rows, self._kept)
+        self._scored.clear()
+        self._findings = None
 
     def search(self) -> list[Finding]:
         """Return the faults found in all blocks so far: none, one, or two at once."""
-        if self._blocks < MINIMUM_BLOCKS:
-            return []
-        first = self._best(np.array([-1, 0]), 0.0)
+        if self._findings is None:
+            self._findings = self._search() if self.blocks >= MINIMUM_BLOCKS else []
+            # Onsets stay as sharp as they were found; 4 blocks on, the flow is averaged.
+            self._kept = frozenset(f.onset + k for f in self._findings for k in range(-1, 6))
+        return self._findings
+
+    def _search(self) -> list[Finding]:
+        first = self._best()
         if first is None:
             return self._pair()
-        chosen = np.array([first.fault, self._candidate(first.onset)])
-        second = self._best(chosen, first.coefficient * self._mean_size(first))
-        return [first] if second is None else [first, second]
+        second = self._best(first)
+        return [first] if second is None else [self._beside(first, second), second]
 
     def _pair(self) -> list[Finding]:
         """Return two faults neither of which stands out while the other passes for noise."""
-        gain = self._candidates(np.array([-1, 0]), 0.0).gain
-        j, i = np.unravel_index(int(np.argmax(gain)), gain.shape)
-        second = self._best(np.array([i, j]), 0.0)
-        if second is None:
+        candidates = self._candidates()
+        mark, fault = (
+            int(k) for k in np.unravel_index(np.argmax(candidates.gain), candidates.gain.shape)
+        )
+        if candidates.gain[mark, fault] < _RIVAL_GAIN:
             return []
-        first = self._best(np.array([second.fault, self._candidate(second.onset)]), 0.0)
-        return [] if first is None else [first, second]
+        variance = float(candidates.scores.variance[mark, fault])
+        likeliest = self._examined(fault, mark, None, _FLOW_BUDGET[fault], variance)
+        second = self._best(likeliest)
+        first = None if second is None else self._best(second)
+        return [] if first is None or second is None else [first, second]
+
+    def _beside(self, first: Finding, second: Finding) -> Finding:
+        """Return a fault fitted anew beside another that was found after it."""
+        at = self._mark(second), second.fault
+        variance = float(self._candidates(first).scores.variance[at])
+        budget = _FLOW_BUDGET[first.fault]
+        again = self._examined(first.fault, self._mark(first), second, budget, variance)
+        return replace(again, likelihood=first.likelihood)
+
+    def nuisances(self) -> NuisanceBelief:
+        """Return what the blocks so far say of the nuisances, beside the first fault in them."""
+        if not self.blocks:
+            return self._expected
+        n = NUISANCE_COUNT
+        first = next(iter(self.search()), None)
+        mean, covariance = self._candidates(first).regression.nuisances()
+        return NuisanceBelief(
+            self._expected.mean + self._root @ mean[:n],
+            self._root @ covariance[:n, :n] @ self._root.T,
+        )
+
+    def null_bias(self) -> tuple[float, float]:
+        """Return the spool's null bias beside the model's, and its standard deviation, m."""
+        sigma, belief = NUISANCES[_NULL_BIAS].sigma, self.nuisances()
+        spread = sqrt(belief.covariance[_NULL_BIAS, _NULL_BIAS])
+        return sigma * float(belief.mean[_NULL_BIAS]), sigma * spread
 
     def smallest(self, part: float = 0.5) -> Array:
         """Return the smallest coefficient of each fault (5,), SI, that would have been found.
 
-        `part` of the blocks had passed when the fault began (0: it was there from the first).
+        Args:
+            part: part of the blocks after which the fault would have begun.
         """
-        scores = self._scores(np.array([-1, 0]))
-        j = int(part * self._onsets)
-        freedom = NOISE_WEIGHT + 2 * self._blocks
-        variance = max((NOISE_WEIGHT + self._misfit()) / freedom, _LEAST_VARIANCE)
-        size = scores[j, :, 2] / scores[j, :, 3]
-        visible = (scores[j, :, 0] > 0.0) & (size > 0.0)
-        error = variance / np.where(visible, scores[j, :, 0], 1.0)
-        budget = np.array(FLOW_BUDGET) / np.where(visible, size, 1.0)
-        return np.where(visible, self.threshold(freedom) * np.sqrt(error + budget**2), np.inf)
+        candidates = self._candidates()
+        regression = candidates.regression
+        mark = min(self.sums.mark_of(int(part * self.blocks)), self.sums.marks - 1)
+        information = candidates.scores.information[mark]
+        size = candidates.products.sizes[mark]
+        visible = (information > 0.0) & (size > 0.0)
+        lasting = lasting_noise(self._recent.residuals(regression.nuisances()[0]))
+        error = regression.variance * lasting / np.where(visible, information, 1.0)
+        budget = _FLOW_BUDGET / np.where(visible, size, 1.0)
+        return np.where(visible, self.limit() * np.sqrt(error + budget**2), np.inf)
 
-    def _candidate(self, onset_block: int) -> int:
-        return int(np.searchsorted(self._onset_blocks[: self._onsets], onset_block))
+    def _candidates(self, beside: Finding | None = None) -> _Candidates:
+        """Score every fault from every mark on, beside one that was found."""
+        key = None if beside is None else (beside.fault, beside.onset)
+        if key not in self._scored:
+            self._scored[key] = self._score(beside)
+        return self._scored[key]
 
-    def _mean_size(self, finding: Finding) -> float:
-        """Mean absolute flow per unit coefficient since the onset, L/min."""
-        n = FAULT_COUNT * (FAULT_COUNT + NUISANCE_COUNT + 1)
-        sums = self._total[n:] - self._before[self._candidate(finding.onset)][n:]
-        return float(sums[finding.fault] / sums[-1])
+    def _score(self, beside: Finding | None) -> _Candidates:
+        products = self.sums.faults_since()
+        ff, fy, yy = self.sums.nuisances()
+        crossed = products.crossed
+        visible = (products.sizes > 0.0) & (products.blocks >= WITNESSES)[:, None]
+        if beside is not None:
+            ff, fy, crossed = _fault_as_nuisance(beside, self._mark(beside), products, ff, fy)
+            visible[:, beside.fault] = False
+        regression = Regression(ff, fy, yy, 2 * self.blocks)
+        variance = regression.variance
+        for _ in range(3):
+            scores = regression.score(crossed, products, variance)
+            usable = visible & (scores.coefficient > 0.0)
+            left = scores.variance.min(where=usable, initial=variance)
+            if left > _SETTLED_PART * variance:
+                break
+            variance = float(left)
+        freedom = regression.freedom
+        gain = freedom * np.log1p(scores.explained / (freedom * scores.variance))
+        return _Candidates(regression, products, scores, usable, np.where(usable, gain, 0.0))
 
-    def _scores(self, chosen: NDArray[np.int64]) -> Array:
-        """Return what `_scan` fills; beside no other fault it is asked for often, and kept."""
-        alone = chosen[0] < 0
-        if alone and self._alone is not None:
-            return self._alone
-        scores = np.empty((self._onsets, FAULT_COUNT, 4))
-        inverse = np.linalg.inv(self._ff)
-        solved = np.einsum("nm,m->n", inverse, self._fy)
-        _scan(inverse, solved, self._total, self._before, self._onsets, chosen, scores)
-        if alone:
-            self._alone = scores
-        return scores
-
-    def _misfit(self) -> float:
-        return self._yy - float(self._fy @ np.linalg.solve(self._ff, self._fy))
-
-    def _candidates(self, chosen: NDArray[np.int64], first_flow: float) -> _Candidates:
-        """Weigh every fault at every onset, beside a fault that is `chosen` already."""
-        scores = self._scores(chosen)
-        size = scores[..., 2] / scores[..., 3]
-        visible = (scores[..., 0] > 0.0) & (size > 0.0) & (scores[..., 3] >= WITNESSES)
-        visible[:, np.arange(FAULT_COUNT) == chosen[0]] = False
-        information = np.where(visible, scores[..., 0], 1.0)
-        coefficient = np.where(visible, scores[..., 1] / information, 0.0)
-        explained = np.where(coefficient > 0.0, coefficient * scores[..., 1], 0.0)
-        weight = NOISE_WEIGHT + 2 * self._blocks
-        misfit = NOISE_WEIGHT + self._misfit() - self._explained_by(chosen)
-        variance = np.maximum((misfit - explained) / weight, _LEAST_VARIANCE)
-        flow_budget = np.hypot(np.array(FLOW_BUDGET), RELATIVE_BUDGET * first_flow)
-        budget = np.where(visible, flow_budget / np.where(visible, size, 1.0), 0.0)
-        return _Candidates(
-            coefficient,
-            np.sqrt(variance / information + budget**2),
-            budget,
-            weight * np.log1p(explained / (weight * variance)),
-        )
-
-    def _best(self, chosen: NDArray[np.int64], first_flow: float) -> Finding | None:
-        """Return the likeliest fault beside `chosen` that passes the test, or None."""
-        found = self._candidates(chosen, first_flow)
-        limit = self.threshold(NOISE_WEIGHT + 2 * self._blocks)
-        # What another cause explains far better is not this one, even if that is below its budget.
-        rivalled = found.gain < found.gain.max() - _RIVAL_GAIN
-        passing = ~rivalled & (found.coefficient > limit * found.deviation)
-        gain = np.where(passing, found.gain, 0.0)
-        for i in map(int, np.argsort(-gain.max(axis=0))):
-            j = int(np.argmax(gain[:, i]))
-            if gain[j, i] <= 0.0:
+    def _best(self, beside: Finding | None = None) -> Finding | None:
+        """Return the fault that explains most, beside one found, if a healthy rig would not."""
+        candidates = self._candidates(beside)
+        scores, sizes, usable = candidates.scores, candidates.products.sizes, candidates.usable
+        flow_budget = _FLOW_BUDGET
+        if beside is not None:
+            flow = beside.coefficient * sizes[self._mark(beside), beside.fault]
+            flow_budget = np.hypot(flow_budget, RELATIVE_BUDGET * flow)
+        limit = self.threshold(candidates.regression.freedom)
+        error = scores.variance / np.where(usable, scores.information, 1.0)
+        budget = flow_budget / np.where(usable, sizes, 1.0)
+        sure = scores.coefficient > limit * np.sqrt(error + budget**2)
+        # What another cause explains far better is not this one, even if that is below its limit.
+        likely = candidates.gain >= candidates.gain.max() - _RIVAL_GAIN
+        gain = np.where(sure & likely, candidates.gain, 0.0)
+        for fault in np.argsort(-gain.max(axis=0)):
+            mark = int(np.argmax(gain[:, fault]))
+            if gain[mark, fault] <= 0.0:
                 return None
-            onset, k = int(self._onset_blocks[j]), float(found.coefficient[j, i])
-            jackknife = self._jackknife(i, onset, k, chosen)
-            deviation = max(float(found.deviation[j, i]), hypot(jackknife, found.budget[j, i]))
-            if k > limit * deviation:
-                fraction = self._fraction(i, onset, k)
-                return Finding(i, onset, fraction, k, deviation, k / deviation, float(gain[j, i]))
+            variance = float(scores.variance[mark, fault])
+            finding = self._examined(int(fault), mark, beside, flow_budget[fault], variance)
+            if finding.statistic > limit:
+                return replace(finding, likelihood=float(gain[mark, fault]))
         return None
 
-    def _jackknife(
-        self, fault: int, onset: int, coefficient: float, chosen: NDArray[np.int64]
-    ) -> float:
-        """Return a coefficient's standard error, from the blocks' own residuals.
+    def _mark(self, finding: Finding) -> int:
+        return self.sums.mark_of(finding.onset)
 
-        Noise may differ from block to block (jackknife form of Eicker, Huber and White; both
-        chambers of a block together). It is large when few blocks speak for the fault: no single
-        block can raise an alarm.
+    def _examined(
+        self,
+        fault: int,
+        mark: int,
+        beside: Finding | None,
+        flow_budget: float,
+        variance: float,
+    ) -> Finding:
+        """Return a fault from a mark on as a finding, fitted together with one beside it.
+
+        Its standard error also holds for noise that differs or lasts from block to block.
         """
-        y = np.array([block[0] for block in self._history])
-        f = np.array([block[1] for block in self._history])
-        columns = [np.array([block[2][:, fault] for block in self._history])]
-        columns[0][:onset] = 0.0
-        if chosen[0] >= 0:
-            other = np.array([block[2][:, chosen[0]] for block in self._history])
-            other[: self._onset_blocks[chosen[1]]] = 0.0
-            columns.append(other)
-        inverse = np.linalg.inv(self._ff)
-        clean = [u - np.einsum("bcn,nm,m->bc", f, inverse, np.einsum("bcn,bc->n", f, u))
-                 for u in columns]  # fmt: skip
-        residual = y - np.einsum("bcn,nm,m->bc", f, inverse, self._fy) - coefficient * clean[0]
-        if len(clean) > 1:
-            cross = (clean[0] * columns[1]).sum() / (clean[1] * columns[1]).sum()
-            clean[0] = clean[0] - cross * clean[1]
-            residual -= (clean[1] * residual).sum() / (clean[1] * columns[1]).sum() * clean[1]
-        information = (clean[0] * columns[0]).sum()
-        leverage = np.minimum((clean[0] * columns[0]).sum(axis=1) / information, 0.999)
-        influence = (clean[0] * residual).sum(axis=1) / information / (1.0 - leverage)
-        return float(np.sqrt((influence**2).sum()))
+        products = self._candidates().products
+        faults, marks = [fault], [mark]
+        if beside is not None:
+            faults, marks = [beside.fault, fault], [self._mark(beside), mark]
+        fit = JointFit(self.sums, products, faults, marks, variance)
+        onsets = [int(self.sums.mark_blocks[m]) for m in marks]
+        present = list(zip(faults, onsets, fit.coefficients, strict=True))
+        lasting = lasting_noise(self._recent.residuals(fit.nuisances, present))
+        budget = flow_budget / float(products.sizes[mark, fault])
+        deviation = sqrt(max(fit.error, fit.jackknife()) * lasting + budget**2)
+        coefficient = float(fit.coefficients[-1])
+        fraction = fit.began_before()
+        onset_s = self.sums.start_s(mark)
+        if mark:
+            onset_s -= fraction * self.sums.seconds(mark - 1, mark)
+        return Finding(
+            fault,
+            onsets[-1],
+            fraction,
+            coefficient,
+            deviation,
+            coefficient / deviation,
+            0.0,
+            onset_s,
+        )
 
-    def _explained_by(self, chosen: NDArray[np.int64]) -> float:
-        if chosen[0] < 0:
-            return 0.0
-        scores = self._scores(np.array([-1, 0]))
-        information, projection = scores[chosen[1], chosen[0], :2]
-        return float(projection * projection / information)
 
-    def _fraction(self, fault: int, onset: int, coefficient: float) -> float:
-        """Part of the block before the onset in which the fault was there already."""
-        if onset == 0:
-            return 0.0
-        nuisance = np.linalg.solve(self._ff, self._fy)
-        y, f, faults = self._history[onset - 1]
-        signature = coefficient * faults[:, fault]
-        rest = y - np.einsum("ij,j->i", f, nuisance)
-        return float(np.clip((rest * signature).sum() / (signature**2).sum(), 0.0, 1.0))
+def _fault_as_nuisance(
+    finding: Finding, mark: int, products: FaultProducts, ff: Array, fy: Array
+) -> tuple[Array, Array, Array]:
+    """Return products of nuisances of which a fault found is one more.
+
+    Its prior is a hundred times what was found, which is as good as none.
+
+    Returns:
+        Its products with nuisances (16, 16), with missing flow (16,), with faults (marks, 5, 16).
+    """
+    i, unit = finding.fault, 100.0 * finding.coefficient
+    n = fy.size
+    squares = np.empty((n + 1, n + 1))
+    squares[:n, :n] = ff
+    squares[n, :n] = squares[:n, n] = unit * products.crossed[mark, i]
+    squares[n, n] = unit**2 * products.squares[mark, i, i]
+    later = np.maximum(np.arange(products.blocks.size), mark)
+    crossed = np.concatenate([products.crossed, unit * products.squares[later, :, i, None]], axis=2)
+    return squares, np.append(fy, unit * products.products[mark, i]), crossed

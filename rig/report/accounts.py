@@ -3,14 +3,16 @@
 The verdict is the one that was held when the test ran; this shows what it was held by.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.flow_account import NUISANCE_COUNT, AccountBlock, FlowAccount
+from estimator.flow_account import NUISANCE_COUNT, AccountBlock
 from estimator.leak_test import MINIMUM_BLOCKS, NOISE, Finding, LeakTest
+from estimator.oil_account import OilAccount
 from rig.plant import Parameters
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording.recording import Recording
@@ -19,7 +21,6 @@ Array = NDArray[np.float64]
 
 _ESTIMATES: Final = (
     "est_spool_m",
-    "est_null_bias_m",
     "est_pressure_1_Pa",
     "est_pressure_2_Pa",
     "est_position_m",
@@ -66,20 +67,20 @@ def account_history(
     """Return the accounts of a recording; None unless it holds the product filter's estimates."""
     if not all(name in recording for name in (*_ESTIMATES, *_MEASURED)):
         return None
-    blocks = _complete_blocks(recording, parameters)
-    if not blocks:
-        return None
     test, likeliest = LeakTest(false_alarms_per_day), _LikeliestFault(false_alarms_per_day)
+    blocks: list[AccountBlock] = []
     findings: list[Finding] = []
     statistics, thresholds, smallest = [], [], []
-    for block in blocks:
-        test.add(block)
+    for block in _complete_blocks(recording, OilAccount(parameters, test)):
+        blocks.append(block)
         likeliest.add(block)
         findings = test.search()
         likely = findings or likeliest.search()
         statistics.append(likely[0].statistic if likely else 0.0)
-        thresholds.append(test.threshold(10.0 + 2.0 * test.blocks))
+        thresholds.append(test.limit())
         smallest.append(np.array([test.smallest(0.5), test.smallest(0.0)]))
+    if not blocks:
+        return None
     explained = _explained(blocks, findings)
     sound = min([finding.onset for finding in findings], default=len(blocks))
     return AccountHistory(
@@ -93,13 +94,15 @@ def account_history(
     )
 
 
-def _complete_blocks(recording: Recording, parameters: Parameters) -> list[AccountBlock]:
-    spool, null_bias, p1, p2, position = (recording[name] for name in _ESTIMATES)
+def _complete_blocks(recording: Recording, account: OilAccount) -> Iterator[AccountBlock]:
+    """Yield each block that counts, once it is tested."""
+    spool, p1, p2, position = (recording[name] for name in _ESTIMATES)
     measured = np.array([recording[name] for name in _MEASURED])
     fresh = np.isfinite(measured).all(axis=0).astype(np.float64)
-    account = FlowAccount(parameters)
-    blocks = account.add(recording.time_s, spool, null_bias, p1, p2, position, fresh)
-    return [block for block in blocks if block.complete and np.isfinite(block.missing).all()]
+    unknown = np.full(fresh.size, np.nan)
+    for block in account.add(recording.time_s, spool, p1, p2, position, fresh, unknown):
+        if block.complete:
+            yield block
 
 
 def _explained(blocks: list[AccountBlock], findings: list[Finding]) -> Array:

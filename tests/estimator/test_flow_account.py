@@ -39,7 +39,6 @@ def accounts(motion: Motion, null_bias: float = 0.0, parts: int = 1) -> list[Acc
     columns = (
         time_s,
         motion["spool"],
-        np.full(TICKS, null_bias),
         motion["pressure_1"],
         motion["pressure_2"],
         motion["position"],
@@ -47,7 +46,8 @@ def accounts(motion: Motion, null_bias: float = 0.0, parts: int = 1) -> list[Acc
     )
     blocks = []
     for piece in np.array_split(np.arange(TICKS), parts):
-        blocks += account.add(*(np.ascontiguousarray(column[piece]) for column in columns))
+        part = (np.ascontiguousarray(column[piece]) for column in columns)
+        blocks += account.add(*part, null_bias=null_bias)
     return blocks
 
 
@@ -180,7 +180,7 @@ def test_a_block_with_missing_samples_is_not_complete(sound: Motion) -> None:
     fresh[510:580] = 0.0
     p1, p2, position = sound["pressure_1"], sound["pressure_2"], sound["position"]
     time_s = np.arange(TICKS, dtype=np.float64) * 1e-3
-    blocks = account.add(time_s, sound["spool"], np.zeros(TICKS), p1, p2, position, fresh)
+    blocks = account.add(time_s, sound["spool"], p1, p2, position, fresh)
     assert [block.complete for block in blocks[:3]] == [True, False, True]
 
 

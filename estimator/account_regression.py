@@ -1,0 +1,150 @@
+"""Bayesian linear regression of missing flows on nuisances, and what one more column would explain.
+
+    y = F theta + k u + e,      theta ~ N(0, 1),      e ~ N(0, v)
+
+with y the missing flows of all blocks, F the nuisances per standard deviation and u the signature
+of a fault from an onset on, whose coefficient k has no prior. Marginally y - k u ~ N(0, v + F F'),
+so k and its variance follow by generalised least squares; the matrix inversion lemma leaves
+matrices of the size of F'F (Bishop 2006, Pattern Recognition and Machine Learning, sections 3.3 and
+3.5).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .account_sums import FaultProducts
+
+Array = NDArray[np.float64]
+
+NOISE_WEIGHT: Final = 8.0
+"""How many values' worth of belief stands behind a noise variance of one."""
+LEAST_VARIANCE: Final = 0.05
+"""The noise variance is never believed to be less: the sensors' own (docs/detection.md)."""
+_LEAST_INFORMATION: Final = 1e-6
+"""Below this part of its raw information a column is all nuisance, up to round-off."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What each column would do for the regression: float64 (marks, 5).
+
+    Attributes:
+        coefficient: its estimate.
+        information: the estimate's variance is `variance / information`; 0 for an invisible column.
+        explained: drop of the weighted sum of squares if the column is taken in.
+        variance: noise variance that would be left.
+    """
+
+    coefficient: Array
+    information: Array
+    explained: Array
+    variance: Array
+
+
+@njit(cache=True, error_model="numpy")
+def _noise_variance(values, projected, squares, count):
+    """Return the noise variance that is its own re-estimate (MacKay 1992), and F's freedom.
+
+    `values` are the eigenvalues of F'F, `projected` is F'y in their axes, `squares` is y'y.
+    """
+    variance = 1.0
+    used = 0.0
+    for _ in range(100):
+        residual = squares
+        used = 0.0
+        for a in range(values.size):
+            kept = 1.0 / (values[a] + variance)
+            residual -= projected[a] * projected[a] * kept * (2.0 - values[a] * kept)
+            used += values[a] * kept
+        estimate = (NOISE_WEIGHT + residual) / (NOISE_WEIGHT + count - used)
+        estimate = max(estimate, LEAST_VARIANCE)
+        settled = abs(estimate - variance) < 1e-4 * variance
+        variance = estimate
+        if settled:
+            break
+    return variance, used
+
+
+@njit(cache=True, error_model="numpy")
+def _score(rotated, squares, products, values, projected, total, freedom, variance, out):
+    """Fill `out` (4, n) with the fields of `Scores`, for columns u with u'u and u'y as given.
+
+    `rotated` (n, m) holds the columns' products with F in the axes of `values`.
+    """
+    m = values.size
+    weighted = total
+    kept = np.empty(m)
+    for a in range(m):
+        kept[a] = 1.0 / (values[a] + variance)
+        weighted -= projected[a] * projected[a] * kept[a]
+    for j in range(squares.size):
+        information = squares[j]
+        projection = products[j]
+        for a in range(m):
+            part = rotated[j, a] * kept[a]
+            information -= part * rotated[j, a]
+            projection -= part * projected[a]
+        out[:, j] = 0.0
+        out[3, j] = variance
+        if information > _LEAST_INFORMATION * squares[j]:
+            coefficient = projection / information
+            explained = coefficient * projection
+            nuisances = 0.0
+            for a in range(m):
+                size = (projected[a] - coefficient * rotated[j, a]) * kept[a]
+                nuisances += size * size
+            residual = weighted - explained - variance * nuisances
+            out[0, j] = coefficient
+            out[1, j] = information
+            out[2, j] = explained
+            out[3, j] = max((NOISE_WEIGHT + residual) / freedom, LEAST_VARIANCE)
+
+
+class Regression:
+    """The regression of y on F, from their products.
+
+    Args:
+        squares: F'F, float64 (m, m).
+        products: F'y, float64 (m,).
+        total: y'y.
+        count: values in y.
+
+    Attributes:
+        variance: the noise variance, estimated with the data.
+        freedom: degrees of freedom behind it, less one for a column more.
+    """
+
+    def __init__(self, squares: Array, products: Array, total: float, count: int) -> None:
+        values, self._vectors = np.linalg.eigh(squares)
+        self._values = np.maximum(values, 0.0)  # Round-off may leave F'F short of semidefinite.
+        self._projected = self._vectors.T @ products
+        self._total = total
+        self.variance, used = _noise_variance(self._values, self._projected, total, count)
+        self.freedom = NOISE_WEIGHT + count - used - 1.0
+
+    def score(self, crossed: Array, products: FaultProducts, variance: float) -> Scores:
+        """Score every fault from every mark on as a further column.
+
+        Args:
+            crossed: the faults' products with the nuisances, float64 (marks, 5, m).
+            products: their other products.
+            variance: noise variance to weigh nuisances against noise with.
+        """
+        rotated = crossed.reshape(-1, self._values.size) @ self._vectors
+        squares = np.einsum("jii->ji", products.squares)
+        out = np.empty((4, squares.size))
+        _score(
+            rotated, squares.ravel(), products.products.ravel(), self._values, self._projected,
+            self._total, self.freedom, variance, out,
+        )  # fmt: skip
+        return Scores(*out.reshape(4, *squares.shape))
+
+    def nuisances(self) -> tuple[Array, Array]:
+        """Return the nuisances' most likely sizes (m,) and their covariance (m, m)."""
+        kept = 1.0 / (self._values + self.variance)
+        covariance = (self._vectors * (self.variance * kept)) @ self._vectors.T
+        return self._vectors @ (self._projected * kept), covariance
