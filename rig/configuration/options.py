@@ -18,7 +18,7 @@ from rig.plant.parameters import Quantity
 
 from .document import Located, Sources
 from .fields import Physical
-from .lookup import reference_in, resolve
+from .lookup import FOLDERS, reference_in, resolve
 from .validation import Schema, check, shown
 
 T = TypeVar("T")
@@ -134,12 +134,17 @@ def _is_section(kind: Any) -> bool:
 
 
 def _read_path(item: Located, sources: Sources) -> Path | None:
-    """Return a path, which counts from the folder of the file that gives it."""
-    reference = reference_in(item)
+    """Return a path, which counts from the folder of the file that gives it.
+
+    An option named after a kind of shipped file (`dbc`) is found by name too, as these are.
+    """
+    folder, reference = item.place.path.parent, reference_in(item)
     if reference is None:
         sources.problems.add(item.place, item.name, shown(item), "is not a path", "write one")
         return None
-    return item.place.path.parent / Path(reference).expanduser()
+    if item.name in FOLDERS:
+        return resolve(item.name, reference, folder, sources.problems, item)
+    return folder / Path(reference).expanduser()
 
 
 def _read_dataclass(kind: type[T], item: Located, sources: Sources) -> T | None:

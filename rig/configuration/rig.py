@@ -39,7 +39,8 @@ class Rig:
         bypass_valves: the valves that make leaks, by the kind of fault each makes.
         return_valve: the valve that blocks the return line, if there is one.
         gain_V_per_m: gain of the proportional position loop.
-        pace: whether its campaigns run at the wall clock or as fast as they can, unless told.
+        pace: whether its campaigns run at the wall clock or as fast as they can, unless told; a
+            hardware rig knows the wall clock only.
         ladder: what is done when a channel leaves its limits.
         drivers: of a hardware rig, one of them fast; a simulated one has none.
         loop: how the loop of a hardware rig is paced and watched.
@@ -137,7 +138,7 @@ def read_rig(path: Path, sources: Sources) -> Rig | None:
         return_valve=return_valve,
         limits=limits,
         gain_V_per_m=file.position_gain,
-        pace=file.pace,
+        pace="real" if file.backend == "hardware" else file.pace,
         ladder=(*usual_ladder(limits, plant.parameters), *rungs),
         drivers=drivers,
         loop=loop,

@@ -9,6 +9,7 @@ import pytest
 from rig.configuration import ConfigError
 from rig.configuration.checking import CheckReport, check
 from rig.configuration.dry_run import valve_speed
+from rig.configuration.lookup import FOLDERS
 from rig.plant.model import Model
 from rig.plant.parameters import NOMINAL
 from rig.plant.simulation import simulate
@@ -103,8 +104,8 @@ def test_a_fault_is_listed_with_coefficient_opening_and_flow(tmp_path: Path) -> 
 
 
 def test_a_check_knows_the_kind_of_a_file_by_its_content(tmp_path: Path) -> None:
-    for kind, folder in (("campaign", "campaigns"), ("rig", "rigs"), ("model", "models")):
-        for shipped in sorted((Path(__file__).parents[3] / "config" / folder).glob("*.yaml")):
+    for kind, folder in FOLDERS.items():
+        for shipped in sorted((Path(__file__).parents[3] / "config" / folder).iterdir()):
             assert check(shipped).kind == kind
     stranger = tmp_path / "stranger.yaml"
     stranger.write_text("colour: blue\n")
