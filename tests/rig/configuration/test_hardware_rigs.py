@@ -247,7 +247,7 @@ def test_a_limit_of_any_channel_in_the_loop_adds_a_rung(load_text: LoadText) -> 
         (
             "drivers:",
             LIMITS % "{channel: position_m, action: stop}" + "drivers:",
-            "rig.yaml:8:101 action: stop is not a choice here; choose one of indicate, hold, ramp_d",
+            "rig.yaml:8:101 action: stop is not a choice here; choose one of indicate, hold, ramp",
         ),
         (
             "drivers:",
