@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from faults.bypass import BypassValve, port_opening
+from faults.bypass import BypassValve
 from faults.verdict import Verdict
 from rig.io.signals import BYPASSES
 from rig.plant import FAULT_COLUMNS, Model
@@ -154,7 +154,7 @@ class EmulatedPlant:
     def set_bypass(self, bypass: str, ball: float, needle: float) -> None:
         """Set the real positions of a bypass, 0 shut to 1 open; the leak they make acts from now.
 
-        The return throttle has no ball: its `needle` 0 leaves the line free, 1 blocks it fully.
+        The return throttle has no ball; its resistance is in proportion to its `needle`.
 
         Raises:
             ValueError: no such bypass.
@@ -166,7 +166,7 @@ class EmulatedPlant:
 
     def _coefficient(self, bypass: str, ball: float, needle: float) -> float:
         if bypass == Verdict.RETURN_BLOCKAGE:
-            return float(self._return_resistance * port_opening(needle))
+            return self._return_resistance * needle
         valve = self._bypass_valves.get(bypass)
         return valve.effective(needle, ball) if valve else 0.0
 

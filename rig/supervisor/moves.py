@@ -1,0 +1,85 @@
+"""Turns the faults of a test into moves of the valves that make them."""
+
+from collections.abc import Iterable, Mapping
+from math import inf
+from typing import Final
+
+import numpy as np
+
+from faults.bypass import BypassValve
+from faults.schedule import Fault
+from faults.verdict import Verdict
+from rig.configuration.rig import Rig
+from rig.plant.integrator import TICK
+
+Outputs = Mapping[str, float]
+Move = tuple[int, Outputs]
+
+RAMP_STEP_S: Final = 0.1
+"""Time between the steps in which a needle follows a ramp: what slow I/O and its drive resolve."""
+
+
+def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
+    """Return the outputs before a test: all balls shut, needles where their first fault needs them.
+
+    So a leak begins with the turn of its ball and not with the slow needle.
+    """
+    outputs: dict[str, float] = {}
+    for kind in rig.injectable:
+        outputs[f"{kind}_needle"] = 0.0
+        if kind != Verdict.RETURN_BLOCKAGE:
+            outputs[f"{kind}_ball"] = 0.0
+    for fault in sorted(faults, key=lambda fault: fault.at_s, reverse=True):
+        if fault.kind != Verdict.RETURN_BLOCKAGE:
+            outputs[f"{fault.kind}_needle"] = _opening(rig, fault, 0.0)
+    return outputs
+
+
+def moves(rig: Rig, faults: Iterable[Fault]) -> tuple[Move, ...]:
+    """Return what to set at which tick of a test to make its faults, in the order of the ticks.
+
+    Args:
+        rig: has the valves; `check` saw to it that they pass what is asked.
+        faults: of one test.
+    """
+    made: list[Move] = []
+    previous_end: dict[str, float] = {}
+    for fault in sorted(faults, key=lambda fault: fault.at_s):
+        made += _moves_of(rig, fault, previous_end.get(fault.kind))
+        previous_end[fault.kind] = fault.end_s
+    return tuple(sorted(made, key=lambda move: move[0]))
+
+
+def _moves_of(rig: Rig, fault: Fault, previous_end_s: float | None) -> list[Move]:
+    needle, ball = f"{fault.kind}_needle", f"{fault.kind}_ball"
+    made: list[Move] = []
+    blocks = fault.kind == Verdict.RETURN_BLOCKAGE
+    if not blocks:
+        if previous_end_s is not None:
+            made.append((_tick(previous_end_s), {needle: _opening(rig, fault, 0.0)}))
+        made.append((_tick(fault.at_s), {ball: 1.0}))
+    if blocks or fault.ramp_s > 0.0:
+        steps = max(round(fault.ramp_s / RAMP_STEP_S), 1) if fault.ramp_s > 0.0 else 0
+        elapsed = np.linspace(0.0, fault.ramp_s, steps + 1)
+        made += [
+            (_tick(fault.at_s + since_s), {needle: _opening(rig, fault, float(since_s))})
+            for since_s in elapsed
+            if fault.at_s + since_s < fault.until_s
+        ]
+    if fault.until_s < inf:
+        made.append((_tick(fault.until_s), {needle: 0.0} if blocks else {ball: 0.0}))
+    return made
+
+
+def _opening(rig: Rig, fault: Fault, since_s: float) -> float:
+    """Return where the needle stands for a fault, some time after it began."""
+    share = 1.0 if fault.ramp_s == 0.0 else min(since_s / fault.ramp_s, 1.0)
+    if fault.kind == Verdict.RETURN_BLOCKAGE:
+        assert rig.return_valve is not None
+        return min(share * fault.coefficient / rig.return_valve.maximum, 1.0)
+    valve: BypassValve = rig.bypass_valves[fault.kind]
+    return valve.needle_opening_for(max(share * fault.coefficient, valve.minimum))
+
+
+def _tick(time_s: float) -> int:
+    return round(time_s / TICK)
