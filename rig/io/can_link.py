@@ -72,23 +72,11 @@ class CanLink:
         self._driver = driver
         self.place = _place(options)
         mask = 0x1FFF_FFFF if extended else 0x7FF
-        filters: list[Any] = [
+        filters = [
             {"can_id": identifier, "can_mask": mask, "extended": extended}
             for identifier in identifiers
         ]
-        try:
-            # ignore_config: the rig file says all, no ~/.canrc does.
-            self._bus = can.Bus(
-                ignore_config=True,
-                interface=options.interface,
-                channel=options.channel,
-                can_filters=filters,
-                **_particulars(options),
-            )
-        except (can.CanError, OSError, ValueError, ImportError) as error:
-            remedy = _REMEDIES[options.interface]
-            action = remedy.format(channel=options.channel, bitrate=options.bitrate)
-            raise DriverError(driver, f"cannot open {self.place}: {error}", action) from error
+        self._bus = open_bus(driver, options, can_filters=filters)
 
     def send(self, identifier: int, data: bytes, *, extended: bool = False) -> None:
         """Send one frame; `extended`: with a 29-bit identifier.
@@ -129,17 +117,37 @@ class CanLink:
         self._bus.shutdown()
 
 
-def _place(options: CanOptions) -> str:
-    port = f":{options.port}" if options.interface == "udp_multicast" else ""
-    return f"{options.interface} {options.channel}{port}"
+def open_bus(driver: str, options: CanOptions, **particulars: Any) -> can.BusABC:
+    """Return a bus opened by python-can.
 
+    Args:
+        driver: who opens it; the error begins with it.
+        options: which bus.
+        particulars: passed on to `can.Bus`.
 
-def _particulars(options: CanOptions) -> Mapping[str, Any]:
+    Raises:
+        DriverError: there is no such bus.
+    """
     match options.interface:
         case "udp_multicast":
             # hop_limit 0: the frames of an emulated rig do not leave this machine.
-            return {"port": options.port, "hop_limit": 0}
+            particulars |= {"port": options.port, "hop_limit": 0}
         case "pcan" | "slcan":
-            return {"bitrate": options.bitrate}
-        case _:
-            return {}
+            particulars |= {"bitrate": options.bitrate}
+    try:
+        # ignore_config: the rig file says all, no ~/.canrc does.
+        return can.Bus(
+            ignore_config=True,
+            interface=options.interface,
+            channel=options.channel,
+            **particulars,
+        )
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        remedy = _REMEDIES[options.interface]
+        action = remedy.format(channel=options.channel, bitrate=options.bitrate)
+        raise DriverError(driver, f"cannot open {_place(options)}: {error}", action) from error
+
+
+def _place(options: CanOptions) -> str:
+    port = f":{options.port}" if options.interface == "udp_multicast" else ""
+    return f"{options.interface} {options.channel}{port}"

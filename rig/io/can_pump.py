@@ -21,7 +21,7 @@ STATUS: Final = (
 """Message and signals that a DBC has to describe; identifier, layout and units are its own."""
 COMMAND: Final = ("PumpCommand", ("Load", "AliveCounter"))
 
-_UNITS: Final[Mapping[str, tuple[float, float]]] = {
+UNITS: Final[Mapping[str, tuple[float, float]]] = {
     "Pa": (1.0, 0.0),
     "kPa": (1e3, 0.0),
     "bar": (1e5, 0.0),
@@ -114,10 +114,10 @@ class CanPump:
 
     def _unit(self, signal: str) -> tuple[float, float]:
         unit = self._status.get_signal_by_name(signal).unit or ""
-        if unit not in _UNITS:
+        if unit not in UNITS:
             state = f"{self._options.dbc} gives {signal} in {unit or 'no unit'}"
-            raise DriverError(self.name, state, f"use one of {', '.join(_UNITS)}", "dbc")
-        return _UNITS[unit]
+            raise DriverError(self.name, state, f"use one of {', '.join(UNITS)}", "dbc")
+        return UNITS[unit]
 
     def _motor_fault_code(self) -> int:
         try:

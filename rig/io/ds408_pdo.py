@@ -22,6 +22,9 @@ _TPDO1_COMMUNICATION: Final = 0x1800
 _RPDO1_MAPPING: Final = 0x1600
 _TPDO1_MAPPING: Final = 0x1A00
 
+TPDO1_PERIOD: Final = Entry(_TPDO1_COMMUNICATION, 5, "<H")
+"""Event timer of TPDO1, ms."""
+
 _NOT_VALID: Final = 1 << 31
 _ON_CHANGE: Final = 255
 """Transmission type: at once when received, or when the event timer has run out."""
@@ -40,7 +43,7 @@ def set_up(node: int, rate_hz: float, silence: float) -> Iterator[tuple[Entry, i
     """
     period_ms = max(1, round(500.0 / rate_hz))
     yield from _pdo(_RPDO1_COMMUNICATION, _RPDO1_MAPPING, RPDO1 + node, (CONTROL_WORD, SETPOINT))
-    yield Entry(_TPDO1_COMMUNICATION, 5, "<H"), period_ms
+    yield TPDO1_PERIOD, period_ms
     yield from _pdo(_TPDO1_COMMUNICATION, _TPDO1_MAPPING, TPDO1 + node, (STATUS_WORD, ACTUAL))
     yield PRODUCER_HEARTBEAT, round(1e3 * silence / _BEATS_IN_SILENCE)
 
