@@ -4,13 +4,13 @@ A cause's number stands on the board and in recordings, so that it is never give
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.io.limits import ChannelLimit
 from rig.io.signals import FAST_INPUTS
 
 NO_CHANNEL: Final = -1
@@ -228,31 +228,11 @@ def explain(cause: Cause, channel: str = "") -> Explanation:
     )
 
 
-@dataclass(frozen=True)
-class Limit:
-    """One rung of a channel: what is done when it is left for some time.
+class LimitTable(NamedTuple):
+    """Limits as arrays (n,) for compiled code, in the order in which they were given.
 
     Rungs of one channel that are farther out, or last longer, make its ladder.
-
-    Attributes:
-        channel: name in `FAST_INPUTS`.
-        low: in the channel's SI unit; -inf for none.
-        high: as `low`; inf for none.
-        action: taken outside [low, high].
-        persistence_ms: how long the channel must stay outside first.
-        hysteresis: how far inside, in the channel's unit, it must return to end the action.
     """
-
-    channel: str
-    low: float
-    high: float
-    action: Action
-    persistence_ms: float = 0.0
-    hysteresis: float = 0.0
-
-
-class LimitTable(NamedTuple):
-    """Limits as arrays (n,) for compiled code, in the order in which they were given."""
 
     channel: NDArray[np.int64]
     """Index in `FAST_INPUTS`."""
@@ -261,10 +241,10 @@ class LimitTable(NamedTuple):
     hysteresis: NDArray[np.float64]
     action: NDArray[np.int64]
     ticks: NDArray[np.int64]
-    """Ticks in a row outside at which the action is taken, at least 1."""
+    """Ticks in a row outside from which the action is taken, at least 1."""
 
 
-def limit_table(limits: Iterable[Limit], period_s: float) -> LimitTable:
+def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:
     """Return limits for a loop of that period.
 
     Raises:
@@ -276,12 +256,12 @@ def limit_table(limits: Iterable[Limit], period_s: float) -> LimitTable:
             raise ValueError(f"limit of {row.channel!r}: no such channel; name one of FAST_INPUTS")
         if not row.low < row.high:
             raise ValueError(f"limit of {row.channel}: low {row.low:g} is not below {row.high:g}")
-    ticks = [1 + int(1e-3 * row.persistence_ms / period_s + 0.5) for row in rows]
+    ticks = [1 + round(row.for_s / period_s) for row in rows]
     return LimitTable(
         np.array([FAST_INPUTS.index(row.channel) for row in rows], np.int64),
         np.array([row.low for row in rows], np.float64),
         np.array([row.high for row in rows], np.float64),
         np.array([row.hysteresis for row in rows], np.float64),
-        np.array([row.action for row in rows], np.int64),
+        np.array([Action[row.action.upper()] for row in rows], np.int64),
         np.array(ticks, np.int64),
     )

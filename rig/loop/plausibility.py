@@ -30,6 +30,8 @@ _ABOVE_SUPPLY: Final = int(Cause.PRESSURE_ABOVE_SUPPLY)
 _CROSSED: Final = int(Cause.PRESSURES_CROSSED)
 _NOT_FOLLOWING: Final = int(Cause.SPOOL_NOT_FOLLOWING)
 
+_RELATIVE: Final = 1.0
+_HOMED: Final = 2.0
 _SUBSTEPS: Final = 4
 """Of the nominal valve's second-order lag in a tick: some 0.16 rad each."""
 _SMOOTHING: Final = 5e-3
@@ -46,6 +48,7 @@ class Evidence(NamedTuple):
     """What the checks remember from tick to tick: float64 array in this order."""
 
     started: float = 0.0
+    """0 before the first sample; then what the position counts from: switch-on 1, stroke end 2."""
     spool_m: float = 0.0
     """Spool of the nominal valve under the commands sent."""
     spool_velocity: float = 0.0
@@ -96,8 +99,9 @@ def implausible(values, fresh, command, homed, tol, evidence):
     position, p1, p2 = values[_POSITION], values[_PRESSURE_1], values[_PRESSURE_2]
     evidence[_GAP] += 1.0
     if not (isnan(position) or isnan(p1) or isnan(p2)):
-        if evidence[_STARTED] == 0.0:
-            evidence[_STARTED] = 1.0
+        reference = _HOMED if homed else _RELATIVE
+        if evidence[_STARTED] != reference:
+            evidence[_STARTED] = reference
             evidence[_X], evidence[_P1], evidence[_P2] = position, p1, p2
         step = position - evidence[_X] if fresh else 0.0
         if _jumped(step, tol, evidence):

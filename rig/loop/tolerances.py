@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.position_loop import COMMAND_LIMIT
+from rig.io.settings import HomingSettings
 from rig.io.signals import FAST_INPUTS
 from rig.plant.dynamics import valve_conductance
 from rig.plant.parameters import Parameters
@@ -35,10 +36,6 @@ _LEAK_COEFFICIENT: Final = 2.6e-8
 """m^3/(s Pa^0.5). Greatest crossport leak that a shipped rig injects."""
 _RETURN_RESTRICTION: Final = 4e13
 """Pa/(m^3/s)^2. Greatest blockage that a shipped rig's return throttle makes."""
-_UNHOMED_COMMAND: Final = 1.0
-"""V. A tenth of the command: some 70 mm/s, so that the stroke end is met gently."""
-_UNHOMED_STICTIONS: Final = 2.5
-"""Load pressure that homing may reach, in that which overcomes stiction."""
 
 
 class Tolerances(NamedTuple):
@@ -106,6 +103,7 @@ def tolerances(
     fitted: frozenset[str],
     period_s: float,
     stale_s: float,
+    homing: HomingSettings,
     command_limit_V: float = COMMAND_LIMIT,  # noqa: N803
 ) -> Tolerances:
     """Return the tolerances of a rig.
@@ -116,6 +114,7 @@ def tolerances(
         fitted: channels of `FAST_INPUTS` that the fast driver supplies.
         period_s: of the loop.
         stale_s: how old a sample may become.
+        homing: what a ram may do that is not homed.
         command_limit_V: greatest command of either sign.
     """
     deviation = sigmas(period_s)
@@ -172,8 +171,8 @@ def tolerances(
         spool_ticks=ticks(0.025),
         command_V=0.01 * command_limit_V,
         confirm_ticks=ticks(0.02),
-        unhomed_command_V=_UNHOMED_COMMAND,
-        unhomed_load_pressure_Pa=_UNHOMED_STICTIONS * par.stiction / par.piston_area,
+        unhomed_command_V=homing.command,
+        unhomed_load_pressure_Pa=homing.load_pressure,
         conductance=conductance,
         par=par,
     )
