@@ -36,8 +36,11 @@ _COMMANDS: Final = 4
 """Commands among which the device's present output may be one: what is on its way."""
 _ECHO_LAG: Final = 4
 """Exchanges by which the device may be behind in what it took."""
+_FADING: Final = 0.5
 _GENTLE: Final = 0.75
 """Part of the limit of load pressure to which a ram that is not homed may be pushed."""
+_RELIEF: Final = 0.4
+"""Part of the command that relieves it; more would swing, with the small chamber so stiff."""
 _COUNTERS: Final = 65536
 """Values of `host_counter`."""
 
@@ -106,20 +109,20 @@ def interlock_memory(limits: LimitTable) -> InterlockMemory:
 def allowed_command(command, homed, tol, memory):
     """Return a command in V, limited to what a ram may do that does not know where it is.
 
-    Not homed, it goes slowly and pushes gently: the command fades as the load pressure that it
-    makes comes to three quarters of its limit, and turns round beyond, so that a ram at its stroke
-    end is held there with that force.
+    Not homed, it goes slowly and pushes gently: the command fades while the load pressure that it
+    makes rises from half to three quarters of its limit, and turns round a little beyond, so that a
+    ram at its stroke end stays there with that force, even if the valve's null is off.
     """
     if homed:
         return command
     command = min(max(command, -tol.unhomed_command_V), tol.unhomed_command_V)
-    pushed = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
-    if not pushed * command > 0.0:
+    load_pressure = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
+    if not load_pressure * command > 0.0:
         return command
-    part = (_GENTLE * tol.unhomed_load_pressure_Pa - abs(pushed)) / (
-        (1.0 - _GENTLE) * tol.unhomed_load_pressure_Pa
-    )
-    return command * min(max(part, -1.0), 1.0)
+    pushed = abs(load_pressure) / tol.unhomed_load_pressure_Pa
+    if pushed <= _GENTLE:
+        return command * min((_GENTLE - pushed) / (_GENTLE - _FADING), 1.0)
+    return -_RELIEF * command * min((pushed - _GENTLE) / (1.0 - _GENTLE), 1.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

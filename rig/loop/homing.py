@@ -1,0 +1,183 @@
+"""Homing: finding an incremental encoder's zero at an end stop, gently.
+
+Two approaches with the valve command as setpoint, in open loop: the first finds the stop, the
+second, slower, must find it at the same count. What follows from a late or lost `Homing` is limited
+by the compiled loop, which holds a ram that is not homed below a command and a load pressure
+(`rig.loop.interlock.allowed_command`), and by each move's end.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from rig.io.settings import HomingSettings
+from rig.plant.parameters import Parameters
+
+BACK_OFF: Final = 0.02
+"""m. Way between the approaches: far enough that the second is a motion of its own."""
+SLOWER: Final = 0.6
+"""Speed of the second approach in that of the first; a null bias of 10 um must not stop it."""
+REPEATABLE_COUNTS: Final = 5
+"""By which both approaches may differ: the stop gives way by two at the force of contact."""
+_CONTACT: Final = 0.5
+"""Part of the load-pressure limit that the ram must push with to be at a stop."""
+_OVERTRAVEL: Final = 1.05
+"""Travel in strokes after which there is no stop to come: the encoder's scale is wrong."""
+
+
+class HomingError(Exception):
+    """Homing that found no stroke end it can be sure of; the message gives reason and remedy."""
+
+
+class Phase(Enum):
+    """What a homing run is doing."""
+
+    APPROACH = "approach"
+    BACK_OFF = "back off"
+    SECOND_APPROACH = "second approach"
+    DONE = "done"
+
+
+@dataclass(frozen=True)
+class HomingSample:
+    """What homing looks at, at least ten times a second.
+
+    Attributes:
+        time_s: since any beginning.
+        position_m: as the encoder counts, from wherever it was switched on.
+        pressure_1_Pa: of chamber 1, which extends the ram.
+        pressure_2_Pa: of chamber 2.
+    """
+
+    time_s: float
+    position_m: float
+    pressure_1_Pa: float  # noqa: N815
+    pressure_2_Pa: float  # noqa: N815
+
+
+class Homing:
+    """One homing run, driven by samples; it moves nothing itself.
+
+    Args:
+        settings: which end, how gently, for how long.
+        par: the plant, for its stroke.
+        count_m: the encoder's resolution.
+
+    Attributes:
+        phase: what it is doing.
+        offset_m: to add to the encoder's position; None until done.
+    """
+
+    def __init__(self, settings: HomingSettings, par: Parameters, count_m: float) -> None:
+        self.phase = Phase.APPROACH
+        self.offset_m: float | None = None
+        self._settings = settings
+        self._count_m = count_m
+        self._outward = 1.0 if settings.end == "extend" else -1.0
+        self._stop_m = par.stroke_max if settings.end == "extend" else par.stroke_min
+        self._travel_m = _OVERTRAVEL * (par.stroke_max - par.stroke_min)
+        self._recent: deque[HomingSample] = deque()
+        self._began: HomingSample | None = None
+        self._first_m = 0.0
+
+    @property
+    def command_V(self) -> float:  # noqa: N802
+        """The valve command that the present phase asks for; it changes with the phase only."""
+        return (
+            self._outward
+            * {
+                Phase.APPROACH: self._settings.command,
+                Phase.BACK_OFF: -self._settings.command,
+                Phase.SECOND_APPROACH: SLOWER * self._settings.command,
+                Phase.DONE: 0.0,
+            }[self.phase]
+        )
+
+    def next_command(self, sample: HomingSample) -> float:
+        """Take one sample and return the command in V from now on; 0 when done.
+
+        Raises:
+            HomingError: no repeatable stroke end; the rig is not homed.
+        """
+        if self.phase is Phase.DONE:
+            return 0.0
+        if self._began is None:
+            self._began = sample
+        self._remember(sample)
+        self._check_way(sample, self._began)
+        if self.phase is Phase.BACK_OFF:
+            if self._way(sample) <= -BACK_OFF:
+                self._enter(Phase.SECOND_APPROACH)
+        elif self._stands():
+            self._check_contact(sample)
+            self._at_stop(sample)
+        return self.command_V
+
+    def _enter(self, phase: Phase) -> None:
+        self.phase, self._began = phase, None
+        self._recent.clear()
+
+    def _way(self, sample: HomingSample) -> float:
+        """Return the way towards the stop since the phase began, m."""
+        began = self._began or sample
+        return self._outward * (sample.position_m - began.position_m)
+
+    def _remember(self, sample: HomingSample) -> None:
+        self._recent.append(sample)
+        recent, since = self._recent, sample.time_s - self._settings.standstill
+        while len(recent) > 1 and recent[1].time_s <= since:
+            recent.popleft()
+
+    def _stands(self) -> bool:
+        """Return whether the ram stayed below its speed limit for the time of standstill."""
+        duration = self._recent[-1].time_s - self._recent[0].time_s
+        if duration < self._settings.standstill:
+            return False
+        positions = [sample.position_m for sample in self._recent]
+        moved = max(positions) - min(positions)
+        return moved <= max(self._settings.speed * duration, self._count_m)
+
+    def _at_stop(self, sample: HomingSample) -> None:
+        if self.phase is Phase.APPROACH:
+            self._first_m = sample.position_m
+            self._enter(Phase.BACK_OFF)
+            return
+        apart = abs(sample.position_m - self._first_m) / self._count_m
+        # Half a count: positions are whole counts but for the last bit of a float.
+        if apart > REPEATABLE_COUNTS + 0.5:
+            raise HomingError(
+                f"the stroke end was found {apart:.0f} counts apart, {REPEATABLE_COUNTS} allowed: "
+                "the encoder loses counts, or it is no firm stop; check both"
+            )
+        self.offset_m = self._stop_m - sample.position_m
+        self._enter(Phase.DONE)
+
+    def _check_way(self, sample: HomingSample, began: HomingSample) -> None:
+        way = self._way(sample)
+        wrong = way > BACK_OFF if self.phase is Phase.BACK_OFF else way < -BACK_OFF
+        if wrong:
+            raise HomingError(
+                f"the ram moves the wrong way ({self.phase.value}): the encoder's direction is "
+                "reversed, or the valve's null is off by more than the homing command; check both"
+            )
+        if abs(way) > self._travel_m:
+            raise HomingError(
+                f"no stop within {self._travel_m:.3g} m of travel: check the encoder's scale and "
+                "the stroke in the rig file"
+            )
+        if sample.time_s - began.time_s > self._settings.timeout:
+            raise HomingError(
+                f"no end of the {self.phase.value} within {self._settings.timeout:g} s: "
+                "check supply and valve; raise homing command or timeout"
+            )
+
+    def _check_contact(self, sample: HomingSample) -> None:
+        pushed = self._outward * (sample.pressure_1_Pa - sample.pressure_2_Pa)
+        least = _CONTACT * self._settings.load_pressure
+        if pushed < least:
+            raise HomingError(
+                f"the ram stands, but pushes with {1e-6 * pushed:.2f} MPa only, "
+                f"{1e-6 * least:.2f} MPa make contact: check the supply pressure, the encoder "
+                "(frozen?) and the pressure lines; raise homing command"
+            )
