@@ -67,4 +67,9 @@ def _read_driver(
 
 
 def _add(error: DriverError, item: Located, name: str, problems: Problems) -> None:
-    problems.add(item.place, name, error.channel, error.state, error.action)
+    """Record what a driver refuses, at the option that it names, if it names one."""
+    option = item.get(error.channel)
+    if option is not None:
+        problems.add(option.place, error.channel, "", error.state, error.action)
+    else:
+        problems.add(item.place, name, error.channel, error.state, error.action)

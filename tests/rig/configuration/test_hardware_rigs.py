@@ -9,6 +9,7 @@ from faults.verdict import FAULT_KINDS
 from rig.configuration import ConfigError
 from rig.configuration.campaign import load_campaign
 from rig.configuration.checking import check
+from rig.configuration.lookup import copy_shipped
 from rig.configuration.rig import Rig, load_rig
 from rig.io.limits import ChannelLimit
 from rig.io.settings import HomingSettings, LoopSettings
@@ -345,3 +346,29 @@ def test_a_rig_with_a_broken_driver_says_whose_it_is(tmp_path: Path, install: In
     (problem,) = problems_of(BENCH.replace("plain_slow", "wrecked"), tmp_path)
     assert "cannot be imported" in problem
     assert problem.endswith("repair or uninstall the package wrecked")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("exchange: fc23", "exchange: fc16", "exchange: fc16 is not a choice here; did you mean"),
+        ("exchange: fc76", "exchange: fc23", "exchange: fc23 is not for LabJack T7; use fc76"),
+        ("map: io_node", "map: bypass", "map: bypass is not a known map; available maps: io_node"),
+        ("watchdog: 100 ms", "watchdog: 2 s", "watchdog: 2 s is not for generic I/O node; write"),
+        ("watchdog: 100 ms", "rate: 2 kHz", "rate: 2000 Hz is not for generic I/O node; at most"),
+        ("dbc: pump_unit", "dbc: servovalve", "servovalve.dbc lacks PumpStatus"),
+        ("port: 15503", "port: 15502", "bypass: 127.0.0.1:15502 is the connection of the driver"),
+        ("/dev/ttyUSB1", "/dev/ttyUSB0", "meters: /dev/ttyUSB0 is the connection of the driver"),
+        ("slower_device: hold", "slower_device: refuse", "daq: 250 Hz is below the loop's 1000 Hz"),
+        ("transport: rtu", "transport: tcp", "`host` is missing, which `transport: tcp` needs"),
+    ],
+)
+def test_a_shipped_rig_edited_wrongly_is_refused(
+    tmp_path: Path, old: str, new: str, expected: str
+) -> None:
+    copy_shipped(tmp_path / "config")
+    rigs = [tmp_path / "config" / "rigs" / f"{name}.yaml" for name in ("emulated", "labjack")]
+    path = next(path for path in rigs if old in path.read_text())
+    assert any(
+        expected in text for text in problems_of(path.read_text().replace(old, new), rigs[0].parent)
+    )
