@@ -7,10 +7,14 @@ alone, which ends it in order.
 
 import contextlib
 import os
+import queue
 import signal
+import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,12 +22,27 @@ from typing import Any, Final
 
 from rig.loop.board import Board
 
-_GRACE_S: Final = 3.0
+_GRACE_S: Final = 10.0
 """How long a child may take to end by itself before it is killed."""
 
 
 class ChildError(Exception):
     """A child that ended, or does not answer; the message names it."""
+
+
+@dataclass(frozen=True)
+class News:
+    """What a child tells without being asked.
+
+    Attributes:
+        at_ns: when it happened, CLOCK_MONOTONIC in ns.
+        who: which part of the rig.
+        text: what happened.
+    """
+
+    at_ns: int
+    who: str
+    text: str
 
 
 class Child:
@@ -34,11 +53,21 @@ class Child:
         module: its module, whose `main()` finds board and pipe by `child_ends`.
         board: shared with it.
         log: file that its stderr is appended to.
+        on_news: is called with its `News`, in a thread of its own.
     """
 
-    def __init__(self, name: str, module: str, board: Board, log: Path) -> None:
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        board: Board,
+        log: Path,
+        on_news: Callable[[News], None] = lambda news: None,
+    ) -> None:
         self.name = name
-        self.pipe, theirs = Pipe()
+        self._pipe, theirs = Pipe()
+        self._on_news = on_news
+        self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         descriptors = (board.fd, theirs.fileno())
         # Imported, not run as __main__: the classes of its orders are then those of the sender.
         program = f"from {module} import main; main()"
@@ -51,6 +80,8 @@ class Child:
                 stderr=stderr,
                 start_new_session=True,
             )
+        self._reader = threading.Thread(target=self._read, name=f"from {name}", daemon=True)
+        self._reader.start()
 
     @property
     def pid(self) -> int:
@@ -58,9 +89,14 @@ class Child:
         return self._process.pid
 
     @property
+    def exit_code(self) -> int | None:
+        """Its exit code, minus the signal that killed it, or None while it runs."""
+        return self._process.poll()
+
+    @property
     def ended(self) -> str:
         """How it ended, in words; empty while it runs."""
-        code = self._process.poll()
+        code = self.exit_code
         if code is None:
             return ""
         if code < 0:
@@ -74,49 +110,65 @@ class Child:
             ChildError: it has ended.
         """
         try:
-            self.pipe.send(order)
+            self._pipe.send(order)
         except OSError:
-            raise ChildError(f"{self.name} process: {self.ended or 'closed its pipe'}") from None
+            raise self._gone() from None
 
-    def answer(self, timeout_s: float, goes_on: Callable[[], bool] = lambda: True) -> Any:
+    def answer(self, timeout_s: float) -> Any:
         """Return its next answer; an answer that is an exception is raised.
-
-        Args:
-            timeout_s: how long to wait at most.
-            goes_on: asked now and then; the wait ends when it returns False.
 
         Raises:
             ChildError: none came in time, or it has ended.
         """
-        waited = 0.0
         try:
-            while not self.pipe.poll(_POLL_S):
-                waited += _POLL_S
-                if self.ended or waited >= timeout_s or not goes_on():
-                    break
-            if self.pipe.poll():
-                answer = self.pipe.recv()
-                if isinstance(answer, BaseException):
-                    raise answer
-                return answer
-        except (EOFError, ConnectionError):
-            # The pipe is closed a moment before the process can be asked how it ended.
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(_GRACE_S)
-        state = self.ended or f"did not answer within {timeout_s:g} s"
-        raise ChildError(f"{self.name} process: {state}")
+            answer = self._answers.get(timeout=timeout_s)
+        except queue.Empty:
+            state = f"did not answer within {timeout_s:g} s"
+            raise ChildError(f"{self.name} process: {state}") from None
+        if answer is _CLOSED:
+            self._answers.put(_CLOSED)
+            raise self._gone()
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    def ask(self, order: object, timeout_s: float) -> Any:
+        """Send an order and return the answer; see `send` and `answer`."""
+        self.send(order)
+        return self.answer(timeout_s)
 
     def end(self) -> None:
         """Close the pipe, upon which it leaves its part of the rig safe and ends; else kill it."""
-        self.pipe.close()
+        # A reader blocked in a pipe does not see it closed: half of it is shut down first.
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as end:
+            end.shutdown(socket.SHUT_RDWR)
+        try:
+            self._process.wait(_GRACE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join()
+        self._pipe.close()
+
+    def _read(self) -> None:
+        try:
+            while True:
+                message = self._pipe.recv()
+                if isinstance(message, News):
+                    self._on_news(message)
+                else:
+                    self._answers.put(message)
+        except (EOFError, OSError):
+            self._answers.put(_CLOSED)
+
+    def _gone(self) -> ChildError:
+        # The pipe is closed a moment before the process can be asked how it ended.
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_GRACE_S)
-            return
-        self._process.kill()
-        self._process.wait()
+        return ChildError(f"{self.name} process: {self.ended or 'closed its pipe'}")
 
 
-_POLL_S: Final = 0.05
+_CLOSED: Final = object()
 
 
 def child_ends() -> tuple[Board, Connection]:

@@ -20,7 +20,7 @@ from rig.io.signals import BALLS, NEEDLES, SLOW_INPUTS
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
 
-from .child import child_ends
+from .child import News, child_ends
 
 CYCLE_S: Final = 0.01
 """Time between two looks at moves, orders and drivers; each driver is asked at its own rate."""
@@ -67,16 +67,6 @@ class Safety:
     """What came of a safe state: what each driver could not do, by its name."""
 
     failures: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Complaint:
-    """A driver's error, told to the supervisor as it happened (CLOCK_MONOTONIC in ns)."""
-
-    at_ns: int
-    driver: str
-    text: str
-    tripped: bool
 
 
 @dataclass
@@ -191,7 +181,7 @@ class FieldProcess:
         moves = bool(served.driver.outputs)
         if moves and not self._words[Word.FIELD_TRIP]:
             self._trip(_cause_of(served.driver, error))
-        self._tell(Complaint(self._clock(), served.driver.name, str(error), moves))
+        self._tell(News(self._clock(), served.driver.name, str(error)))
 
     def _trip(self, cause: Cause) -> None:
         self._words[Word.FIELD_TRIP_AT] = self._clock()

@@ -1,9 +1,11 @@
 """The recorder: takes the rows of a test from the ring to its MCAP file, in a process of its own.
 
 It flushes every second, so that a kill -9 of anything costs a second of data at most. If the
-supervisor is gone it writes what is in the ring, closes the file and ends.
+supervisor is gone it writes what is in the ring, closes the file and ends. Its exit code is the
+`errno` of what stopped it.
 """
 
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -155,4 +157,5 @@ def main() -> None:
     try:
         Recorder(board, pipe).run()
     except OSError as error:
-        pipe.send(error)
+        print(f"recorder: {error}", file=sys.stderr)
+        sys.exit(error.errno or 1)

@@ -17,7 +17,8 @@ from rig.io.settings import LoopSettings
 from rig.io.signals import SLOW_INPUTS
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
-from rig.supervisor.field import Complaint, FieldProcess, Moves, Open, Safe, Safety, Write
+from rig.supervisor.child import News
+from rig.supervisor.field import FieldProcess, Moves, Open, Safe, Safety, Write
 
 DEADLINE_S = 20.0
 
@@ -185,9 +186,8 @@ def test_a_valve_that_does_not_do_what_it_should_trips_and_is_named(site: Site) 
     site.until(lambda: site.board.words[Word.BYPASS_SHUT_AT])
     assert site.trips() == {Word.FIELD_TRIP: Cause.BYPASS_STUCK}
     told = site.pipe.recv()
-    assert isinstance(told, Complaint)
-    assert told.driver == "bypass"
-    assert told.tripped
+    assert isinstance(told, News)
+    assert told.who == "bypass"
     assert "stuck at 0.42" in told.text
 
 
@@ -198,8 +198,7 @@ def test_lost_meters_are_told_but_trip_nothing_and_read_nan(site: Site) -> None:
     site.meters.error = DriverError("meters", "silent", "plug them in")
     site.until(lambda: np.isnan(site.board.slow[index]))
     told = site.pipe.recv()
-    assert isinstance(told, Complaint)
-    assert not told.tripped
+    assert isinstance(told, News)
     assert not site.trips()
 
 

@@ -1,5 +1,7 @@
 """The valves are moved so that each fault comes when and as large as the test says."""
 
+from math import inf
+
 import pytest
 
 from faults.schedule import Fault
@@ -12,8 +14,10 @@ def rig() -> Rig:
     return load_rig("emulated")
 
 
-def leak(kind: str = "external_leakage_1", **times: float) -> Fault:
-    return Fault(kind, 1e-8, **{"at_s": 2.0, **times})
+def leak(until_s: float = inf, ramp_s: float = 0.0, travel_s: float = 0.0) -> Fault:
+    return Fault(
+        "external_leakage_1", 1e-8, at_s=2.0, until_s=until_s, ramp_s=ramp_s, travel_s=travel_s
+    )
 
 
 def test_before_a_test_every_ball_is_shut_and_the_needle_stands_ready(rig: Rig) -> None:

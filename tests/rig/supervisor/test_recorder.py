@@ -37,8 +37,8 @@ class Session:
 
     def begin(self, segment: int = 1, name: str = "test.mcap") -> Path:
         path = self.folder / name
-        self.child.pipe.send(Begin(segment, path, CHANNELS, {"test": {"name": name}}, 10**18))
-        assert self.child.pipe.recv() == segment
+        self.child.send(Begin(segment, path, CHANNELS, {"test": {"name": name}}, 10**18))
+        assert self.child.answer(DEADLINE_S) == segment
         return path
 
     def until_recorded(self, rows: int) -> None:
@@ -61,11 +61,11 @@ def session(tmp_path: Path) -> Iterator[Session]:
 def test_the_file_holds_the_rows_of_its_segment_and_the_events(session: Session) -> None:
     session.write(0, 0, 500)
     path = session.begin()
-    session.child.pipe.send(Note(0.0, "test_begin", "here"))
+    session.child.send(Note(0.0, "test_begin", "here"))
     session.write(1, 0, 1500)
     session.write(2, 0, 100)
-    session.child.pipe.send(Finish(1500))
-    assert session.child.pipe.recv() == 1500
+    session.child.send(Finish(1500))
+    assert session.child.answer(DEADLINE_S) == 1500
     recording = read_recording(path, required=("time_s",))
     np.testing.assert_array_equal(recording.time_s, np.arange(1500) * 1e-3)
     assert [event.kind for event in recording.events] == ["test_begin"]
@@ -75,8 +75,8 @@ def test_one_file_follows_the_other(session: Session) -> None:
     for segment in (1, 2):
         path = session.begin(segment, f"{segment}.mcap")
         session.write(segment, 0, 1100)
-        session.child.pipe.send(Finish(1100))
-        assert session.child.pipe.recv() == 1100
+        session.child.send(Finish(1100))
+        assert session.child.answer(DEADLINE_S) == 1100
         assert read_recording(path, required=("time_s",)).time_s.size == 1100
 
 
