@@ -188,6 +188,9 @@ class ValveNode:
         self._note("drive_object_set", object=str(entry), value=value)
         if entry == CONTROL_WORD:
             self._take_word(value)
+        elif entry == CONSUMER_HEARTBEAT:
+            # It is watched for from the first that comes (CiA 301, section 7.2.8).
+            self._host_at = None
 
     def _take_word(self, word: int) -> None:
         previous, self._word = self._word, word

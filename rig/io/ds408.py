@@ -94,6 +94,17 @@ class Transition(NamedTuple):
     target: DriveState
     word: str
 
+    def made_by(self, word: int, previous_word: int) -> bool:
+        """Tell whether a control word makes it, after the one before it."""
+        if self.word == FAULT:
+            return False
+        for symbol, bit in zip(self.word, (R, M, H, D), strict=True):
+            if symbol == "^" and not (word & bit and not previous_word & bit):
+                return False
+            if symbol in "01" and bool(word & bit) != (symbol == "1"):
+                return False
+        return True
+
 
 FAULT: Final = "fault"
 
@@ -132,7 +143,7 @@ def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
         previous_word: the one before it, for the rising edge of a reset.
     """
     for transition in TRANSITIONS:
-        if transition.source is state and _matches(transition.word, word, previous_word):
+        if transition.source is state and transition.made_by(word, previous_word):
             return transition.target
     return state
 
@@ -143,17 +154,6 @@ def after_fault(state: DriveState) -> DriveState:
         if transition.source is state and transition.word == FAULT:
             return transition.target
     return state
-
-
-def _matches(pattern: str, word: int, previous_word: int) -> bool:
-    if pattern == FAULT:
-        return False
-    for symbol, bit in zip(pattern, (R, M, H, D), strict=True):
-        if symbol == "^" and not (word & bit and not previous_word & bit):
-            return False
-        if symbol in "01" and bool(word & bit) != (symbol == "1"):
-            return False
-    return True
 
 
 def keeping_word(state: DriveState) -> int:
