@@ -15,6 +15,7 @@ from rig.emulator.application import Emulator
 from rig.emulator.priority import raise_priority
 from rig.emulator.record import Record
 from rig.emulator.wire_faults import read_script
+from rig.io.driver import DriverError
 
 _SHOWN: Final = {
     "daq": "I/O node, Modbus/TCP",
@@ -114,11 +115,13 @@ def command(
         granted = priority and raise_priority()
         click.echo(_as_json(emulator) if as_json else _as_text(rig.name, emulator, granted))
         await emulator.run()
-        emulator.close()
+        await emulator.close()
         return emulator.summary()
 
     try:
         summary = asyncio.run(serve())
+    except DriverError as error:
+        raise click.ClickException(str(error)) from error
     finally:
         written.close()
     if as_json:

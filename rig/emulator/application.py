@@ -16,6 +16,7 @@ from rig.plant.sensors import Reading
 
 from .addresses import Endpoints
 from .bypass_io import BypassIo
+from .can_devices import CanDevices, ValvePath
 from .control_port import ControlPort
 from .effects import FaultEffects
 from .injection import Injection
@@ -66,16 +67,24 @@ class Emulator:
         self._endpoints = endpoints
         self._clock = clock
         self._script = tuple(script)
-        self.plant = _plant(rig, seed, clock)
+        self.plant = _plant(rig, seed, clock, pump_loaded=endpoints.pump is None)
         self.instruments = Instruments(self.plant)
-        self.node = IoNode(self.instruments, self.plant.drive_valve, record)
+        self._can = CanDevices(self.plant, record, endpoints.drive, endpoints.pump)
+        self._valve_path = ValvePath(self.plant, self._can)
+        self.node = IoNode(self.instruments, self._valve_path.set_analog, record)
         self.operator = EmulatedOperator(self.node, clock, attentive)
         self._daq = ModbusServer("daq", self.node, record)
         self._bypass = _bypass_io(rig, record, clock)
         self._positions = self._bypass.positions()
         self._meters = _meter_panel(endpoints.meters, self._metered, record)
         effects = FaultEffects(
-            self.plant, self.instruments, self.node, self._daq, self._bypass, self._meters
+            self.plant,
+            self.instruments,
+            self.node,
+            self._daq,
+            self._bypass,
+            self._can,
+            self._meters,
         )
         self.injection = Injection(effects, record, clock)
         self._control = ControlPort(self)
@@ -93,6 +102,7 @@ class Emulator:
 
         Raises:
             AddressError: an address is in use, or not to be had; nothing is served then.
+            DriverError: there is no such CAN bus; nothing is served then.
             LinkError: a serial line cannot be made; nothing is served then.
             NotServedError: a fault of the script concerns a part that the rig does not have.
         """
@@ -100,7 +110,7 @@ class Emulator:
             await self._open(self._endpoints)
             self.injection.script(self._script)
         except BaseException:
-            self.close()
+            await self.close()
             raise
         self.record.note("ready", ports=self.ports)
         # What is there now stays: the collector need not look through it at every turn.
@@ -113,6 +123,7 @@ class Emulator:
             self.ports["bypass"] = str(at.bypass)
         elif at.bypass is not None:
             self.ports["bypass"] = await self._bypass.open(*at.bypass)
+        self.ports.update(self._can.open())
         if self._meters is not None:
             self._meters.plug_in()
             self._tasks.append(asyncio.create_task(self._meters.run()))
@@ -132,6 +143,7 @@ class Emulator:
         self.plant.catch_up()
         self.node.tend()
         self.operator.tend()
+        self._valve_path.tend()
         self._move_bypasses()
         if self.node.enabled:
             self.injection.valve_enabled()
@@ -161,10 +173,13 @@ class Emulator:
         """End `run` soon; to be called in the event loop's thread."""
         self._stopped.set()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Stop serving; harmless when repeated."""
         for task in self._tasks:
             task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._tasks = []
+        await self._can.close()
         if self._meters is not None:
             self._meters.close()
         self._bypass.close()
@@ -178,7 +193,7 @@ class Emulator:
             "time_ns": self.plant.time_ns,
             "daq": self.node.state(),
             "bypass": self._bypass.state(),
-            "pump": {"loaded": self.plant.pump_loaded},
+            "can": self._can.state(),
             "plant": {**truth._asdict(), **self.plant.coefficients},
             "faults": self.injection.state(),
         }
@@ -189,7 +204,7 @@ class Emulator:
         return {"exchange": self.node.exchanges, **events}
 
 
-def _plant(rig: Rig, seed: int, clock: Clock) -> EmulatedPlant:
+def _plant(rig: Rig, seed: int, clock: Clock, pump_loaded: bool) -> EmulatedPlant:
     """Return the plant of a rig file, at rest at mid stroke."""
     fitted = np.ones(len(Reading._fields))
     for field, present in (
@@ -205,6 +220,7 @@ def _plant(rig: Rig, seed: int, clock: Clock) -> EmulatedPlant:
         bypass_valves=rig.bypass_valves,
         return_resistance=rig.return_valve.maximum if rig.return_valve else 0.0,
         fitted=fitted,
+        pump_loaded=pump_loaded,
         seed=seed,
         clock=clock,
     )

@@ -4,23 +4,29 @@ from collections.abc import Sequence
 from typing import Any
 
 from .bypass_io import BypassIo
+from .can_devices import CanDevices
 from .instruments import Instruments
 from .io_node import IoNode
 from .meters import MeterPanel
 from .modbus_server import ModbusServer
 from .plant import EmulatedPlant
 from .wire_faults import (
+    CanGarbage,
+    CanSilence,
     Delay,
     Disconnect,
+    DriveFault,
     Drop,
     Estop,
     Frozen,
     Garbage,
     LostCounts,
+    MeterNoise,
     MeterUnplugged,
     Refusal,
     Sensor,
     StuckBypass,
+    StuckCan,
     StuckValve,
     WrongTransaction,
 )
@@ -43,6 +49,7 @@ class FaultEffects:
         node: whose buttons are pressed.
         daq: the node's server, whose wire fails.
         bypass: whose wire fails, and whose valves stick.
+        can: devices whose electronics fail, if the rig has any.
         meters: who are unplugged, if the rig has any.
     """
 
@@ -53,6 +60,7 @@ class FaultEffects:
         node: IoNode,
         daq: ModbusServer,
         bypass: BypassIo,
+        can: CanDevices,
         meters: MeterPanel | None,
     ) -> None:
         self._plant = plant
@@ -60,6 +68,7 @@ class FaultEffects:
         self._node = node
         self._servers: dict[str, ModbusServer | BypassIo] = {"daq": daq, "bypass": bypass}
         self._valves = bypass.valves
+        self._can = can
         self._meters = meters
 
     def require(self, *faults: Any) -> None:
@@ -68,11 +77,22 @@ class FaultEffects:
         Raises:
             NotServedError: it has not.
         """
-        problems = []
-        if self._meters is None and any(isinstance(fault, MeterUnplugged) for fault in faults):
-            problems.append("meter_unplugged: the rig has no flow meters; leave it out")
+        problems = [problem for fault in faults if (problem := self._lacking(fault))]
         if problems:
             raise NotServedError(problems)
+
+    def _lacking(self, fault: Any) -> str:
+        """Return what is wrong with a fault; empty if nothing is."""
+        match fault:
+            case MeterUnplugged() | MeterNoise() if self._meters is None:
+                return "the rig has no flow meters on a serial line; leave the fault out"
+            case DriveFault() if not self._can.has_drive:
+                return "the rig has no servovalve on CAN; leave the fault out"
+            case CanSilence() | CanGarbage() | StuckCan():
+                has = {"drive": self._can.has_drive, "pump": self._can.has_pump}
+                if not has[fault.target]:
+                    return f"target: the rig has no {fault.target} on CAN; leave the fault out"
+        return ""
 
     def apply(self, fault: Any, begins: bool) -> None:
         """Let a fault, an instance of a class of `KINDS`, begin or end."""
@@ -90,19 +110,44 @@ class FaultEffects:
                 self._plant.stick_spool(begins)
             case StuckBypass():
                 self._valves.stick(fault.target, begins)
-            case MeterUnplugged() if self._meters is not None:
-                if begins:
-                    self._meters.unplug()
-                else:
-                    self._meters.plug_in()
             case Estop():
                 self._node.press_estop(begins)
             case LostCounts() if begins:
                 self._node.lose_counts(fault.counts, fault.flagged)
             case LostCounts():
                 pass
+            case MeterUnplugged() | MeterNoise():
+                self._spoil_meters(fault, begins)
+            case CanSilence() | CanGarbage() | StuckCan() | DriveFault():
+                self._spoil_can(fault, begins)
             case _:
                 self._spoil_wire(fault, begins)
+
+    def _spoil_meters(self, fault: Any, begins: bool) -> None:
+        if self._meters is None:
+            return
+        if isinstance(fault, MeterNoise):
+            self._meters.noisy = begins
+        elif begins:
+            self._meters.unplug()
+        else:
+            self._meters.plug_in()
+
+    def _spoil_can(self, fault: Any, begins: bool) -> None:
+        if isinstance(fault, DriveFault):
+            if begins and self._can.valve is not None:
+                self._can.valve.fail(fault.code)
+            return
+        node = self._can.valve if fault.target == "drive" else self._can.pump
+        if node is None:
+            return
+        match fault:
+            case CanSilence():
+                node.faults.silent = begins
+            case CanGarbage():
+                node.faults.garbage = begins
+            case StuckCan():
+                node.faults.stuck = begins
 
     def _spoil_wire(self, fault: Any, begins: bool) -> None:
         server = self._servers[fault.target]

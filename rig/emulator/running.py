@@ -84,7 +84,7 @@ class EmulatorThread:
         assert self._emulator is not None
         self._loop.call_soon_threadsafe(self._emulator.stop)
         self._thread.join()
-        self._emulator.close()
+        self._loop.run_until_complete(self._emulator.close())
         # One more turn of the loop lets the transports close their sockets.
         self._loop.run_until_complete(asyncio.sleep(0))
         self._loop.close()

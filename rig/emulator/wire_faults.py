@@ -25,6 +25,7 @@ from rig.plant.parameters import Quantity as _Quantity
 from .instruments import Channel, Failure
 
 ModbusDevice = Literal["daq", "bypass"]
+CanDevice = Literal["drive", "pump"]
 Bypass = Literal[
     "external_leakage_1",
     "external_leakage_2",
@@ -131,14 +132,44 @@ class LostCounts:
 
 @dataclass(frozen=True)
 class CanSilence:
-    """A node of the CAN bus neither hears nor says anything."""
+    """A node of the CAN bus says nothing any more."""
 
-    target: Literal["drive", "pump"] = "drive"
+    target: CanDevice = "drive"
+
+
+@dataclass(frozen=True)
+class CanGarbage:
+    """A node of the CAN bus sends nonsense besides."""
+
+    target: CanDevice = "drive"
+
+
+@dataclass(frozen=True)
+class StuckCan:
+    """A node of the CAN bus hears, but obeys no more: a pump unit stays loaded."""
+
+    target: CanDevice = "pump"
+
+
+@dataclass(frozen=True)
+class DriveFault:
+    """The servovalve's electronics meet a fault of their own, and leave for a fault state.
+
+    Attributes:
+        code: of the emergency that they send (CiA 301): 0x3100 is the mains voltage.
+    """
+
+    code: Annotated[int, _q("", 1, 0xFFFF)] = 0x3100
 
 
 @dataclass(frozen=True)
 class MeterUnplugged:
     """The flow meters' serial line is pulled out, and plugged in again when it ends."""
+
+
+@dataclass(frozen=True)
+class MeterNoise:
+    """Noise comes in on the flow meters' serial line."""
 
 
 KINDS: Final[Mapping[str, type]] = {
@@ -155,7 +186,11 @@ KINDS: Final[Mapping[str, type]] = {
     "estop": Estop,
     "lost_counts": LostCounts,
     "can_silence": CanSilence,
+    "can_garbage": CanGarbage,
+    "stuck_can": StuckCan,
+    "drive_fault": DriveFault,
     "meter_unplugged": MeterUnplugged,
+    "meter_noise": MeterNoise,
 }
 """What can be injected, by its name in a script, with its options."""
 
