@@ -40,8 +40,8 @@ TRUTH: Final = (
     "true_leak_2_m3_per_s",
     "true_leak_internal_m3_per_s",
 )
-_HEAD: Final = 3
-_OUTPUTS_AT: Final = _HEAD + READING_COUNT
+READINGS_AT: Final = 3
+_OUTPUTS_AT: Final = READINGS_AT + READING_COUNT
 STATES_AT: Final = _OUTPUTS_AT + len(OUTPUTS)
 
 
@@ -93,7 +93,7 @@ def sample_row(
         row: to fill, in the order of `row_channels`.
     """
     for i in range(READING_COUNT):
-        row[_HEAD + i] = reading[i]
+        row[READINGS_AT + i] = reading[i]
     outputs = row[_OUTPUTS_AT:STATES_AT]
     if starts:
         outputs[:] = np.nan

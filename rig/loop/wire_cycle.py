@@ -1,0 +1,410 @@
+"""The loop on the wire: wait, exchange, estimate, check, record, in one compiled function.
+
+At tick k the frame written carries the command that follows from sample k-1 and setpoint k; the
+same transaction returns sample k (docs/decisions/0007). Nothing here returns to Python, and nobody
+is waited for but the clock and the device.
+"""
+
+from math import isnan, nan
+from typing import Final
+
+from numba import njit
+
+from rig.io.libc import monotonic_ns
+from rig.io.modbus_exchange import ExchangeStatus, exchange
+from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS, METERS
+from rig.plant.sensors import READING_COUNT
+
+from .atomic import load_acquire, store_release
+from .board import Word
+from .clock import sleep_until
+from .cycle import READINGS_AT, STATES_AT, limited_command, sample_row
+from .interlock import allowed_command, check_sample
+from .ladder import NO_CHANNEL, Action, Cause
+from .wire_layout import STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
+
+_COMMAND: Final = FAST_OUTPUTS.index("command_V")
+_VALVE_ENABLE: Final = FAST_OUTPUTS.index("valve_enable")
+_HOST_COUNTER: Final = FAST_OUTPUTS.index("host_counter")
+_RESET_LAMP: Final = FAST_OUTPUTS.index("reset_lamp")
+_REARM: Final = FAST_OUTPUTS.index("rearm")
+_POSITION: Final = FAST_INPUTS.index("position_m")
+_VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
+_ENCODER_FAULT: Final = FAST_INPUTS.index("encoder_fault")
+_DEVICE_COUNTER: Final = FAST_INPUTS.index("device_counter")
+_DEVICE_COMMAND: Final = FAST_INPUTS.index("device_command_V")
+_METERS: Final = len(METERS)
+_METERS_AT: Final = READING_COUNT - _METERS
+_STATUS_AT: Final = len(TIMINGS)
+_STATUS_COUNT: Final = len(STATUS)
+_SLOW_AT: Final = _STATUS_AT + _STATUS_COUNT
+
+_COUNTER_SPAN: Final = 65536
+"""`host_counter` counts modulo this."""
+_NULL_V: Final = 0.05
+"""An output this near to 0 V is at null: half a percent of its range, what converters are off."""
+_CONFIRM_NS: Final = 200_000_000
+"""Time the device has to confirm null; then it is brought there by another connection."""
+_S_PER_NS: Final = 1e-9
+_NOT_EXCHANGED: Final = -1
+_NOT_DONE: Final = (nan, nan, nan, nan, float(_NOT_EXCHANGED))
+"""The timings of a tick that did not take place."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
+    """Run one segment until another one is asked for; return why it ended, a `Left`.
+
+    Args:
+        course: what to do, `Course`.
+        filt: the filter, `Estimation`; updated. The first whole sample starts it and the segment.
+        interlock: `Interlock`; its memory is updated.
+        pace: `Pace`.
+        fd: the device's socket; below 0 nothing is exchanged or checked.
+        plan: the device's `ExchangePlan`.
+        memory: `WireMemory`, kept from segment to segment; updated.
+        shared: the board, `SharedMemory`.
+    """
+    words, counts, outputs = shared.words, memory.counts, memory.outputs
+    memory.handling[:] = nan
+    at = STATES_AT + filt.x.size
+    tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
+    words[Word.TICK] = 0
+    words[Word.SEGMENT] = course.number
+    while load_acquire(words, Word.SWITCH.value) == course.number:
+        due, woken, missed = _wait_for_tick(counts, pace)
+        words[Word.MISSED] += missed
+        # What others say comes before any command: this process may have been stopped for long.
+        cause = _cause_at_wakeup(words, counts, woken, missed, pace)
+        if cause != Cause.NONE.value:
+            _trip(words, cause, NO_CHANNEL, woken)
+        action = max(action, words[Word.STOP])
+        # A missed tick has no row where the time grid moves, or before the recording starts.
+        skipped = missed if started and pace.overrun != Overrun.REALIGN else 0
+        now = tick + skipped
+
+        drive = _drive(course, now, action, words)
+        command = allowed_command(
+            _command(drive, course, now, pace, memory), words[Word.HOMED] != 0,
+            interlock.tolerances, interlock.memory,
+        )  # fmt: skip
+        enable = _enable(drive, course, now, pace, memory, words)
+        leaves = counts[Count.LEAVE] != 0
+        if leaves:
+            command, enable = 0.0, 0.0
+        standing, begun, status = outputs[_COMMAND], woken, _NOT_EXCHANGED
+        if fd >= 0 and (now % pace.every == 0 or enable == 0.0):
+            begun = monotonic_ns()
+            status = _exchange(fd, plan, command, enable, course, pace, memory, words)
+        ended = monotonic_ns()
+        if leaves:
+            return Left.ASKED.value
+
+        memory.reading[:] = nan
+        for k in range(tick, now):
+            setpoint = _setpoint(_drive(course, k, action, words), course, k, memory)
+            row = _begin_row(k, setpoint, standing, held, False, filt, pace, memory, shared)
+            _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
+            held = standing
+        tick = now
+
+        fresh = status == ExchangeStatus.OK.value
+        if fresh:
+            _take_sample(course.offset, ended, memory, words)
+        starts = not started and _is_whole(memory.reading)
+        started = started or starts
+        setpoint = _setpoint(drive, course, tick, memory)
+        command = outputs[_COMMAND]
+        if started:
+            row = _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared)
+        else:
+            row = _waiting_row(setpoint, command, pace, memory, shared)
+        held = command
+        if fd >= 0:
+            age = (ended - counts[Count.SAMPLED_NS]) // pace.period_ns
+            judged, cause, channel = check_sample(
+                memory.inputs, fresh, age, command, outputs[_HOST_COUNTER],
+                counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
+                interlock.limits, interlock.tolerances, interlock.memory,
+            )  # fmt: skip
+            if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
+                _trip(words, cause, channel, ended)
+                _exchange(fd, plan, 0.0, 0.0, course, pace, memory, words)
+            action = _acted_upon(judged, cause, channel, action, words)
+        done = monotonic_ns()
+        timing = (
+            _S_PER_NS * (woken - due), _S_PER_NS * (ended - begun), _S_PER_NS * (done - ended),
+            _S_PER_NS * (ended - counts[Count.SAMPLED_NS]), float(status),
+        )  # fmt: skip
+        _end_row(row, at, timing, course, tick if started else -1, action, memory, shared, woken,
+                 pace)  # fmt: skip
+        if started:
+            tick += 1
+        words[Word.TICK] = tick
+        words[Word.LOOP_BEAT] = done
+        if fd >= 0 and _is_unconfirmed(status, done, words):
+            return Left.UNCONFIRMED.value
+    return Left.SWITCHED.value
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _wait_for_tick(counts, pace):
+    """Sleep to the next tick; return when it was due, when the loop woke, and the ticks missed.
+
+    A tick is missed that cannot begin before half its period has passed: two exchanges are never
+    nearer to each other than that.
+    """
+    due, missed = counts[Count.DUE_NS], 0
+    if due == 0:
+        due = monotonic_ns() + pace.period_ns
+        counts[Count.SAMPLED_NS] = due
+    while True:
+        sleep_until(due)
+        woken = monotonic_ns()
+        late = (woken - due + pace.period_ns // 2) // pace.period_ns
+        if late <= 0:
+            break
+        missed += late
+        due = woken if pace.overrun == Overrun.REALIGN else due + late * pace.period_ns
+    counts[Count.DUE_NS] = due + pace.period_ns
+    return due, woken, missed
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _cause_at_wakeup(words, counts, now, missed, pace):
+    """Return why the loop must trip by what others say and by the clock, or `Cause.NONE`."""
+    if words[Word.FIELD_TRIP] != 0:
+        return words[Word.FIELD_TRIP]
+    if words[Word.SUPERVISOR_TRIP] != 0:
+        return words[Word.SUPERVISOR_TRIP]
+    if words[Word.STOP] == Action.TRIP:
+        return Cause.OPERATOR_STOP.value
+    if _is_silent(words[Word.SUPERVISOR_BEAT], now, pace.supervisor_ns):
+        return Cause.SUPERVISOR_LOST.value
+    if _is_silent(words[Word.FIELD_BEAT], now, pace.field_ns):
+        return Cause.FIELD_LOST.value
+    if _is_silent(words[Word.RECORDER_BEAT], now, pace.recorder_ns):
+        return Cause.RECORDER_LOST.value
+    if counts[Count.DRIVEN] == 0:
+        return Cause.NONE.value
+    if pace.overrun == Overrun.TRIP and missed >= pace.trip_after:
+        return Cause.OVERRUN.value
+    # Its own pause is told from a device's silence, which the interlock judges after the exchange.
+    if missed > 0 and now - counts[Count.SAMPLED_NS] > pace.stale_ns:
+        return Cause.OVERRUN.value
+    return Cause.NONE.value
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _is_silent(beat, now, limit):
+    """Return whether a part beat once, and not since `limit` ns; 0 is no limit."""
+    return limit > 0 and beat != 0 and now - beat > limit
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _trip(words, cause, channel, now):
+    """Latch a trip with its first cause."""
+    if words[Word.LOOP_TRIP] == 0:
+        words[Word.LOOP_TRIP_AT] = now
+        words[Word.ACTION] = Action.TRIP.value
+        words[Word.ACTION_CAUSE] = cause
+        words[Word.ACTION_CHANNEL] = channel
+        store_release(words, Word.LOOP_TRIP.value, cause)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _acted_upon(judged, cause, channel, action, words):
+    """Show what the interlock judged; return the segment's action, which only gets worse."""
+    if words[Word.LOOP_TRIP] != 0:
+        return Action.TRIP.value
+    if judged > action or judged == Action.NONE.value == action:
+        words[Word.ACTION] = judged
+        words[Word.ACTION_CAUSE] = cause
+        words[Word.ACTION_CHANNEL] = channel
+    return max(action, judged) if judged >= Action.HOLD.value else action
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _drive(course, tick, action, words):
+    """Return what is done with the valve at a tick: what the course says, unless an action does."""
+    if words[Word.LOOP_TRIP] != 0 or course.drive == Drive.NULL:
+        return Drive.NULL.value
+    if action >= Action.RAMP_DOWN.value:
+        return Drive.RAMP_DOWN.value
+    if course.drive == Drive.TRACK and tick < course.setpoint.size and action < Action.HOLD.value:
+        return Drive.TRACK.value
+    return Drive.HOLD.value
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _command(drive, course, tick, pace, memory):
+    """Return the command in V for a tick."""
+    handling, position = memory.handling, memory.encoder[0] + course.offset
+    if drive == Drive.TRACK:
+        setpoint = course.setpoint[tick]
+        return limited_command(course.open_loop, setpoint, position, course.gain, course.limit)
+    if drive == Drive.HOLD:
+        if isnan(handling[Handling.HELD_AT]):
+            handling[Handling.HELD_AT] = position
+        setpoint = handling[Handling.HELD_AT]
+        return limited_command(False, setpoint, position, course.gain, course.limit)
+    if drive == Drive.RAMP_DOWN:
+        if isnan(handling[Handling.RAMP_FROM]):
+            handling[Handling.RAMP_FROM] = memory.outputs[_COMMAND]
+            handling[Handling.RAMP_TICK] = tick
+        return handling[Handling.RAMP_FROM] * _ramp_left(tick, pace, memory)
+    return 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _ramp_left(tick, pace, memory):
+    """Return the part of the ramp down that is still ahead."""
+    return max(1.0 - (tick - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _enable(drive, course, tick, pace, memory, words):
+    """Return 1 where the valve may be enabled at a tick."""
+    if words[Word.LOOP_TRIP] != 0:
+        return 0.0
+    if drive == Drive.RAMP_DOWN and _ramp_left(tick, pace, memory) == 0.0:
+        return 0.0
+    return course.valve_enable
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _setpoint(drive, course, tick, memory):
+    """Return what the row of a tick shows as its setpoint; NaN for none of the row's quantity."""
+    if drive == Drive.TRACK:
+        return course.setpoint[tick]
+    if drive == Drive.HOLD and not course.open_loop:
+        return memory.handling[Handling.HELD_AT]
+    return nan
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _exchange(fd, plan, command, enable, course, pace, memory, words):
+    """Exchange outputs for a sample; return the `ExchangeStatus`."""
+    outputs, counts = memory.outputs, memory.counts
+    counts[Count.SEQUENCE] += 1
+    outputs[_COMMAND] = command
+    outputs[_VALVE_ENABLE] = enable
+    outputs[_HOST_COUNTER] = counts[Count.SEQUENCE] % _COUNTER_SPAN
+    outputs[_RESET_LAMP] = course.reset_lamp
+    outputs[_REARM] = course.rearm
+    deadline = monotonic_ns() + pace.timeout_ns
+    status = exchange(fd, plan, counts[Count.SEQUENCE], outputs, memory.inputs, deadline)
+    enabled = memory.inputs[_VALVE_ENABLED]
+    if enable == 0.0:
+        counts[Count.DRIVEN] = 0
+    if status != ExchangeStatus.OK:
+        words[Word.EXCHANGE_ERRORS] += 1
+        return status
+    memory.inputs[_POSITION] += course.offset
+    if enable == 1.0 and enabled != 0.0:
+        counts[Count.DRIVEN] = 1
+    if words[Word.LOOP_TRIP] != 0 and words[Word.VALVE_NULL_AT] == 0 and _is_null(memory.inputs):
+        words[Word.VALVE_NULL_AT] = monotonic_ns()
+    return status
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _is_null(inputs):
+    """Return whether the device says that the valve is at null and disabled.
+
+    What it does not report cannot deny it, but one of both it must confirm.
+    """
+    command, enabled = inputs[_DEVICE_COMMAND], inputs[_VALVE_ENABLED]
+    if isnan(command):
+        return enabled == 0.0
+    return abs(command) <= _NULL_V and enabled != 1.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _is_unconfirmed(status, now, words):
+    """Return whether a trip cannot be, or was not in time, confirmed by this connection."""
+    if words[Word.LOOP_TRIP] == 0 or words[Word.VALVE_NULL_AT] != 0:
+        return False
+    return status == ExchangeStatus.DISCONNECTED or now - words[Word.LOOP_TRIP_AT] > _CONFIRM_NS
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _take_sample(offset, now, memory, words):
+    """Take over the inputs, unless the device has no sample since the last one."""
+    inputs = memory.inputs
+    if inputs[_DEVICE_COUNTER] == memory.device_counter[0]:
+        return
+    memory.device_counter[0] = inputs[_DEVICE_COUNTER]
+    memory.counts[Count.SAMPLED_NS] = now
+    for i in range(READING_COUNT):
+        memory.reading[i] = inputs[i]
+    if not isnan(inputs[_POSITION]):
+        memory.encoder[0] = inputs[_POSITION] - offset
+    if inputs[_ENCODER_FAULT] == 1.0:
+        words[Word.HOMED] = 0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _is_whole(reading):
+    """Return whether a filter can start from a reading: position and both pressures."""
+    return not isnan(reading[0] + reading[1] + reading[2])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared):
+    """Update the filter with `memory.reading`, and return the row begun with it."""
+    row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
+    sample_row(
+        starts, tick * pace.period_s, setpoint, command, held, memory.reading,
+        filt.code, filt.x, filt.covariance, filt.parameters, filt.noise, filt.work, row,
+    )  # fmt: skip
+    return row
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _waiting_row(setpoint, command, pace, memory, shared):
+    """Return a row begun before the first whole sample: as it is, without estimates."""
+    row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
+    row[:] = nan
+    row[0] = -pace.period_s
+    row[1] = setpoint
+    row[2] = command
+    for i in range(READING_COUNT):
+        row[READINGS_AT + i] = memory.reading[i]
+    return row
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
+    """Fill the row from column `at` on, and show it to the readers.
+
+    Args:
+        row: begun by `_begin_row`.
+        at: where the columns `TIMINGS` begin.
+        timing: the first five of them.
+        course: the segment; its number is shown while its table runs.
+        tick: of the segment, -1 before its start.
+        action: `Action`.
+        memory: for the status inputs, NaN without an exchange.
+        shared: the board.
+        now: CLOCK_MONOTONIC in ns; slow values older than a limit are NaN.
+        pace: for that limit.
+    """
+    words = shared.words
+    for i in range(5):
+        row[at + i] = timing[i]
+    row[at + 5] = course.number if 0 <= tick < course.setpoint.size else -1.0
+    row[at + 6] = tick
+    row[at + 7] = action
+    for i in range(_STATUS_COUNT):
+        known = timing[4] != _NOT_EXCHANGED
+        row[at + _STATUS_AT + i] = memory.inputs[READING_COUNT + i] if known else nan
+    for i in range(shared.slow.size):
+        value = shared.slow[i]
+        if now - shared.slow_at[i] > pace.slow_stale_ns:
+            value = nan
+        if i >= _METERS:
+            row[at + _SLOW_AT + i - _METERS] = value
+        elif isnan(row[READINGS_AT + _METERS_AT + i]):
+            row[READINGS_AT + _METERS_AT + i] = value
+    store_release(words, Word.ROWS.value, words[Word.ROWS] + 1)
