@@ -6,7 +6,7 @@ order of a trip: valve drive, bypass valves, pump.
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import nan
@@ -208,14 +208,14 @@ class FieldProcess:
         self._moves = []
         self._wait_for_null()
         failures = {}
-        for served in sorted(self._served, key=lambda served: _rank(served.driver)):
+        for served in sorted(self._served, key=lambda served: rank_of(served.driver.outputs)):
             try:
                 served.driver.safe_state()
             except DriverError as error:
                 failures[served.driver.name] = str(error)
                 self._complain(served, error)
                 continue
-            word = _CONFIRMED.get(_rank(served.driver))
+            word = _CONFIRMED.get(rank_of(served.driver.outputs))
             if word is not None:
                 self._words[word] = self._clock()
             self._words[Word.FIELD_BEAT] = self._clock()
@@ -238,14 +238,14 @@ _DRIVE_RANK, _BYPASS_RANK, _PUMP_RANK, _OTHER_RANK = range(4)
 _CONFIRMED: Final = {_BYPASS_RANK: Word.BYPASS_SHUT_AT, _PUMP_RANK: Word.PUMP_UNLOADED_AT}
 
 
-def _rank(driver: Driver) -> int:
-    """Return a driver's place in the order of a trip, by what it moves."""
-    outputs = set(driver.outputs)
-    if "drive_target" in outputs:
+def rank_of(outputs: Iterable[str]) -> int:
+    """Return the place of a driver with these outputs in the order of a trip."""
+    moved = set(outputs)
+    if "drive_target" in moved:
         return _DRIVE_RANK
-    if outputs & {*BALLS, *NEEDLES}:
+    if moved & {*BALLS, *NEEDLES}:
         return _BYPASS_RANK
-    return _PUMP_RANK if "pump_load" in outputs else _OTHER_RANK
+    return _PUMP_RANK if "pump_load" in moved else _OTHER_RANK
 
 
 _CAUSES: Final = {
@@ -258,7 +258,7 @@ _CAUSES: Final = {
 
 def _cause_of(driver: Driver, error: DriverError) -> Cause:
     """Return whether the driver is lost, or a channel of it does not do what it should."""
-    return _CAUSES[_rank(driver)][bool(error.channel)]
+    return _CAUSES[rank_of(driver.outputs)][bool(error.channel)]
 
 
 def main() -> None:

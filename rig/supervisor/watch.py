@@ -1,0 +1,203 @@
+"""The supervisor's watch: beats for it, notices what is not well, does what a dead part cannot.
+
+A thread of the supervisor. Whatever trips, it sees to it that valve, bypasses and pump are safe: it
+waits for the parts that are alive to confirm, and does by connections of its own what they do not.
+"""
+
+import errno
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from rig.io.driver import DriverError
+from rig.io.registry import DriverSpec
+from rig.io.settings import LoopSettings
+from rig.loop.board import Board, Word
+from rig.loop.ladder import Cause
+
+from .child import Child
+from .field import rank_of
+
+POLL_S: Final = 0.01
+MAIN_SILENCE_S: Final = 5.0
+"""How long the supervisor's own work may take without a sign of life before it stops beating."""
+
+NULL_WAIT_S: Final = 0.5
+"""How long the loop may take to have the valve's null confirmed."""
+
+FIELD_WAIT_S: Final = 10.0
+"""How long the field process may take to have bypasses shut and pump unloaded confirmed."""
+
+TRIPS: Final = {
+    "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),
+    "field": (Word.FIELD_TRIP, Word.FIELD_TRIP_AT),
+    "supervisor": (Word.SUPERVISOR_TRIP, Word.SUPERVISOR_TRIP_AT),
+}
+
+NS: Final = 1e9
+Tell = Callable[[str, str], None]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The processes of a session."""
+
+    loop: Child
+    field: Child
+    recorder: Child
+
+
+class Watch:
+    """Watches the parts of a session, from `start` to `stop`.
+
+    Args:
+        board: shared by all of them.
+        parts: the processes.
+        settings: after how long a silence which part counts as lost.
+        drivers: as configured, to make connections of its own.
+        tell: called with who and what, for the trip report; from the watch's thread.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        parts: Parts,
+        settings: LoopSettings,
+        drivers: tuple[DriverSpec, ...],
+        tell: Tell,
+    ) -> None:
+        self._words = board.words
+        self._parts = parts
+        self._settings = settings
+        self._drivers = drivers
+        self._tell = tell
+        self._alive_at = time.monotonic()
+        self._stopping = threading.Event()
+        self._safe = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
+
+    def start(self) -> None:
+        """Begin to beat and to watch."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End; the parts are on their own from now on."""
+        self._stopping.set()
+        self._thread.join()
+
+    def alive(self) -> None:
+        """Show that the supervisor's main thread goes on."""
+        self._alive_at = time.monotonic()
+
+    @property
+    def tripped(self) -> bool:
+        """Whether anybody has tripped."""
+        return any(self._words[word] for word, _ in TRIPS.values())
+
+    def trip(self, cause: Cause) -> None:
+        """Trip, in the supervisor's name."""
+        if not self._words[Word.SUPERVISOR_TRIP]:
+            self._words[Word.SUPERVISOR_TRIP_AT] = time.monotonic_ns()
+            self._words[Word.SUPERVISOR_TRIP] = cause
+
+    def wait_until_safe(self, timeout_s: float = 2.0 * FIELD_WAIT_S) -> bool:
+        """Return whether, after a trip, everything that could be done was done in time."""
+        until = time.monotonic() + timeout_s
+        while not self._safe.wait(POLL_S) and time.monotonic() < until:
+            self.alive()
+        return self._safe.is_set()
+
+    def _run(self) -> None:
+        while not self._stopping.wait(POLL_S):
+            self._beat()
+            self._look()
+            if self.tripped and not self._safe.is_set():
+                self._make_safe()
+                self._safe.set()
+
+    def _beat(self) -> None:
+        if time.monotonic() - self._alive_at < MAIN_SILENCE_S:
+            self._words[Word.SUPERVISOR_BEAT] = time.monotonic_ns()
+
+    def _look(self) -> None:
+        if self.tripped:
+            return
+        for part, lost in (
+            (self._parts.loop, Cause.LOOP_LOST),
+            (self._parts.field, Cause.FIELD_LOST),
+            (self._parts.recorder, Cause.RECORDER_LOST),
+        ):
+            if part.ended:
+                full = part.exit_code == errno.ENOSPC
+                self._tell(part.name, part.ended)
+                self.trip(Cause.DISK_FULL if full else lost)
+                return
+        for word, silence_s, lost in self._silences:
+            if self._is_silent(word, silence_s):
+                self.trip(lost)
+                return
+
+    @property
+    def _silences(self) -> tuple[tuple[Word, float, Cause], ...]:
+        settings = self._settings
+        return (
+            (Word.LOOP_BEAT, settings.loop_silence, Cause.LOOP_LOST),
+            (Word.FIELD_BEAT, settings.field_silence, Cause.FIELD_LOST),
+            (Word.RECORDER_BEAT, settings.recorder_silence, Cause.RECORDER_LOST),
+        )
+
+    def _is_silent(self, word: Word, silence_s: float) -> bool:
+        # A part that never beat is not yet there.
+        beat = int(self._words[word])
+        return beat != 0 and time.monotonic_ns() - beat > silence_s * NS
+
+    def _make_safe(self) -> None:
+        """See to it that valve, bypasses and pump are safe, in this order, by whoever is left."""
+        if not self._confirmed(Word.VALVE_NULL_AT, self._parts.loop, Cause.LOOP_LOST, NULL_WAIT_S):
+            fast = [spec for spec in self._drivers if spec.kind == "fast"]
+            self._by_own_connection(fast)
+        field = self._parts.field
+        confirmed = [
+            self._confirmed(word, field, Cause.FIELD_LOST, FIELD_WAIT_S)
+            for word in (Word.BYPASS_SHUT_AT, Word.PUMP_UNLOADED_AT)
+        ]
+        if not all(confirmed):
+            slow = [spec for spec in self._drivers if spec.kind == "slow"]
+            self._by_own_connection(sorted(slow, key=lambda spec: rank_of(spec.outputs)))
+
+    def _confirmed(self, word: Word, part: Child, lost: Cause, wait_s: float) -> bool:
+        """Wait for a part to confirm, unless it is lost; return whether it did."""
+        until = time.monotonic() + wait_s
+        while not self._words[word] and time.monotonic() < until:
+            if part.ended or any(self._words[trip] == lost for trip, _ in TRIPS.values()):
+                break
+            self._beat()
+            time.sleep(POLL_S)
+        return bool(self._words[word])
+
+    def _by_own_connection(self, drivers: list[DriverSpec]) -> None:
+        for spec in drivers:
+            if not spec.outputs:
+                continue
+            self._beat()
+            try:
+                driver = spec.create()
+                try:
+                    driver.safe_state()
+                finally:
+                    driver.close()
+            except DriverError as error:
+                self._tell(spec.name, f"not confirmed safe: {error}")
+                continue
+            self._tell(spec.name, "made safe by the supervisor's own connection")
+
+
+def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
+    """Return who tripped, why, and when (CLOCK_MONOTONIC in ns)."""
+    return {
+        who: (Cause(int(board.words[word])), int(board.words[at]))
+        for who, (word, at) in TRIPS.items()
+        if board.words[word]
+    }

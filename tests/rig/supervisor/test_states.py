@@ -1,0 +1,144 @@
+from dataclasses import replace
+from itertools import product
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.supervisor.states import (
+    TRANSITIONS,
+    VALVE_ENABLED,
+    Conditions,
+    Event,
+    IllegalTransition,
+    SessionState,
+    State,
+    Transition,
+    allowed_events,
+    next_state,
+)
+
+GOOD = Conditions(estop_closed=True, valve_enabled=True, homed=True)
+FAILING = {
+    "emergency stop closed": {"estop_closed": False},
+    "valve enabled": {"valve_enabled": False},
+    "homed": {"homed": False},
+    "not homed": {"homed": True},
+    "nothing stands against motion": {"standing": "pressure_1_Pa is above its limit"},
+    "trip confirmed": {"unconfirmed": "bypass shut"},
+}
+KNOWN = {(row.state, row.event) for row in TRANSITIONS}
+
+
+def conditions_of(row: Transition) -> Conditions:
+    return replace(GOOD, homed="not homed" not in [guard.name for guard in row.guards])
+
+
+@pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.state.name}-{row.event.name}")
+def test_every_row_of_the_table_leads_where_it_says(row: Transition) -> None:
+    session = SessionState()
+    session.state = row.state
+    assert session.handle(row.event, conditions_of(row)) is row.to
+    assert session.state is row.to
+
+
+@pytest.mark.parametrize(
+    ("row", "guard"),
+    [(row, guard) for row in TRANSITIONS for guard in row.guards],
+    ids=lambda part: (
+        part.name if hasattr(part, "holds") else f"{part.state.name}-{part.event.name}"
+    ),
+)
+def test_no_row_is_taken_while_one_of_its_guards_fails(row: Transition, guard: object) -> None:
+    name = guard.name  # type: ignore[attr-defined]
+    conditions = replace(conditions_of(row), **FAILING[name])  # type: ignore[arg-type]
+    try:
+        reached = next_state(row.state, row.event, conditions)
+    except IllegalTransition as refusal:
+        assert ":" in str(refusal)
+    else:
+        assert reached is not row.to
+
+
+@pytest.mark.parametrize(
+    ("state", "event"),
+    [pair for pair in product(State, Event) if pair not in KNOWN],
+    ids=lambda part: part.name,
+)
+def test_what_is_not_in_the_table_is_refused_and_changes_nothing(
+    state: State, event: Event
+) -> None:
+    session = SessionState()
+    session.state = state
+    with pytest.raises(IllegalTransition) as refusal:
+        session.handle(event, GOOD)
+    assert session.state is state
+    assert repr(event.value) in str(refusal.value)
+    assert state.value in str(refusal.value)
+    assert all(allowed.value in str(refusal.value) for allowed in allowed_events(state))
+
+
+def test_a_refusal_names_the_guard_that_failed() -> None:
+    with pytest.raises(IllegalTransition, match="emergency stop is open"):
+        next_state(State.DISARMED, Event.ARM, Conditions())
+    with pytest.raises(IllegalTransition, match="pump lost: remove the cause"):
+        next_state(State.ARMED, Event.RUN, replace(GOOD, standing="pump lost"))
+    with pytest.raises(IllegalTransition, match="not confirmed: bypass shut"):
+        next_state(State.TRIPPED, Event.ACKNOWLEDGE, replace(GOOD, unconfirmed="bypass shut"))
+
+
+@pytest.mark.parametrize("state", [state for state in State if state is not State.OFF])
+def test_a_trip_is_taken_in_every_connected_state_whatever_the_conditions(state: State) -> None:
+    assert next_state(state, Event.TRIP, Conditions(standing="x", unconfirmed="y")) is State.TRIPPED
+
+
+CONDITIONS = st.builds(
+    Conditions,
+    estop_closed=st.booleans(),
+    valve_enabled=st.booleans(),
+    homed=st.booleans(),
+    standing=st.sampled_from(["", "a limit"]),
+    unconfirmed=st.sampled_from(["", "bypass shut"]),
+)
+
+
+@given(st.lists(st.tuples(st.sampled_from(Event), CONDITIONS), max_size=40))
+def test_the_valve_is_enabled_only_by_the_reset_button_with_the_chain_closed(
+    happenings: list[tuple[Event, Conditions]],
+) -> None:
+    session = SessionState()
+    for event, conditions in happenings:
+        before = session.state
+        try:
+            after = session.handle(event, conditions)
+        except IllegalTransition:
+            assert session.state is before
+            continue
+        if after in VALVE_ENABLED and before not in VALVE_ENABLED:
+            assert before is State.ARMING
+            assert event is Event.RESET_PRESSED
+            assert conditions.estop_closed
+            assert conditions.valve_enabled
+
+
+@given(st.lists(st.tuples(st.sampled_from(Event), CONDITIONS), max_size=40))
+def test_a_test_runs_only_on_a_homed_rig_with_nothing_against_it(
+    happenings: list[tuple[Event, Conditions]],
+) -> None:
+    session = SessionState()
+    for event, conditions in happenings:
+        before = session.state
+        try:
+            after = session.handle(event, conditions)
+        except IllegalTransition:
+            continue
+        if after in (State.RUNNING, State.POSITIONING) and before is not after:
+            assert conditions.homed
+            assert not conditions.standing
+
+
+def test_every_state_can_be_left_for_off() -> None:
+    reaching = {State.OFF}
+    for _ in State:
+        reaching |= {row.state for row in TRANSITIONS if row.to in reaching}
+    assert reaching == set(State)
