@@ -189,7 +189,7 @@ TRANSITIONS: Final = (
 """Everything that may happen; what is not here is refused."""
 
 
-class IllegalTransition(Exception):
+class IllegalTransition(Exception):  # noqa: N818 (a refusal, not a failure)
     """An event that the session refuses, with the reason.
 
     Attributes:

@@ -1,5 +1,6 @@
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ class HomedRig:
     """A simulated rig under the interlock, homed by looks at 50 Hz at what the loop samples."""
 
     def __init__(self, settings: HomingSettings = SETTINGS, null_bias_m: float = 1.5e-6) -> None:
-        model = Model(NOMINAL._replace(spool_null_bias=null_bias_m))
+        model = Model(parameters=NOMINAL._replace(spool_null_bias=null_bias_m))
         self.rig: SimulatedRig = simulated_rig(model, 1)
         self.rig.state[4] = SWITCHED_ON_AT
         self.homing = Homing(settings, NOMINAL, DATA_SHEET.position_resolution)
@@ -65,7 +66,7 @@ class HomedRig:
 
 
 @pytest.mark.parametrize("end", ["retract", "extend"])
-def test_homing_finds_where_the_encoder_was_switched_on(end: str) -> None:
+def test_homing_finds_where_the_encoder_was_switched_on(end: Literal["retract", "extend"]) -> None:
     rig = HomedRig(replace(SETTINGS, end=end))
     offset = rig.run()
     assert abs(offset - SWITCHED_ON_AT) <= 5 * DATA_SHEET.position_resolution
