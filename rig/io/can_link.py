@@ -15,6 +15,9 @@ Clock = Callable[[], float]
 
 Interface = Literal["socketcan", "pcan", "slcan", "udp_multicast", "virtual"]
 
+LOOK: Final = 0.01
+"""s. How often whoever waits for a device looks at the clock when nothing comes in."""
+
 _MOST_FRAMES: Final = 500
 """Frames taken in at once: a babbling node must not keep the field process from its other work."""
 

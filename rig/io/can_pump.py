@@ -11,7 +11,7 @@ from cantools.database import Database, Message
 
 from rig.plant.parameters import Quantity as _Quantity
 
-from .can_link import CanLink, CanOptions, Clock
+from .can_link import LOOK, CanLink, CanOptions, Clock
 from .driver import DriverError
 
 STATUS: Final = (
@@ -149,7 +149,7 @@ class CanPump:
                 self.close()
                 state = f"no {self._status.name} on {link.place}"
                 raise self._error(state, "check power, bitrate, termination and the DBC")
-            self._listen(link, 1.0 / self.rate_hz)
+            self._listen(link, LOOK)
 
     def _connect(self) -> CanLink:
         self._fresh = False
@@ -256,7 +256,7 @@ class CanPump:
                     state = f"unloading not confirmed in {self._options.load_timeout:g} s"
                     raise self._error(state, "switch the unit's motor off")
                 self._send(link)
-                self._listen(link, 1.0 / self.rate_hz)
+                self._listen(link, LOOK)
         finally:
             if not was_open:
                 self.close()

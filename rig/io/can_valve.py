@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Final, Literal
 from rig.plant.parameters import NOMINAL
 from rig.plant.parameters import Quantity as _Quantity
 
-from .can_link import CanLink, CanOptions, Clock
+from .can_link import LOOK, CanLink, CanOptions, Clock
 from .canopen import CONSUMER_HEARTBEAT, DEVICE_TYPE, NmtCommand, NmtState, emergency_words
 from .canopen_node import HOST_NODE, CanopenNode, identifiers
 from .drive_walk import DriveWalk
@@ -312,7 +312,7 @@ class CanValve:
             return error.state
         if self._state.disabled:
             return ""
-        node.listen(1.0 / self.rate_hz)
+        node.listen(LOOK)
         return self._state.name
 
     def close(self) -> None:

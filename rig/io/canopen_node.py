@@ -5,7 +5,7 @@ from typing import Final
 
 import can
 
-from .can_link import CanLink, Clock
+from .can_link import LOOK, CanLink, Clock
 from .canopen import (
     EMERGENCY,
     HEARTBEAT,
@@ -30,9 +30,6 @@ HOST_NODE: Final = 127
 
 _SDO_TIMEOUT: Final = 0.5
 """s. Usual for SDO clients; a node answers within milliseconds."""
-
-_LOOK: Final = 0.01
-"""s. How often a wait looks at the clock when nothing comes in."""
 
 
 def identifiers(node: int) -> tuple[int, ...]:
@@ -107,7 +104,7 @@ class CanopenNode:
         while not condition():
             if self._clock() >= until:
                 return False
-            self.listen(_LOOK)
+            self.listen(LOOK)
         return True
 
     def command(self, command: NmtCommand) -> None:
