@@ -15,18 +15,6 @@ from rig.plant import Model
 Array = NDArray[np.float64]
 
 
-class TripError(Exception):
-    """The rig tripped, or could not be brought to where a test begins; the message says why.
-
-    Attributes:
-        report: the trip report, if there is one.
-    """
-
-    def __init__(self, message: str, report: Path | None = None) -> None:
-        self.report = report
-        super().__init__(message)
-
-
 class Loop(Protocol):
     """One test on the rig, advanced batch by batch.
 

@@ -14,9 +14,10 @@ from estimator.replay import DetectorFactory, detector_for
 from faults.campaign import Campaign, CampaignTest
 from faults.schedule import FaultSchedule
 from rig.configuration.rig import Rig
+from rig.loop.trip import TripError
 from rig.plant.integrator import TICK
 
-from .bench import Bench, Loop, TripError, Writer
+from .bench import Bench, Loop, Writer
 from .directory import log_error
 from .injection import Injection
 from .judging import Judge

@@ -1,0 +1,15 @@
+"""The error by which a trip of the rig ends whatever was being done with it."""
+
+from pathlib import Path
+
+
+class TripError(Exception):
+    """The rig tripped, or left the motion that was asked for; the message says why.
+
+    Attributes:
+        report: the trip report, if there is one.
+    """
+
+    def __init__(self, message: str, report: Path | None = None) -> None:
+        self.report = report
+        super().__init__(message)
