@@ -1,6 +1,6 @@
 """Checks a configuration of any kind; a campaign is dry-run as well."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -14,21 +14,20 @@ from .document import Located, Sources
 from .dry_run import PlannedTest, plan_campaign
 from .lookup import FOLDERS, Kind, available, is_path, resolve
 from .model import ModelFile, read_model
-from .options import options_schema
+from .options import options_of
 from .problems import ConfigError, Place, Problems, display_path, suggestion
 from .quantities import show
-from .register_maps import read_dbc, read_register_map
+from .register_maps import MAPS, Map, read_dbc, read_map
 from .rig import Rig, RigFile, read_rig
-from .validation import Schema
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
 
-_SCHEMAS: Final[dict[Kind, type[Schema]]] = {
-    "campaign": CampaignFile,
-    "rig": RigFile,
-    "model": ModelFile,
-    "map": options_schema(RegisterMap),
+_KEYS: Final[dict[Kind, frozenset[str]]] = {
+    "campaign": frozenset(CampaignFile.model_fields),
+    "rig": frozenset(RigFile.model_fields),
+    "model": frozenset(ModelFile.model_fields),
+    "map": frozenset(key for kind in MAPS for key in options_of(kind)),
 }
 
 
@@ -86,8 +85,8 @@ def check(
         rig = read_rig(path, sources)
         report = _report_rig(path, rig) if rig else None
     elif kind == "map":
-        register_map = read_register_map(path, sources)
-        report = _report_map(path, register_map) if register_map else None
+        device_map = read_map(path, sources)
+        report = _report_map(path, device_map) if device_map else None
     elif kind == "dbc":
         database = read_dbc(path, sources)
         report = _report_dbc(path, database) if database else None
@@ -126,13 +125,11 @@ def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, 
 def _kind_of(root: Located, problems: Problems) -> Kind | None:
     """Return the kind whose own keys the file has most of."""
     keys = {key for key, _ in root.items()} - {"name", "description", "parent"}
-    scores: dict[Kind, int] = {
-        kind: len(keys & set(schema.model_fields)) for kind, schema in _SCHEMAS.items()
-    }
+    scores = {kind: len(keys & known) for kind, known in _KEYS.items()}
     best = max(scores, key=lambda kind: scores[kind])
     if scores[best] > 0 or root.get("parent") is not None:
         return best if scores[best] > 0 else "model"
-    remedy = f"write a {', '.join(_SCHEMAS)}; see the shipped ones"
+    remedy = f"write a {', '.join(_KEYS)}; see the shipped ones"
     problems.add(Place(root.place.path, 1, 1), "file", "", "is no known configuration", remedy)
     return None
 
@@ -163,13 +160,18 @@ def _driver_line(spec: DriverSpec, loop_rate: float) -> str:
     return line
 
 
-def _report_map(path: Path, register_map: RegisterMap) -> CheckReport:
-    summary = (
-        f"  {register_map.device}, {show(register_map.rate, 'Hz')} by "
-        f"{' or '.join(register_map.exchange)}",
-        f"  reads {', '.join(register.signal for register in register_map.read)}",
-        f"  writes {', '.join(register.signal for register in register_map.written)}",
-    )
+def _report_map(path: Path, device_map: Map) -> CheckReport:
+    summary: tuple[str, ...]
+    if isinstance(device_map, RegisterMap):
+        summary = (
+            f"  {device_map.device}, {show(device_map.rate, 'Hz')} by "
+            f"{' or '.join(device_map.exchange)}",
+            f"  reads {', '.join(register.signal for register in device_map.read)}",
+            f"  writes {', '.join(register.signal for register in device_map.written)}",
+        )
+    else:
+        addresses = (f"{key} {value}" for key, value in asdict(device_map).items())
+        summary = (f"  bypass valves, first addresses: {', '.join(addresses)}",)
     return CheckReport("map", path, path.stem, summary)
 
 

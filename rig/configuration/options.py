@@ -24,8 +24,14 @@ from .validation import Schema, check, shown
 T = TypeVar("T")
 
 
-class _Option(NamedTuple):
-    """A field of a class of options: its type, its quantity if any, and its default."""
+class Option(NamedTuple):
+    """A field of a class of options.
+
+    Attributes:
+        hint: its type.
+        quantity: its unit and limits, if it has any.
+        default: `...` where there is none.
+    """
 
     hint: Any
     quantity: Quantity | None
@@ -42,7 +48,7 @@ def read_options(options: type[T], item: Located | None, sources: Sources) -> T 
     before = sources.problems.reported
     file = check(options_schema(options), item, sources.problems)
     values = file.model_dump() if file is not None else {}
-    for name, option in _options(options).items():
+    for name, option in options_of(options).items():
         entry, reader = item.get(name), _reader(option)
         if reader is not None and entry is not None:
             values[name] = reader(entry, sources)
@@ -64,12 +70,13 @@ def read_options(options: type[T], item: Located | None, sources: Sources) -> T 
 def options_schema(options: type) -> type[Schema]:
     """Return the schema of a mapping that has the fields of a dataclass or named tuple as keys."""
     definitions: dict[str, Any] = {
-        name: (_written(option), option.default) for name, option in _options(options).items()
+        name: (_written(option), option.default) for name, option in options_of(options).items()
     }
     return create_model(f"{options.__qualname__}File", __base__=Schema, **definitions)
 
 
-def _options(options: type) -> dict[str, _Option]:
+def options_of(options: type) -> dict[str, Option]:
+    """Return the fields of a dataclass or named tuple that a file may give, in their order."""
     hints = get_type_hints(options, include_extras=True)
     if is_dataclass(options):
         usual = {f.name: _default(f) for f in fields(options) if f.init}
@@ -86,15 +93,15 @@ def _default(field: Field[Any]) -> Any:
     return ... if field.default is MISSING else field.default
 
 
-def _option(hint: Any, default: Any) -> _Option:
+def _option(hint: Any, default: Any) -> Option:
     quantity = None
     if get_origin(hint) is Annotated:
         hint, *extras = get_args(hint)
         quantity = next((extra for extra in extras if isinstance(extra, Quantity)), None)
-    return _Option(hint, quantity, default)
+    return Option(hint, quantity, default)
 
 
-def _kind(option: _Option) -> Any:
+def kind_of(option: Option) -> Any:
     """Return the type of an option, without the None of one that may be left out."""
     kinds = get_args(option.hint)
     if len(kinds) == 2 and type(None) in kinds:
@@ -102,9 +109,9 @@ def _kind(option: _Option) -> Any:
     return option.hint
 
 
-def _written(option: _Option) -> Any:
+def _written(option: Option) -> Any:
     """Return the type of an option as its schema checks it; what has a reader is left to that."""
-    kind, quantity = _kind(option), option.quantity
+    kind, quantity = kind_of(option), option.quantity
     if _reader(option) is not None:
         return Any
     if quantity is None:
@@ -116,9 +123,9 @@ def _written(option: _Option) -> Any:
     return Annotated[option.hint, limits]
 
 
-def _reader(option: _Option) -> Callable[[Located, Sources], Any] | None:
+def _reader(option: Option) -> Callable[[Located, Sources], Any] | None:
     """Return what reads an option that is no plain value of YAML."""
-    kind = _kind(option)
+    kind = kind_of(option)
     if kind is Path:
         return _read_path
     if _is_section(kind):

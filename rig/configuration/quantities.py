@@ -35,7 +35,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
     "s": Dimension("a time", "18 s", ("s", "ms", "min")),
     "rad": Dimension("an angle", "0.1 rad", ("rad", "deg")),
     "rad/s": Dimension("an angular frequency", "628 rad/s", ("rad/s", "Hz")),
-    "Hz": Dimension("a frequency", "0.5 Hz", ("Hz", "mHz", "rad/s")),
+    "Hz": Dimension("a frequency", "0.5 Hz", ("Hz", "mHz", "kHz", "rad/s")),
     "V": Dimension("a voltage", "3 V", ("V", "mV")),
     "m/V": Dimension("a valve gain", "2.794e-5 m/V", ("m/V", "mm/V", "um/V")),
     "V/m": Dimension("a position gain", "50 V/m", ("V/m", "V/mm")),

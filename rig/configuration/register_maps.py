@@ -1,22 +1,33 @@
 """What devices call their signals: register maps of Modbus devices, DBC files of CAN ones."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from rig.io.bypass_registers import BypassRegisters
 from rig.io.register_map import RegisterMap
 
 from .document import Sources
-from .options import read_options
+from .options import options_of, read_options
 from .problems import Place
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
 
+Map = RegisterMap | BypassRegisters
+MAPS: Final[tuple[type[Map], ...]] = (RegisterMap, BypassRegisters)
 
-def read_register_map(path: Path, sources: Sources) -> RegisterMap | None:
-    """Return the register map in a YAML file; None, with problems, if it is unusable."""
+
+def read_map(path: Path, sources: Sources) -> Map | None:
+    """Return the map in a YAML file, of the device whose keys it has most of.
+
+    None, with problems, if it is unusable.
+    """
     root = sources.read_yaml(path)
-    return read_options(RegisterMap, root, sources) if root is not None else None
+    if root is None:
+        return None
+    keys = {key for key, _ in root.items()}
+    best = max(MAPS, key=lambda kind: len(keys & set(options_of(kind))))
+    return read_options(best, root, sources)
 
 
 def read_dbc(path: Path, sources: Sources) -> "Database | None":

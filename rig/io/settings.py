@@ -21,7 +21,7 @@ class LoopSettings:
 
     Attributes:
         rate: ticks a second; filters and recordings know 1 kHz only.
-        cpu: processor that the loop is pinned to; None leaves it to the kernel.
+        cpu: processor that the loop is pinned to; without, the kernel chooses.
         priority: of SCHED_FIFO; 0 asks for none.
         overrun: what follows a missed tick: `skip` it and count, `realign` the ticks to now, or
             `trip` after `trip_after` of them in a row. Never a burst to catch up.

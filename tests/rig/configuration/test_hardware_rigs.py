@@ -198,7 +198,7 @@ def test_a_limit_of_any_channel_in_the_loop_adds_a_rung(load_text: LoadText) -> 
         (
             "host: daq",
             "rate: 250 Hz",
-            "rig.yaml:9:3 daq: 250 Hz is below the loop's 1000 Hz; choose a faster device, or hold",
+            "rig.yaml:9:3 daq: 250 Hz is below the loop's 1 kHz; choose a faster device, or hold",
         ),
         (
             "drivers:",
@@ -208,7 +208,7 @@ def test_a_limit_of_any_channel_in_the_loop_adds_a_rung(load_text: LoadText) -> 
         (
             "drivers:",
             "loop: {rate: 500 Hz}\ndrivers:",
-            "rig.yaml:8:8 rate: 500 Hz is not the 1000 Hz of filters and recordings; leave it out",
+            "rig.yaml:8:8 rate: 500 Hz is not the 1 kHz of filters and recordings; leave it out",
         ),
         (
             "drivers:",
@@ -359,7 +359,7 @@ def test_a_rig_with_a_broken_driver_says_whose_it_is(tmp_path: Path, install: In
         ("dbc: pump_unit", "dbc: servovalve", "servovalve.dbc lacks PumpStatus"),
         ("port: 15503", "port: 15502", "bypass: 127.0.0.1:15502 is the connection of the driver"),
         ("/dev/ttyUSB1", "/dev/ttyUSB0", "meters: /dev/ttyUSB0 is the connection of the driver"),
-        ("slower_device: hold", "slower_device: refuse", "daq: 250 Hz is below the loop's 1000 Hz"),
+        ("slower_device: hold", "slower_device: refuse", "daq: 250 Hz is below the loop's 1 kHz"),
         ("transport: rtu", "transport: tcp", "`host` is missing, which `transport: tcp` needs"),
     ],
 )
