@@ -14,7 +14,6 @@ A request is an object with what to `do`; the reply is an object with `ok`, and 
 import asyncio
 import json
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import Any, Final, Protocol
 
 from rig.configuration.problems import ConfigError, suggestion
@@ -27,6 +26,16 @@ from .record import Record
 from .wire_faults import fault_from
 
 _LINE_LIMIT: Final = 65536
+
+_KEYS: Final[Mapping[str, Mapping[str, type]]] = {
+    "clear": {"number": int},
+    "status": {},
+    "record": {"since_ns": int},
+    "operator": {"attentive": bool},
+    "press_reset": {},
+    "stop": {},
+}
+"""Keys of a request besides `do`, with their types; those of `inject` are a fault's."""
 
 
 class Steered(Protocol):
@@ -48,16 +57,19 @@ class ControlPort:
 
     Args:
         emulator: what they steer.
+
+    Attributes:
+        clients: connections open now.
     """
 
     def __init__(self, emulator: Steered) -> None:
         self._emulator = emulator
         self._server: asyncio.Server | None = None
-        self._clients: set[asyncio.StreamWriter] = set()
-        self._actions: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+        self.clients: set[asyncio.Transport] = set()
+        self._actions: dict[str, Callable[..., dict[str, Any]]] = {
             "inject": self._inject,
             "clear": self._clear,
-            "status": self._status,
+            "status": emulator.status,
             "record": self._events,
             "operator": self._operator,
             "press_reset": self._press_reset,
@@ -70,29 +82,20 @@ class ControlPort:
         Raises:
             AddressError: the port is in use, or not to be had.
         """
+        loop = asyncio.get_running_loop()
         try:
-            self._server = await asyncio.start_server(self._serve, host, port, limit=_LINE_LIMIT)
+            self._server = await loop.create_server(lambda: _Client(self), host, port)
         except OSError as error:
             raise AddressError("control", host, port, error) from error
         found: int = self._server.sockets[0].getsockname()[1]
         return found
 
     def close(self) -> None:
-        """Let go of the port and of all clients."""
+        """Let go of the port and of all clients, once they have their replies."""
         if self._server is not None:
             self._server.close()
-        for client in tuple(self._clients):
+        for client in tuple(self.clients):
             client.close()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._clients.add(writer)
-        # A line beyond the limit ends the connection, as does the client's own end.
-        with suppress(ValueError, ConnectionError):
-            while line := await reader.readline():
-                writer.write(json.dumps(self.answer(line)).encode() + b"\n")
-                await writer.drain()
-        self._clients.discard(writer)
-        writer.close()
 
     def answer(self, line: bytes) -> dict[str, Any]:
         """Do what one line asks for and return the reply."""
@@ -104,37 +107,68 @@ class ControlPort:
             asked = str(request.get("do", "")) if isinstance(request, dict) else ""
             remedy = suggestion(asked, tuple(self._actions), "actions")
             return _refusal(f"do: {asked} is not a known action; {remedy}")
-        action = self._actions[request.pop("do")]
+        do = request.pop("do")
+        problems = [
+            f"{key}: {value} is not a key of {do}, or of another type; {_keys(do)}"
+            for key, value in request.items()
+            if do in _KEYS and type(value) is not _KEYS[do].get(key)
+        ]
+        if problems:
+            return _refusal(*problems)
         try:
-            return {"ok": True, **action(request)}
+            return {"ok": True, **self._actions[do](**request)}
         except (ConfigError, NotServedError) as error:
             return _refusal(*map(str, error.problems))
 
-    def _inject(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        return {"number": self._emulator.injection.inject(fault_from(request))}
+    def _inject(self, **fault: Any) -> dict[str, Any]:
+        return {"number": self._emulator.injection.inject(fault_from(fault))}
 
-    def _clear(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        return {"cleared": self._emulator.injection.clear(request.get("number"))}
+    def _clear(self, number: int | None = None) -> dict[str, Any]:
+        return {"cleared": self._emulator.injection.clear(number)}
 
-    def _status(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        return self._emulator.status()
-
-    def _events(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        since = request.get("since_ns", 0)
+    def _events(self, since_ns: int = 0) -> dict[str, Any]:
         events = self._emulator.record.events
-        return {"events": [event for event in events if event["at_ns"] >= since]}
+        return {"events": [event for event in events if event["at_ns"] >= since_ns]}
 
-    def _operator(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        self._emulator.operator.attentive = bool(request.get("attentive", True))
-        return {"attentive": self._emulator.operator.attentive}
+    def _operator(self, attentive: bool = True) -> dict[str, Any]:
+        self._emulator.operator.attentive = attentive
+        return {"attentive": attentive}
 
-    def _press_reset(self, request: Mapping[str, Any]) -> dict[str, Any]:
+    def _press_reset(self) -> dict[str, Any]:
         self._emulator.operator.press()
         return {}
 
-    def _stop(self, request: Mapping[str, Any]) -> dict[str, Any]:
+    def _stop(self) -> dict[str, Any]:
         self._emulator.stop()
         return {}
+
+
+def _keys(action: str) -> str:
+    keys = ", ".join(f"{key} ({kind.__name__})" for key, kind in _KEYS[action].items())
+    return f"keys: {keys}" if keys else "it takes none"
+
+
+class _Client(asyncio.Protocol):
+    """One connection: takes lines off the stream, and answers each."""
+
+    def __init__(self, port: ControlPort) -> None:
+        self._port = port
+        self._received = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._port.clients.add(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._port.clients.discard(self._transport)
+
+    def data_received(self, data: bytes) -> None:
+        *lines, self._received = (self._received + data).split(b"\n")
+        for line in lines:
+            self._transport.write(json.dumps(self._port.answer(line)).encode() + b"\n")
+        if len(self._received) > _LINE_LIMIT:
+            self._transport.abort()
 
 
 def _refusal(*problems: str) -> dict[str, Any]:

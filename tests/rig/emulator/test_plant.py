@@ -1,0 +1,150 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from faults.bypass import NOMINAL_BYPASSES
+from rig.emulator.plant import COMMAND_RANGE, EmulatedPlant
+from rig.plant import Model
+from rig.plant.parameters import NOMINAL
+from rig.plant.simulation import simulate
+
+Clock = Any
+
+
+def position(plant: EmulatedPlant) -> float:
+    return plant.truth.position
+
+
+def test_looked_at_every_millisecond_the_plant_moves_exactly_as_the_simulation(
+    clock: Clock, plant: EmulatedPlant
+) -> None:
+    command = 2.0 * np.sin(np.arange(200) / 20.0)
+    expected = simulate(Model(), command, position=0.5 * NOMINAL.stroke_max)
+    for k, volts in enumerate(command):
+        assert position(plant) == expected["position"][k]
+        plant.drive_valve(float(volts))
+        clock.advance(1e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(1, 20_000_000), min_size=1, max_size=30))
+def test_how_often_one_looks_does_not_change_the_motion(looks_ns: list[int]) -> None:
+    now = [0]
+    often, seldom = (EmulatedPlant(Model(), clock=lambda: now[0]) for _ in range(2))
+    for plant in (often, seldom):
+        plant.drive_valve(1.0)
+    for look_ns in looks_ns:
+        now[0] += look_ns
+        often.catch_up()
+    # A step of the integrator is good to half a micrometre (docs/decisions/0010-integrator.md).
+    assert position(often) == pytest.approx(position(seldom), abs=2e-6)
+
+
+def test_a_stall_of_the_host_is_caught_up_at_the_next_look(
+    clock: Clock, plant: EmulatedPlant
+) -> None:
+    plant.drive_valve(0.5)
+    clock.advance(5.0)
+    plant.catch_up()
+    assert plant.time_ns == clock()
+    assert position(plant) > 0.31
+
+
+def test_the_amplifier_saturates(clock: Clock, plant: EmulatedPlant) -> None:
+    plant.drive_valve(1e6)
+    clock.advance(0.1)
+    assert plant.truth.spool == pytest.approx(COMMAND_RANGE * NOMINAL.valve_gain, rel=1e-3)
+
+
+@pytest.mark.parametrize(("volts", "end"), [(-1.0, NOMINAL.stroke_min), (1.0, NOMINAL.stroke_max)])
+def test_the_ram_comes_to_rest_on_its_end_stops(
+    clock: Clock, plant: EmulatedPlant, volts: float, end: float
+) -> None:
+    plant.drive_valve(volts)
+    clock.advance(20.0)
+    assert position(plant) == pytest.approx(end, abs=1e-3)
+    assert plant.truth.velocity == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_unloaded_pump_lets_the_supply_pressure_collapse(
+    clock: Clock, plant: EmulatedPlant
+) -> None:
+    plant.load_pump(False)
+    clock.advance(0.05)
+    assert plant.truth.supply_pressure < 0.5 * NOMINAL.supply_pressure
+    clock.advance(2.0)
+    assert plant.truth.supply_pressure == pytest.approx(NOMINAL.return_pressure, abs=1.0)
+    plant.load_pump(True)
+    clock.advance(2.0)
+    assert plant.truth.supply_pressure == pytest.approx(NOMINAL.supply_pressure, rel=1e-6)
+
+
+def test_a_rig_whose_pump_is_not_loaded_yet_does_not_move(clock: Clock) -> None:
+    plant = EmulatedPlant(Model(), clock=clock, pump_loaded=False)
+    start = position(plant)
+    plant.drive_valve(5.0)
+    clock.advance(1.0)
+    assert position(plant) == pytest.approx(start, abs=1e-4)
+
+
+def test_a_stuck_spool_stays_whatever_it_is_told_until_it_is_freed(
+    clock: Clock, plant: EmulatedPlant
+) -> None:
+    plant.drive_valve(2.0)
+    clock.advance(0.1)
+    plant.stick_spool(True)
+    jammed = plant.truth.spool
+    plant.drive_valve(0.0)
+    clock.advance(0.5)
+    assert plant.truth.spool == pytest.approx(jammed, rel=1e-9)
+    plant.stick_spool(False)
+    clock.advance(0.5)
+    assert plant.truth.spool == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_bypass_leaks_what_its_two_valves_pass_in_series(clock: Clock) -> None:
+    plant = EmulatedPlant(Model(), bypass_valves=NOMINAL_BYPASSES, clock=clock)
+    valve = NOMINAL_BYPASSES["external_leakage_1"]
+    plant.set_bypass("external_leakage_1", ball=0.7, needle=0.4)
+    assert plant.coefficients["external_leakage_1"] == valve.effective(0.4, 0.7)
+    plant.set_bypass("external_leakage_1", ball=0.0, needle=0.4)
+    assert plant.coefficients["external_leakage_1"] == 0.0
+
+
+def test_the_return_throttle_blocks_the_line_by_its_needle_alone(clock: Clock) -> None:
+    plant = EmulatedPlant(Model(), return_resistance=4e13, clock=clock)
+    plant.set_bypass("return_blockage", ball=0.0, needle=1.0)
+    assert plant.coefficients["return_blockage"] == pytest.approx(4e13)
+    plant.set_bypass("return_blockage", ball=1.0, needle=0.0)
+    assert plant.coefficients["return_blockage"] == 0.0
+
+
+def test_a_bypass_that_there_is_not_is_refused(plant: EmulatedPlant) -> None:
+    with pytest.raises(ValueError, match="no such bypass"):
+        plant.set_bypass("leak", 1.0, 1.0)
+
+
+def test_a_flow_meter_lags_behind_the_leak_that_it_measures(clock: Clock) -> None:
+    plant = EmulatedPlant(Model(), bypass_valves=NOMINAL_BYPASSES, clock=clock)
+    plant.set_bypass("external_leakage_1", ball=1.0, needle=1.0)
+    clock.advance(1e-3)
+    early = plant.reading().flow_1
+    clock.advance(0.3)
+    assert plant.reading().flow_1 > 3.0 * early
+
+
+def test_a_transducer_that_the_rig_lacks_reads_not_a_number(clock: Clock) -> None:
+    fitted = np.ones(9)
+    fitted[5] = np.nan
+    reading = EmulatedPlant(Model(), fitted=fitted, clock=clock).reading()
+    assert np.isnan(reading.load)
+    assert np.isfinite(reading.pressure_1)
+
+
+def test_the_same_seed_gives_the_same_noise(clock: Clock) -> None:
+    first, second = (EmulatedPlant(Model(), seed=3, clock=clock).reading() for _ in range(2))
+    assert first == second
+    assert first != EmulatedPlant(Model(), seed=4, clock=clock).reading()
