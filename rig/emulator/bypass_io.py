@@ -32,7 +32,8 @@ from .valve_bank import SWITCHES, ValveBank
 _COILS: Final = (1, 5, 15)
 _DISCRETE_INPUTS: Final = (2,)
 _INPUT_REGISTERS: Final = (4,)
-_BETWEEN: Final = (False, False)
+_NEITHER: Final = (False, False)
+_BOTH: Final = (True, True)
 
 
 class BypassIo:
@@ -47,6 +48,7 @@ class BypassIo:
     Attributes:
         valves: the valves; jam one by its `stick`.
         wire: what is wrong with its line; change it as you like.
+        shorted: bypasses whose ball has both switches on, as by a broken cable.
         identity: what its identity register holds.
         requests: how many it was asked.
     """
@@ -62,6 +64,7 @@ class BypassIo:
     ) -> None:
         self.valves = ValveBank(record, clock, ball_travel_s, needle_travel_s)
         self.wire = Wire()
+        self.shorted: set[str] = set()
         self.identity = IDENTITY
         self.requests = 0
         self._record = record
@@ -207,7 +210,10 @@ class BypassIo:
         if function in _COILS:
             return {at.coils // 16: _packed(opened for opened, _ in valves.orders().values())}
         if function in _DISCRETE_INPUTS:
-            pairs = (SWITCHES.get(ball, _BETWEEN) for ball, _ in valves.positions().values())
+            pairs = (
+                _BOTH if bypass in self.shorted else SWITCHES.get(ball, _NEITHER)
+                for bypass, (ball, _) in valves.positions().items()
+            )
             return {at.switches // 16: _packed(switch for pair in pairs for switch in pair)}
         if function in _INPUT_REGISTERS:
             return _registers(at.positions, (needle for _, needle in valves.positions().values()))

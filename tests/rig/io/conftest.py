@@ -1,0 +1,131 @@
+"""Emulated devices that serve real sockets and pseudo-terminals from a thread of their own."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+
+from rig.emulator.bypass_io import BypassIo
+from rig.emulator.record import Record
+from rig.io.bypass_options import BypassOptions
+from rig.io.bypass_valves import BypassValves
+
+T = TypeVar("T")
+
+PATIENCE_S = 20.0
+"""How long a test waits for what is bound to come, however slow the machine is."""
+
+
+class ManualClock:
+    """A clock that stands still until it is told to go on."""
+
+    def __init__(self) -> None:
+        self.now_ns = 1_000_000_000
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+    def advance(self, time_s: float) -> None:
+        self.now_ns += round(time_s * 1e9)
+
+
+class DeviceThread:
+    """An event loop in a thread: what devices are served by."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever)
+        self._thread.start()
+
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_S)
+
+    def call(self, work: Callable[[], T]) -> T:
+        async def called() -> T:
+            return work()
+
+        return self.run(called())
+
+    def end(self) -> None:
+        async def settle() -> None:
+            # Connections that were closed say so in the next turns of the loop.
+            for _ in range(3):
+                await asyncio.sleep(0)
+
+        self.run(settle())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(PATIENCE_S)
+        self._loop.close()
+
+
+class BypassBench:
+    """Bypass valves on an emulated I/O, both on a clock that the test turns."""
+
+    def __init__(self, thread: DeviceThread, folder: Path) -> None:
+        self.clock = ManualClock()
+        self.record = Record(clock=self.clock)
+        self.device = BypassIo(self.record, self.clock, ball_travel_s=0.5, needle_travel_s=2.0)
+        self.port = thread.run(self.device.open("127.0.0.1", 0))
+        self._thread = thread
+        self._folder = folder
+        self._drivers: list[BypassValves] = []
+
+    def driver(self, sleep: Callable[[float], None] | None = None, **options: Any) -> BypassValves:
+        """Return a driver of the device over TCP, not yet open; its sleep turns the clock."""
+        # The wait for a reply is the machine's time, and generous.
+        given = {"host": "127.0.0.1", "port": self.port, "timeout": 2.0, **options}
+        return self._made(BypassOptions(**given), sleep)
+
+    def serial_driver(self, **options: Any) -> BypassValves:
+        """Return a driver of the device over a serial line, not yet open."""
+        path = self._folder / "ttyBypass"
+        self._thread.run(self.device.open_serial(path))
+        # A pseudo-terminal knows no parity, and says so (tcsetattr of glibc).
+        line = {"transport": "rtu", "device": str(path), "parity": "none"}
+        given = {**line, "timeout": 2.0, **options}
+        return self._made(BypassOptions(**given), None)
+
+    def _made(self, options: BypassOptions, sleep: Callable[[float], None] | None) -> BypassValves:
+        driver = BypassValves("bypass", options, self.clock, sleep or self.clock.advance)
+        self._drivers.append(driver)
+        return driver
+
+    def power_off(self) -> None:
+        """Take the device away."""
+        self._thread.call(self.device.close)
+
+    def disconnect(self) -> None:
+        """Break off its connections."""
+        self._thread.call(self.device.disconnect)
+
+    def end(self) -> None:
+        for driver in self._drivers:
+            driver.close()
+        self.power_off()
+
+
+def eventually(condition: Callable[[], T]) -> T:
+    """Return a condition's first true value."""
+    until = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        assert time.monotonic() < until, f"still waiting after {PATIENCE_S:g} s"
+        time.sleep(2e-3)
+    return found
+
+
+@pytest.fixture
+def device_thread() -> Iterator[DeviceThread]:
+    thread = DeviceThread()
+    yield thread
+    thread.end()
+
+
+@pytest.fixture
+def bypass(device_thread: DeviceThread, tmp_path: Path) -> Iterator[BypassBench]:
+    bench = BypassBench(device_thread, tmp_path)
+    yield bench
+    bench.end()
