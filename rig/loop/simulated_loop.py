@@ -39,6 +39,13 @@ class Motion:
     settle_ticks: int
 
 
+def raised_cosine(start: float, end: float, ticks: int) -> Array:
+    """Return setpoints (ticks,) from start to end along a raised cosine, with a rest at the end."""
+    ramp = max(int(_RAMP_PART * ticks), 1)
+    progress = np.minimum(np.arange(ticks) / ramp, 1.0)
+    return start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * progress))
+
+
 class SimulatedLoop:
     """One test on a simulated rig, advanced any number of ticks at a time.
 
@@ -84,12 +91,9 @@ class SimulatedLoop:
 
     def position(self) -> None:
         """Bring the ram to its start by the position loop, along a raised cosine; let it rest."""
-        ticks = self._motion.settle_ticks
-        ramp = max(int(_RAMP_PART * ticks), 1)
-        here = self._rig.state[4]
-        progress = np.minimum(np.arange(ticks) / ramp, 1.0)
-        way = 0.5 - 0.5 * np.cos(np.pi * progress)
-        setpoint = here + (self._motion.start_position - here) * way
+        setpoint = raised_cosine(
+            self._rig.state[4], self._motion.start_position, self._motion.settle_ticks
+        )
         position_ticks(setpoint, self._gain, self._limit, NO_FAULT, self._rig.state,
                        self._rig.parameters, self._rig.sensors.position_resolution,
                        self._held)  # fmt: skip

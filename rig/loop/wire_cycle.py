@@ -133,7 +133,9 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
             action = _acted_upon(judged, cause, channel, action, words)
         done = monotonic_ns()
         timing = (
-            _S_PER_NS * (woken - due), _S_PER_NS * (ended - begun), _S_PER_NS * (done - ended),
+            _S_PER_NS * (woken - due),
+            nan if status == _NOT_EXCHANGED else _S_PER_NS * (ended - begun),
+            _S_PER_NS * (done - ended),
             _S_PER_NS * (ended - counts[Count.SAMPLED_NS]), float(status),
         )  # fmt: skip
         _end_row(row, at, timing, course, tick if started else -1, action, memory, shared, woken,

@@ -37,7 +37,8 @@ TIMINGS: Final = (
     "action",
 )
 """Of each tick: how late it woke, how long the exchange and the rest took, age of the newest sample
-when it ended; `ExchangeStatus`, -1 without exchange; segment and tick, -1 outside a segment's table; `Action`."""
+when it ended; `ExchangeStatus`, -1 without exchange; segment and tick, -1 outside its table;
+`Action`."""
 
 SLOW: Final = SLOW_INPUTS[len(METERS) :]
 """Slow inputs with columns of their own; the meters stand among the readings."""

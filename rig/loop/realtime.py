@@ -1,0 +1,154 @@
+"""What the kernel can do for a loop that must keep its time, asked for one by one.
+
+The loop runs without any of it, later at times; what was refused is told with its remedy, by
+`rig doctor` and in every recording.
+"""
+
+import ctypes
+import gc
+import os
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Final, Self
+
+_MCL_CURRENT: Final = 1  # sys/mman.h
+_MCL_FUTURE: Final = 2
+_PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
+_TIMER_SLACK_NS: Final = 1000
+"""The kernel's own is 50 us, by which a thread that is not SCHED_FIFO wakes late."""
+_LATENCY_FILE: Final = "/dev/cpu_dma_latency"
+
+_libc: Final = ctypes.CDLL(None, use_errno=True)
+
+
+@dataclass(frozen=True)
+class Grant:
+    """One thing asked of the kernel, and what came of it.
+
+    Attributes:
+        name: what was asked for.
+        granted: whether it was given.
+        why: what it is good for, or why it was refused.
+        remedy: what to do to get it; empty if it was given.
+    """
+
+    name: str
+    granted: bool
+    why: str
+    remedy: str = ""
+
+
+class RealTime:
+    """Everything asked for, for the calling thread and its process; a context manager.
+
+    Args:
+        cpu: processor to pin the thread to; None leaves it to the kernel.
+        priority: of SCHED_FIFO for this thread only; 0 asks for none.
+
+    Attributes:
+        grants: what was asked for and what came of it.
+    """
+
+    def __init__(self, cpu: int | None, priority: int) -> None:
+        self._latency_fd: int | None = None
+        self._affinity = os.sched_getaffinity(0)
+        requests: list[_Request] = []
+        if cpu is not None:
+            requests.append(
+                _Request(
+                    f"processor {cpu}",
+                    lambda: os.sched_setaffinity(0, {cpu}),
+                    "the loop does not move to a cold cache",
+                    f"name one of {', '.join(map(str, sorted(self._affinity)))} as loop: cpu",
+                )
+            )
+        if priority:
+            requests.append(
+                _Request(
+                    f"SCHED_FIFO {priority}",
+                    lambda: _set_fifo(priority),
+                    "no other program delays the loop",
+                    "ulimit -r 99, LimitRTPRIO=99 in the service, or CAP_SYS_NICE",
+                )
+            )
+        requests += [
+            _Request(
+                "timer slack 1 us",
+                lambda: _checked(_libc.prctl(_PR_SET_TIMERSLACK, _TIMER_SLACK_NS, 0, 0, 0)),
+                "a thread without SCHED_FIFO wakes 50 us earlier",
+                "a seccomp filter forbids prctl: allow it",
+            ),
+            _Request(
+                "locked memory",
+                lambda: _checked(_libc.mlockall(_MCL_CURRENT | _MCL_FUTURE)),
+                "no page of the loop must be fetched from disk",
+                "ulimit -l unlimited, LimitMEMLOCK=infinity in the service, or CAP_IPC_LOCK",
+            ),
+            _Request(
+                "processor awake",
+                self._hold_latency,
+                "the processor does not sleep deeply between ticks",
+                f"allow this user to write {_LATENCY_FILE}, by a udev rule",
+            ),
+        ]
+        self.grants = tuple(_made(request) for request in requests)
+        # What exists now is never garbage: the collector need not look at it again.
+        gc.collect()
+        gc.freeze()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give back memory, processor and the thread's place; harmless when repeated."""
+        gc.unfreeze()
+        _libc.munlockall()
+        if self._latency_fd is not None:
+            os.close(self._latency_fd)
+            self._latency_fd = None
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setaffinity(0, self._affinity)
+
+    def _hold_latency(self) -> None:
+        # It holds for as long as the file is open (Documentation/power/pm_qos_interface.rst).
+        fd = os.open(_LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC)
+        self._latency_fd = fd
+        os.write(fd, struct.pack("i", 0))
+
+
+@dataclass(frozen=True)
+class _Request:
+    name: str
+    ask: Callable[[], object]
+    why: str
+    remedy: str
+
+
+def _made(request: _Request) -> Grant:
+    try:
+        request.ask()
+    except OSError as error:
+        return Grant(request.name, False, error.strerror or str(error), request.remedy)
+    return Grant(request.name, True, request.why)
+
+
+def _set_fifo(priority: int) -> None:
+    # Threads and processes that this one starts would inherit it.
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    os.sched_setscheduler(0, policy, os.sched_param(priority))
+
+
+def _checked(result: int) -> None:
+    if result != 0:
+        code = ctypes.get_errno()
+        raise OSError(code, os.strerror(code))

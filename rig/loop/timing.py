@@ -1,0 +1,110 @@
+"""How well the loop kept its time: statistics of each stage of a tick, taken from its rows.
+
+They are kept in histograms of constant size, so that a run of any length can be counted while it
+goes on. A percentile is interpolated within its bin, 5 % wide; the greatest value is exact.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+STAGES: Final = {
+    "wakeup": "from the time of the tick until the loop woke",
+    "exchange": "from the command sent until the sample came",
+    "compute": "filter, interlock and record",
+    "tick_to_reply": "from the time of the tick until the sample came: the command is out before",
+    "period": "from one waking to the next",
+}
+"""What is timed, by name."""
+
+PERCENTILES: Final = (50.0, 99.0, 99.9)
+
+_EDGES: Final = np.logspace(-7.0, 1.0, 8 * 50 + 1)
+"""Bins from 0.1 us to 10 s, 50 a decade; what is beyond falls into the outermost."""
+
+
+class StageTimes:
+    """The times of one stage."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_EDGES.size - 1, np.int64)
+        self._greatest = 0.0
+
+    def take(self, times: Array) -> None:
+        """Count times in s, float64 (n,); NaN is left out."""
+        known = times[np.isfinite(times)]
+        if known.size:
+            self._greatest = max(self._greatest, float(known.max()))
+            self._counts += np.histogram(np.clip(known, _EDGES[0], _EDGES[-1]), _EDGES)[0]
+
+    @property
+    def count(self) -> int:
+        """Times counted."""
+        return int(self._counts.sum())
+
+    def percentile(self, percent: float) -> float | None:
+        """Return the time in s that so many percent of all do not exceed; None without any."""
+        if not self.count:
+            return None
+        cumulative = np.concatenate([[0], np.cumsum(self._counts)])
+        wanted = percent / 100.0 * self.count
+        at = int(np.searchsorted(cumulative, wanted, side="left"))
+        at = max(at, 1)
+        part = (wanted - cumulative[at - 1]) / self._counts[at - 1]
+        value = float(_EDGES[at - 1] * (_EDGES[at] / _EDGES[at - 1]) ** part)
+        return min(value, self._greatest)
+
+    def summary(self) -> dict[str, Any]:
+        """Return percentiles, greatest value and occupied bins, JSON-able, times in s."""
+        occupied = np.flatnonzero(self._counts)
+        return {
+            "count": self.count,
+            **{f"p{percent:g}_s": self.percentile(percent) for percent in PERCENTILES},
+            "max_s": self._greatest if self.count else None,
+            "histogram": [[float(_EDGES[i]), int(self._counts[i])] for i in occupied],
+        }
+
+
+class Timing:
+    """The stages of all ticks whose rows it takes.
+
+    Args:
+        channels: names of the rows' columns (`rig.loop.wire_layout.wire_channels`).
+        period_s: of the loop.
+    """
+
+    def __init__(self, channels: Sequence[str], period_s: float) -> None:
+        self._columns = [channels.index(name) for name in ("wakeup_s", "exchange_s", "compute_s")]
+        self._period_s = period_s
+        self._last_wakeup = np.full(1, np.nan)
+        self.stages = {name: StageTimes() for name in STAGES}
+        self.ticks = 0
+        self.missed = 0
+
+    def take(self, rows: Array) -> None:
+        """Count the next rows, float64 (n, channels)."""
+        wakeup, exchange, compute = (rows[:, column] for column in self._columns)
+        wakeups = np.concatenate([self._last_wakeup, wakeup])
+        self._last_wakeup = wakeups[-1:].copy()
+        for name, times in (
+            ("wakeup", wakeup),
+            ("exchange", exchange),
+            ("compute", compute),
+            ("tick_to_reply", wakeup + exchange),
+            ("period", self._period_s + np.diff(wakeups)),
+        ):
+            self.stages[name].take(times)
+        self.ticks += len(rows)
+        self.missed += int(np.count_nonzero(np.isnan(wakeup)))
+
+    def summary(self) -> dict[str, Any]:
+        """Return the statistics of all rows so far, JSON-able, by stage; times in s."""
+        return {
+            "ticks": self.ticks,
+            "missed": self.missed,
+            "stages": {name: stage.summary() for name, stage in self.stages.items()},
+        }

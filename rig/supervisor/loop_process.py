@@ -1,0 +1,228 @@
+"""The loop process: owns the fast driver, and runs segments on it in a thread of its own.
+
+The thread spends its life in one compiled function (`rig.loop.wire_cycle`), without the
+interpreter's lock; orders and signals come to the main thread. Every way out leaves the device in
+its safe state: an order, SIGTERM, the supervisor's end, a trip that was not confirmed, a crash.
+"""
+
+import contextlib
+import signal
+import threading
+import time
+import traceback
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from rig.compile_cache import use_compile_cache
+from rig.io.driver import DriverError
+from rig.loop.board import Board, Word
+from rig.loop.ladder import Cause
+from rig.loop.orders import Close, Closed, Open, Opened, Segment
+from rig.loop.realtime import Grant, RealTime
+from rig.loop.wire_cycle import wire_ticks
+from rig.loop.wire_layout import (
+    Count,
+    Interlock,
+    Left,
+    Pace,
+    course,
+    estimation,
+    interlock,
+    pace,
+    shared_memory,
+    wire_memory,
+)
+
+from .child import News, child_ends
+
+_POLL_S: Final = 0.05
+"""How soon a signal, or the end of the loop's thread, is noticed."""
+
+_REPEAT_S: Final = 1.0
+"""Time between two attempts to reach a device that did not confirm its safe state."""
+
+_NEVER: Final = -1
+"""Number of a segment that is never switched to: the loop returns from it at once."""
+
+
+class LoopProcess:
+    """Serves one fast driver for one session; see the module."""
+
+    def __init__(self, board: Board, pipe: Connection) -> None:
+        self._board = board
+        self._words = board.words
+        self._pipe = pipe
+        self._driver: Any = None
+        self._pace: Pace
+        self._interlock: Interlock
+        self._memory = wire_memory()
+        self._segments: dict[int, Segment] = {}
+        self._thread: threading.Thread | None = None
+        self._running = threading.Event()
+        self._grants: tuple[Grant, ...] = ()
+        self._left = Left.ASKED
+        self._terminated = False
+
+    def run(self) -> None:
+        """Serve until told to close, or until nobody is there to tell."""
+        cause = Cause.CRASH
+        try:
+            cause = self._serve()
+        finally:
+            failure = self._end(cause)
+            with contextlib.suppress(OSError):
+                self._pipe.send(Closed(failure))
+
+    def terminate(self) -> None:
+        """Leave the device safe and end, soon; for a signal's handler."""
+        self._terminated = True
+
+    def _serve(self) -> Cause:
+        """Obey orders; return the cause for which the process ends, NONE for an order."""
+        while not self._terminated:
+            try:
+                order = self._pipe.recv() if self._pipe.poll(_POLL_S) else None
+            except (EOFError, ConnectionError):
+                return Cause.SUPERVISOR_LOST
+            if isinstance(order, Close):
+                return Cause.NONE
+            if isinstance(order, Open):
+                self._open(order)
+            elif isinstance(order, Segment):
+                self._segments[order.number] = order
+                self._pipe.send(order.number)
+            if self._thread is not None and not self._thread.is_alive():
+                return self._rescue()
+        return Cause.OPERATOR_STOP
+
+    def _open(self, order: Open) -> None:
+        driver = order.driver.create()
+        try:
+            driver.open()
+        except DriverError as error:
+            driver.close()
+            self._pipe.send(error)
+            return
+        self._driver = driver
+        self._pace = pace(order.settings, driver.rate_hz)
+        self._interlock = interlock(order.limits, order.tolerances)
+        self._segments[order.first.number] = order.first
+        # Compiled, or loaded, before time matters.
+        self._run_segment(_NEVER, order.first)
+        arguments = (order.settings.cpu, order.settings.priority)
+        self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
+        self._thread.start()
+        self._running.wait()
+        self._pipe.send(Opened(self._grants, driver.rate_hz))
+
+    def _loop(self, cpu: int | None, priority: int) -> None:
+        """Run segments as they are switched to; the loop's thread."""
+        try:
+            with RealTime(cpu, priority) as real_time:
+                self._grants = real_time.grants
+                self._running.set()
+                self._left = Left.SWITCHED
+                while self._left == Left.SWITCHED:
+                    number = int(self._words[Word.SWITCH])
+                    segment = self._segments.pop(number)
+                    self._left = self._run_segment(number, segment)
+        except Exception:
+            self._left = Left.UNCONFIRMED
+            self._tell(traceback.format_exc())
+        finally:
+            self._running.set()
+
+    def _run_segment(self, number: int, segment: Segment) -> Left:
+        if segment.reset:
+            self._interlock.memory.clear()
+            for word in (Word.LOOP_TRIP, Word.LOOP_TRIP_AT, Word.VALVE_NULL_AT, Word.ACTION,
+                         Word.ACTION_CAUSE):  # fmt: skip
+                self._words[word] = 0
+        if segment.homed is not None:
+            self._words[Word.HOMED] = segment.homed
+        planned = course(
+            number,
+            segment.setpoint,
+            segment.drive,
+            open_loop=segment.open_loop,
+            gain=segment.gain,
+            limit=segment.limit,
+            offset=segment.offset_m,
+            valve_enable=segment.valve_enable,
+            reset_lamp=segment.reset_lamp,
+            rearm=segment.rearm,
+        )
+        return Left(
+            wire_ticks(
+                planned,
+                estimation(segment.memory, segment.assumed),
+                self._interlock,
+                self._pace,
+                self._driver.fileno(),
+                self._driver.plan(),
+                self._memory,
+                shared_memory(self._board),
+            )
+        )
+
+    def _rescue(self) -> Cause:
+        """Null the valve of a loop that ended by itself; return once told to end as well."""
+        self._trip(Cause.CRASH)
+        failure = self._safe_state()
+        self._tell(
+            "the loop's connection did not confirm that the valve is at null; by another one: "
+            + (failure or "it is")
+        )
+        attempted_at = time.monotonic()
+        while not self._terminated:
+            try:
+                if self._pipe.poll(_POLL_S) and isinstance(self._pipe.recv(), Close):
+                    return Cause.NONE
+            except (EOFError, ConnectionError):
+                return Cause.SUPERVISOR_LOST
+            if failure and time.monotonic() - attempted_at > _REPEAT_S:
+                failure, attempted_at = self._safe_state(), time.monotonic()
+        return Cause.OPERATOR_STOP
+
+    def _end(self, cause: Cause) -> str:
+        """Leave loop and driver; return why the safe state was not confirmed, or nothing."""
+        if cause != Cause.NONE:
+            self._trip(cause)
+        self._memory.counts[Count.LEAVE] = 1
+        if self._thread is not None:
+            self._thread.join()
+        if self._driver is None:
+            return ""
+        failure = self._safe_state()
+        self._driver.close()
+        return failure
+
+    def _safe_state(self) -> str:
+        try:
+            self._driver.safe_state()
+        except DriverError as error:
+            return str(error)
+        if self._words[Word.LOOP_TRIP] and not self._words[Word.VALVE_NULL_AT]:
+            self._words[Word.VALVE_NULL_AT] = time.monotonic_ns()
+        return ""
+
+    def _trip(self, cause: Cause) -> None:
+        if not self._words[Word.LOOP_TRIP]:
+            self._words[Word.LOOP_TRIP_AT] = time.monotonic_ns()
+            self._words[Word.LOOP_TRIP] = cause
+
+    def _tell(self, text: str) -> None:
+        with contextlib.suppress(OSError):
+            self._pipe.send(News(time.monotonic_ns(), "loop", text))
+
+
+def main() -> None:
+    """Run as the loop process of a session."""
+    use_compile_cache()
+    process = LoopProcess(*child_ends())
+    signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
+    process.run()
+
+
+if __name__ == "__main__":
+    main()
