@@ -1,6 +1,6 @@
 """A driver's access to a CAN bus: which bus, what it sends, and what has come in."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
@@ -68,18 +68,15 @@ class CanLink:
         self,
         driver: str,
         options: CanOptions,
-        identifiers: Sequence[int],
+        identifiers: Iterable[int],
         *,
         extended: bool = False,
     ) -> None:
         self._driver = driver
         self.place = _place(options)
-        mask = 0x1FFF_FFFF if extended else 0x7FF
-        filters = [
-            {"can_id": identifier, "can_mask": mask, "extended": extended}
-            for identifier in identifiers
-        ]
-        self._bus = open_bus(driver, options, can_filters=filters)
+        self._identifiers = frozenset(identifiers)
+        self._extended = extended
+        self._bus = open_bus(driver, options)
 
     def send(self, identifier: int, data: bytes, *, extended: bool = False) -> None:
         """Send one frame; `extended`: with a 29-bit identifier.
@@ -97,7 +94,7 @@ class CanLink:
             raise DriverError(self._driver, state, "check cable and termination") from error
 
     def receive(self, wait: float = 0.0) -> list[can.Message]:
-        """Return the data frames that have come in; with none there, wait up to so many seconds.
+        """Return the frames wanted that have come in; with none there, wait up to so many seconds.
 
         What the bus cannot read is passed over: a device that nothing comes from is missed by
         whoever watches its heartbeat.
@@ -105,38 +102,48 @@ class CanLink:
         frames: list[can.Message] = []
         for _ in range(_MOST_FRAMES):
             try:
-                frame = self._bus.recv(0.0 if frames else wait)
+                frame = self._bus.recv(wait)
             except (can.CanError, OSError):
-                wait = 0.0
                 continue
+            finally:
+                wait = 0.0
             if frame is None:
                 break
-            if not (frame.is_error_frame or frame.is_remote_frame):
+            if self._is_wanted(frame):
                 frames.append(frame)
         return frames
+
+    def _is_wanted(self, frame: can.Message) -> bool:
+        # Not by python-can's filters: where the kernel does not filter, recv(0) says None to a
+        # frame that it drops, as if there were no more.
+        return (
+            frame.arbitration_id in self._identifiers
+            and frame.is_extended_id == self._extended
+            and not (frame.is_error_frame or frame.is_remote_frame)
+        )
 
     def close(self) -> None:
         """Let go of the bus."""
         self._bus.shutdown()
 
 
-def open_bus(driver: str, options: CanOptions, **particulars: Any) -> can.BusABC:
+def open_bus(driver: str, options: CanOptions) -> can.BusABC:
     """Return a bus opened by python-can.
 
     Args:
         driver: who opens it; the error begins with it.
         options: which bus.
-        particulars: passed on to `can.Bus`.
 
     Raises:
         DriverError: there is no such bus.
     """
+    particulars: dict[str, Any] = {}
     match options.interface:
         case "udp_multicast":
             # hop_limit 0: the frames of an emulated rig do not leave this machine.
-            particulars |= {"port": options.port, "hop_limit": 0}
+            particulars = {"port": options.port, "hop_limit": 0}
         case "pcan" | "slcan":
-            particulars |= {"bitrate": options.bitrate}
+            particulars = {"bitrate": options.bitrate}
     try:
         # ignore_config: the rig file says all, no ~/.canrc does.
         return can.Bus(

@@ -179,8 +179,7 @@ class CanPump:
 
     def _listen(self, link: CanLink, wait: float = 0.0) -> None:
         for frame in link.receive(wait):
-            if frame.arbitration_id == self._status.frame_id:
-                self._take(bytes(frame.data))
+            self._take(bytes(frame.data))
 
     def _take(self, data: bytes) -> None:
         """Take in one status message; one of another length is garbage, a repeated one is old."""

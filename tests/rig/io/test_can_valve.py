@@ -299,6 +299,15 @@ def test_garbage_on_the_bus_is_passed_over(bench: ValveBench) -> None:
     assert bench.read(driver, 5)["drive_state"] == DriveState.ACTIVE
 
 
+def test_other_traffic_does_not_hide_the_valve(bench: ValveBench) -> None:
+    driver = bench.active()
+    for _ in range(30):
+        for identifier in range(0x300, 0x320):
+            bench.bus.send(can.Message(arbitration_id=identifier, data=b"", is_extended_id=False))
+        values = bench.read(driver)
+    assert values["drive_state"] == DriveState.ACTIVE
+
+
 def test_a_valve_whose_host_falls_silent_leaves_active_by_itself(bench: ValveBench) -> None:
     bench.active(watchdog=0.5)
     for _ in range(100):
