@@ -72,7 +72,10 @@ class Slow:
         self.options = options
         self.inputs, self.outputs, self.rate_hz = options.inputs, options.outputs, options.rate
 
-    def open(self): ...
+    def open(self):
+        if self.options.host == "nowhere":
+            raise DriverError(self.name, "nobody answers", "plug it in", "host")
+
     def read(self): return {}
     def write(self, outputs): ...
     def safe_state(self): ...

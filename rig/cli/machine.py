@@ -1,0 +1,172 @@
+"""What this machine has for a rig: kernel, clock, processors, ports, disk; each with its remedy."""
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+Grade = Literal["good", "weak", "bad"]
+
+_CAN: Final = "280"
+"""ARPHRD_CAN of linux/if_arp.h: the type of a CAN interface in /sys/class/net."""
+
+_CPU: Final = "sys/devices/system/cpu"
+_CLOCK: Final = "sys/devices/system/clocksource/clocksource0/current_clocksource"
+_FAST_CLOCKS: Final = ("tsc", "arch_sys_counter", "kvm-clock")
+"""Read without a system call; any other costs the loop microseconds a tick."""
+
+_RECORDED_PER_HOUR: Final = 2e9
+"""Bytes, rounded up: 50 channels of 8 bytes at 1 kHz, and their framing."""
+_NEEDED_PER_S: Final = 10 * _RECORDED_PER_HOUR / 3600.0
+_SAMPLE_BYTES: Final = 16 << 20
+
+
+class Finding(NamedTuple):
+    """One thing that was looked at.
+
+    Attributes:
+        subject: what was looked at.
+        found: what there is.
+        grade: good, weak (it runs, with more jitter or less choice), or bad (it would not run).
+        remedy: what to do about it, if anything is to be done.
+    """
+
+    subject: str
+    found: str
+    grade: Grade = "good"
+    remedy: str = ""
+
+
+def machine(recordings: Path, root: Path = Path("/")) -> Iterator[Finding]:
+    """Yield what this machine has, whatever rig is meant.
+
+    Args:
+        recordings: folder in which runs would be recorded.
+        root: where /proc, /sys and /dev are.
+    """
+    yield _kernel(root)
+    yield _clock(root)
+    yield _processors(root)
+    yield _governor(root)
+    yield _throttling(root)
+    yield _serial_ports(root)
+    yield _can_interfaces(root)
+    yield _cyclictest()
+    yield _disk_space(recordings)
+    yield _disk_speed(recordings)
+
+
+def _text(path: Path) -> str:
+    """Return a file of the kernel's, "" where there is none."""
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return ""
+
+
+def _kernel(root: Path) -> Finding:
+    release = os.uname().release
+    if _text(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in os.uname().version:
+        return Finding("kernel", f"{release}, PREEMPT_RT")
+    remedy = "install a kernel with PREEMPT_RT: it bounds the latest ticks"
+    return Finding("kernel", f"{release}, not PREEMPT_RT", "weak", remedy)
+
+
+def _clock(root: Path) -> Finding:
+    source = _text(root / _CLOCK) or "unknown"
+    if source in _FAST_CLOCKS:
+        return Finding("clock source", source)
+    remedy = "boot with tsc=reliable, if the processor's counter is"
+    return Finding("clock source", source, "weak", remedy)
+
+
+def _processors(root: Path) -> Finding:
+    usable, isolated = len(os.sched_getaffinity(0)), _text(root / _CPU / "isolated")
+    if usable == 1:
+        remedy = "give it two: the loop should share its own with nobody"
+        return Finding("processors", "1", "weak", remedy)
+    if isolated:
+        return Finding("processors", f"{usable}, isolated {isolated}")
+    remedy = "boot with isolcpus=N nohz_full=N, and write `loop: {cpu: N}` in the rig file"
+    return Finding("processors", f"{usable}, none isolated", "weak", remedy)
+
+
+def _governor(root: Path) -> Finding:
+    paths = sorted((root / _CPU).glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    governors = sorted({_text(path) for path in paths})
+    if not governors:
+        return Finding("frequency governor", "none: the clock rate is not ours to set")
+    if governors == ["performance"]:
+        return Finding("frequency governor", "performance")
+    remedy = "cpupower frequency-set --governor performance"
+    return Finding("frequency governor", ", ".join(governors), "weak", remedy)
+
+
+def _throttling(root: Path) -> Finding:
+    runtime = _text(root / "proc/sys/kernel/sched_rt_runtime_us")
+    period = _text(root / "proc/sys/kernel/sched_rt_period_us")
+    if runtime == "-1" or not runtime:
+        return Finding("real-time throttling", "off")
+    # A loop that sleeps in every tick stays far below it.
+    return Finding("real-time throttling", f"{runtime} us of every {period} us, which suffices")
+
+
+def _serial_ports(root: Path) -> Finding:
+    # The fixed ttyS ports are listed by every PC, fitted or not.
+    ports = [str(port) for kind in ("ttyUSB", "ttyACM") for port in (root / "dev").glob(f"{kind}*")]
+    shut = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
+    if shut:
+        remedy = "add yourself to the group dialout and log in again"
+        return Finding("serial ports", f"no access to {', '.join(shut)}", "weak", remedy)
+    return Finding("serial ports", ", ".join(sorted(ports)) or "no USB adapter")
+
+
+def _can_interfaces(root: Path) -> Finding:
+    types = (root / "sys/class/net").glob("*/type")
+    states = {path.parent.name: _text(path.parent / "operstate") for path in types
+              if _text(path) == _CAN}  # fmt: skip
+    if not states:
+        return Finding("CAN interfaces", "none")
+    found = ", ".join(f"{name} {state}" for name, state in sorted(states.items()))
+    down = sorted(name for name, state in states.items() if state == "down")
+    if not down:
+        return Finding("CAN interfaces", found)
+    remedy = f"ip link set {down[0]} up type can bitrate 500000"
+    return Finding("CAN interfaces", found, "weak", remedy)
+
+
+def _cyclictest() -> Finding:
+    path = shutil.which("cyclictest")
+    if path:
+        return Finding("cyclictest", path)
+    remedy = "install rt-tests: make bench-loop compares the loop with it"
+    return Finding("cyclictest", "not found", "weak", remedy)
+
+
+def _disk_space(folder: Path) -> Finding:
+    hours = shutil.disk_usage(folder).free / _RECORDED_PER_HOUR
+    found = f"{hours:.0f} h of recordings in {folder}"
+    if hours >= 1.0:
+        return Finding("disk space", found)
+    grade: Grade = "weak" if hours > 0.1 else "bad"
+    return Finding("disk space", found, grade, "free space, or record elsewhere with --out")
+
+
+def _disk_speed(folder: Path) -> Finding:
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            started = time.perf_counter()
+            file.write(bytes(_SAMPLE_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+            speed = _SAMPLE_BYTES / (time.perf_counter() - started)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        return Finding("disk speed", f"{folder}: {reason}", "bad", "give another folder with --out")
+    found = f"{speed / 1e6:.0f} MB/s"
+    if speed >= _NEEDED_PER_S:
+        return Finding("disk speed", found)
+    return Finding("disk speed", found, "weak", "record to a local disk with --out")

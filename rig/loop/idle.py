@@ -1,0 +1,35 @@
+"""The loop with nothing to do but wake in time: what the machine adds to every tick."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rig.io.libc import monotonic_ns
+
+from .clock import sleep_until
+
+
+def wakeup_lateness(period_s: float, ticks: int) -> NDArray[np.float64]:
+    """Return float64 (ticks,), s: how late each tick of an idle loop woke; NaN for a missed one.
+
+    The calling thread's place (`rig.loop.realtime`) is what is measured.
+    """
+    # Compiled, or loaded, before it is timed.
+    _wake(round(1e9 * period_s), np.empty(1))
+    lateness = np.full(ticks, np.nan)
+    _wake(round(1e9 * period_s), lateness)
+    return lateness
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _wake(period_ns, lateness):
+    due = monotonic_ns() + period_ns
+    tick = 0
+    while tick < lateness.size:
+        sleep_until(due)
+        late = monotonic_ns() - due
+        lateness[tick] = 1e-9 * late
+        # What is past by a period or more is skipped, as the loop does.
+        steps = 1 + late // period_ns
+        tick += steps
+        due += steps * period_ns
