@@ -106,7 +106,7 @@ def implausible(values, fresh, command, homed, tol, evidence):
         step = position - evidence[_X] if fresh else 0.0
         if _jumped(step, tol, evidence):
             cause, channel = _JUMP, _POSITION
-        elif _against_flow(values, step, homed, tol, evidence):
+        elif _against_flow(values, fresh, step, homed, tol, evidence):
             frozen = evidence[_STILL] >= evidence[_ACCOUNT]
             cause, channel = (_FROZEN if frozen else _AGAINST_FLOW), _POSITION
         elif fresh and _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
@@ -131,7 +131,7 @@ def _jumped(step, tol, evidence):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _against_flow(values, step, homed, tol, evidence):
+def _against_flow(values, fresh, step, homed, tol, evidence):
     """Return whether the travel leaves what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
 
     Oil that leaks out makes the ram extend less than chamber 1's account says and more than that of
@@ -143,7 +143,7 @@ def _against_flow(values, step, homed, tol, evidence):
     if values[_SUPPLY] > supply:
         supply = values[_SUPPLY]
     opening = values[_SPOOL]
-    if isnan(opening):
+    if isnan(opening) or not fresh:
         opening = evidence[_MODEL]
     kept = period / (_SMOOTHING + period)
     change_1 = kept * (values[_PRESSURE_1] - p1)
@@ -179,9 +179,9 @@ def _against_flow(values, step, homed, tol, evidence):
     evidence[_LOW] = 0.0 if p2 < _DRY else max(evidence[_LOW] + low_m - step, 0.0)
     worst = max(evidence[_HIGH], evidence[_LOW])
     evidence[_ACCOUNT] = evidence[_ACCOUNT] + 1.0 if worst > 0.0 else 0.0
-    # Samples that come seldom leave the ram some way that is not seen yet.
+    # Samples that come seldom leave the flow between them unknown.
     unseen = 0.5 * tol.jump_speed_m_per_s * (evidence[_GAP] - 1.0) * period
-    return worst > tol.flow_account_m + unseen
+    return fresh and worst > tol.flow_account_m + unseen
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
