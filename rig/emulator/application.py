@@ -191,7 +191,7 @@ class Emulator:
         truth = self.plant.truth
         return {
             "time_ns": self.plant.time_ns,
-            "daq": self.node.state(),
+            "daq": {"requests": self._daq.requests, **self.node.state()},
             "bypass": self._bypass.state(),
             "can": self._can.state(),
             "plant": {**truth._asdict(), **self.plant.coefficients},

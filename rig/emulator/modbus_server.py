@@ -51,11 +51,13 @@ class ModbusServer:
 
     Attributes:
         wire: what is wrong with its line; change it as you like.
+        requests: how many came in, those that it lost included.
     """
 
     def __init__(self, name: str, device: Device, record: Record) -> None:
         self.name, self.device, self.record = name, device, record
         self.wire = Wire()
+        self.requests = 0
         self.noise = random.Random(0)
         self._sound = Wire()
         self._connections: set[_Connection] = set()
@@ -145,6 +147,7 @@ class _Connection(asyncio.Protocol):
                 return
             request = bytes(self._received[:end])
             del self._received[:end]
+            self._server.requests += 1
             self._answer(request)
 
     def _answer(self, request: bytes) -> None:
