@@ -65,6 +65,12 @@ def check_rates(
     root: Located, loop: LoopSettings, drivers: tuple[DriverSpec, ...], problems: Problems
 ) -> None:
     """Verify that loop, filters and fast device agree on how often a sample comes."""
+    if loop.exchange_timeout >= loop.stale_limit:
+        timeout = root.find(("loop", "exchange_timeout"))
+        limit = f"is not below the stale_limit of {show(loop.stale_limit, 's')}"
+        remedy = "a late reply must not be old when it is given up: write less"
+        value = show(loop.exchange_timeout, "s")
+        problems.add(timeout.place, "exchange_timeout", value, limit, remedy)
     rate = root.find(("loop", "rate"))
     if abs(loop.rate * TICK - 1.0) > 1e-9:
         limit = f"is not the {show(1.0 / TICK, 'Hz')} of filters and recordings"

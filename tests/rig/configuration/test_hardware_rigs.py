@@ -222,6 +222,11 @@ def test_a_limit_of_any_channel_in_the_loop_adds_a_rung(load_text: LoadText) -> 
         ),
         (
             "drivers:",
+            "loop: {exchange_timeout: 50 ms, stale_limit: 40 ms}\ndrivers:",
+            "rig.yaml:8:8 exchange_timeout: 50 ms is not below the stale_limit of 40 ms; a late",
+        ),
+        (
+            "drivers:",
             "homing: {end: up}\ndrivers:",
             "rig.yaml:8:10 end: up is not a choice here; choose one of retract, extend",
         ),
