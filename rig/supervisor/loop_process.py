@@ -56,6 +56,7 @@ class LoopProcess:
         self._pace: Pace
         self._interlock: Interlock
         self._memory = wire_memory()
+        self._offset_m = 0.0
         self._segments: dict[int, Segment] = {}
         self._thread: threading.Thread | None = None
         self._running = threading.Event()
@@ -138,6 +139,10 @@ class LoopProcess:
             for word in (Word.LOOP_TRIP, Word.LOOP_TRIP_AT, Word.VALVE_NULL_AT, Word.ACTION,
                          Word.ACTION_CAUSE):  # fmt: skip
                 self._words[word] = 0
+        elif segment.offset_m != self._offset_m and not self._words[Word.LOOP_TRIP]:
+            # The position jumps because it is counted anew; the interlock must not mind.
+            self._interlock.memory.clear()
+        self._offset_m = segment.offset_m
         if segment.homed is not None:
             self._words[Word.HOMED] = segment.homed
         planned = course(
@@ -200,7 +205,7 @@ class LoopProcess:
     def _safe_state(self) -> str:
         try:
             self._driver.safe_state()
-        except DriverError as error:
+        except (DriverError, OSError) as error:
             return str(error)
         if self._words[Word.LOOP_TRIP] and not self._words[Word.VALVE_NULL_AT]:
             self._words[Word.VALVE_NULL_AT] = time.monotonic_ns()
