@@ -13,11 +13,15 @@ from .application import Emulator
 from .record import Record
 from .wire_faults import WireFault, fault_from
 
-_ANYWHERE: Final = Endpoints(daq=Address(HOST, 0), control=Address(HOST, 0))
+_ANYWHERE: Final = Address(HOST, 0)
+_SIMPLE: Final = Endpoints(_ANYWHERE, bypass=_ANYWHERE, control=_ANYWHERE)
 
 
 class EmulatorThread:
-    """Serves an emulated rig from a thread of its own, on free ports unless told otherwise.
+    """Serves an emulated rig from a thread of its own.
+
+    Unless told otherwise these are an I/O node, bypass valves and a control port on free ports,
+    with an analog servovalve and a pump that always runs.
 
     Args:
         rig: the rig, or its name or file.
@@ -36,7 +40,7 @@ class EmulatorThread:
         self,
         rig: Rig | str = "simulated",
         *,
-        endpoints: Endpoints = _ANYWHERE,
+        endpoints: Endpoints = _SIMPLE,
         record: Record | None = None,
         script: Iterable[WireFault] = (),
         attentive: bool = True,

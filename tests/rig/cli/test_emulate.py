@@ -1,0 +1,96 @@
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+_ARGUMENTS = ("simulated", "--json", "--set-port", "daq=0", "--set-port", "bypass=0")
+
+
+def emulate(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "rig.cli", "emulate", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@contextmanager
+def emulated(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    process = emulate(*_ARGUMENTS, *arguments)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def refused(*arguments: str) -> str:
+    process = emulate(*arguments)
+    _, told = process.communicate(timeout=60.0)
+    assert process.returncode == 2
+    return told
+
+
+def test_it_says_what_it_serves_records_it_and_ends_cleanly_when_told(tmp_path: Path) -> None:
+    record = tmp_path / "record.jsonl"
+    with emulated("--record", str(record), "--control", "0") as process:
+        assert process.stdout is not None
+        ready = json.loads(process.stdout.readline())
+        assert ready["ready"]
+        assert ready["pid"] == process.pid
+        assert ready["ports"].keys() == {"daq", "bypass", "control"}
+        socket.create_connection(("127.0.0.1", ready["ports"]["daq"]), timeout=20.0).close()
+        os.kill(process.pid, signal.SIGTERM)
+        out, errors = process.communicate(timeout=60.0)
+    assert (process.returncode, errors) == (0, "")
+    ended = json.loads(out)
+    assert (ended["ended"], ended["connected"]) == (True, 1)
+    events = [json.loads(line)["event"] for line in record.read_text().splitlines()]
+    assert events[0] == "ready"
+    assert "connected" in events
+
+
+def test_its_record_outlives_a_kill(tmp_path: Path) -> None:
+    record = tmp_path / "record.jsonl"
+    with emulated("--record", str(record)) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.kill()
+        process.wait()
+    assert json.loads(record.read_text().splitlines()[0])["event"] == "ready"
+
+
+def test_a_port_in_use_is_refused_with_its_number_and_the_remedy() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        told = refused("simulated", "--set-port", f"daq={port}", "--set-port", "bypass=0")
+    assert f"daq: port {port} of 127.0.0.1 is in use" in told
+    assert "another port" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("simulated", "--set-port", "dag=0"), "did you mean daq?"),
+        (("simulated", "--set-port", "daq"), "write daq=15502"),
+        (("no_such_rig",), "no_such_rig"),
+    ],
+)
+def test_bad_input_is_refused_with_the_remedy(arguments: tuple[str, ...], told: str) -> None:
+    assert told in refused(*arguments)
+
+
+def test_a_script_with_mistakes_is_refused_before_anything_is_served(tmp_path: Path) -> None:
+    script = tmp_path / "script.yaml"
+    script.write_text("faults:\n  - {fault: dely}\n  - {fault: sensor}\n")
+    told = refused(*_ARGUMENTS, "--script", str(script))
+    assert f"{script}:2" in told
+    assert f"{script}:3" in told
