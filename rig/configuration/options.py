@@ -47,7 +47,8 @@ def read_options(options: type[T], item: Located | None, sources: Sources) -> T 
         return options()
     before = sources.problems.reported
     file = check(options_schema(options), item, sources.problems)
-    values = file.model_dump() if file is not None else {}
+    # Not model_dump, which would take dataclasses apart.
+    values = {key: getattr(file, key) for key in options_of(options)} if file is not None else {}
     for name, option in options_of(options).items():
         entry, reader = item.get(name), _reader(option)
         if reader is not None and entry is not None:

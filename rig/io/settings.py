@@ -30,7 +30,7 @@ class LoopSettings:
             from one sample to the next, with their age recorded.
         exchange_timeout: how long the loop waits for a reply; the tick goes on without it then.
         stale_limit: age of the newest sample of the fast device at which the loop trips.
-        slow_stale_limit: the same of slow channels that a limit needs.
+        slow_stale_limit: age at which a slow channel's value counts as none.
         loop_silence: silence of the loop process after which the others trip.
         field_silence: silence of the field process after which the others trip.
         supervisor_silence: silence of the supervisor after which the others trip.

@@ -46,6 +46,12 @@ from rig.plant.parameters import Quantity
 
 
 @dataclass(frozen=True)
+class Addresses:
+    first: int = 0
+    last: int = 9
+
+
+@dataclass(frozen=True)
 class Options:
     """Keys of a driver that reads and writes whatever it is told to."""
 
@@ -59,6 +65,7 @@ class Options:
     verify: bool = True
     table: Path | None = None
     map: RegisterMap | None = None
+    addresses: Addresses = Addresses(last=7)
 
 
 class Slow:

@@ -93,7 +93,13 @@ def test_the_options_of_a_driver_are_read_by_their_types(load_text: LoadText) ->
     assert (options.rate, options.retries, options.mode, options.verify) == (50.0, 3, "harsh", True)
     assert options.table.parts[-2:] == ("..", "needle.csv")
     assert options.map.device == "generic I/O node"
-    assert options.host == ""
+    assert (options.host, options.addresses.first, options.addresses.last) == ("", 0, 7)
+
+
+def test_an_option_of_several_values_may_be_given_in_part(load_text: LoadText) -> None:
+    section = BYPASS.removesuffix("}") + ", addresses: {first: 3}}"
+    addresses = load_text(BENCH.replace(BYPASS, section)).drivers[1].options.addresses
+    assert (addresses.first, addresses.last) == (3, 9)
 
 
 def test_the_settings_of_loop_and_homing_are_read_with_their_units(load_text: LoadText) -> None:
