@@ -1,0 +1,130 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.io.limits import ChannelLimit
+from rig.loop.ladder import Cause
+from rig.recording.reading import read_recording
+from rig.supervisor.trip_report import Confirmation, Note, TripReport, write_trip_report
+
+MS = 1_000_000
+AT = 10_000 * MS
+CHANNELS = ("time_s", "pressure_1_Pa", "valve_enabled", "wakeup_s", "exchange_s", "action")
+
+
+def rows() -> np.ndarray:
+    """Return two seconds in which chamber 1 rises to 20.5 MPa and trips, then falls."""
+    table = np.zeros((2000, len(CHANNELS)))
+    table[:, 0] = np.arange(2000) * 1e-3
+    table[:, 1] = 1e7
+    table[1990, 1] = 20.5e6
+    table[1991:, 1] = np.nan
+    table[:, 2] = 1.0
+    table[:, 3], table[:, 4] = 20e-6, 80e-6
+    table[1990:, 5] = 4.0
+    return table
+
+
+REPORT = TripReport(
+    trips={
+        "supervisor": (Cause.LOOP_LOST, AT + 200 * MS),
+        "loop": (Cause.LIMIT_HIGH, AT),
+        "field": (Cause.BYPASS_STUCK, AT + 12 * MS),
+    },
+    confirmations=(
+        Confirmation("valve null", AT + 3 * MS),
+        Confirmation("bypass shut", AT + 412 * MS),
+        Confirmation("pump unloaded", 0),
+    ),
+    notes=(Note(AT - 1200 * MS, "campaign", "run test healthy"), Note(AT, "loop", "trip")),
+    channels=CHANNELS,
+    rows=rows(),
+    channel="pressure_1_Pa",
+    limits=(
+        ChannelLimit("pressure_1_Pa", high=1.9e7, action="hold"),
+        ChannelLimit("pressure_1_Pa", high=2.0e7),
+        ChannelLimit("pressure_2_Pa", high=1.0e7),
+    ),
+)
+
+
+def test_the_earliest_trip_is_the_cause_whoever_reported_it() -> None:
+    assert REPORT.first == ("loop", Cause.LIMIT_HIGH, AT)
+    earlier = {**REPORT.trips, "field": (Cause.PUMP_FAULT, AT - MS)}
+    assert replace(REPORT, trips=earlier).first == ("field", Cause.PUMP_FAULT, AT - MS)
+
+
+def test_the_cause_is_told_in_words_with_value_and_limit() -> None:
+    assert REPORT.sentence == "pressure_1_Pa is above its limit: 20.5 MPa, limit 20 MPa"
+
+
+def test_a_cause_of_another_process_does_not_borrow_the_loops_channel() -> None:
+    report = replace(REPORT, trips={"field": (Cause.PUMP_FAULT, AT)})
+    assert report.sentence == "the pump unit reports a fault"
+    assert report.document()["channel"] is None
+
+
+def test_a_switch_is_named_without_a_value() -> None:
+    trips = {"loop": (Cause.ESTOP_OPEN, AT)}
+    report = replace(REPORT, trips=trips, channel="estop_closed")
+    assert report.sentence == "the emergency stop is open"
+
+
+def test_each_step_is_confirmed_with_its_time_or_reported_with_what_to_do() -> None:
+    text = "\n".join(REPORT.lines())
+    assert "valve null confirmed +3 ms" in text
+    assert "bypass shut confirmed +412 ms" in text
+    assert "pump unloaded NOT CONFIRMED: switch the pump off by hand" in text
+
+
+def test_the_text_says_who_asked_what_and_what_followed() -> None:
+    lines = REPORT.lines()
+    assert lines[0].startswith("tripped by the loop: pressure_1_Pa")
+    assert "  -1200 ms campaign: run test healthy" in lines
+    follow = [line for line in lines if line.startswith("  then")]
+    assert [line.split()[2] for line in follow] == ["field", "supervisor"]
+    assert "  exchange: p50 80 us, p99 80 us, max 80 us" in lines
+
+
+def test_the_report_is_written_with_the_last_rows_beside_it(tmp_path: Path) -> None:
+    path = write_trip_report(REPORT, tmp_path)
+    document = json.loads(path.read_text())
+    assert path.name == "trip-1.json"
+    assert (document["cause"], document["by"]) == ("LIMIT_HIGH", "loop")
+    assert (document["value"], document["limit"]) == (20.5e6, 2.0e7)
+    assert [step["after_s"] for step in document["confirmations"]] == [
+        pytest.approx(0.003),
+        pytest.approx(0.412),
+        None,
+    ]
+    assert (tmp_path / "trip-1.txt").read_text().startswith("tripped by the loop")
+    recording = read_recording(tmp_path / "trip-1.csv", required=("time_s",))
+    np.testing.assert_array_equal(recording["pressure_1_Pa"], REPORT.rows[:, 1])
+
+
+def test_a_second_trip_does_not_replace_the_first(tmp_path: Path) -> None:
+    write_trip_report(REPORT, tmp_path)
+    assert write_trip_report(REPORT, tmp_path).name == "trip-2.json"
+    assert (tmp_path / "trip-1.json").exists()
+
+
+def test_nothing_half_written_is_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def disk_full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("rig.supervisor.trip_report.os.replace", disk_full)
+    with pytest.raises(OSError, match="No space"):
+        write_trip_report(REPORT, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_trip_before_the_first_row_is_reported_too(tmp_path: Path) -> None:
+    report = replace(REPORT, rows=np.empty((0, len(CHANNELS))))
+    document = json.loads(write_trip_report(report, tmp_path).read_text())
+    assert document["value"] is None
+    assert not (tmp_path / "trip-1.csv").exists()
