@@ -51,9 +51,8 @@ class CanPumpOptions(CanOptions):
 class CanPump:
     """A pump unit with an unloading valve.
 
-    Output is `pump_load`, 0 or 1, which is sent at every `read` from the first `write` on; a value
-    that was written before is no new request. Inputs are `pump_pressure_Pa`, `oil_temperature_K`
-    and `pump_loaded`.
+    Output is `pump_load`, 0 or 1, which is sent at every `read` from the first `write` on. Inputs
+    are `pump_pressure_Pa`, `oil_temperature_K` and `pump_loaded`.
 
     Args:
         name: name in the rig file.
@@ -81,7 +80,6 @@ class CanPump:
         self._to_si = {signal: self._unit(signal) for signal in _IN_SI}
         self._motor_fault = self._motor_fault_code()
         self._link: CanLink | None = None
-        self._asked: bool | None = None
         self._load: bool | None = None
         self._load_until = 0.0
         self._sent = 0
@@ -128,6 +126,10 @@ class CanPump:
 
     def _error(self, state: str, action: str) -> DriverError:
         return DriverError(self.name, state, action)
+
+    def _fault(self, state: str, action: str) -> DriverError:
+        """Return the error of a unit that is there, but does not do what it should."""
+        return DriverError(self.name, state, action, "pump_loaded")
 
     def _connected(self) -> CanLink:
         if self._link is None:
@@ -200,14 +202,14 @@ class CanPump:
             state = f"alive counter stands at {self._alive} for {silent:.2f} s: lost or frozen"
             raise self._error(state, "check the unit's power and cable")
         if self._motor == self._motor_fault:
-            raise self._error("its motor reports a fault", "look at the unit's motor starter")
+            raise self._fault("its motor reports a fault", "look at the unit's motor starter")
 
     def _require_obeying(self) -> None:
         if self._load is None or self._loaded == self._load or self._clock() < self._load_until:
             return
         asked, stands = ("loaded" if load else "unloaded" for load in (self._load, self._loaded))
         state = f"is {stands}, {asked} wanted for {self._options.load_timeout:g} s"
-        raise self._error(state, "look at the unit's unloading valve")
+        raise self._fault(state, "look at the unit's unloading valve")
 
     def write(self, outputs: Mapping[str, float]) -> None:
         """Load or unload the pump; the feedback is verified by later calls of `read`.
@@ -221,9 +223,7 @@ class CanPump:
                 raise DriverError(self.name, "is not an output", "write pump_load", name)
             if value not in (0.0, 1.0):
                 raise DriverError(self.name, f"{value:g} is not 0 or 1", "give 0 or 1", name)
-            if bool(value) != self._asked:
-                self._asked = bool(value)
-                self._ask(self._asked)
+            self._ask(bool(value))
         self._send(link)
 
     def _ask(self, load: bool) -> None:
@@ -253,7 +253,7 @@ class CanPump:
             while self._loaded or not self._fresh:
                 if self._clock() >= self._load_until:
                     state = f"unloading not confirmed in {self._options.load_timeout:g} s"
-                    raise self._error(state, "switch the unit's motor off")
+                    raise self._fault(state, "switch the unit's motor off")
                 self._send(link)
                 self._listen(link, LOOK)
         finally:

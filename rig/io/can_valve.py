@@ -3,7 +3,6 @@
 import struct
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal
 
@@ -68,9 +67,8 @@ class CanValve:
     the bus, `drive_setpoint`, -1 to 1, which is sent as 0 until the valve is ACTIVE. Inputs are
     `drive_state`, `drive_spool_m` and the `drive_setpoint` last sent.
 
-    The valve walks towards a new target by one transition at a time, each confirmed by its status
-    word while `read` is called. A target that was written before is no new request; a fault is
-    reset by asking for DISABLED, and by nothing else.
+    The valve walks towards a target by one transition at a time, each confirmed by its status word
+    while `read` is called. A fault ends the walk, and is reset by the next `write` of a target.
 
     Args:
         name: name in the rig file.
@@ -91,17 +89,26 @@ class CanValve:
         self._clock = clock
         self._link: CanLink | None = None
         self._node: CanopenNode | None = None
-        self._walk = DriveWalk(options.step_timeout, self._error)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Know nothing of the valve, and ask nothing of it."""
+        self._walk = DriveWalk(self._options.step_timeout, self._fault)
         self._state = DriveState.NOT_READY
         self._actual = 0
         self._setpoint = 0.0
-        self._status_at = clock()
+        self._status_at = self._clock()
         self._fresh = False
         self._was_ready = False
+        self._watched = False
         self._emergencies: list[int] = []
 
     def _error(self, state: str, action: str) -> DriverError:
         return DriverError(self.name, state, action)
+
+    def _fault(self, state: str, action: str) -> DriverError:
+        """Return the error of a valve that is there, but not where it should be."""
+        return DriverError(self.name, state, action, "drive_state")
 
     def _connected(self) -> CanopenNode:
         if self._node is None:
@@ -116,6 +123,7 @@ class CanValve:
         """
         if self._node is not None:
             return
+        self._forget()
         try:
             self._set_up(self._connect())
         except DriverError:
@@ -145,7 +153,6 @@ class CanValve:
         node.write(DEVICE_MODE, _MODES[options.setpoint])
         node.write(CONTROL_MODE, SPOOL_CLOSED_LOOP)
         node.write(HOLD_SETPOINT, 0)
-        node.write(CONSUMER_HEARTBEAT, HOST_NODE << 16 | round(1e3 * options.watchdog))
         node.command(NmtCommand.START)
         self._fresh = False
         if not node.wait_for(
@@ -159,7 +166,7 @@ class CanValve:
         if profile != DEVICE_PROFILE:
             state = f"node {self._options.node} is a device of profile {profile}, not 408"
             raise self._error(state, "give the valve's node id")
-        self._state = self._shown(node.read(STATUS_WORD)) or DriveState.NOT_READY
+        self._read_state(node)
         if self._state is DriveState.ACTIVE:
             state = f"node {self._options.node} is ACTIVE already"
             raise self._error(state, "end whatever else commands it, or switch it off and on")
@@ -219,13 +226,13 @@ class CanValve:
         self._walk.give_up(self._state)
         words = (f"emergency 0x{code:04X}, {emergency_words(code)}" for code in self._emergencies)
         state = f"is in {self._state.name}: {'; '.join(words) or 'no emergency message came'}"
-        raise self._error(state, "remove the cause, then ask for DISABLED, which resets the fault")
+        raise self._fault(state, "remove the cause; the next target asked for resets the fault")
 
     def write(self, outputs: Mapping[str, float]) -> None:
         """Ask for a target, a setpoint, or both; refuses without sending anything.
 
         Raises:
-            DriverError: there is no such output or value, or the valve is in a fault or lost.
+            DriverError: there is no such output or value, or the valve or its bus is lost.
         """
         node = self._connected()
         for name, value in outputs.items():
@@ -233,8 +240,15 @@ class CanValve:
         self._setpoint = outputs.get("drive_setpoint", self._setpoint)
         if "drive_target" in outputs:
             target = DriveState(int(outputs["drive_target"]))
+            if not self._watched:
+                self._watch_host(node, self._options.watchdog)
             self._walk.ask(self._state, target, self._clock())
         self._send(node)
+
+    def _watch_host(self, node: CanopenNode, silence: float) -> None:
+        """Let the valve go to a fault when this host is silent for so many seconds; 0: never."""
+        node.write(CONSUMER_HEARTBEAT, HOST_NODE << 16 | round(1e3 * silence) if silence else 0)
+        self._watched = silence > 0.0
 
     def _check(self, name: str, value: float) -> None:
         if name not in self.outputs:
@@ -263,17 +277,22 @@ class CanValve:
         if len(data) != struct.calcsize(STATUS_LAYOUT):
             return
         word, actual = struct.unpack(STATUS_LAYOUT, data)
-        state = self._shown(word)
-        if state is not None:
-            self._state, self._actual = state, actual
-            self._status_at, self._fresh = self._clock(), True
+        if self._show(word):
+            self._actual, self._status_at, self._fresh = actual, self._clock(), True
 
-    @staticmethod
-    def _shown(status_word: int) -> DriveState | None:
+    def _show(self, status_word: int) -> bool:
+        """Take the state from a status word; tell whether there is such a state."""
         try:
-            return DriveState(status_word & _STATUS_BITS)
+            self._state = DriveState(status_word & _STATUS_BITS)
         except ValueError:
-            return None
+            return False
+        return True
+
+    def _read_state(self, node: CanopenNode) -> None:
+        word = node.read(STATUS_WORD)
+        if not self._show(word):
+            state = f"{STATUS_WORD} is 0x{word:04X}, which is no state of CiA 408"
+            raise self._error(state, "check the valve's firmware")
 
     def safe_state(self) -> None:
         """Let go of the spool: DISABLED with setpoint 0, or a fault state no higher than that.
@@ -292,7 +311,7 @@ class CanValve:
             while reached := self._above_disabled():
                 if self._clock() >= until:
                     state = f"DISABLED not confirmed in {self._options.step_timeout:g} s: {reached}"
-                    raise self._error(state, "take the pump's pressure and the valve's power away")
+                    raise self._fault(state, "take the pump's pressure and the valve's power away")
         finally:
             if not was_open:
                 self._drop()
@@ -305,21 +324,19 @@ class CanValve:
             if self._options.setpoint == "bus":
                 node.write(SETPOINT, 0)
             node.write(CONTROL_WORD, D)
-            self._state = self._shown(node.read(STATUS_WORD)) or self._state
+            self._read_state(node)
+            if self._state.disabled:
+                self._watch_host(node, 0.0)
+                return ""
         except DriverError as error:
             self._drop()
             self._connect()
             return error.state
-        if self._state.disabled:
-            return ""
         node.listen(LOOK)
         return self._state.name
 
     def close(self) -> None:
-        """Let go of the bus; a valve that is not disabled by then is left to its watchdog."""
-        if self._node is not None and self._state.disabled:
-            with suppress(DriverError):
-                self._node.write(CONSUMER_HEARTBEAT, 0)
+        """Let go of the bus; a valve that was not brought to its safe state goes to a fault."""
         self._drop()
 
     def _drop(self) -> None:

@@ -14,8 +14,8 @@ _LOOK: Final = "look at the valve's enable input, its supply and its error memor
 class DriveWalk:
     """The way of one valve through its states.
 
-    A target asked for twice is one request: after a fault, or a trip, a valve does not walk on to
-    where it was before because somebody still asks for it.
+    It begins by asking, and ends where it is interrupted: a valve that met a fault, or left its
+    target by itself, does not walk back to it until it is asked again.
 
     Args:
         timeout: s that one transition may take.
@@ -29,7 +29,6 @@ class DriveWalk:
         self.word: int | None = None
         self._timeout = timeout
         self._refuse = refuse
-        self._asked: DriveState | None = None
         self._target: DriveState | None = None
         self._expected: DriveState | None = None
         self._words: list[int] = []
@@ -41,17 +40,14 @@ class DriveWalk:
         return self._target is DriveState.ACTIVE and self._expected is None
 
     def ask(self, state: DriveState, target: DriveState, now: float) -> None:
-        """Begin to walk; a fault is reset on the way, but only by asking for DISABLED.
+        """Begin to walk; a fault is reset on the way.
 
         Raises:
-            Exception: of `refuse`: the valve is in a fault.
+            Exception: of `refuse`: a fault was met just now.
         """
-        if target is self._asked:
-            return
-        if not state.ready and target is not DriveState.DISABLED:
-            text = f"is in {state.name} and cannot go to {target.name}"
-            raise self._refuse(text, "ask for DISABLED first, which resets the fault")
-        self._asked = self._target = target
+        if state is DriveState.FAULT_REACTION:
+            raise self._refuse(f"is in {state.name}", "wait until it has ended")
+        self._target = target
         if state is target:
             self._arrive(state)
         else:
@@ -89,7 +85,7 @@ class DriveWalk:
             self.word = keeping_word(state)
 
     def disable(self) -> None:
-        """Want DISABLED or less, whatever was asked before, and whatever is confirmed."""
+        """Give up, and want DISABLED from now on."""
         self._target = self._expected = None
         self.word = D
 
