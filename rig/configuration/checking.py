@@ -1,13 +1,16 @@
 """Checks a configuration of any kind; a campaign is dry-run as well."""
 
 from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from rig.io.limits import ChannelLimit
 from rig.io.register_map import RegisterMap
 from rig.io.registry import DriverSpec
 from rig.plant.effects import CATALOGUE
 from rig.plant.model import Model
+from rig.recording.units import unit_of
 
 from .campaign import CampaignFile, read_campaign
 from .document import Located, Sources
@@ -148,9 +151,20 @@ def _report_rig(path: Path, rig: Rig) -> CheckReport:
         f"  limits {show(limits.position_min_m, 'm')} to {show(limits.position_max_m, 'm')}, "
         f"{show(limits.command_V, 'V')}, {show(limits.pressure_max_Pa, 'Pa')}",
         f"  faults it can inject: {', '.join(rig.injectable) or 'none'}",
+        *(_limit_line(limit) for limit in rig.ladder),
         *(_driver_line(spec, rig.loop.rate) for spec in rig.drivers),
     )
     return CheckReport("rig", path, rig.name, summary)
+
+
+def _limit_line(limit: ChannelLimit) -> str:
+    ends = (
+        f"{word} {show(end, unit_of(limit.channel))}"
+        for word, end in (("below", limit.low), ("above", limit.high))
+        if isfinite(end)
+    )
+    lasting = f" for {show(limit.for_s, 's')}" if limit.for_s else ""
+    return f"  {limit.action.replace('_', ' ')} if {limit.channel} is {' or '.join(ends)}{lasting}"
 
 
 def _driver_line(spec: DriverSpec, loop_rate: float) -> str:

@@ -35,7 +35,9 @@ def test_a_driver_that_cannot_be_imported_hurts_only_those_who_ask_for_it(instal
     install("wrecked", "import nothing_of_the_kind", wrecked="Driver")
     assert {"wrecked", "bypass_valves"} <= set(driver_types())
     assert driver_class("bypass_valves").kind == "slow"
-    with pytest.raises(DriverError, match=r"No module named 'nothing_of_the_kind'.*package wrecked"):
+    with pytest.raises(
+        DriverError, match=r"No module named 'nothing_of_the_kind'.*package wrecked"
+    ):
         driver_class("wrecked")
 
 
