@@ -136,7 +136,7 @@ def check_sample(inputs, fresh, age_ticks, command, counter, driving, homed, lim
     Args:
         inputs: float64 (len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`.
         fresh: whether a sample came in this tick.
-        age_ticks: ticks since the last fresh sample, 0 if `fresh`.
+        age_ticks: ticks since the newest sample that the device took.
         command: V, as written in this tick's exchange: what stands at the valve from now on.
         counter: `host_counter` written with it.
         driving: whether the valve is meant to be enabled, and was confirmed to be once.
@@ -148,10 +148,8 @@ def check_sample(inputs, fresh, age_ticks, command, counter, driving, homed, lim
     """
     sampled = fresh and _take(inputs, tol, memory)
     action, cause, channel = _chain(driving, tol, memory)
-    if action < _TRIP and age_ticks > tol.stale_ticks:
-        action, cause, channel = _TRIP, Cause.STALE_SAMPLE.value, NO_CHANNEL
     if action < _TRIP:
-        action, cause, channel = _device(fresh, sampled, command, counter, tol, memory)
+        action, cause, channel = _device(fresh, sampled, age_ticks, command, counter, tol, memory)
     worse, why, where = _transducers(tol, memory)
     if worse > action:
         action, cause, channel = worse, why, where
@@ -206,8 +204,8 @@ def _chain(driving, tol, memory):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _device(fresh, sampled, command, counter, tol, memory):
-    """Judge whether the device samples, takes what is written, and puts it out."""
+def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
+    """Judge whether the device answers, samples, takes what is written, and puts it out."""
     values, ticks, commands = memory.values, memory.unconfirmed, memory.commands
     if fresh or command != commands[0]:
         for i in range(_COMMANDS - 1, 0, -1):
@@ -221,8 +219,11 @@ def _device(fresh, sampled, command, counter, tol, memory):
         off = output > commands.max() + tol.command_V or output < commands.min() - tol.command_V
         off = off and values[_ENABLED] != 0.0
         ticks[_NOT_PUT_OUT] = ticks[_NOT_PUT_OUT] + 1 if off else 0
-    if ticks[_NOT_SAMPLED] > tol.stale_ticks:
-        return _TRIP, Cause.DEVICE_STOPPED.value, _COUNTER
+    if max(age_ticks, ticks[_NOT_SAMPLED]) > tol.stale_ticks:
+        # Told from a device that does not answer: this one's last answer was an old sample.
+        if ticks[_NOT_SAMPLED] > 0:
+            return _TRIP, Cause.DEVICE_STOPPED.value, _COUNTER
+        return _TRIP, Cause.STALE_SAMPLE.value, NO_CHANNEL
     if ticks[_NOT_TAKEN] > tol.confirm_ticks:
         return _TRIP, Cause.DEVICE_DEAF.value, _ECHO
     if ticks[_NOT_PUT_OUT] > tol.confirm_ticks:

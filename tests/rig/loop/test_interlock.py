@@ -140,6 +140,14 @@ def test_samples_older_than_their_limit_trip(interlock: Interlock) -> None:
     assert interlock.step(fresh=False)[:2] == (Action.TRIP, Cause.STALE_SAMPLE)
 
 
+def test_a_device_that_repeats_its_last_sample_is_told_from_a_silent_one(
+    interlock: Interlock,
+) -> None:
+    for _ in range(21):
+        found = interlock.step(device_counter=1.0)
+    assert found == (Action.TRIP, Cause.DEVICE_STOPPED, "device_counter")
+
+
 def test_one_missing_sample_is_no_failed_transducer(interlock: Interlock) -> None:
     assert interlock.step(pressure_1_Pa=nan)[0] is Action.NONE
     assert interlock.step()[0] is Action.NONE
