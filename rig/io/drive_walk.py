@@ -14,8 +14,8 @@ _LOOK: Final = "look at the valve's enable input, its supply and its error memor
 class DriveWalk:
     """The way of one valve through its states.
 
-    It begins by asking, and ends where it is interrupted: a valve that met a fault, or left its
-    target by itself, does not walk back to it until it is asked again.
+    It begins by asking and ends by giving up: a valve that met a fault, or left its target by
+    itself, does not walk back to it until somebody asks again.
 
     Args:
         timeout: s that one transition may take.
@@ -56,6 +56,8 @@ class DriveWalk:
     def advance(self, state: DriveState, now: float) -> None:
         """Take the next step, if the last one is confirmed by the state that the valve shows.
 
+        Whoever calls gives up when this raises.
+
         Raises:
             Exception: of `refuse`: a step took too long, or the valve left its target by itself.
         """
@@ -64,7 +66,6 @@ class DriveWalk:
             return
         if expected is None:
             if state is not target:
-                self.give_up(state)
                 raise self._refuse(f"left {target.name} for {state.name} by itself", _LOOK)
         elif state is expected:
             if state is target:
@@ -72,7 +73,6 @@ class DriveWalk:
             else:
                 self._step(state, now)
         elif now >= self._until:
-            self.give_up(state)
             text = f"stands in {state.name}, {expected.name} wanted on the way to {target.name}"
             raise self._refuse(f"{text}, for {self._timeout:g} s", _LOOK)
         elif self._words:
