@@ -26,7 +26,7 @@ COMMANDS: Final = {
     "export": "Write a recording to another format.",
     "recover": "Save what is left of a cut or damaged recording.",
     "doctor": "Tell what this machine grants to a rig, and the remedies.",
-    "init": "Copy the shipped rigs, models and campaigns to edit.",
+    "init": "Copy the shipped rigs, models, campaigns and maps to edit.",
 }
 """Subcommands, each `command` of the module of its name, with what it does."""
 

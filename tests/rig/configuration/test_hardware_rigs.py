@@ -58,7 +58,7 @@ def problems_of(text: str, folder: Path) -> list[str]:
 
 def test_a_hardware_rig_inherits_everything_but_its_drivers(load_text: LoadText) -> None:
     rig, simulated = load_text(BENCH), load_rig("simulated")
-    assert rig.backend == "hardware"
+    assert (rig.backend, rig.pace) == ("hardware", "real")
     assert (rig.plant, rig.sensors, rig.limits) == (
         simulated.plant,
         simulated.sensors,
