@@ -29,6 +29,7 @@ _ECHO: Final = FAST_INPUTS.index("device_echo")
 _OUTPUT: Final = FAST_INPUTS.index("device_command_V")
 
 _NONE, _INDICATE, _TRIP = int(Action.NONE), int(Action.INDICATE), int(Action.TRIP)
+_HOLD: Final = int(Action.HOLD)
 _RAMP_DOWN: Final = int(Action.RAMP_DOWN)
 _BAD_SAMPLES: Final = 3
 """Samples in a row without a value, or at a rail, that are no single slip of a converter."""
@@ -41,6 +42,8 @@ _GENTLE: Final = 0.75
 """Part of the limit of load pressure to which a ram that is not homed may be pushed."""
 _RELIEF: Final = 0.4
 """Part of the command that relieves it; more would swing, with the small chamber so stiff."""
+_INWARD_M: Final = 5e-3
+"""How far within its limits a ram is held: an off null leaves the position loop short by less."""
 _COUNTERS: Final = 65536
 """Values of `host_counter`."""
 
@@ -123,6 +126,21 @@ def allowed_command(command, homed, tol, memory):
     if pushed <= _GENTLE:
         return command * min((_GENTLE - pushed) / (_GENTLE - _FADING), 1.0)
     return -_RELIEF * command * min((pushed - _GENTLE) / (1.0 - _GENTLE), 1.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def held_position(position, homed, limits):
+    """Return where to hold a ram in m: where it is, or well within its limits if beyond them."""
+    if not homed:
+        return position
+    for i in range(limits.channel.size):
+        if limits.channel[i] == _POSITION and limits.action[i] >= _HOLD:
+            back = limits.hysteresis[i] + _INWARD_M
+            if position < limits.low[i]:
+                position = limits.low[i] + back
+            elif position > limits.high[i]:
+                position = limits.high[i] - back
+    return position
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

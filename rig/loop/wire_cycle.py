@@ -19,7 +19,7 @@ from .atomic import load_acquire, store_release
 from .board import Word
 from .clock import sleep_until
 from .cycle import READINGS_AT, STATES_AT, limited_command, sample_row
-from .interlock import allowed_command, check_sample
+from .interlock import allowed_command, check_sample, held_position
 from .ladder import NO_CHANNEL, Action, Cause
 from .wire_layout import STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 
@@ -85,7 +85,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
 
         drive = _drive(course, now, action, words)
         command = allowed_command(
-            _command(drive, course, now, pace, memory), words[Word.HOMED] != 0,
+            _command(drive, course, now, pace, interlock.limits, memory, words),
+            words[Word.HOMED] != 0,
             interlock.tolerances, interlock.memory,
         )  # fmt: skip
         enable = _enable(drive, course, now, pace, memory, words)
@@ -239,7 +240,7 @@ def _drive(course, tick, action, words):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _command(drive, course, tick, pace, memory):
+def _command(drive, course, tick, pace, limits, memory, words):
     """Return the command in V for a tick."""
     handling, position = memory.handling, memory.encoder[0] + course.offset
     if drive == Drive.TRACK:
@@ -247,7 +248,7 @@ def _command(drive, course, tick, pace, memory):
         return limited_command(course.open_loop, setpoint, position, course.gain, course.limit)
     if drive == Drive.HOLD:
         if isnan(handling[Handling.HELD_AT]):
-            handling[Handling.HELD_AT] = position
+            handling[Handling.HELD_AT] = held_position(position, words[Word.HOMED] != 0, limits)
         setpoint = handling[Handling.HELD_AT]
         return limited_command(False, setpoint, position, course.gain, course.limit)
     if drive == Drive.RAMP_DOWN:

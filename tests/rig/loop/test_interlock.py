@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from rig.io.limits import ChannelLimit
 from rig.io.settings import HomingSettings
 from rig.io.signals import FAST_INPUTS
-from rig.loop.interlock import allowed_command, check_sample, interlock_memory
+from rig.loop.interlock import (
+    allowed_command,
+    check_sample,
+    held_position,
+    interlock_memory,
+)
 from rig.loop.ladder import EXPLANATIONS, Action, Cause, explain, limit_table
 from rig.loop.tolerances import tolerances
 from rig.plant import NOMINAL
@@ -93,6 +98,17 @@ def test_a_hold_ends_once_the_ram_is_back_by_its_hysteresis(interlock: Interlock
     assert interlock.step(position_m=0.495)[0] is Action.HOLD
     interlock.creep(0.489)
     assert interlock.step(position_m=0.489)[0] is Action.NONE
+
+
+def test_a_ram_beyond_its_limits_is_brought_back_to_where_the_hold_ends(
+    interlock: Interlock,
+) -> None:
+    assert held_position(0.3, True, interlock.limits) == 0.3
+    assert held_position(0.498, True, interlock.limits) == 0.498
+    for beyond in (0.501, 0.54, 0.57, 0.09, 0.02):
+        assert 0.11 < held_position(beyond, True, interlock.limits) < 0.49
+    assert held_position(0.52, False, interlock.limits) == 0.52
+    assert np.isnan(held_position(nan, True, interlock.limits))
 
 
 def test_a_limit_waits_for_its_persistence_from_the_first_tick_beyond(
