@@ -66,8 +66,8 @@ class CanPump:
     kind: ClassVar[Literal["fast", "slow"]] = "slow"
     Options: ClassVar[type] = CanPumpOptions
 
-    inputs = ("pump_pressure_Pa", "oil_temperature_K", "pump_loaded")
-    outputs = ("pump_load",)
+    inputs: tuple[str, ...] = ("pump_pressure_Pa", "oil_temperature_K", "pump_loaded")
+    outputs: tuple[str, ...] = ("pump_load",)
 
     def __init__(self, name: str, options: CanPumpOptions, clock: Clock = time.monotonic) -> None:
         self.name = name
@@ -185,8 +185,6 @@ class CanPump:
 
     def _take(self, data: bytes) -> None:
         """Take in one status message; one of another length is garbage, a repeated one is old."""
-        if len(data) != self._status.length:
-            return
         signals: Any = self._status.decode(data, decode_choices=False)
         alive = int(signals["AliveCounter"])
         if alive == self._alive:

@@ -8,6 +8,7 @@ import socket
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
@@ -140,12 +141,14 @@ class ModbusDaq:
         Raises:
             DriverError: the device is lost, refuses, or has no such output.
         """
-        for signal in outputs:
+        for signal, value in outputs.items():
             if signal not in self.outputs:
                 remedy = f"it has {', '.join(self.outputs)}"
                 raise DriverError(
                     self.name, f"{self._map.device} has no such output", remedy, signal
                 )
+            if not isfinite(value):
+                raise DriverError(self.name, f"{value} is no value", "write a finite one", signal)
         for signal, value in outputs.items():
             self._given[FAST_OUTPUTS.index(signal)] = value
         self._exchange()
@@ -340,7 +343,7 @@ _NULLED: Final = ("command_V", "valve_enable")
 
 def _number_at_zero(register: Register) -> float:
     """Return the number that stands for 0; the whole word of a switch."""
-    number = -register.bias / register.gain
+    number = (0.0 - register.bias) / register.gain
     return number * (1 << register.bit) if register.bit is not None else number
 
 
