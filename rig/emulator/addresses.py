@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from rig.configuration.problems import suggestion
 from rig.configuration.rig import Rig
+from rig.io.register_map import RegisterMap
 from rig.io.registry import DriverSpec
 
 HOST: Final = "127.0.0.1"
@@ -51,7 +52,8 @@ class Endpoints:
     """Where each part of the emulated rig is served; None: not at all.
 
     Attributes:
-        daq: the I/O node, Modbus/TCP.
+        daq: the I/O device, Modbus/TCP.
+        map: its registers; None: those of the generic I/O node.
         bypass: the bypass valves' I/O: Modbus/TCP, or a serial line in Modbus RTU.
         drive: the digital servovalve's `CanValveOptions`.
         pump: the pump unit's `CanPumpOptions`.
@@ -60,6 +62,7 @@ class Endpoints:
     """
 
     daq: Address
+    map: RegisterMap | None = None
     bypass: Address | Path | None = None
     drive: Any = None
     pump: Any = None
@@ -100,6 +103,8 @@ def endpoints_of(
         for name, kind, place in places
         if kind in _PARTS
     }
+    maps = [spec.options.map for spec in rig.drivers if spec.type == "modbus_daq"]
+    served["map"] = maps[0] if maps else None
     return Endpoints(**served, control=None if control is None else Address(HOST, control))
 
 

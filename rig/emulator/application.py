@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from rig.configuration.rig import Rig
+from rig.io.register_map import RegisterMap
 from rig.plant.sensors import Reading
 
 from .addresses import Endpoints
@@ -21,7 +22,9 @@ from .control_port import ControlPort
 from .effects import FaultEffects
 from .injection import Injection
 from .instruments import Instruments
-from .io_node import IoNode
+from .io_device import IoDevice
+from .io_node import IDENTITY, IoNode
+from .mapped_device import MappedDevice
 from .meters import MeterPanel
 from .modbus_server import ModbusServer
 from .operator_panel import EmulatedOperator
@@ -71,7 +74,7 @@ class Emulator:
         self.instruments = Instruments(self.plant)
         self._can = CanDevices(self.plant, record, endpoints.drive, endpoints.pump)
         self._valve_path = ValvePath(self.plant, self._can)
-        self.node = IoNode(self.instruments, self._valve_path.set_analog, record)
+        self.node = _io_device(endpoints.map, self.instruments, self._valve_path.set_analog, record)
         self.operator = EmulatedOperator(self.node, clock, attentive)
         self._daq = ModbusServer("daq", self.node, record)
         self._bypass = _bypass_io(rig, record, clock)
@@ -236,3 +239,15 @@ def _meter_panel(
     path: Path | None, flows: Callable[[], Sequence[float]], record: Record
 ) -> MeterPanel | None:
     return None if path is None else MeterPanel(path, flows, record)
+
+
+def _io_device(
+    register_map: RegisterMap | None,
+    instruments: Instruments,
+    valve: Callable[[float, int], None],
+    record: Record,
+) -> IoDevice:
+    """Return the generic I/O node, or what else a map describes."""
+    if register_map is None or register_map.identity.value == IDENTITY:
+        return IoNode(instruments, valve, record)
+    return MappedDevice(register_map, instruments, valve, record)

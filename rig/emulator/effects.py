@@ -6,7 +6,7 @@ from typing import Any
 from .bypass_io import BypassIo
 from .can_devices import CanDevices
 from .instruments import Instruments
-from .io_node import IoNode
+from .io_device import IoDevice
 from .meters import MeterPanel
 from .modbus_server import ModbusServer
 from .plant import EmulatedPlant
@@ -57,7 +57,7 @@ class FaultEffects:
         self,
         plant: EmulatedPlant,
         instruments: Instruments,
-        node: IoNode,
+        node: IoDevice,
         daq: ModbusServer,
         bypass: BypassIo,
         can: CanDevices,

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from .io_node import IoNode
+from .io_device import IoDevice
 from .plant import Clock
 
 _REACTION_NS: Final = 200_000_000
@@ -19,7 +19,7 @@ class EmulatedOperator:
         attentive: whether he presses at all.
     """
 
-    def __init__(self, node: IoNode, clock: Clock, attentive: bool = True) -> None:
+    def __init__(self, node: IoDevice, clock: Clock, attentive: bool = True) -> None:
         self.attentive = attentive
         self._node = node
         self._clock = clock
