@@ -1,9 +1,10 @@
 """Fused multiply-add for compiled code: one rounding, the same bits wherever it is inlined."""
 
+import ctypes
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, Final, cast
 
-from numba import float64
+from numba import config, float64
 from numba.extending import intrinsic
 
 
@@ -14,5 +15,15 @@ def _fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
     return float64(float64, float64, float64), emit
 
 
-fma = cast(Callable[[float, float, float], float], intrinsic(_fma))
-"""a*b + c rounded once (IEEE 754 fusedMultiplyAdd); in compiled code only."""
+def _c_fma() -> Callable[[float, float, float], float]:
+    """Return the C library's, for NUMBA_DISABLE_JIT; Python has none before 3.13."""
+    # What numpy is linked with is loaded, the mathematics of C among it.
+    function = ctypes.CDLL(None).fma
+    function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * 3
+    return cast(Callable[[float, float, float], float], function)
+
+
+_INTERPRETED: Final = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
+
+fma = _c_fma() if _INTERPRETED else cast(Callable[[float, float, float], float], intrinsic(_fma))
+"""a*b + c rounded once (IEEE 754 fusedMultiplyAdd)."""

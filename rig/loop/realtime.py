@@ -20,6 +20,9 @@ _TIMER_SLACK_NS: Final = 1000
 """The kernel's own is 50 us, by which a thread that is not SCHED_FIFO wakes late."""
 _LATENCY_FILE: Final = "/dev/cpu_dma_latency"
 
+# Threads and processes that this one starts would inherit it.
+_FIFO: Final = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+
 _libc: Final = ctypes.CDLL(None, use_errno=True)
 
 
@@ -116,7 +119,8 @@ class RealTime:
         if self._latency_fd is not None:
             os.close(self._latency_fd)
             self._latency_fd = None
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        if os.sched_getscheduler(0) == _FIFO:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         os.sched_setaffinity(0, self._affinity)
 
     def _hold_latency(self) -> None:
@@ -143,9 +147,7 @@ def _made(request: _Request) -> Grant:
 
 
 def _set_fifo(priority: int) -> None:
-    # Threads and processes that this one starts would inherit it.
-    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-    os.sched_setscheduler(0, policy, os.sched_param(priority))
+    os.sched_setscheduler(0, _FIFO, os.sched_param(priority))
 
 
 def _checked(result: int) -> None:
