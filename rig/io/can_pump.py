@@ -185,6 +185,8 @@ class CanPump:
 
     def _take(self, data: bytes) -> None:
         """Take in one status message; one of another length is garbage, a repeated one is old."""
+        if len(data) != self._status.length:
+            return
         signals: Any = self._status.decode(data, decode_choices=False)
         alive = int(signals["AliveCounter"])
         if alive == self._alive:

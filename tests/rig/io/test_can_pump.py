@@ -200,6 +200,16 @@ def test_garbage_is_passed_over(bench: PumpBench) -> None:
     assert bench.read(driver, 20)["pump_loaded"] == 1.0
 
 
+def test_other_traffic_is_not_taken_for_the_units(bench: PumpBench) -> None:
+    driver = bench.opened()
+    for identifier, extended in ((0x18FF1022, True), (0x185, False)):
+        frame = can.Message(arbitration_id=identifier, data=b"\xff" * 8, is_extended_id=extended)
+        bench.bus.send(frame)
+    values = driver.read()
+    assert values.get("pump_loaded", 0.0) == 0.0
+    bench.read(driver, 5)
+
+
 def test_the_safe_state_is_unloaded_and_confirmed(bench: PumpBench) -> None:
     driver = bench.loaded()
     driver.safe_state()

@@ -346,7 +346,10 @@ def test_the_safe_state_needs_no_open_driver(bench: ValveBench) -> None:
     driver = bench.driver()
     driver.safe_state()
     assert bench.valve.state is DriveState.DISABLED
+    with pytest.raises(DriverError, match="is not open"):
+        driver.read()
     driver.open()
+    bench.read(driver)
 
 
 def test_the_safe_state_of_a_fault_leaves_the_fault(bench: ValveBench) -> None:
