@@ -1,0 +1,26 @@
+"""The page on safety is what the code does."""
+
+import re
+
+from rig.loop.ladder import EXPLANATIONS, Cause
+from tools.safety_page import PAGE, TABLES, updated
+
+
+def test_the_tables_of_the_page_are_up_to_date() -> None:
+    assert updated(PAGE.read_text()) == PAGE.read_text()
+
+
+def test_the_page_has_every_table_and_a_place_for_that_of_the_chaos_suite() -> None:
+    found = re.findall(r"<!-- table of (\w+) -->", PAGE.read_text())
+    assert sorted(found) == sorted([*TABLES, "chaos"])
+
+
+def test_a_table_written_by_another_command_is_left_alone() -> None:
+    page = "<!-- table of chaos -->\n| kept |\n<!-- end -->"
+    assert updated(page) == page
+
+
+def test_every_cause_that_the_text_names_exists() -> None:
+    named = re.findall(r"`([A-Z]+_[A-Z_]+)`", PAGE.read_text())
+    assert set(named) <= set(Cause.__members__)
+    assert {cause.name for cause in EXPLANATIONS} - {"NONE"} <= set(named) | {"OVERRUN", "CRASH"}
