@@ -12,9 +12,9 @@ import click
 from rig.configuration.rig import load_rig
 from rig.emulator.addresses import endpoints_of
 from rig.emulator.application import Emulator
+from rig.emulator.fault_script import read_script
 from rig.emulator.priority import raise_priority
 from rig.emulator.record import Record
-from rig.emulator.wire_faults import read_script
 from rig.io.driver import DriverError
 
 _SHOWN: Final = {

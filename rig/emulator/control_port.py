@@ -20,10 +20,10 @@ from rig.configuration.problems import ConfigError, suggestion
 
 from .addresses import AddressError
 from .effects import NotServedError
+from .fault_script import fault_from
 from .injection import Injection
 from .operator_panel import EmulatedOperator
 from .record import Record
-from .wire_faults import fault_from
 
 _LINE_LIMIT: Final = 65536
 

@@ -5,24 +5,17 @@ set, through the emergency stop's chain. Any request keeps its watchdog quiet, w
 until the next command.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from math import isnan
-from struct import pack, unpack
 from typing import Final
 
-from rig.io.register_map import WORDS, Register, RegisterMap, RegisterType, RegisterValue
+from rig.io.register_map import Register, RegisterMap, RegisterValue
 
 from .instruments import CHANNELS, Instruments
 from .modbus_functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
 from .record import Record
+from .register_code import RegisterCode, addresses
 
-_FORMATS: Final = {"U16": ">H", "I16": ">h", "U32": ">I", "I32": ">i", "F32": ">f"}
-_RANGES: Final = {
-    "U16": (0, 0xFFFF),
-    "I16": (-0x8000, 0x7FFF),
-    "U32": (0, 0xFFFF_FFFF),
-    "I32": (-0x8000_0000, 0x7FFF_FFFF),
-}
 _FUNCTIONS: Final = {"fc23": 23, "fc76": 76}
 
 
@@ -54,12 +47,13 @@ class MappedDevice:
         self.connections = self.exchanges = 0
         self.frozen = False
         self._map = register_map
+        self._code = RegisterCode(register_map.word_order)
         self._instruments = instruments
         self._clock = instruments.plant.clock
         self._valve = valve
         self._record = record
-        self._inputs = {a for r in register_map.read for a in _addresses(r)}
-        self._outputs = {a for r in register_map.written for a in _addresses(r)}
+        self._inputs = {a for r in register_map.read for a in addresses(r)}
+        self._outputs = {a for r in register_map.written for a in addresses(r)}
         self._words = self._initial()
         self._given = {register.signal: 0.0 for register in register_map.written}
         self._zero = instruments.plant.encoder_counts()
@@ -79,10 +73,10 @@ class MappedDevice:
             places += [RegisterValue(watchdog.address, watchdog.type, 0.0), *watchdog.arm]
         places += [RegisterValue(fact.address, fact.type, 0.0) for fact in known.facts]
         for place in places:
-            words |= dict.fromkeys(_addresses(place), 0)
+            words |= dict.fromkeys(addresses(place), 0)
         for value in (known.identity, known.version):
             if value is not None:
-                words |= self._coded(value.address, value.type, value.value)
+                words |= self._code.words(value.address, value.type, value.value)
         return words
 
     def read(self, address: int, count: int) -> bytes:
@@ -162,10 +156,10 @@ class MappedDevice:
         if watchdog is None:
             return 0
         for value in watchdog.arm:
-            coded = self._coded(value.address, value.type, value.value)
+            coded = self._code.words(value.address, value.type, value.value)
             if any(self._words[at] != word for at, word in coded.items()):
                 return 0
-        counts = self._number(watchdog.address, watchdog.type, self._words)
+        counts = self._code.number(watchdog.address, watchdog.type, self._words)
         return round(1e9 * counts / watchdog.counts_per_s)
 
     def press_estop(self, pressed: bool) -> None:
@@ -228,7 +222,7 @@ class MappedDevice:
             if register.bit is not None:
                 words[register.address] |= (number >= 0.5) << register.bit
             else:
-                words |= self._coded(register.address, register.type, number)
+                words |= self._code.words(register.address, register.type, number)
         self._words |= words
 
     def _found(self) -> dict[str, float]:
@@ -249,28 +243,8 @@ class MappedDevice:
             "device_command_V": self._acting,
         }
 
-    def _decoded(self, register: Register, words: dict[int, int]) -> float:
-        number = self._number(register.address, register.type, words)
+    def _decoded(self, register: Register, words: Mapping[int, int]) -> float:
+        number = self._code.number(register.address, register.type, words)
         if register.bit is not None:
             number = float(int(number) >> register.bit & 1)
         return register.gain * number + register.bias
-
-    def _number(self, address: int, kind: RegisterType, words: dict[int, int]) -> float:
-        raw = [words[at].to_bytes(2, "big") for at in range(address, address + WORDS[kind])]
-        return float(unpack(_FORMATS[kind], b"".join(self._ordered(raw)))[0])
-
-    def _coded(self, address: int, kind: RegisterType, number: float) -> dict[int, int]:
-        """Return the words that hold a number, by address; a converter saturates."""
-        if kind != "F32":
-            low, high = _RANGES[kind]
-            number = min(max(round(number), low), high)
-        data = pack(_FORMATS[kind], number)
-        halves = self._ordered([data[i : i + 2] for i in range(0, len(data), 2)])
-        return {address + i: int.from_bytes(half, "big") for i, half in enumerate(halves)}
-
-    def _ordered(self, halves: list[bytes]) -> Iterable[bytes]:
-        return halves if self._map.word_order == "high_first" else halves[::-1]
-
-
-def _addresses(register: Register | RegisterValue) -> range:
-    return range(register.address, register.address + WORDS[register.type])

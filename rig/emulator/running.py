@@ -10,8 +10,9 @@ from rig.configuration.rig import Rig, load_rig
 
 from .addresses import HOST, Address, Endpoints
 from .application import Emulator
+from .fault_script import fault_from
 from .record import Record
-from .wire_faults import WireFault, fault_from
+from .wire_faults import WireFault
 
 _ANYWHERE: Final = Address(HOST, 0)
 _SIMPLE: Final = Endpoints(_ANYWHERE, bypass=_ANYWHERE, control=_ANYWHERE)

@@ -2,9 +2,9 @@ from typing import Any
 
 import pytest
 
+from rig.emulator.fault_script import fault_from
 from rig.emulator.injection import Injection
 from rig.emulator.record import Record
-from rig.emulator.wire_faults import fault_from
 
 Clock = Any
 

@@ -8,8 +8,9 @@ from rig.configuration.rig import Rig
 from rig.emulator.addresses import HOST, Address, Endpoints
 from rig.emulator.application import Emulator
 from rig.emulator.effects import NotServedError
+from rig.emulator.fault_script import fault_from, read_script
 from rig.emulator.record import Record
-from rig.emulator.wire_faults import KINDS, fault_from, read_script
+from rig.emulator.wire_faults import KINDS
 
 NEEDED = {"sensor": {"target": "pressure_1_Pa"}, "stuck_bypass": {"target": "internal_leakage"}}
 ON_CAN = {"can_silence", "can_garbage", "stuck_can", "drive_fault"}

@@ -1,0 +1,102 @@
+"""Reads faults from a script, or from plain values that somebody sends.
+
+A script is a YAML file with a list `faults`; each names its `fault`, and when it begins and ends:
+
+    faults:
+      - {fault: delay, target: daq, by: 5 ms, after: enable, at: 2 s, for: 500 ms}
+      - {fault: sensor, target: pressure_1_Pa, reads: high, at: 10 s}
+"""
+
+from collections.abc import Mapping
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import create_model
+
+from rig.configuration.document import Located, Sources
+from rig.configuration.fields import Physical
+from rig.configuration.options import read_options
+from rig.configuration.problems import Place, suggestion
+from rig.configuration.validation import Schema, check, shown
+
+from .wire_faults import KINDS, Start, WireFault
+
+_TIMES: Final = ("at", "after", "for")
+_TIMES_SCHEMA: Final = create_model(
+    "WireFaultFile",
+    __base__=Schema,
+    # `for` is no name that a class body could hold.
+    **{  # type: ignore[call-overload]
+        "fault": (str, ...),
+        "at": (Annotated[float, Physical("s", 0.0, 1e6, 1.0)], 0.0),
+        "after": (Start, "start"),
+        "for": (Annotated[float, Physical("s", 1e-3, 1e6, 1.0)], inf),
+    },
+)
+
+
+def read_script(path: Path) -> tuple[WireFault, ...]:
+    """Return the faults of a script.
+
+    Raises:
+        ConfigError: every problem of the file.
+    """
+    sources = Sources()
+    root = sources.read_yaml(path)
+    faults: list[WireFault] = []
+    if root is not None:
+        entries = root.get("faults")
+        for key, item in root.items():
+            if key != "faults":
+                sources.problems.add(item.place, key, "", "is not a known key", "keys: faults")
+        if entries is None or not isinstance(entries.value, list):
+            place = entries.place if entries else root.place
+            remedy = "write `faults:` and a list: - {fault: ..., at: ...}"
+            sources.problems.add(place, "faults", "", "is not a list", remedy)
+        else:
+            found = (read_fault(item, sources) for item in entries.elements())
+            faults = [fault for fault in found if fault is not None]
+    sources.problems.raise_if_any()
+    return tuple(faults)
+
+
+def fault_from(request: Mapping[str, Any]) -> WireFault:
+    """Return a fault given as plain values, with the keys of a script.
+
+    Raises:
+        ConfigError: every problem with it.
+    """
+    sources = Sources()
+    fault = read_fault(_located(request, "request"), sources)
+    sources.problems.raise_if_any()
+    assert fault is not None
+    return fault
+
+
+def _located(value: Any, name: str) -> Located:
+    """Return plain values as if they stood in a file named `request`."""
+    place = Place(Path("request"), 0, 0)
+    if isinstance(value, Mapping):
+        return Located({str(k): _located(v, str(k)) for k, v in value.items()}, place, name)
+    if isinstance(value, list):
+        return Located([_located(v, f"{name}[{i}]") for i, v in enumerate(value)], place, name)
+    return Located(value, place, name)
+
+
+def read_fault(item: Located, sources: Sources) -> WireFault | None:
+    """Return one fault; None, with problems added to the sources', if it cannot be made."""
+    entry = item.get("fault")
+    if entry is None or str(entry.value) not in KINDS:
+        place, value = (entry.place, shown(entry)) if entry else (item.place, "")
+        remedy = suggestion(value, tuple(KINDS), "faults")
+        sources.problems.add(place, "fault", value, "is not a known fault", remedy)
+        return None
+    keys = dict(item.items())
+    own = {key: keys.pop(key) for key in ("fault", *_TIMES) if key in keys}
+    times = check(_TIMES_SCHEMA, Located(own, item.place, item.name), sources.problems)
+    options = read_options(KINDS[str(entry.value)], Located(keys, item.place, item.name), sources)
+    if times is None or options is None:
+        return None
+    given = times.model_dump()
+    return WireFault(given["fault"], options, given["at"], given["after"], given["for"])
