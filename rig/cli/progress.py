@@ -65,6 +65,10 @@ class CampaignProgress(Observer):
             f"on the rig {campaign.rig_name}, judged by {campaign.filter_name}"
         )
 
+    def rig_tells(self, text: str) -> None:
+        """Write what the rig tells."""
+        self._screen.print(text, soft_wrap=True)
+
     def test_begins(self, number: int, test: CampaignTest) -> None:
         """Start the test's bar."""
         self._number = number

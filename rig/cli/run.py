@@ -7,11 +7,13 @@ from pathlib import Path
 import click
 
 from rig.configuration.campaign import load_campaign
+from rig.io.driver import DriverError
+from rig.loop.trip import TripError
 from rig.runner import CampaignOutcome, StopFlag, run_campaign, stop_on_signals
 from rig.runner.directory import default_directory, log_error
 from rig.runner.pacing import Pace
 
-from .application import EXIT_CRASHED, one_line
+from .application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, one_line
 from .progress import CampaignProgress
 from .screen import Screen
 from .verdicts import summary, verdict_table
@@ -39,13 +41,28 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
     there is. Exit code: 0 all as expected, 1 a test failed, 2 bad input, 3 stopped before the end.
     """
     loaded, rig = load_campaign(campaign, rig_reference)
+    if rig.backend == "hardware" and pace == "fast":
+        limit = f"the rig {rig.name} is hardware, which runs at the wall clock"
+        click.echo(f"--pace fast: {limit}; leave the option out", err=True)
+        return EXIT_BAD_INPUT
     directory = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     with stop_on_signals(stop):
         started = time.perf_counter()
-        with CampaignProgress(screen, paced=(pace or rig.pace) == "real") as progress:
-            outcome = run_campaign(loaded, rig, directory, pace=pace, observer=progress, stop=stop)
+        with CampaignProgress(
+            screen, paced=(pace or rig.pace) == "real" or rig.backend == "hardware"
+        ) as progress:
+            try:
+                outcome = run_campaign(
+                    loaded, rig, directory, pace=pace, observer=progress, stop=stop
+                )
+            except DriverError as error:
+                click.echo(str(error), err=True)
+                return EXIT_BAD_INPUT
+            except TripError as error:
+                click.echo(f"rig: {error}", err=True)
+                return EXIT_STOPPED
         wall_s = time.perf_counter() - started
         screen.print(verdict_table(outcome, plain=not screen.is_terminal))
         for line in summary(outcome, wall_s):

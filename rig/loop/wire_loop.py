@@ -1,7 +1,6 @@
 """One test on the wire, seen from the supervisor: orders segments, takes rows as they come."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
@@ -30,7 +29,7 @@ class LoopProcess(Protocol):
     def send(self, order: object) -> None:
         """Send an order."""
 
-    def answer(self, timeout_s: float, goes_on: Callable[[], bool] = ...) -> Any:
+    def answer(self, timeout_s: float) -> Any:
         """Return its next answer."""
 
 

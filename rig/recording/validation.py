@@ -18,7 +18,7 @@ PERIOD_TOLERANCE: Final = 0.01
 MIN_DURATION_S: Final = 1.0
 
 MISSED: Final = "exchange_status"
-"""Channel of a hardware loop: above 0 where no fresh sample came, so that none is recorded."""
+"""Channel of a hardware loop: 0 where a fresh sample came; elsewhere it records none."""
 
 # What the loop knows whatever the wire does.
 _COMMANDED: Final = ("time_s", "command_V")
@@ -99,7 +99,7 @@ def _missing_values(table: Table, name: str) -> Iterator[Problem]:
     missing = ~np.isfinite(values) & ~table.unread(name)
     if name not in _COMMANDED and MISSED in table.columns:
         # The loop recorded why there is none, and its filter went on without it.
-        missing &= ~(np.isnan(values) & (table.columns[MISSED] > 0.0))
+        missing &= ~(np.isnan(values) & (table.columns[MISSED] != 0.0))
     for first, last in runs(missing):
         if np.isinf(values[first]):
             value, remedy = f"{values[first]:g}", "find out what overflowed, and record again"

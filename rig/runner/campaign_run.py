@@ -53,10 +53,12 @@ def run_campaign(
         observer: is told how the run goes on.
         stop: ends the run after the present batch; see `stop_on_signals`.
         detector: makes the detector of each test instead of the filter's own.
-        bench: what the tests are run on, not entered yet; a simulated rig if not given.
+        bench: what the tests are run on, not entered yet; the rig itself if not given.
 
     Raises:
         DirectoryError: the folder cannot be used; nothing was written.
+        DriverError: a device of the rig is not there, or not what was configured; nothing moved.
+        TripError: the rig could not be made ready for the first test.
         OSError: the results cannot be written.
     """
     stop = stop or StopFlag()
@@ -67,7 +69,7 @@ def run_campaign(
     setting = Setting(
         campaign=campaign,
         rig=rig,
-        bench=bench or SimulatedBench(rig),
+        bench=bench or _bench_of(campaign, rig, directory, observer or Observer(), stop),
         directory=directory,
         pacer=Pacer(pace or rig.pace, stop),
         observer=observer or Observer(),
@@ -83,6 +85,17 @@ def run_campaign(
     finally:
         run.write()
     return run.outcome
+
+
+def _bench_of(
+    campaign: Campaign, rig: Rig, directory: Path, observer: Observer, stop: StopFlag
+) -> Bench:
+    if rig.backend == "simulated":
+        return SimulatedBench(rig)
+    # Its drivers' libraries are of no use to a simulation.
+    from rig.supervisor.session import Session
+
+    return Session(rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells)
 
 
 class _CampaignRun:

@@ -17,6 +17,9 @@ class Observer:
     def campaign_begins(self, campaign: Campaign, directory: Path) -> None:
         """Take note of a campaign that begins, and of the folder its results go to."""
 
+    def rig_tells(self, text: str) -> None:
+        """Take note of what the operator of a rig on hardware should know; from any thread."""
+
     def test_begins(self, number: int, test: CampaignTest) -> None:
         """Take note of a test that begins, the `number`-th to run, from 1."""
 

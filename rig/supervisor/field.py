@@ -138,8 +138,12 @@ class FieldProcess:
         try:
             for spec in order.drivers:
                 driver = spec.create()
+                try:
+                    driver.open()
+                except DriverError:
+                    driver.close()
+                    raise
                 self._served.append(_Served(driver))
-                driver.open()
         except DriverError as error:
             self._pipe.send(error)
             return

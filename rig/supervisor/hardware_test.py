@@ -1,0 +1,138 @@
+"""One test on a rig on hardware, as the runner of campaigns sees it: its loop and its recording."""
+
+import json
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from faults.campaign import CampaignTest
+from rig.loop.timing import Timing
+from rig.loop.trip import TripError
+from rig.loop.wire_loop import LoopStoppedError, WireLoop
+
+from . import recorder
+from .child import Child
+from .states import Event, IllegalTransition
+
+Array = NDArray[np.float64]
+
+FINISH_S = 10.0
+"""How long the recorder may take to complete a file."""
+
+
+class _Session(Protocol):
+    """What a test needs of its session."""
+
+    def prepare(self, test: CampaignTest, segment: int) -> None:
+        """Bring the bypass valves to where a test begins, and schedule its faults."""
+
+    def begin(self, event: Event) -> None:
+        """Ask the state machine for the next step of a test."""
+
+    def going_on(self) -> None:
+        """Show the watch that the supervisor works."""
+
+    def end_test(self, *, completed: bool) -> None:
+        """Take every fault away; bring the ram to rest unless the test came to its end."""
+
+    def stopped(self, error: LoopStoppedError) -> TripError:
+        """Return the error for a test that the loop ended by itself."""
+
+
+class HardwareTest:
+    """A test on the wire, with the session around it.
+
+    Attributes:
+        channels: names of the rows' columns.
+    """
+
+    def __init__(self, session: _Session, wire: WireLoop, test: CampaignTest) -> None:
+        self.channels = wire.channels
+        self._session = session
+        self._wire = wire
+        self._test = test
+        self._begun = False
+        self._ended = False
+
+    @property
+    def number(self) -> int:
+        """Number of the test's segment; the loop gets ready for it."""
+        return self._wire.ready()
+
+    @property
+    def ticks_left(self) -> int:
+        """Ticks of the test that are still to come."""
+        return self._wire.ticks_left
+
+    def position(self) -> None:
+        """Bring the ram to its start and the bypass valves to theirs.
+
+        Raises:
+            TripError: the rig tripped, or cannot be brought there.
+        """
+        try:
+            self._session.begin(Event.POSITION)
+            self._wire.position()
+            self._session.prepare(self._test, self.number)
+            self._session.begin(Event.POSITIONED)
+        except LoopStoppedError as error:
+            raise self._session.stopped(error) from None
+        except IllegalTransition as error:
+            raise TripError(str(error)) from None
+
+    def advance(self, ticks: int) -> Array:
+        """Return the rows of the next ticks; see `rig.runner.bench.Loop`.
+
+        Raises:
+            TripError: the rig tripped, or left the motion that was asked for.
+        """
+        if not self._begun:
+            self._session.begin(Event.RUN)
+            self._begun = True
+        self._session.going_on()
+        try:
+            return self._wire.advance(ticks)
+        except LoopStoppedError as error:
+            raise self._session.stopped(error) from None
+
+    def safe_state(self) -> None:
+        """End the test: every fault away; a ram that is still under way is brought to rest."""
+        if self._ended:
+            return
+        self._ended = True
+        completed = self._begun and not self._wire.ticks_left
+        if completed:
+            self._wire.safe_state()
+        self._session.end_test(completed=completed)
+
+
+class TestRecord:
+    """The recording of a test by the recorder's process; rows reach it through the ring."""
+
+    __test__ = False  # not a pytest class, whatever its name
+
+    def __init__(self, process: Child, timing: Timing) -> None:
+        self._process = process
+        self._timing = timing
+        self._rows = 0
+        self._last_s = 0.0
+
+    def write(self, rows: Array) -> None:
+        """Count rows that the recorder takes from the ring itself."""
+        self._timing.take(rows)
+        self._rows += len(rows)
+        self._last_s = float(rows[-1, 0]) if len(rows) else self._last_s
+
+    def event(self, time_s: float, kind: str, text: str) -> None:
+        """Note something that happened at a time of the test."""
+        self._process.send(recorder.Note(time_s, kind, text))
+
+    def finish(self) -> None:
+        """Add the loop's timing and have the file completed.
+
+        Raises:
+            ChildError: the recorder is gone; what it flushed is on disk.
+        """
+        self.event(self._last_s, "timing", json.dumps(self._timing.summary()))
+        self._process.ask(recorder.Finish(self._rows), FINISH_S)
