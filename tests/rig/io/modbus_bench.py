@@ -4,8 +4,13 @@ import socket
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from pymodbus.client import ModbusTcpClient
+from pymodbus.pdu import ModbusPDU
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
 
 from rig.configuration.document import Sources
 from rig.configuration.lookup import shipped_config_dir
@@ -13,6 +18,7 @@ from rig.configuration.options import read_options
 from rig.io.modbus_exchange import ExchangePlan, ExchangeStatus, exchange, exchange_plan
 from rig.io.register_map import ExchangeMode, Register, RegisterMap
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
+from tests.rig.io.conftest import DeviceThread, eventually
 
 UNIT = 9
 
@@ -74,3 +80,62 @@ class Line:
 def registers_of(values: Iterable[int]) -> bytes:
     """Return registers as they are sent."""
     return b"".join(value.to_bytes(2, "big") for value in values)
+
+
+class PymodbusDevice:
+    """A thousand registers behind pymodbus's own server, and what was asked of them.
+
+    Attributes:
+        port: where it is served on 127.0.0.1.
+        asked: the function code of every request.
+        connections: how often somebody connected.
+    """
+
+    def __init__(self, thread: DeviceThread, registers: Mapping[int, int]) -> None:
+        self.asked: list[int] = []
+        self.connections = self._open = 0
+        self._thread = thread
+        self._server = thread.run(self._serve([registers.get(at, 0) for at in range(1000)]))
+        self.port = int(self._server.transport.sockets[0].getsockname()[1])
+
+    async def _serve(self, values: list[int]) -> Any:
+        server = ModbusTcpServer(
+            SimDevice(UNIT, [SimData(0, values=values, datatype=DataType.REGISTERS)]),
+            address=("127.0.0.1", 0),
+            trace_pdu=self._trace,
+            trace_connect=self._connected,
+        )
+        await server.serve_forever(background=True)
+        return server
+
+    def _trace(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        if not sending:
+            self.asked.append(pdu.function_code)
+        return pdu
+
+    def _connected(self, connected: bool) -> None:
+        self.connections += connected
+        self._open += 1 if connected else -1
+
+    def read(self, address: int, count: int = 1) -> list[int]:
+        """Return registers, as pymodbus's own client reads them."""
+        with ModbusTcpClient("127.0.0.1", port=self.port) as client:
+            reply = client.read_holding_registers(address, count=count, device_id=UNIT)
+        return list(reply.registers)
+
+    def write(self, address: int, values: list[int]) -> None:
+        """Write registers, as pymodbus's own client does."""
+        with ModbusTcpClient("127.0.0.1", port=self.port) as client:
+            assert not client.write_registers(address, values, device_id=UNIT).isError()
+
+    def vanish(self) -> None:
+        """Close the port and all connections."""
+        self._thread.run(self._server.shutdown())
+        self._server = None
+
+    def end(self) -> None:
+        """Vanish, once every client's connection was accepted and closed."""
+        if self._server is not None:
+            self.read(0)
+            eventually(lambda: self._open == 0)
+            self.vanish()
