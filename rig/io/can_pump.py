@@ -240,16 +240,16 @@ class CanPump:
         link.send(self._command.frame_id, data, extended=self._command.is_extended_frame)
 
     def safe_state(self) -> None:
-        """Unload the pump, by a new connection if need be, and wait until it confirms.
+        """Unload the pump, by a new connection, and wait until it confirms.
 
         Raises:
             DriverError: it has not confirmed in time.
         """
         self._ask(False)
         was_open = self._link is not None
+        self.close()
+        link = self._connect()
         try:
-            link = self._link or self._connect()
-            self._fresh = False
             while self._loaded or not self._fresh:
                 if self._clock() >= self._load_until:
                     state = f"unloading not confirmed in {self._options.load_timeout:g} s"

@@ -95,7 +95,7 @@ class Ds408Valve:
             raise self._error(state, "give the valve's node id")
         self._read_state()
         if self.state is DriveState.ACTIVE:
-            action = "end whatever else commands it, or switch it off and on"
+            action = "end whatever else commands it, or wait for its watchdog"
             raise self._error("is ACTIVE already", action)
 
     def listen(self) -> list[int]:

@@ -9,12 +9,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import can
 import cantools
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rig.configuration.lookup import shipped_config_dir
 from rig.emulator.can_nodes import serve
@@ -150,6 +153,37 @@ def test_the_script_of_the_page_follows_them_from_another_process(
         process.kill()
         process.communicate()
         served.close()
+
+
+@given(
+    events=st.lists(
+        st.one_of(
+            st.tuples(st.just(0x205), st.binary(max_size=8)),
+            st.tuples(st.just(0x205), st.sampled_from([bytes((w, 0, 0, 0)) for w in range(16)])),
+            st.tuples(st.just(0x605), st.sampled_from([bytes((0x2B, 0x40, 0x60, 0, 7, 0, 0, 0))])),
+            st.tuples(st.just(0x000), st.sampled_from([b"\x01\x05", b"\x80\x05", b"\x81\x00"])),
+            st.just((None, b"")),
+        )
+    )
+)
+def test_no_traffic_brings_the_valve_to_active_but_by_the_whole_walk(
+    events: list[tuple[int | None, bytes]],
+) -> None:
+    passed = ["INIT"]
+
+    def note(event: str, **details: Any) -> None:
+        if event == "drive_state":
+            passed.append(details["state"])
+
+    valve = ValveNode(lambda _: None, lambda: 0.0, 1.0, 5, note)
+    for number, (identifier, data) in enumerate(events):
+        if identifier is None:
+            valve.fail(0x1000)
+            assert valve.acting_command(0.5) == 0.0
+        else:
+            valve.receive(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        valve.cycle(0.005 * number)
+    assert all(before == "HOLD" for before, state in pairwise(passed) if state == "ACTIVE")
 
 
 def test_the_dbc_knows_the_states_and_the_scale_of_the_profile() -> None:

@@ -74,6 +74,10 @@ class PumpBench:
         self.bus.shutdown()
 
 
+def broken(*_: Any, **__: Any) -> None:
+    raise DriverError("pump", "bus is off", "check the cable")
+
+
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> Iterator[PumpBench]:
     opened = PumpBench(request.node.nodeid)
@@ -228,6 +232,17 @@ def test_it_can_be_loaded_again_after_a_trip(bench: PumpBench) -> None:
 def test_the_safe_state_needs_no_open_driver(bench: PumpBench) -> None:
     bench.loaded()
     bench.driver().safe_state()
+    assert not bench.pump.loaded
+
+
+def test_the_safe_state_needs_no_sound_connection(
+    bench: PumpBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = bench.loaded()
+    monkeypatch.setattr(driver._link, "send", broken)
+    with pytest.raises(DriverError, match="bus is off"):
+        driver.read()
+    driver.safe_state()
     assert not bench.pump.loaded
 
 

@@ -352,6 +352,28 @@ def test_the_safe_state_needs_no_open_driver(bench: ValveBench) -> None:
     bench.read(driver)
 
 
+def test_the_safe_state_needs_no_sound_connection(
+    bench: ValveBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = bench.active()
+
+    def broken(*_: Any) -> None:
+        raise DriverError("drive", "bus is off", "check the cable")
+
+    monkeypatch.setattr(driver._valve, "command", broken)
+    with pytest.raises(DriverError, match="bus is off"):
+        driver.read()
+    driver.safe_state()
+    assert bench.valve.state is DriveState.DISABLED
+
+
+def test_a_bus_that_is_not_there_is_named_with_how_to_bring_it_up() -> None:
+    driver = CanValve("drive", CanValveOptions(interface="socketcan", channel="nosuchcan"))
+    why = "drive: cannot open socketcan nosuchcan: .*; .*ip link set nosuchcan up type can bitrate"
+    with pytest.raises(DriverError, match=why):
+        driver.open()
+
+
 def test_the_safe_state_of_a_fault_leaves_the_fault(bench: ValveBench) -> None:
     driver = bench.active()
     bench.valve.fail(0x3100)
