@@ -140,11 +140,11 @@ class BypassLink:
             raise self._error("", f"connection to {self._place} is lost", "open it again")
         try:
             reply = request(*args, device_id=self._unit, **options)
-        except ConnectionException as error:
+        except (ConnectionException, OSError) as error:
             self.close()
-            state = f"{self._place} has closed the connection"
+            state = f"connection to {self._place} is broken"
             raise self._error("", state, "check power and cable") from error
-        except (ModbusException, OSError) as error:
+        except ModbusException as error:
             state = f"no valid reply from {self._place} in time"
             raise self._error("", state, "check power, cable and unit") from error
         if reply.isError():

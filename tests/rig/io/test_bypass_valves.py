@@ -345,7 +345,7 @@ def test_a_broken_connection_is_said_and_not_mended_behind_the_callers_back(
     bypass.disconnect()
 
     for _ in range(2):
-        with pytest.raises(DriverError, match=r"closed the connection|is lost"):
+        with pytest.raises(DriverError, match=r"connection to .* is (broken|lost)"):
             driver.read()
 
     driver.close()
