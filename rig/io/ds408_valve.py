@@ -116,9 +116,8 @@ class Ds408Valve:
             if now - at > self._options.silence:
                 raise self._error(f"is lost: no {what} for {now - at:.2f} s", action)
         state = self._node.state
-        if state is not NmtState.OPERATIONAL:
-            name = state.name if state is not None else "an unknown state"
-            raise self._error(f"has restarted: it is in {name}, not OPERATIONAL", action)
+        if state not in (None, NmtState.OPERATIONAL):
+            raise self._error(f"has restarted: it is in {state.name}, not OPERATIONAL", action)
 
     def command(self, word: int | None, setpoint: float) -> None:
         """Send control word and setpoint, if there is a word, and this host's heartbeat.

@@ -365,6 +365,7 @@ def test_the_safe_state_needs_no_sound_connection(
         driver.read()
     driver.safe_state()
     assert bench.valve.state is DriveState.DISABLED
+    assert bench.read(driver)["drive_state"] == DriveState.DISABLED
 
 
 def test_a_bus_that_is_not_there_is_named_with_how_to_bring_it_up() -> None:
