@@ -31,7 +31,7 @@ def test_its_script_is_valid(tmp_path: Path) -> None:
 def test_its_controller_moves_the_ram(
     emulator: EmulatorThread, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = PYTHON[0].replace("15502", str(emulator.ports["daq"]))
+    code = PYTHON[0].replace("15502", str(emulator.ports["daq"])).replace("2000", "900")
     exec(compile(code, "docs/emulator.md", "exec"), {})
     millimetres = float(capsys.readouterr().out.split()[0])
     assert millimetres > 10.0
