@@ -88,6 +88,19 @@ def test_writing_the_same_again_begins_no_second_move(bypass: BypassBench) -> No
     assert len(events(bypass, "ball_ordered")) == 1
 
 
+def test_a_valve_that_has_arrived_may_be_sent_elsewhere(bypass: BypassBench) -> None:
+    driver = bypass.driver(watchdog=0.0)
+    driver.open()
+    driver.write({NEEDLE: 0.5})
+    bypass.clock.advance(1.0)
+    driver.read()
+
+    driver.write({NEEDLE: 0.25})
+    bypass.clock.advance(0.25)
+
+    assert driver.read()[NEEDLE] == pytest.approx(0.375)
+
+
 def test_a_stuck_needle_is_named_with_where_it_stands_and_how_long_it_took(
     bypass: BypassBench,
 ) -> None:
@@ -216,6 +229,16 @@ def test_the_safe_state_needs_no_open_and_no_connection_of_before(bypass: Bypass
     cut_off.safe_state()
 
     assert bypass.device.positions()["supply_leakage"][0] == 0.0
+
+
+def test_the_safe_state_trusts_no_connection_that_it_finds(bypass: BypassBench) -> None:
+    driver = bypass.driver()
+    driver.open()
+    assert len(events(bypass, "connected")) == 1
+
+    driver.safe_state()
+
+    assert len(events(bypass, "connected")) == 2
 
 
 def test_a_safe_state_that_is_not_reached_names_the_valves_that_are_not(

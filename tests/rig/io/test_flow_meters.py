@@ -8,6 +8,7 @@ from pathlib import Path
 from termios import TIOCINQ
 
 import pytest
+import serial
 
 from rig.emulator.meters import MeterPanel
 from rig.emulator.record import Record
@@ -166,24 +167,33 @@ def test_an_unplugged_line_reads_nan_and_comes_back_when_it_is_plugged_in(
     assert opened.read()["flow_1_m3_per_s"] == pytest.approx(1e-5, abs=RESOLUTION)
 
 
-def test_an_unplugged_line_is_tried_less_and_less_often(
-    opened: MeterBench, monkeypatch: pytest.MonkeyPatch
+def test_an_unplugged_line_is_tried_less_and_less_often_and_afresh_after_each_time(
+    opened: MeterBench,
 ) -> None:
     tried_at: list[float] = []
 
-    def refuse(*_: object) -> None:
+    def refuse() -> serial.Serial:
         tried_at.append(opened.clock.now_ns * 1e-9)
         raise OSError
 
-    opened.panel.unplug()
-    opened.driver.read()
-    monkeypatch.setattr(opened.driver, "_plugged", refuse)
-    for _ in range(1000):
-        opened.clock.advance(0.01)
+    for _ in range(2):
+        opened.panel.unplug()
+        opened.driver.read()
+        tried_at.clear()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(opened.driver, "_plugged", refuse)
+            for _ in range(1000):
+                opened.clock.advance(0.01)
+                opened.driver.read()
+
+        pauses = [b - a for a, b in pairwise(tried_at)]
+        assert pauses == pytest.approx([0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0])
+
+        opened.panel.plug_in()
+        opened.clock.advance(2.0)
         opened.driver.read()
 
-    pauses = [b - a for a, b in pairwise(tried_at)]
-    assert pauses == pytest.approx([0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0])
+    assert opened.driver.diagnostics.reopened == 2
 
 
 def test_a_port_that_is_not_there_is_refused_with_the_remedy(meters: MeterBench) -> None:
