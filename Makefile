@@ -6,10 +6,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help demo test check lint format types imports bench lock clean
+.PHONY: help demo test check lint format types imports bench bench-loop lock clean
 
 help: ## list these targets
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
 
 demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write its report to runs/demo
 	@$(BIN)/rig run quickstart --out runs/demo; status=$$?; \
@@ -35,6 +35,9 @@ imports: $(INSTALLED)
 
 bench: $(INSTALLED) ## measure filter, plant, campaign and start-up against their references
 	@$(BIN)/python -m tools.bench
+
+bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, and with the whole chain
+	@$(BIN)/python -m tools.bench_loop
 
 lock: ## resolve the dependencies of pyproject.toml anew into requirements-lock.txt (needs uv)
 	@command -v uv >/dev/null || { \
