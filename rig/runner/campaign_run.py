@@ -16,6 +16,7 @@ from .observer import Observer
 from .outcome import CampaignOutcome, Status, TestOutcome
 from .pacing import Pace, Pacer
 from .provenance import provenance
+from .rehearsal import rehearse
 from .results import write_results
 from .simulated_bench import SimulatedBench
 from .single_test import Setting, run_test
@@ -94,6 +95,8 @@ def _bench_of(
         return SimulatedBench(rig)
     # Its drivers' libraries are of no use to a simulation.
     from rig.supervisor.session import Session
+
+    rehearse(campaign, rig)
 
     return Session(rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells)
 

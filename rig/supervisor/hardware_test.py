@@ -31,7 +31,7 @@ class _Session(Protocol):
         """Ask the state machine for the next step of a test."""
 
     def going_on(self) -> None:
-        """Show the watch that the supervisor works."""
+        """Show the watch that the supervisor works; raise `TripError` after a trip."""
 
     def end_test(self, *, completed: bool) -> None:
         """Take every fault away; bring the ram to rest unless the test came to its end."""

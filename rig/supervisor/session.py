@@ -38,6 +38,7 @@ from .child import Child, ChildError, News
 from .hardware_test import HardwareTest, TestRecord
 from .moves import moves, preparing_moves
 from .states import VALVE_ENABLED, Conditions, Event, SessionState, State
+from .trip_report import Confirmation, Note, TripReport, write_trip_report
 from .watch import Parts, Watch, trips_of
 
 Array = NDArray[np.float64]
@@ -118,9 +119,10 @@ class Session:
         self._stop = stop
         self._say = say
         self._state = SessionState()
-        self._notes: list[tuple[int, str, str]] = []
+        self._notes: list[Note] = []
         self._outputs = {output for spec in rig.drivers for output in spec.outputs}
         self._offset_m = 0.0
+        self._report: TripReport | None = None
         self._reported: Path | None = None
 
     def __enter__(self) -> "Session":
@@ -235,10 +237,10 @@ class Session:
                     raise
 
     def _note(self, who: str, what: str) -> None:
-        self._notes.append((time.monotonic_ns(), who, what))
+        self._notes.append(Note(time.monotonic_ns(), who, what))
 
     def _on_news(self, news: News) -> None:
-        self._notes.append((news.at_ns, news.who, news.text))
+        self._notes.append(Note(news.at_ns, news.who, news.text))
         self._say(f"{news.who}: {news.text}")
 
     def _wait(self, done: Callable[[], bool], timeout_s: float, state: str, action: str) -> None:
@@ -450,8 +452,14 @@ class Session:
         self._handle(event)
 
     def going_on(self) -> None:
-        """Show the watch that the supervisor works."""
+        """Show the watch that the supervisor works.
+
+        Raises:
+            TripError: somebody tripped, whatever rows still come.
+        """
         self._watch.alive()
+        if self._watch.tripped:
+            raise self._tripped()
 
     def end_test(self, *, completed: bool) -> None:
         """Take every fault away; bring the ram to rest unless the test came to its end."""
@@ -479,14 +487,31 @@ class Session:
             self._handle(Event.TRIP)
         if not safe:
             self._note("supervisor", "not everything was made safe in time")
-        if self._reported is None:
-            self._reported = self._write_report()
-        trips = trips_of(self._board)
-        who = min(trips, key=lambda part: trips[part][1])
-        channel = int(self._board.words[Word.ACTION_CHANNEL])
-        name = FAST_INPUTS[channel] if who == "loop" and channel >= 0 else ""
-        sentence, remedy = explain(trips[who][0], name)
-        return TripError(f"tripped: {sentence}; {remedy} ({self._reported})", self._reported)
+        if self._report is None:
+            self._report = self._trip_report()
+            self._reported = write_trip_report(self._report, self._directory)
+        cause = self._report.first[1]
+        remedy = explain(cause, self._report.concerned).remedy
+        sentence = f"tripped: {self._report.sentence}; {remedy} ({self._reported})"
+        return TripError(sentence, self._reported)
+
+    def _trip_report(self) -> TripReport:
+        words = self._board.words
+        channel = int(words[Word.ACTION_CHANNEL])
+        steps = {
+            "valve null": Word.VALVE_NULL_AT,
+            "bypass shut": Word.BYPASS_SHUT_AT,
+            "pump unloaded": Word.PUMP_UNLOADED_AT,
+        }
+        return TripReport(
+            trips=trips_of(self._board),
+            confirmations=[Confirmation(what, int(words[at])) for what, at in steps.items()],
+            notes=tuple(self._notes),
+            channels=self._channels,
+            rows=RingReader(self._board).latest(round(LAST_S * self._rig.loop.rate)),
+            channel=FAST_INPUTS[channel] if channel >= 0 else "",
+            limits=self._rig.ladder,
+        )
 
     def _ramp_down(self) -> None:
         if self._state.state not in VALVE_ENABLED or self._state.state is State.RAMPING_DOWN:
@@ -549,6 +574,3 @@ class Session:
         log = self._directory / LOG
         if log.exists() and not log.stat().st_size:
             log.unlink()
-
-    def _write_report(self) -> Path:
-        return self._directory
