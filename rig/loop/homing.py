@@ -9,6 +9,7 @@ by the compiled loop, which holds a ram that is not homed below a command and a 
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
+from statistics import median
 from typing import Final
 
 from rig.io.settings import HomingSettings
@@ -110,7 +111,7 @@ class Homing:
             if self._way(sample) <= -BACK_OFF:
                 self._enter(Phase.SECOND_APPROACH)
         elif self._stands():
-            self._check_contact(sample)
+            self._check_contact()
             self._at_stop(sample)
         return self.command_V
 
@@ -172,12 +173,15 @@ class Homing:
                 "check supply and valve; raise homing command or timeout"
             )
 
-    def _check_contact(self, sample: HomingSample) -> None:
-        pushed = self._outward * (sample.pressure_1_Pa - sample.pressure_2_Pa)
+    def _check_contact(self) -> None:
+        # The median: at a stop the stiff oil may swing a little about the force held.
+        pushed = self._outward * median(
+            sample.pressure_1_Pa - sample.pressure_2_Pa for sample in self._recent
+        )
         least = _CONTACT * self._settings.load_pressure
         if pushed < least:
             raise HomingError(
                 f"the ram stands, but pushes with {1e-6 * pushed:.2f} MPa only, "
                 f"{1e-6 * least:.2f} MPa make contact: check the supply pressure, the encoder "
-                "(frozen?) and the pressure lines; raise homing command"
+                "(frozen?), the pressure lines and the valve's null; raise homing command"
             )

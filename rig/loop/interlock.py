@@ -37,7 +37,7 @@ _COMMANDS: Final = 4
 """Commands among which the device's present output may be one: what is on its way."""
 _ECHO_LAG: Final = 4
 """Exchanges by which the device may be behind in what it took."""
-_FADING: Final = 0.5
+_FADING: Final = 0.25
 _GENTLE: Final = 0.75
 """Part of the limit of load pressure to which a ram that is not homed may be pushed."""
 _RELIEF: Final = 0.4
@@ -113,8 +113,8 @@ def allowed_command(command, homed, tol, memory):
     """Return a command in V, limited to what a ram may do that does not know where it is.
 
     Not homed, it goes slowly and pushes gently: the command fades while the load pressure that it
-    makes rises from half to three quarters of its limit, and turns round a little beyond, so that a
-    ram at its stroke end stays there with that force, even if the valve's null is off.
+    makes rises from a quarter to three quarters of its limit, and turns round a little beyond, so
+    that a ram at its stroke end stays there with that force, even if the valve's null is off.
     """
     if homed:
         return command
@@ -144,16 +144,19 @@ def held_position(position, homed, limits):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def check_sample(inputs, fresh, age_ticks, command, counter, driving, homed, limits, tol, memory):
+def check_sample(
+    inputs, fresh, elapsed_ticks, age_ticks, command, counter, driving, homed, limits, tol, memory
+):
     """Return (action, cause, channel) for one tick: numbers of `Action` and `Cause`.
 
-    To be called every tick, also when no sample came. A trip is returned until the memory is
-    cleared; other actions end with their cause, so that the caller latches what it acts upon.
-    The channel is an index in `FAST_INPUTS`, -1 where the cause concerns none.
+    To be called every tick that is not missed, also when no sample came. A trip is returned until
+    the memory is cleared; other actions end with their cause, so that the caller latches what it
+    acts upon. The channel is an index in `FAST_INPUTS`, -1 where the cause concerns none.
 
     Args:
         inputs: float64 (len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`.
         fresh: whether a sample came in this tick.
+        elapsed_ticks: ticks since the last call: 1, and more where ticks were missed.
         age_ticks: ticks since the newest sample that the device took.
         command: V, as written in this tick's exchange: what stands at the valve from now on.
         counter: `host_counter` written with it.
@@ -172,7 +175,9 @@ def check_sample(inputs, fresh, age_ticks, command, counter, driving, homed, lim
     if worse > action:
         action, cause, channel = worse, why, where
     held = command if memory.values[_ENABLED] != 0.0 else 0.0
-    why, where = implausible(memory.trusted, sampled, held, homed, tol, memory.evidence)
+    why, where = implausible(
+        memory.trusted, sampled, elapsed_ticks, held, homed, tol, memory.evidence
+    )
     if action < _TRIP and why != _NONE:
         action, cause, channel = _TRIP, why, where
     worse, why, where = _unhomed(command, homed, tol, memory)

@@ -34,6 +34,8 @@ _RELATIVE: Final = 1.0
 _HOMED: Final = 2.0
 _SUBSTEPS: Final = 4
 """Of the nominal valve's second-order lag in a tick: some 0.16 rad each."""
+_SETTLED_TICKS: Final = 200
+"""After which any valve has come to its command."""
 _SMOOTHING: Final = 5e-3
 """s. Pressures are smoothed before their rate is taken; what is smoothed away comes later."""
 _DRY: Final = 5e5
@@ -70,12 +72,14 @@ class Evidence(NamedTuple):
     above_1_ticks: float = 0.0
     above_2_ticks: float = 0.0
     spool_ticks: float = 0.0
+    command_V: float = 0.0  # noqa: N815
+    """Since the last tick."""
 
 
 _E: Final = Evidence(*range(len(Evidence._fields)))
 _STARTED, _MODEL, _MODEL_RATE, _X, _P1, _P2, _GAP = (int(i) for i in _E[:7])
 _HIGH, _LOW, _ACCOUNT, _STILL, _WORK = (int(i) for i in _E[7:12])
-_ABOVE_1, _ABOVE_2, _SPOOL_TICKS = (int(i) for i in _E[12:])
+_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND = (int(i) for i in _E[12:])
 
 
 def no_evidence() -> NDArray[np.float64]:
@@ -84,12 +88,13 @@ def no_evidence() -> NDArray[np.float64]:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def implausible(values, fresh, command, homed, tol, evidence):
+def implausible(values, fresh, elapsed_ticks, command, homed, tol, evidence):
     """Take one tick into account and return (cause, channel), or (0, -1) if all is plausible.
 
     Args:
         values: float64 (len(FAST_INPUTS),), the latest value of each channel, NaN if none came.
         fresh: whether this tick brought a sample.
+        elapsed_ticks: ticks since the last call, in which the last command stood.
         command: V at the valve from this tick on; 0 while it is disabled.
         homed: whether the position is within the stroke, not just relative.
         tol: `rig.loop.tolerances.Tolerances`.
@@ -97,7 +102,9 @@ def implausible(values, fresh, command, homed, tol, evidence):
     """
     cause, channel = _NONE, NO_CHANNEL
     position, p1, p2 = values[_POSITION], values[_PRESSURE_1], values[_PRESSURE_2]
-    evidence[_GAP] += 1.0
+    evidence[_GAP] += elapsed_ticks
+    _advance_valve(elapsed_ticks, tol, evidence)
+    evidence[_COMMAND] = command
     if not (isnan(position) or isnan(p1) or isnan(p2)):
         reference = _HOMED if homed else _RELATIVE
         if evidence[_STARTED] != reference:
@@ -106,7 +113,7 @@ def implausible(values, fresh, command, homed, tol, evidence):
         step = position - evidence[_X] if fresh else 0.0
         if _jumped(step, tol, evidence):
             cause, channel = _JUMP, _POSITION
-        elif _against_flow(values, fresh, step, homed, tol, evidence):
+        elif _against_flow(values, fresh, elapsed_ticks, step, homed, tol, evidence):
             frozen = evidence[_STILL] >= evidence[_ACCOUNT]
             cause, channel = (_FROZEN if frozen else _AGAINST_FLOW), _POSITION
         elif fresh and _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
@@ -120,7 +127,6 @@ def implausible(values, fresh, command, homed, tol, evidence):
         cause, channel = _NOT_FOLLOWING, _SPOOL
     if fresh:
         evidence[_GAP] = 0.0
-    _advance_valve(command, tol, evidence)
     return cause, channel
 
 
@@ -131,13 +137,13 @@ def _jumped(step, tol, evidence):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _against_flow(values, fresh, step, homed, tol, evidence):
+def _against_flow(values, fresh, elapsed_ticks, step, homed, tol, evidence):
     """Return whether the travel leaves what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
 
     Oil that leaks out makes the ram extend less than chamber 1's account says and more than that of
     chamber 2: acc_2 - q_12 <= A v <= acc_1 - q_12, whatever external leaks there are.
     """
-    par, period = tol.par, tol.period_s
+    par, elapsed_s = tol.par, elapsed_ticks * tol.period_s
     p1, p2, supply = evidence[_P1], evidence[_P2], par.supply_pressure
     # A failing supply or its failing transducer is not the encoder's fault: both only widen.
     if values[_SUPPLY] > supply:
@@ -145,12 +151,12 @@ def _against_flow(values, fresh, step, homed, tol, evidence):
     opening = values[_SPOOL]
     if isnan(opening) or not fresh:
         opening = evidence[_MODEL]
-    kept = period / (_SMOOTHING + period)
+    kept = elapsed_s / (_SMOOTHING + elapsed_s)
     change_1 = kept * (values[_PRESSURE_1] - p1)
     change_2 = kept * (values[_PRESSURE_2] - p2)
     evidence[_P1] += change_1
     evidence[_P2] += change_2
-    evidence[_STILL] = 0.0 if step != 0.0 else evidence[_STILL] + 1.0
+    evidence[_STILL] = 0.0 if step != 0.0 else evidence[_STILL] + elapsed_ticks
 
     q1, q2 = valve_flows(opening, p1, p2, supply, par.return_pressure, tol.conductance)
     least = 1.0 / sqrt(1.0 + tol.return_restriction * (tol.conductance * opening) ** 2)
@@ -172,15 +178,15 @@ def _against_flow(values, fresh, step, homed, tol, evidence):
         - tol.flow_fraction * abs(q2)
     )
     low -= tol.leak_coefficient * sqrt(max(p1 - p2, 0.0))
-    high_m = (high * period - compressed_1 + part * abs(compressed_1)) / par.piston_area
-    low_m = (low * period + compressed_2 - part * abs(compressed_2)) / par.piston_area
+    high_m = (high * elapsed_s - compressed_1 + part * abs(compressed_1)) / par.piston_area
+    low_m = (low * elapsed_s + compressed_2 - part * abs(compressed_2)) / par.piston_area
     # A cavity takes up travel that no flow explains: no account of a dry chamber.
     evidence[_HIGH] = 0.0 if p1 < _DRY else max(evidence[_HIGH] + step - high_m, 0.0)
     evidence[_LOW] = 0.0 if p2 < _DRY else max(evidence[_LOW] + low_m - step, 0.0)
     worst = max(evidence[_HIGH], evidence[_LOW])
-    evidence[_ACCOUNT] = evidence[_ACCOUNT] + 1.0 if worst > 0.0 else 0.0
+    evidence[_ACCOUNT] = evidence[_ACCOUNT] + elapsed_ticks if worst > 0.0 else 0.0
     # Samples that come seldom leave the flow between them unknown.
-    unseen = 0.5 * tol.jump_speed_m_per_s * (evidence[_GAP] - 1.0) * period
+    unseen = 0.5 * tol.jump_speed_m_per_s * (evidence[_GAP] - 1.0) * tol.period_s
     return fresh and worst > tol.flow_account_m + unseen
 
 
@@ -225,15 +231,14 @@ def _not_following(spool, tol, evidence):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _advance_valve(command, tol, evidence):
-    """Advance the nominal valve's second-order lag by one tick (eq. 2.6 of docs/model.md)."""
+def _advance_valve(ticks, tol, evidence):
+    """Advance the nominal valve's second-order lag under the command that stood (docs/model.md)."""
     par = tol.par
-    natural, target = par.valve_natural_frequency, par.valve_gain * command
+    natural, target = par.valve_natural_frequency, par.valve_gain * evidence[_COMMAND]
     step = tol.period_s / _SUBSTEPS
     spool, rate = evidence[_MODEL], evidence[_MODEL_RATE]
-    for _ in range(_SUBSTEPS):
-        rate += step * (
-            natural * natural * (target - spool) - 2.0 * par.valve_damping * natural * rate
-        )
+    for _ in range(_SUBSTEPS * min(ticks, _SETTLED_TICKS)):
+        damping = 2.0 * par.valve_damping * natural * rate
+        rate += step * (natural * natural * (target - spool) - damping)
         spool += step * rate
     evidence[_MODEL], evidence[_MODEL_RATE] = spool, rate

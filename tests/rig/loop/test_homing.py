@@ -51,7 +51,7 @@ class HomedRig:
             inputs[1:3] = np.maximum(state[2:4], 0.0) + noise[1:3]
             allowed = allowed_command(command, False, self.tol, self.memory)
             found = check_sample(
-                inputs, True, 0, allowed, tick, True, False, self.limits, self.tol, self.memory
+                inputs, True, 1, 0, allowed, tick, True, False, self.limits, self.tol, self.memory
             )
             self.worst = max(self.worst, found)
             self.greatest_load_pressure = max(
@@ -80,11 +80,16 @@ def test_the_stroke_end_is_met_gently_and_without_a_trip() -> None:
     assert rig.greatest_load_pressure < SETTINGS.load_pressure
 
 
-def test_a_valve_null_off_by_ten_micrometres_is_homed_all_the_same() -> None:
-    for bias in (-1e-5, 1e-5):
-        rig = HomedRig(replace(SETTINGS, command=1.0), bias)
-        assert abs(rig.run() - SWITCHED_ON_AT) <= 5 * DATA_SHEET.position_resolution
-        assert rig.worst[0] == Action.NONE
+@pytest.mark.parametrize("bias", [-5e-6, 5e-6])
+def test_a_valve_null_off_by_five_micrometres_is_homed_all_the_same(bias: float) -> None:
+    rig = HomedRig(replace(SETTINGS, command=1.0), bias)
+    assert abs(rig.run() - SWITCHED_ON_AT) <= 5 * DATA_SHEET.position_resolution
+    assert rig.worst[0] == Action.NONE
+
+
+def test_a_valve_null_that_outdoes_the_command_is_refused() -> None:
+    with pytest.raises(HomingError, match="null"):
+        HomedRig(SETTINGS, 2e-5).run()
 
 
 def test_an_encoder_that_counts_backwards_is_refused() -> None:
@@ -140,6 +145,6 @@ def test_a_blocked_ram_that_is_pushed_hard_trips_with_its_cause() -> None:
     for tick in range(100):
         inputs[:3] = 0.0, 1e7 + 1e3 * tick, 1e6 + 1e3 * tick
         found = check_sample(
-            inputs, True, 0, 0.5, tick, True, False, rig.limits, rig.tol, rig.memory
+            inputs, True, 1, 0, 0.5, tick, True, False, rig.limits, rig.tol, rig.memory
         )
     assert found[:2] == (Action.TRIP, Cause.HOMING_FORCE)

@@ -57,9 +57,14 @@ LIMITS: Final = (
 )
 
 
+_STALLS_EVERY = 97
+"""Ticks from one stall of the loop to the next."""
+
+
 @njit(error_model="numpy")
 def _interlocked(
-    setpoint: Array, open_loop: bool, faults: Array, every: int, kind: int, at: int,
+    setpoint: Array, open_loop: bool, faults: Array, every: int, stall: int, kind: int,
+    at: int,
     plant: Array, par: Parameters, sensors: SensorParameters, noise: Array, limits: LimitTable,
     tol: Tolerances, memory: InterlockMemory, peak: Array,
 ) -> tuple[int, int, int]:  # fmt: skip
@@ -68,7 +73,9 @@ def _interlocked(
     meters, offsets = np.zeros(3), np.zeros(3)
     command = last = 0.0
     age, position = 0, 0.0
+    elapsed = 0
     for k in range(setpoint.size):
+        elapsed += 1
         faulty = kind if k >= at else 0
         fault = (
             faults[k, 0], faults[k, 1], faults[k, 2], faults[k, 3], faults[k, 4],
@@ -83,6 +90,9 @@ def _interlocked(
         inputs[9], inputs[10], inputs[11], inputs[12], inputs[13] = 1.0, 0.0, 1.0, 0.0, 0.0
         inputs[14], inputs[15], inputs[16] = k % 65536, k % 65536, last
         fresh = k % every == 0
+        if 0 < k % _STALLS_EVERY <= stall:
+            advance(plant, command, par, fault)
+            continue
         if faulty == 1:
             inputs[0] = 2.0 * held_inputs[0] - inputs[0]
         elif faulty == 2:
@@ -125,8 +135,9 @@ def _interlocked(
             inputs[:] = np.nan
         age = 0 if fresh else age + 1
         action, cause, channel = check_sample(
-            inputs, fresh, age, command, k, True, True, limits, tol, memory
+            inputs, fresh, elapsed, age, command, k, True, True, limits, tol, memory
         )
+        elapsed = 0
         for i in range(peak.size):
             peak[i] = max(peak[i], memory.evidence[i])
         if action >= 3:
@@ -174,6 +185,7 @@ def run(
     par: Parameters | None = None,
     faults: Array | None = None,
     every: int = 1,
+    stall: int = 0,
     seed: int = 1,
 ) -> Outcome:
     ticks = motion.setpoint.size
@@ -185,7 +197,7 @@ def run(
     limits = limit_table(LIMITS, TICK)
     peak = np.zeros(len(Evidence._fields))
     tick, cause, channel = _interlocked(
-        motion.setpoint, motion.open_loop, faults, every, FAULTS.index(fault), at, rig.state,
+        motion.setpoint, motion.open_loop, faults, every, stall, FAULTS.index(fault), at, rig.state,
         par or rig.parameters, rig.sensors, rig.noise(ticks), limits, tol,
         interlock_memory(limits), peak,
     )  # fmt: skip
@@ -259,6 +271,12 @@ def test_the_greatest_fault_that_a_bypass_makes_is_no_trip(column: int) -> None:
 def test_a_device_that_samples_at_100_hz_makes_no_false_trip() -> None:
     assert run(HEALTHY["fast sine"], every=10).cause is Cause.NONE
     assert run(random_steps(7, 2000), every=10).cause is Cause.NONE
+
+
+@pytest.mark.parametrize("stall", [1, 5, 20])
+def test_missed_ticks_make_no_false_trip(stall: int) -> None:
+    for name in ("fast sine", "steps of half a second", "valve noise"):
+        assert run(HEALTHY[name], stall=stall).cause is Cause.NONE
 
 
 @dataclass(frozen=True)
