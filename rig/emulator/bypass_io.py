@@ -12,7 +12,6 @@ from typing import Final
 
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
-from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from rig.io.bypass_registers import (
@@ -27,6 +26,7 @@ from .addresses import AddressError
 from .modbus_server import Wire
 from .pseudo_terminal import PseudoTerminal
 from .record import Record
+from .rtu_line import RtuLine
 from .valve_bank import SWITCHES, ValveBank
 
 _COILS: Final = (1, 5, 15)
@@ -70,7 +70,7 @@ class BypassIo:
         self._record = record
         self._noise = random.Random(0)
         self._servers: list[ModbusTcpServer] = []
-        self._lines: list[_SerialLine] = []
+        self._lines: list[RtuLine] = []
 
     async def open(self, host: str, port: int) -> int:
         """Begin to serve over TCP; return the port, which the system chooses if 0 is asked for.
@@ -103,7 +103,7 @@ class BypassIo:
         line = PseudoTerminal(path)
         line.plug_in()
         server = ModbusSerialServer(self._device(), port=str(path), trace_packet=self._through_wire)
-        self._lines.append(_SerialLine(line, server.callback_new_connection()))
+        self._lines.append(RtuLine(line, server.callback_new_connection()))
 
     def close(self) -> None:
         """Let go of ports, lines and clients; harmless when repeated."""
@@ -234,24 +234,6 @@ class BypassIo:
         self._record.note("connected" if connected else "disconnected", device=self.name)
         if connected and self.wire.refuses:
             asyncio.get_running_loop().call_soon(self.disconnect)
-
-
-class _SerialLine(asyncio.Transport):
-    """What pymodbus takes for a serial port: the far end of a pseudo-terminal."""
-
-    def __init__(self, line: PseudoTerminal, handler: ServerRequestHandler) -> None:
-        super().__init__()
-        self._line = line
-        self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(line.fileno(), lambda: handler.data_received(line.read()))
-        handler.connection_made(self)
-
-    def write(self, data: bytes | bytearray | memoryview) -> None:
-        self._line.write(bytes(data))
-
-    def close(self) -> None:
-        self._loop.remove_reader(self._line.fileno())
-        self._line.unplug()
 
 
 def _packed(bits: Iterable[bool]) -> int:
