@@ -45,8 +45,10 @@ def framed(transaction: int, pdu: bytes, unit: int = UNIT) -> bytes:
 class Line:
     """A connection on which the test speaks for the device; nothing ever waits on it."""
 
-    def __init__(self, register_map: RegisterMap, mode: ExchangeMode = "fc23") -> None:
-        self.plan: ExchangePlan = exchange_plan(register_map, mode, UNIT)
+    def __init__(
+        self, register_map: RegisterMap, mode: ExchangeMode = "fc23", unit: int = UNIT
+    ) -> None:
+        self.plan: ExchangePlan = exchange_plan(register_map, mode, unit)
         self.inputs = np.zeros(len(FAST_INPUTS))
         self._host, self.device = socket.socketpair()
         self.device.setblocking(False)

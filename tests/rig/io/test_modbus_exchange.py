@@ -1,9 +1,11 @@
 import os
+import re
 import struct
 import subprocess
 import sys
 from collections.abc import Iterator
 from math import isnan
+from pathlib import Path
 from typing import Any, Literal
 
 import pytest
@@ -327,6 +329,38 @@ def test_all_ways_to_exchange_write_and_read_the_same(mode: ExchangeMode) -> Non
         assert line.input("device_echo") == 3
         assert line.input("position_m") == pytest.approx(0x0007_0008 * 3e-5)
         assert line.received().count(b"\xab\xcd") == 1
+
+
+def test_the_specification_s_example_is_what_is_sent_and_read() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "io_node.md").read_text()
+    request, answer = (
+        bytes.fromhex(block) for block in re.findall(r"```hex\n(.*?)```", page, re.S)
+    )
+
+    with Line(NODE, unit=1) as line:
+        line.send(answer)
+        outputs = {"host_counter": 42, "valve_enable": 1, "command_V": 1.5}
+        assert line.exchange(42, outputs) is ExchangeStatus.OK
+        assert line.received() == request
+        found = {name: line.input(name) for name in FAST_INPUTS if not isnan(line.input(name))}
+    assert found == pytest.approx(
+        {
+            "position_m": 0.30345,
+            "pressure_1_Pa": 5.25e6,
+            "pressure_2_Pa": 6.8755e6,
+            "spool_m": 41.9e-6,
+            "supply_pressure_Pa": 13.8e6,
+            "load_N": 0.0,
+            "estop_closed": 1.0,
+            "reset_button": 0.0,
+            "valve_enabled": 1.0,
+            "watchdog_tripped": 0.0,
+            "encoder_fault": 0.0,
+            "device_counter": 1042.0,
+            "device_echo": 42.0,
+            "device_command_V": 1.5,
+        }
+    )
 
 
 def test_the_exchange_runs_interpreted_too() -> None:
