@@ -119,10 +119,6 @@ class BypassIo:
             for connection in tuple(server.active_connections.values()):
                 connection.close()
 
-    def tend(self) -> None:
-        """Bring valves and watchdog to the present."""
-        self.valves.tend()
-
     def positions(self) -> dict[str, tuple[float, float]]:
         """Return where ball and needle of each bypass are now, 0 shut to 1 open."""
         return self.valves.positions()
