@@ -61,7 +61,7 @@ _STALLS_EVERY = 97
 """Ticks from one stall of the loop to the next."""
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _interlocked(
     setpoint: Array, open_loop: bool, faults: Array, every: int, stall: int, kind: int,
     at: int,
