@@ -13,6 +13,7 @@ from typing import Final
 
 from .instruments import Instruments
 from .modbus_functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
+from .plant import COMMAND_RANGE
 from .record import Record
 
 WRITE_BLOCK: Final = 0
@@ -30,6 +31,13 @@ WATCHDOG_LIMIT_MS: Final = 1000
 _WRITTEN: Final = Struct(">HHf")
 _READ: Final = Struct(">HHHHIiffffff")
 _SETUP: Final = Struct(">HHHHHH")
+_BLOCKS: Final = {
+    WRITE_BLOCK: _WRITTEN.size // 2,
+    READ_BLOCK: _READ.size // 2,
+    SETUP_BLOCK: _SETUP.size // 2,
+    NULL_REQUEST: 1,
+}
+"""Registers of each block, by its first address."""
 
 
 class Control(IntFlag):
@@ -91,7 +99,7 @@ class IoNode:
         self._samples = 0
         self._watchdog_ms = WATCHDOG_MS
         self._host_counter = 0
-        self._host_alive_ns = self._power_up_ns
+        self._counted_ns = self._fed_ns = self._power_up_ns
         self._control = Control(0)
         self._command = 0.0
         self._output = 0.0
@@ -103,23 +111,36 @@ class IoNode:
         self._enabled = False
         self.exchanges = 0
 
+    def has(self, address: int, count: int) -> bool:
+        """Return whether there are registers to read there, all of one block."""
+        return self._block(address, count) is not None
+
+    def _block(self, address: int, count: int) -> int | None:
+        """Return the first address of the block that holds registers; None: none does."""
+        for start, size in _BLOCKS.items():
+            if start <= address and address + count <= start + size:
+                return start
+        return None
+
     def read(self, address: int, count: int) -> bytes:
-        """Return registers, high byte first; samples if the read block is among them.
+        """Return registers, high byte first; samples if they are of the read block.
 
         Raises:
             ModbusException: there are no such registers.
         """
-        for start, size in ((READ_BLOCK, _READ.size), (WRITE_BLOCK, _WRITTEN.size)):
-            offset = 2 * (address - start)
-            if offset >= 0 and offset + 2 * count <= size:
-                block = self._sampled() if start == READ_BLOCK else bytes(self._image)
-                return block[offset : offset + 2 * count]
-        offset = 2 * (address - SETUP_BLOCK)
-        if offset >= 0 and offset + 2 * count <= _SETUP.size:
-            return self._setup()[offset : offset + 2 * count]
-        if address == NULL_REQUEST and count == 1:
-            return self._null_requested.to_bytes(2, "big")
-        raise ModbusException(ILLEGAL_ADDRESS)
+        start = self._block(address, count)
+        if start is None:
+            raise ModbusException(ILLEGAL_ADDRESS)
+        if start == READ_BLOCK:
+            block = self._sampled()
+        elif start == WRITE_BLOCK:
+            block = bytes(self._image)
+        elif start == SETUP_BLOCK:
+            block = self._setup()
+        else:
+            block = self._null_requested.to_bytes(2, "big")
+        offset = 2 * (address - start)
+        return block[offset : offset + 2 * count]
 
     def write(self, address: int, data: bytes) -> None:
         """Write registers, high byte first; all of them or, with an exception, none.
@@ -148,26 +169,29 @@ class IoNode:
         self.tend(now)
         control = Control(bits & 7)
         risen = control & ~self._control
-        if counter != self._host_counter or Control.VALVE_ENABLE in risen:
-            self._host_alive_ns = now
+        if counter != self._host_counter:
+            self._counted_ns = self._fed_ns = now
+        if Control.VALVE_ENABLE in risen:
+            self._fed_ns = now
         self._image, self._host_counter = image, counter
         self._control, self._command = control, command
-        if Control.REARM in risen and self._tripped and self._host_runs(now):
+        if Control.REARM in risen and self._tripped and now - self._counted_ns < self._watchdog_ns:
             self._tripped = False
             self._record.note("watchdog_rearmed", now)
         self.exchanges += 1
         self._settle("host", now)
         self._record.command(now, command, self._output, self._enabled)
 
-    def _host_runs(self, now: int) -> bool:
-        return now - self._host_alive_ns < self._watchdog_ms * 1_000_000
+    @property
+    def _watchdog_ns(self) -> int:
+        return self._watchdog_ms * 1_000_000
 
     def tend(self, now: int | None = None) -> None:
         """Let the watchdog trip if its time has come."""
         now = self._clock() if now is None else now
         armed = Control.VALVE_ENABLE in self._control and not self._tripped
-        if armed and not self._host_runs(now):
-            deadline = self._host_alive_ns + self._watchdog_ms * 1_000_000
+        deadline = self._fed_ns + self._watchdog_ns
+        if armed and now >= deadline:
             self._tripped = self._latched = True
             self._record.note("watchdog_trip", deadline, host_counter=self._host_counter)
             self._settle("watchdog", deadline)
@@ -182,7 +206,7 @@ class IoNode:
                 self._record.note("valve_enabled", at_ns, command_V=self._command)
             else:
                 self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
-        output = self._command if enabled else 0.0
+        output = min(max(self._command, -COMMAND_RANGE), COMMAND_RANGE) if enabled else 0.0
         if output != self._output:
             self._output = output
             self._valve(output, at_ns)

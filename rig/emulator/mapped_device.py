@@ -79,20 +79,23 @@ class MappedDevice:
                 words |= self._code.words(value.address, value.type, value.value)
         return words
 
+    def has(self, address: int, count: int) -> bool:
+        """Return whether there are registers to read there."""
+        return self._words.keys() >= set(range(address, address + count))
+
     def read(self, address: int, count: int) -> bytes:
         """Return registers, high byte first; samples if an input is among them.
 
         Raises:
             ModbusException: there are no such registers.
         """
+        if not self.has(address, count):
+            raise ModbusException(ILLEGAL_ADDRESS)
         asked = range(address, address + count)
         self._hear()
         if not self.frozen and not self._inputs.isdisjoint(asked):
             self._sample()
-        try:
-            return b"".join(self._words[at].to_bytes(2, "big") for at in asked)
-        except KeyError as unknown:
-            raise ModbusException(ILLEGAL_ADDRESS) from unknown
+        return b"".join(self._words[at].to_bytes(2, "big") for at in asked)
 
     def write(self, address: int, data: bytes) -> None:
         """Write registers, high byte first; all of them or, with an exception, none.

@@ -48,6 +48,9 @@ class Device(Protocol):
 
     connections: int
 
+    def has(self, address: int, count: int) -> bool:
+        """Return whether there are registers to read there."""
+
     def read(self, address: int, count: int) -> bytes:
         """Return 2 count bytes.
 
@@ -106,11 +109,13 @@ def _write_many(device: Device, body: bytes) -> bytes:
 
 
 def _read_write(device: Device, body: bytes) -> bytes:
-    """Write first, then read, as the standard has it."""
+    """Write first, then read, as the standard has it; nothing is written for a read refused."""
     _require(len(body) > _FOUR.size)
     read_at, read_count, write_at, write_count = _FOUR.unpack_from(body)
     _require(1 <= read_count <= _READ_LIMIT and 1 <= write_count <= _READ_WRITE_LIMIT)
     _require(body[8] == 2 * write_count == len(body) - 9)
+    if not device.has(read_at, read_count):
+        raise ModbusException(ILLEGAL_ADDRESS)
     device.write(write_at, body[9:])
     return bytes((2 * read_count,)) + device.read(read_at, read_count)
 

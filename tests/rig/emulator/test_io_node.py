@@ -1,3 +1,5 @@
+import re
+from pathlib import Path
 from struct import pack, unpack
 from typing import Any
 
@@ -5,7 +7,7 @@ import pytest
 
 from rig.configuration.rig import load_rig
 from rig.emulator.io_node import Control, IoNode, Status
-from rig.emulator.modbus_functions import ModbusException
+from rig.emulator.modbus_functions import ModbusException, serve
 from rig.io.signals import FAST_INPUTS
 
 Bench = Any
@@ -149,6 +151,31 @@ def test_rearming_is_an_edge(bench: Bench, host: Host) -> None:
     bench.clock.advance(0.2)
     host.exchange(ENABLE | REARM)
     assert Status.WATCHDOG_TRIPPED in status(bench.node)
+
+
+def test_rearming_takes_a_host_whose_counter_changes_again(bench: Bench, host: Host) -> None:
+    host.enable()
+    bench.clock.advance(0.2)
+    host.exchange(Control(0), counts=False)
+    host.exchange(ENABLE | REARM, counts=False)
+    assert Status.WATCHDOG_TRIPPED in status(bench.node)
+
+
+def test_beyond_its_range_the_output_saturates(bench: Bench, host: Host) -> None:
+    host.enable()
+    host.exchange(ENABLE, command=25.0)
+    assert output(bench.node) == 10.0
+
+
+def test_the_exchange_of_the_nodes_page_is_answered_as_it_says(bench: Bench, host: Host) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "io_node.md").read_text()
+    request, answer = map(bytes.fromhex, re.findall(r"```hex\n(.*?)```", page, re.DOTALL))
+    host.enable()
+    reply = serve(bench.node, request[7:])
+    assert len(reply) == len(answer[7:])
+    assert reply[:2] == answer[7:9]
+    assert reply[4:8] == answer[11:15]
+    assert reply[-4:] == answer[-4:]
 
 
 def test_a_null_request_holds_until_the_reset_sequence(bench: Bench, host: Host) -> None:

@@ -25,6 +25,9 @@ class Registers:
         self.connections = 0
         self.data = bytearray(200)
 
+    def has(self, address: int, count: int) -> bool:
+        return address + count <= 100
+
     def read(self, address: int, count: int) -> bytes:
         if address + count > 100:
             raise ModbusException(ILLEGAL_ADDRESS)
@@ -69,6 +72,14 @@ def test_function_23_writes_before_it_reads(device: Registers) -> None:
     parsed = ReadWriteMultipleRegistersResponse()
     parsed.decode(reply[1:])
     assert parsed.registers == [0, 7, 8, 0]
+
+
+def test_function_23_writes_nothing_when_it_cannot_read(device: Registers) -> None:
+    request = ReadWriteMultipleRegistersRequest(
+        read_address=99, read_count=4, write_address=1, write_registers=[7]
+    )
+    assert serve(device, b"\x17" + request.encode()) == b"\x97\x02"
+    assert not any(device.data)
 
 
 def test_feedback_serves_its_frames_in_order_as_labjack_documents() -> None:
