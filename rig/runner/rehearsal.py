@@ -1,7 +1,7 @@
 """What a campaign on hardware needs compiled, compiled before anything moves.
 
-The compiler keeps the interpreter's lock for seconds: a supervisor that compiled during a test would
-fall silent, and the rig would trip.
+The compiler keeps the interpreter's lock for seconds: a supervisor that compiled during a test
+would fall silent, and the rig would trip.
 """
 
 from dataclasses import replace

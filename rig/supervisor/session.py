@@ -43,7 +43,7 @@ from .watch import Parts, Watch, trips_of
 
 Array = NDArray[np.float64]
 
-OPEN_S: Final = 60.0
+OPEN_S: Final = 300.0
 """How long opening may take: the loop may have to be compiled first."""
 ANSWER_S: Final = 10.0
 SETTLE_S: Final = 20.0
