@@ -16,7 +16,9 @@ import numpy as np
 from rig.plant.parameters import Quantity
 
 from .driver import DriverError
-from .modbus_daq_link import DaqLink, RefusedError
+from .modbus_daq_link import DaqLink
+from .modbus_daq_null import null
+from .modbus_daq_setup import set_up, verify
 from .modbus_exchange import (
     ExchangePlan,
     ExchangeStatus,
@@ -24,16 +26,12 @@ from .modbus_exchange import (
     exchange,
     exchange_plan,
 )
-from .register_map import ExchangeMode, Register, RegisterMap, RegisterValue
+from .register_map import ExchangeMode, RegisterMap
 from .signals import FAST_INPUTS, FAST_OUTPUTS
-
-GREATEST_RATE: Final = "greatest_rate_Hz"
-"""The fact of a map that tells the rate which the device itself gives."""
 
 _EXCHANGES_IN_WATCHDOG: Final = 3
 """Fewer, and one reply that comes late would trip the device."""
 
-_POLL_S: Final = 0.002
 _NANOSECONDS: Final = 1e9
 
 _STATES: Final = {
@@ -106,8 +104,8 @@ class ModbusDaq:
         if self._socket is not None:
             return
         with self._link() as link:
-            self._verify(link)
-            self._set_up(link)
+            verify(link, self._map, self.rate_hz)
+            set_up(link, self._map, self._options.watchdog)
         # Compiled, or loaded, here rather than within the first deadline.
         exchange(-1, self._plan, 0, self._given, self._found, 0)
         self._socket = self._connected()
@@ -164,18 +162,7 @@ class ModbusDaq:
         """
         self._given[:] = 0.0
         with self._link() as link:
-            for value in self._null_values():
-                link.write(value)
-            deadline = time.monotonic() + self._options.timeout
-            while waiting := self._not_null(link):
-                if time.monotonic() > deadline:
-                    raise DriverError(
-                        self.name,
-                        f"{self._map.device} was asked for null and after "
-                        f"{self._options.timeout:g} s still has {waiting}",
-                        "cut the hydraulic supply, then find out why",
-                    )
-                time.sleep(_POLL_S)
+            null(link, self._map, self._options.timeout)
 
     def diagnostics(self) -> Mapping[str, float]:
         """Return what the device says of itself, over a new connection; see the map's `facts`.
@@ -184,7 +171,7 @@ class ModbusDaq:
             DriverError: nobody answers, or another device does.
         """
         with self._link() as link:
-            self._verify(link)
+            verify(link, self._map, self.rate_hz)
             found = {"identity": self._map.identity.value}
             if self._map.version is not None:
                 found["map_version"] = self._map.version.value
@@ -230,57 +217,6 @@ class ModbusDaq:
             self.name, options.host, options.port, options.unit, self._map, options.timeout
         )
 
-    def _verify(self, link: DaqLink) -> None:
-        """Verify identity, map version and rate."""
-        self._verify_register(link, "identity", self._map.identity)
-        if self._map.version is not None:
-            self._verify_register(link, "map version", self._map.version)
-        for fact in self._map.facts:
-            if fact.name == GREATEST_RATE:
-                greatest = link.read(fact.address, fact.type)
-                if self.rate_hz > greatest:
-                    state = f"{self._place} does {greatest:g} exchanges/s, not {self.rate_hz:g}"
-                    raise DriverError(self.name, state, f"write rate: {greatest:g} Hz", "rate")
-
-    def _verify_register(self, link: DaqLink, what: str, expected: RegisterValue) -> None:
-        try:
-            found = link.read(expected.address, expected.type)
-        except RefusedError as refusal:
-            instead = refusal.exception
-        else:
-            if found == expected.value:
-                return
-            instead = f"{found:g}"
-        raise DriverError(
-            self.name,
-            f"{self._place} is not the {self._map.device} expected: its {what} is {instead} "
-            f"instead of {expected.value:g}",
-            "check host, port and map",
-            f"register {expected.address}",
-        )
-
-    def _set_up(self, link: DaqLink) -> None:
-        """Write set-up and watchdog, unless the device has all of it already, and read it back."""
-        values = [*self._map.setup]
-        watchdog = self._map.watchdog
-        if watchdog is not None and self._options.watchdog is not None:
-            counts = round(self._options.watchdog * watchdog.counts_per_s)
-            values += [RegisterValue(watchdog.address, watchdog.type, counts), *watchdog.arm]
-        last = {value.address: value for value in values}.values()
-        if all(link.holds(value) for value in last):
-            return
-        for value in values:
-            link.write(value)
-        for value in last:
-            if not link.holds(value):
-                raise DriverError(
-                    self.name,
-                    f"{self._map.device} was given {value.value:g} and has "
-                    f"{link.read(value.address, value.type):g}",
-                    "check the map's set-up",
-                    f"register {value.address}",
-                )
-
     def _connected(self) -> socket.socket:
         options = self._options
         try:
@@ -315,40 +251,3 @@ class ModbusDaq:
         else:
             state, remedy = _STATES[status], "check power and cable"
         raise DriverError(self.name, f"{place} {state}", remedy)
-
-    def _null_values(self) -> list[RegisterValue]:
-        """Return what brings the valve to null, in order."""
-        if self._map.null_request is not None:
-            return [self._map.null_request]
-        switched = ("command_V", "valve_enable")
-        registers = [r for signal in switched for r in self._map.written if r.signal == signal]
-        return [RegisterValue(r.address, r.type, _number_at_zero(r)) for r in registers]
-
-    def _not_null(self, link: DaqLink) -> str:
-        """Return what in the device is not at null yet, of all that it tells; empty if nothing."""
-        request = self._map.null_request
-        if request is not None and not link.holds(request):
-            return "not taken the request"
-        for register in self._map.registers:
-            checked = register.signal in ("device_command_V", "valve_enabled")
-            if request is None:
-                checked |= register.access == "rw" and register.signal in _NULLED
-            if checked and (value := _value_of(register, link)) != 0.0:
-                return f"{register.signal} at {value:g}"
-        return ""
-
-
-_NULLED: Final = ("command_V", "valve_enable")
-
-
-def _number_at_zero(register: Register) -> float:
-    """Return the number that stands for 0; the whole word of a switch."""
-    number = (0.0 - register.bias) / register.gain
-    return number * (1 << register.bit) if register.bit is not None else number
-
-
-def _value_of(register: Register, link: DaqLink) -> float:
-    number = link.read(register.address, register.type)
-    if register.bit is not None:
-        number = int(number) >> register.bit & 1
-    return register.gain * number + register.bias

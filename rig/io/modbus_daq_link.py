@@ -52,6 +52,10 @@ class DaqLink:
         register_map: for its name and its word order.
         timeout_s: for the connection, and for each reply.
 
+    Attributes:
+        driver: name of the driver.
+        place: host and port.
+
     Raises:
         DriverError: nobody answers there.
     """
@@ -65,8 +69,9 @@ class DaqLink:
         register_map: RegisterMap,
         timeout_s: float,
     ) -> None:
-        self._driver, self._unit = driver, unit
-        self._device = f"{register_map.device} at {host}:{port}"
+        self.driver, self._unit = driver, unit
+        self.place = f"{host}:{port}"
+        self._device = f"{register_map.device} at {self.place}"
         self._order: Any = "big" if register_map.word_order == "high_first" else "little"
         self._client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0)
         if not self._client.connect():
@@ -100,7 +105,7 @@ class DaqLink:
         )
         if len(reply.registers) != words:
             state = f"{self._device} returns {len(reply.registers)} registers instead of {words}"
-            raise DriverError(self._driver, state, "check the map", f"register {address}")
+            raise DriverError(self.driver, state, "check the map", f"register {address}")
         number: Any = self._client.convert_from_registers(
             reply.registers, _TYPES[kind], word_order=self._order
         )
@@ -135,7 +140,7 @@ class DaqLink:
             reply: ModbusPDU = request()
         except (ModbusException, OSError) as error:
             state = f"{self._device} gives no valid reply"
-            raise DriverError(self._driver, state, "check cable and unit id", channel) from error
+            raise DriverError(self.driver, state, "check cable and unit id", channel) from error
         if reply.isError():
-            raise RefusedError(self._driver, self._device, channel, reply.exception_code)
+            raise RefusedError(self.driver, self._device, channel, reply.exception_code)
         return reply

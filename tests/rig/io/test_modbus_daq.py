@@ -274,6 +274,19 @@ def test_a_device_without_null_request_is_written_zero_volt_and_valve_off(
     assert device.read(0, 4) == [5, 0, 0, 0]
 
 
+def test_an_output_that_fails_does_not_keep_the_relay_closed(device: PymodbusDevice) -> None:
+    device.write(1, [0b001])
+    moved = [
+        replace(register, address=5000) if register.signal == "command_V" else register
+        for register in NODE.registers
+    ]
+    register_map = replace(NODE, null_request=None, exchange=("fc76",), registers=tuple(moved))
+
+    with pytest.raises(DriverError, match="register 5000"):
+        daq_of(device, register_map).safe_state()
+    assert device.read(1) == [0]
+
+
 def test_after_null_the_next_exchange_commands_nothing(
     device: PymodbusDevice, daq: ModbusDaq
 ) -> None:
