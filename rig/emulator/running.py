@@ -66,7 +66,11 @@ class EmulatorThread:
         Raises:
             AddressError: an address is in use, or not to be had.
         """
-        self._loop.run_until_complete(self._open())
+        try:
+            self._loop.run_until_complete(self._open())
+        except BaseException:
+            self._end()
+            raise
         self._thread.start()
         return self
 
@@ -90,6 +94,9 @@ class EmulatorThread:
         self._loop.call_soon_threadsafe(self._emulator.stop)
         self._thread.join()
         self._loop.run_until_complete(self._emulator.close())
+        self._end()
+
+    def _end(self) -> None:
         # One more turn of the loop lets the transports close their sockets.
         self._loop.run_until_complete(asyncio.sleep(0))
         self._loop.close()

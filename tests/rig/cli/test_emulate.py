@@ -82,6 +82,7 @@ def test_a_port_in_use_is_refused_with_its_number_and_the_remedy() -> None:
         (("simulated", "--set-port", "dag=0"), "did you mean daq?"),
         (("simulated", "--set-port", "daq"), "write daq=15502"),
         (("no_such_rig",), "no_such_rig"),
+        ((*_ARGUMENTS, "--record", "/no/such/folder/record.jsonl"), "/no/such/folder"),
     ],
 )
 def test_bad_input_is_refused_with_the_remedy(arguments: tuple[str, ...], told: str) -> None:
@@ -94,3 +95,11 @@ def test_a_script_with_mistakes_is_refused_before_anything_is_served(tmp_path: P
     told = refused(*_ARGUMENTS, "--script", str(script))
     assert f"{script}:2" in told
     assert f"{script}:3" in told
+
+
+def test_a_script_for_a_device_that_the_rig_has_not_is_refused(tmp_path: Path) -> None:
+    script = tmp_path / "script.yaml"
+    script.write_text("faults:\n  - {fault: meter_noise}\n  - {fault: drive_fault}\n")
+    told = refused(*_ARGUMENTS, "--script", str(script))
+    assert "no flow meters" in told
+    assert "no servovalve on CAN" in told

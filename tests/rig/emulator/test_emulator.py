@@ -1,5 +1,6 @@
 """The emulated rig as a whole, behind the drivers of the real one."""
 
+import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -62,12 +63,19 @@ def test_another_port_can_be_given_for_a_driver_that_there_is(emulated: Rig) -> 
         endpoints_of(emulated, {"dag": 0})
 
 
-def test_a_port_in_use_is_named_with_the_remedy_and_nothing_is_served(simulated: Rig) -> None:
-    with EmulatorThread(simulated) as first:
-        taken = Address(HOST, int(first.ports["daq"]))
-        second = EmulatorThread(simulated, endpoints=Endpoints(taken))
-        told = f"daq: port {taken.port} of {HOST} is in use"
-        with pytest.raises(AddressError, match=told), second:
+@pytest.mark.parametrize("part", ["daq", "bypass", "control"])
+def test_a_port_in_use_is_named_with_the_remedy_and_nothing_is_served(
+    simulated: Rig, part: str
+) -> None:
+    with socket.create_server((HOST, 0)) as taken:
+        port = taken.getsockname()[1]
+        anywhere = Address(HOST, 0)
+        free = Endpoints(anywhere, bypass=anywhere, control=anywhere)
+        taken_by_another: dict[str, Any] = {part: Address(HOST, port)}
+        endpoints = replace(free, **taken_by_another)
+        refused = EmulatorThread(simulated, endpoints=endpoints)
+        told = f"{part}: port {port} of {HOST} is in use.*another port"
+        with pytest.raises(AddressError, match=told), refused:
             pass
 
 

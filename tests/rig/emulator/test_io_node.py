@@ -105,12 +105,11 @@ def test_the_plant_stops_at_the_watchdogs_deadline_not_when_somebody_looks(
     bench: Bench, host: Host
 ) -> None:
     host.enable()
-    bench.clock.advance(0.1)
+    start = bench.plant.truth.position
+    bench.clock.advance(3.0)
     bench.node.tend()
-    at_deadline = bench.plant.truth.position
-    bench.clock.advance(5.0)
-    bench.node.tend()
-    assert bench.plant.truth.position == pytest.approx(at_deadline, abs=5e-3)
+    # At 1 V the ram makes some 0.12 m/s: 0.012 m in 0.1 s, and to the end of its stroke in 3 s.
+    assert start < bench.plant.truth.position < start + 0.03
 
 
 def test_a_host_that_counts_keeps_the_watchdog_quiet(bench: Bench, host: Host) -> None:
@@ -141,8 +140,17 @@ def test_a_tripped_watchdog_needs_rearming_and_the_button(bench: Bench, host: Ho
     assert not enabled(bench.node)
     host.exchange(REARM)
     assert Status.WATCHDOG_TRIPPED not in status(bench.node)
-    host.enable()
+    host.exchange(ENABLE)
     assert enabled(bench.node)
+
+
+def test_rearming_alone_does_not_enable_the_valve(bench: Bench, host: Host) -> None:
+    host.enable()
+    bench.clock.advance(0.2)
+    host.exchange(REARM)
+    host.exchange(ENABLE)
+    assert Status.WATCHDOG_TRIPPED not in status(bench.node)
+    assert not enabled(bench.node)
 
 
 def test_rearming_is_an_edge(bench: Bench, host: Host) -> None:
