@@ -49,20 +49,19 @@ class Injection:
     Args:
         effects: what makes faults begin and end.
         record: takes note of each.
-        clock: tells the time in ns; times after `start` count from now.
+        clock: tells the time in ns.
     """
 
     def __init__(self, effects: Effects, record: Record, clock: Clock) -> None:
         self._effects = effects
         self._record = record
         self._clock = clock
-        self._start_ns = clock()
-        self._enabled_ns: int | None = None
+        self._enabled = False
         self._faults: list[_Injected] = []
         self._numbers = 0
 
     def script(self, faults: Iterable[WireFault]) -> None:
-        """Take up the faults of a script; their times count from start or from first enable.
+        """Take up the faults of a script, whose times count from now or from the first enable.
 
         Raises:
             ValueError: some concern what the rig does not have.
@@ -70,7 +69,7 @@ class Injection:
         faults = tuple(faults)
         self._effects.require(*(fault.options for fault in faults))
         for fault in faults:
-            self._add(fault, self._start_ns if fault.after == "start" else self._enabled_ns)
+            self._add(fault)
 
     def inject(self, fault: WireFault) -> int:
         """Take up a fault whose time counts from now; return the number to clear it by.
@@ -79,14 +78,14 @@ class Injection:
             ValueError: it concerns what the rig does not have.
         """
         self._effects.require(fault.options)
-        waits = fault.after == "enable" and self._enabled_ns is None
-        number = self._add(fault, None if waits else self._clock())
+        number = self._add(fault)
         self.tend()
         return number
 
-    def _add(self, fault: WireFault, origin_ns: int | None) -> int:
+    def _add(self, fault: WireFault) -> int:
+        waits = fault.after == "enable" and not self._enabled
         self._numbers += 1
-        self._faults.append(_Injected(self._numbers, fault, origin_ns))
+        self._faults.append(_Injected(self._numbers, fault, None if waits else self._clock()))
         return self._numbers
 
     def clear(self, number: int | None = None) -> int:
@@ -98,11 +97,10 @@ class Injection:
 
     def valve_enabled(self) -> None:
         """Let the times begin that count from the first time the valve is enabled."""
-        if self._enabled_ns is None:
-            self._enabled_ns = self._clock()
-            for injected in self._faults:
-                if injected.origin_ns is None:
-                    injected.origin_ns = self._enabled_ns
+        self._enabled = True
+        for injected in self._faults:
+            if injected.origin_ns is None:
+                injected.origin_ns = self._clock()
 
     def tend(self) -> None:
         """Begin and end what is due."""
