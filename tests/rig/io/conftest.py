@@ -52,8 +52,9 @@ class DeviceThread:
 
     def end(self) -> None:
         async def settle() -> None:
-            # Connections that were closed say so in the next turns of the loop.
-            for _ in range(3):
+            # A connection that is being accepted while its client has gone already takes some
+            # turns of the loop to be made and closed.
+            for _ in range(50):
                 await asyncio.sleep(0)
 
         self.run(settle())
