@@ -16,7 +16,15 @@ from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("rig", "estimator", "control", "faults")
-COMPILED_PACKAGES = ("rig/plant", "rig/loop", "rig/emulator", "control", "estimator", "tools")
+COMPILED_PACKAGES = (
+    "rig/plant",
+    "rig/io",
+    "rig/loop",
+    "rig/emulator",
+    "control",
+    "estimator",
+    "tools",
+)
 COMPILERS = {"njit", "intrinsic", "overload"}
 SLOW_TO_IMPORT = {"llvmlite", "numba", "pint", "plotly", "pyarrow", "zenoh"}
 

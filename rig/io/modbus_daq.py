@@ -22,6 +22,7 @@ from .modbus_daq_setup import set_up, verify
 from .modbus_exchange import (
     ExchangePlan,
     ExchangeStatus,
+    Tally,
     exception_text,
     exchange,
     exchange_plan,
@@ -106,6 +107,8 @@ class ModbusDaq:
         with self._link() as link:
             verify(link, self._map, self.rate_hz)
             set_up(link, self._map, self._options.watchdog)
+        # What a connection before this one left unfinished is none of this one's.
+        self._plan.tally[Tally.RECEIVED] = 0
         # Compiled, or loaded, here rather than within the first deadline.
         exchange(-1, self._plan, 0, self._given, self._found, 0)
         self._socket = self._connected()

@@ -12,6 +12,7 @@ import pytest
 from rig.io.driver import Driver, DriverError
 from rig.io.modbus_daq import ModbusDaq, ModbusDaqOptions
 from rig.io.modbus_daq_link import RefusedError
+from rig.io.modbus_exchange import Tally
 from rig.io.register_map import RegisterMap, RegisterValue, Watchdog
 from tests.rig.io.conftest import PATIENCE_S, DeviceThread
 from tests.rig.io.modbus_bench import UNIT, PymodbusDevice, shipped_map
@@ -228,6 +229,14 @@ def test_opening_and_closing_twice_does_no_harm(device: PymodbusDevice, daq: Mod
     daq.close()
     daq.close()
     assert device.connections == before
+
+
+def test_half_a_reply_does_not_spoil_the_next_connection(daq: ModbusDaq) -> None:
+    daq.plan().tally[Tally.RECEIVED] = 20  # as if the device had gone in the middle of one
+    daq.close()
+    daq.open()
+
+    assert daq.read()["device_command_V"] == 0.0
 
 
 def test_null_is_asked_for_over_a_connection_of_its_own(

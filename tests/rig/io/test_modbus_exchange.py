@@ -137,6 +137,7 @@ def test_a_reply_to_something_else_is_refused_and_the_next_one_is_taken(
     assert all(map(isnan, line.inputs))
     line.send(reply(2))
     assert line.exchange(2) is ExchangeStatus.OK
+    assert line.plan.tally[Tally.LATE] == 0
 
 
 def test_an_exception_is_kept_with_its_name(line: Line) -> None:
@@ -146,6 +147,7 @@ def test_an_exception_is_kept_with_its_name(line: Line) -> None:
     assert exception_text(line.plan) == "exception 3 (illegal value)"
     line.send(reply(2))
     assert line.exchange(2) is ExchangeStatus.OK
+    assert line.plan.tally[Tally.LATE] == 0
 
 
 @pytest.mark.parametrize(
