@@ -87,6 +87,7 @@ class WireLoop:
         self._rows: list[Array] = []
         self._waiting = 0
         self._done = 0
+        self._stopped: LoopStoppedError | None = None
         self.channels = wire_channels(test.memory.filter.states, test.open_loop)
         self._segment_column = self.channels.index("segment")
         self._position_column = self.channels.index("position_m")
@@ -135,18 +136,17 @@ class WireLoop:
             self._ring.skip_to_end()
             self._words[Word.SWITCH] = self._number
         wanted = min(ticks, self.ticks_left)
-        while self._waiting < wanted:
-            self._take()
-            if self._waiting >= wanted:
-                break
+        while self._waiting < wanted and self._stopped is None:
             try:
                 self._check()
-            except LoopStoppedError:
-                self._take()
-                if not self._waiting:
-                    raise
-                wanted = min(wanted, self._waiting)
-            time.sleep(_NAP_S)
+            except LoopStoppedError as error:
+                self._stopped = error
+            self._take()
+            if self._waiting < wanted:
+                time.sleep(_NAP_S)
+        if self._stopped is not None and not self._waiting:
+            raise self._stopped
+        wanted = min(wanted, self._waiting)
         rows = np.concatenate(self._rows) if self._rows else np.empty((0, len(self.channels)))
         self._rows, self._waiting = [rows[wanted:]], len(rows) - wanted
         self._done += wanted
@@ -161,6 +161,9 @@ class WireLoop:
 
     def _take(self) -> None:
         rows = self._ring.take()
+        if self._ring.lost:
+            # This process stood still for longer than the ring lasts.
+            self._stopped = LoopStoppedError(Action.HOLD, Cause.SUPERVISOR_LOST)
         mine = rows[rows[:, self._segment_column] == self._number]
         if len(mine):
             self._rows.append(mine)
