@@ -5,7 +5,7 @@ that sees the index of a row sees the row, on processors that reorder stores too
 (NUMBA_DISABLE_JIT=1) they are ordinary stores and loads, which x86 does not reorder.
 """
 
-from typing import Final
+from typing import Any, Final
 
 from numba import config, njit, types
 from numba.core import cgutils
@@ -15,7 +15,7 @@ _BYTES: Final = 8
 _INTERPRETED: Final = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 
-def _word(context, builder, signature, arguments):
+def _word(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     """Return a pointer to the element that the first two arguments, array and index, name."""
     kind = signature.args[0]
     array = context.make_array(kind)(context, builder, arguments[0])
