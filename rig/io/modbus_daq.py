@@ -19,14 +19,8 @@ from .driver import DriverError
 from .modbus_daq_link import DaqLink
 from .modbus_daq_null import null
 from .modbus_daq_setup import set_up, verify
-from .modbus_exchange import (
-    ExchangePlan,
-    ExchangeStatus,
-    Tally,
-    exception_text,
-    exchange,
-    exchange_plan,
-)
+from .modbus_exchange import ExchangeStatus, exception_text, exchange
+from .modbus_plan import ExchangePlan, Tally, exchange_plan
 from .register_map import ExchangeMode, RegisterMap
 from .signals import FAST_INPUTS, FAST_OUTPUTS
 

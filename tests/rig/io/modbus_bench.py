@@ -15,7 +15,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from rig.configuration.document import Sources
 from rig.configuration.lookup import shipped_config_dir
 from rig.configuration.options import read_options
-from rig.io.modbus_exchange import ExchangePlan, ExchangeStatus, exchange, exchange_plan
+from rig.io.modbus_exchange import ExchangeStatus, exchange
+from rig.io.modbus_plan import ExchangePlan, exchange_plan
 from rig.io.register_map import ExchangeMode, Register, RegisterMap
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from tests.rig.io.conftest import DeviceThread, eventually

@@ -12,7 +12,7 @@ import pytest
 from rig.io.driver import Driver, DriverError
 from rig.io.modbus_daq import ModbusDaq, ModbusDaqOptions
 from rig.io.modbus_daq_link import RefusedError
-from rig.io.modbus_exchange import Tally
+from rig.io.modbus_plan import Tally
 from rig.io.register_map import RegisterMap, RegisterValue, Watchdog
 from tests.rig.io.conftest import PATIENCE_S, DeviceThread
 from tests.rig.io.modbus_bench import UNIT, PymodbusDevice, shipped_map

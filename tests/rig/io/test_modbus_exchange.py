@@ -13,7 +13,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pymodbus.client import ModbusTcpClient
 
-from rig.io.modbus_exchange import ExchangeStatus, Tally, exception_text
+from rig.io.modbus_exchange import ExchangeStatus, exception_text
+from rig.io.modbus_plan import Tally
 from rig.io.register_map import WORDS, ExchangeMode, Register, RegisterMap, RegisterType
 from rig.io.signals import FAST_INPUTS
 from tests.rig.io.modbus_bench import UNIT, Line, framed, map_of, registers_of, shipped_map
