@@ -1,6 +1,8 @@
 """Emulated devices that serve real sockets and pseudo-terminals from a thread of their own."""
 
 import asyncio
+import itertools
+import selectors
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
@@ -37,7 +39,8 @@ class DeviceThread:
     """An event loop in a thread: what devices are served by."""
 
     def __init__(self) -> None:
-        self._loop = asyncio.new_event_loop()
+        self._selector = selectors.DefaultSelector()
+        self._loop = asyncio.SelectorEventLoop(self._selector)
         self._thread = threading.Thread(target=self._loop.run_forever)
         self._thread.start()
 
@@ -53,9 +56,13 @@ class DeviceThread:
     def end(self) -> None:
         async def settle() -> None:
             # A connection that is being accepted while its client has gone already takes some
-            # turns of the loop to be made and closed.
-            for _ in range(50):
-                await asyncio.sleep(0)
+            # turns of the loop to be made and closed; only the loop's own wake-up stays.
+            until = time.monotonic() + PATIENCE_S
+            for turn in itertools.count():
+                await asyncio.sleep(1e-3)
+                closed = turn > 5 and len(self._selector.get_map()) == 1
+                if closed or time.monotonic() > until:
+                    return
 
         self.run(settle())
         self._loop.call_soon_threadsafe(self._loop.stop)
