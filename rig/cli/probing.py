@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from rig.io.driver import DriverError
+from rig.io.exclusive import exclusive
 from rig.io.registry import DriverSpec
 
 from .machine import Finding
@@ -19,7 +20,8 @@ def _probe(spec: DriverSpec) -> Finding:
     try:
         driver = spec.create()
         try:
-            driver.open()
+            with exclusive([spec]):
+                driver.open()
         finally:
             driver.close()
     except DriverError as error:

@@ -3,9 +3,10 @@
 What only the device can tell (no such port, another identity) its driver finds out when opened.
 """
 
-from typing import Any, Final
+from typing import Final
 
 from faults.verdict import FAULT_KINDS, Verdict
+from rig.io.exclusive import connection_of
 from rig.io.limits import ChannelLimit
 from rig.io.registry import DriverSpec
 from rig.io.settings import LoopSettings
@@ -150,15 +151,6 @@ def _check_devices(drivers: tuple[PlacedDriver, ...], problems: Problems) -> Non
             limit = f"is the connection of the driver {other} too"
             remedy = "give each driver its own device"
             problems.add(driver.item.place, driver.spec.name, device, limit, remedy)
-
-
-def connection_of(options: Any) -> str | None:
-    """Return `host:port`, or the serial port, that a driver's options give; None for a bus."""
-    host, port = getattr(options, "host", ""), getattr(options, "port", "")
-    if host:
-        return f"{host}:{port}"
-    serial = port if isinstance(port, str) else getattr(options, "device", "")
-    return str(serial) or None
 
 
 def _check_slower(root: Located, loop: LoopSettings, spec: DriverSpec, problems: Problems) -> None:

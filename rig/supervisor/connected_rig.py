@@ -1,0 +1,396 @@
+"""The rig while a session is connected to it: processes, board, state machine, and the ways out."""
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from estimator.filters import start_memory
+from rig.configuration.rig import Rig
+from rig.io.exclusive import exclusive
+from rig.io.settings import HomingSettings
+from rig.io.signals import FAST_INPUTS, SLOW_INPUTS
+from rig.loop import orders
+from rig.loop.board import Board, Word
+from rig.loop.ladder import Action, Cause, explain, limit_table
+from rig.loop.ring import RingReader
+from rig.loop.tolerances import tolerances
+from rig.loop.trip import TripError
+from rig.loop.wire_layout import Drive, wire_channels
+from rig.plant import Model
+
+from . import field
+from .child import Child, ChildError, News
+from .states import VALVE_ENABLED, Conditions, Event, SessionState, State
+from .trip_report import Confirmation, Note, TripReport, write_trip_report
+from .watch import Parts, Watch, trips_of
+
+OPEN_S: Final = 300.0
+"""How long opening may take: the loop may have to be compiled first."""
+ANSWER_S: Final = 10.0
+SAFE_S: Final = 20.0
+"""How long slow drivers may take to be safe."""
+STOP_S: Final = 5.0
+"""How long bringing the motion to rest may take."""
+POLL_S: Final = 0.01
+LAST_S: Final = 2.0
+"""What a trip report shows of all channels."""
+RECENT_S: Final = 0.25
+"""How old the newest value of a channel may be."""
+NULL_V: Final = 0.05
+"""An output this near to 0 V is at null, as the loop takes it."""
+NEEDLE_TOLERANCE: Final = 0.02
+"""Of its stroke, by which a needle may be off: what its driver takes for arrived."""
+LOG: Final = "session.log"
+"""What the processes write to stderr, in the run's folder; removed if it stays empty."""
+
+_FEEDBACK: Final = {"drive_target": "drive_state", "pump_load": "pump_loaded"}
+"""The slow inputs that tell of outputs of another name."""
+
+
+class Stop(Protocol):
+    """Whether somebody asked for an end; see `rig.runner.stopping.StopFlag`."""
+
+    @property
+    def requested(self) -> bool:
+        """Whether the session shall end."""
+
+    @property
+    def reason(self) -> str:
+        """Why."""
+
+
+class ConnectedRig:
+    """A rig on hardware, from `connect` to `leave`; the supervisor's main thread is here.
+
+    Args:
+        rig: with its drivers.
+        filter_name: the filter that the loop shall run.
+        model: what the filter assumes.
+        directory: of the run; a trip report goes there.
+        stop: whether somebody asked for an end.
+        say: shows a line to the operator.
+
+    Attributes:
+        configured: the rig as configured.
+        model: what the filter assumes.
+        offset_m: added to the encoder's position, once it is homed.
+        board: shared by all processes, once connected.
+        parts: the processes.
+        opened: what came of opening the fast device.
+    """
+
+    board: Board
+    parts: Parts
+    opened: orders.Opened
+
+    def __init__(
+        self,
+        rig: Rig,
+        filter_name: str,
+        model: Model,
+        directory: Path,
+        stop: Stop,
+        say: Callable[[str], None],
+    ) -> None:
+        self.configured = rig
+        self.model = model
+        self.say = say
+        self.offset_m = 0.0
+        self._memory = lambda: start_memory(filter_name, model, rig.sensors)
+        self._directory = directory
+        self._stop = stop
+        self._state = SessionState()
+        self._notes: list[Note] = []
+        self._outputs = {output for spec in rig.drivers for output in spec.outputs}
+        self._devices = ExitStack()
+        self._report: TripReport | None = None
+        self._reported: Path | None = None
+
+    @property
+    def state(self) -> State:
+        """What the session is doing."""
+        return self._state.state
+
+    @property
+    def has_tripped(self) -> bool:
+        """Whether anybody has tripped."""
+        return self._watch.tripped
+
+    def connect(self) -> None:
+        """Open and verify every device, and start to watch; nothing moves.
+
+        Raises:
+            DriverError: a device is in use, is not there, or is not what was configured.
+        """
+        self._devices.enter_context(exclusive(self.configured.drivers))
+        self.handle(Event.CONNECT)
+        memory = self._memory()
+        self._channels = wire_channels(memory.filter.states, open_loop=False)
+        self.board = Board.create(len(self._channels))
+        self.board.words[Word.PERIOD_NS] = round(1e9 / self.configured.loop.rate)
+        log = self._directory / LOG
+        self.parts = Parts(
+            *(
+                Child(name, f"rig.supervisor.{module}", self.board, log, self._on_news)
+                for name, module in (
+                    ("loop", "loop_process"),
+                    ("field", "field"),
+                    ("recorder", "recorder"),
+                )
+            )
+        )
+        self._watch = Watch(
+            self.board, self.parts, self.configured.loop, self.configured.drivers, self.note
+        )
+        try:
+            self._open()
+        except BaseException:
+            self.handle(Event.CONNECTION_FAILED)
+            self._end_parts()
+            raise
+        self._watch.start()
+        self.handle(Event.CONNECTED)
+
+    def _open(self) -> None:
+        rig = self.configured
+        slow = tuple(spec for spec in rig.drivers if spec.kind == "slow")
+        self.parts.field.ask(field.Open(slow, rig.loop), OPEN_S)
+        first = orders.Segment(1, Drive.NULL, self._memory(), self.model.parameters, homed=False)
+        (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
+        period_s = 1.0 / rig.loop.rate
+        self.board.words[Word.SWITCH] = first.number
+        self.opened = self.parts.loop.ask(
+            orders.Open(
+                driver=fast,
+                settings=rig.loop,
+                limits=limit_table(rig.ladder, period_s),
+                tolerances=tolerances(
+                    self.model.parameters,
+                    rig.sensors,
+                    frozenset(fast.inputs),
+                    period_s,
+                    rig.loop.stale_limit,
+                    rig.homing or HomingSettings(),
+                    rig.limits.command_V,
+                ),
+                first=first,
+            ),
+            OPEN_S,
+        )
+
+    def handle(self, event: Event) -> None:
+        """Go to the next state.
+
+        Raises:
+            IllegalTransition: the state machine refuses, with the reason.
+        """
+        self.note("session", event.value)
+        self._state.handle(event, self._conditions())
+
+    def _conditions(self) -> Conditions:
+        if self.state in (State.OFF, State.CONNECTING):
+            return Conditions()
+        words = self.board.words
+        stands = Action(int(words[Word.ACTION])) >= Action.HOLD
+        # What a device does not report cannot forbid anything.
+        return Conditions(
+            estop_closed=self.latest("estop_closed") != 0.0,
+            valve_enabled=self.latest("valve_enabled") != 0.0,
+            homed=bool(words[Word.HOMED]),
+            standing=explain(Cause(int(words[Word.ACTION_CAUSE]))).sentence if stands else "",
+        )
+
+    def latest(self, channel: str) -> float:
+        """Return the newest value of a channel that came in the last quarter second, else NaN."""
+        values = RingReader(self.board).latest(round(RECENT_S * self.configured.loop.rate))
+        known = values[:, self._channels.index(channel)]
+        known = known[np.isfinite(known)]
+        return float(known[-1]) if known.size else float("nan")
+
+    def slow(self, channel: str) -> float:
+        """Return the newest value of a slow channel, NaN if there is none."""
+        return float(self.board.slow[SLOW_INPUTS.index(channel)])
+
+    def ask(self, part: Child, order: object, timeout_s: float) -> Any:
+        """Return a part's answer; the watch goes on to beat while it is waited for."""
+        part.send(order)
+        until = time.monotonic() + timeout_s
+        while True:
+            self._watch.alive()
+            try:
+                return part.answer(1.0)
+            except ChildError:
+                if part.ended or time.monotonic() > until:
+                    raise
+
+    def note(self, who: str, what: str) -> None:
+        """Note who did what, for a trip report."""
+        self._notes.append(Note(time.monotonic_ns(), who, what))
+
+    def _on_news(self, news: News) -> None:
+        self._notes.append(Note(news.at_ns, news.who, news.text))
+        self.say(f"{news.who}: {news.text}")
+
+    def wait(self, done: Callable[[], bool], timeout_s: float, state: str, action: str) -> None:
+        """Wait for the rig; end by a TripError on a trip, a stop, or if it takes too long."""
+        until = time.monotonic() + timeout_s
+        self.check()
+        while not done():
+            if time.monotonic() > until:
+                raise TripError(f"{state} after {timeout_s:g} s; {action}")
+            time.sleep(POLL_S)
+            self.check()
+
+    def check(self) -> None:
+        """Show the watch that the supervisor works; raise on a trip or a stop."""
+        self._watch.alive()
+        if self._watch.tripped:
+            raise self.tripped()
+        if self._stop.requested:
+            raise TripError(f"stopped by {self._stop.reason}")
+
+    def segment(self, drive: Drive, **changes: Any) -> orders.Segment:
+        """Return a segment that belongs to no test."""
+        segment = orders.Segment(
+            0,
+            drive,
+            self._memory(),
+            self.model.parameters,
+            gain=self.configured.gain_V_per_m,
+            limit=self.configured.limits.command_V,
+            offset_m=self.offset_m,
+            valve_enable=True,
+        )
+        return replace(segment, **changes)
+
+    def switch_to(self, segment: orders.Segment) -> None:
+        """Have the loop go over to a segment; its number is given here."""
+        words = self.board.words
+        number = int(words[Word.SWITCH]) + 1
+        self.parts.loop.ask(replace(segment, number=number), ANSWER_S)
+        words[Word.SWITCH] = number
+
+    def write(self, outputs: Mapping[str, float]) -> None:
+        """Set slow outputs, those that some driver has."""
+        mine = {name: value for name, value in outputs.items() if name in self._outputs}
+        self.parts.field.send(field.Write(mine))
+
+    def off(self, wanted: Mapping[str, float]) -> list[str]:
+        """Return the slow outputs whose feedback is not where they were asked to be."""
+        off = []
+        for name, value in wanted.items():
+            feedback = _FEEDBACK.get(name, name)
+            if name in self._outputs and feedback in SLOW_INPUTS:
+                tolerance = NEEDLE_TOLERANCE if name.endswith("_needle") else 0.0
+                if not abs(self.slow(feedback) - value) <= tolerance:
+                    off.append(name)
+        return off
+
+    def tripped(self) -> TripError:
+        """Wait until everything is safe, report the trip, and return it as an error."""
+        safe = self._watch.wait_until_safe()
+        if self.state is not State.TRIPPED:
+            self.handle(Event.TRIP)
+        if not safe:
+            self.note("supervisor", "not everything was made safe in time")
+        if self._report is None:
+            self._report = self._trip_report()
+            self._reported = write_trip_report(self._report, self._directory)
+        cause = self._report.first[1]
+        remedy = explain(cause, self._report.concerned).remedy
+        sentence = f"tripped: {self._report.sentence}; {remedy} ({self._reported})"
+        return TripError(sentence, self._reported)
+
+    def _trip_report(self) -> TripReport:
+        words = self.board.words
+        channel = int(words[Word.ACTION_CHANNEL])
+        steps = {
+            "valve null": Word.VALVE_NULL_AT,
+            "bypass shut": Word.BYPASS_SHUT_AT,
+            "pump unloaded": Word.PUMP_UNLOADED_AT,
+        }
+        return TripReport(
+            trips=trips_of(self.board),
+            confirmations=[Confirmation(what, int(words[at])) for what, at in steps.items()],
+            notes=tuple(self._notes),
+            channels=self._channels,
+            rows=RingReader(self.board).latest(round(LAST_S * self.configured.loop.rate)),
+            channel=FAST_INPUTS[channel] if channel >= 0 else "",
+            limits=self.configured.ladder,
+        )
+
+    def alive(self) -> None:
+        """Show the watch that the supervisor works."""
+        self._watch.alive()
+
+    def ramp_down(self) -> None:
+        """Bring the motion to rest and have the valve disabled."""
+        if self.state is State.ARMING:
+            self.handle(Event.DISARM)
+        if self.state not in VALVE_ENABLED or self.state is State.RAMPING_DOWN:
+            return
+        self.handle(Event.RAMP_DOWN)
+        self.board.words[Word.STOP] = Action.RAMP_DOWN
+        until = time.monotonic() + STOP_S
+        while time.monotonic() < until and not self._watch.tripped and not self._is_at_rest():
+            self._watch.alive()
+            time.sleep(POLL_S)
+        if not self._watch.tripped:
+            if self._is_at_rest():
+                self.handle(Event.AT_REST)
+            else:
+                self._watch.trip(Cause.NULL_NOT_CONFIRMED)
+
+    def _is_at_rest(self) -> bool:
+        """Return whether the device shows the valve at null and disabled, as far as it can."""
+        enabled, command = self.latest("valve_enabled"), self.latest("device_command_V")
+        return not (enabled == 1.0 or abs(command) > NULL_V)
+
+    def leave(self) -> None:
+        """Bring everything to its safe state, and end the processes."""
+        try:
+            if not self._watch.tripped:
+                self.ramp_down()
+            if not self._watch.tripped:
+                self._make_field_safe()
+            if self._watch.tripped and self._report is None:
+                self.say(str(self.tripped()))
+        finally:
+            self._watch.stop()
+            self._close_loop()
+            self._end_parts()
+        self.handle(Event.DISCONNECT)
+
+    def _make_field_safe(self) -> None:
+        try:
+            safety: field.Safety = self.ask(self.parts.field, field.Safe(), SAFE_S)
+        except ChildError as error:
+            self.note("field", str(error))
+            self._watch.trip(Cause.FIELD_LOST)
+            return
+        for driver, failure in safety.failures.items():
+            self.say(f"{driver}: not safe: {failure}")
+
+    def _close_loop(self) -> None:
+        try:
+            closed: orders.Closed = self.parts.loop.ask(orders.Close(), ANSWER_S)
+        except ChildError as error:
+            self.note("loop", str(error))
+            return
+        if closed.failure:
+            self.say(f"loop: not safe: {closed.failure}")
+
+    def _end_parts(self) -> None:
+        for part in (self.parts.loop, self.parts.field, self.parts.recorder):
+            part.end()
+        os.close(self.board.fd)
+        self._devices.close()
+        log = self._directory / LOG
+        if log.exists() and not log.stat().st_size:
+            log.unlink()

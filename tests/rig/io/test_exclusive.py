@@ -1,0 +1,63 @@
+"""Two programs never drive the same device: the second is told who has it."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from rig.io.driver import DriverError
+from rig.io.exclusive import connection_of, exclusive
+from rig.io.registry import DriverSpec
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of a driver on the network."""
+
+    host: str = "127.0.0.1"
+    port: int = 1
+
+
+@dataclass(frozen=True)
+class BusOptions:
+    """Of a driver on a bus."""
+
+    channel: str = "can0"
+
+
+def spec(name: str, options: object) -> DriverSpec:
+    return DriverSpec(name, "fake", "", options, "slow", (), (), 1.0)
+
+
+@pytest.fixture
+def device(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> Iterator[DriverSpec]:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    yield spec("daq", Options())
+
+
+def test_a_device_that_another_program_has_is_refused_with_its_process(device: DriverSpec) -> None:
+    with (
+        exclusive([device]),
+        pytest.raises(
+            DriverError, match=rf"daq: 127.0.0.1:1 is in use by the process {os.getpid()}"
+        ),
+        exclusive([device]),
+    ):
+        pass
+
+
+def test_it_is_free_again_afterwards_whatever_ended_it(device: DriverSpec) -> None:
+    with pytest.raises(ZeroDivisionError), exclusive([device]):
+        raise ZeroDivisionError
+    with exclusive([device]):
+        pass
+
+
+def test_other_devices_and_buses_are_no_matter_of_it(device: DriverSpec) -> None:
+    with exclusive([device]), exclusive([spec("other", Options(port=2))]):
+        pass
+    bus = spec("drive", BusOptions())
+    assert connection_of(bus.options) is None
+    with exclusive([bus]), exclusive([bus]):
+        pass
