@@ -53,6 +53,17 @@ class DeviceThread:
 
         return self.run(called())
 
+    def close(self, close: Callable[[], object]) -> None:
+        """Close a device, once it has taken in the connections that were made to it."""
+
+        async def closed() -> None:
+            # asyncio leaks a connection that it accepts for a server which is closed by then.
+            for _ in range(10):
+                await asyncio.sleep(1e-3)
+            close()
+
+        self.run(closed())
+
     def end(self) -> None:
         async def settle() -> None:
             # A connection that is being accepted while its client has gone already takes some
@@ -104,7 +115,7 @@ class BypassBench:
 
     def power_off(self) -> None:
         """Take the device away."""
-        self._thread.call(self.device.close)
+        self._thread.close(self.device.close)
 
     def disconnect(self) -> None:
         """Break off its connections."""

@@ -157,7 +157,7 @@ def modbus_daq(_: Path) -> Iterator[Specimen]:
     driver = ModbusDaq("daq", options)
 
     def unplug() -> None:
-        thread.call(server.close)
+        thread.close(server.close)
 
     def is_safe() -> bool:
         return output() == (0.0, False)
