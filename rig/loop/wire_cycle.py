@@ -100,6 +100,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         ended = monotonic_ns()
         if leaves:
             return Left.ASKED.value
+        if status == ExchangeStatus.DISCONNECTED.value:
+            _trip(words, Cause.EXCHANGE_LOST.value, NO_CHANNEL, ended)
 
         memory.reading[:] = nan
         for k in range(tick, now):

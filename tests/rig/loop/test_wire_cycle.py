@@ -201,10 +201,12 @@ def test_a_trip_that_the_device_does_not_confirm_ends_the_loop_as_unconfirmed(
         result = scenario(name)
         assert result["left"] == "UNCONFIRMED"
         assert result["words"]["VALVE_NULL_AT"] == 0
-    # A device that is gone is not waited for.
-    assert len(scenario("disconnected")["frames"]) < len(
-        scenario("device deaf to the trip")["frames"]
-    )
+
+
+def test_a_lost_connection_trips_at_once_and_is_not_waited_for(scenario: Scenario) -> None:
+    result = scenario("disconnected")
+    assert result["words"]["LOOP_TRIP"] == Cause.EXCHANGE_LOST
+    assert len(result["frames"]) == 6
 
 
 @pytest.mark.parametrize("name", ["interlock holds", "operator stops"])

@@ -217,7 +217,7 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "interlock trips": lambda: World(verdicts={5: TRIP}).run(tracking(), 12),
     "device deaf to the trip": lambda: World(verdicts={5: TRIP}, deaf=True).run(tracking(), 400),
     "disconnected": lambda: World(
-        verdicts={5: TRIP}, status=dict.fromkeys(range(5, 99), ExchangeStatus.DISCONNECTED)
+        status=dict.fromkeys(range(5, 99), ExchangeStatus.DISCONNECTED)
     ).run(tracking(), 12),
     "interlock holds": lambda: World(verdicts={5: HOLD}).run(tracking(), 12),
     "interlock ramps down": lambda: World(verdicts={5: RAMP}).run(tracking(2000, offset=0.0), 600),

@@ -174,9 +174,8 @@ def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
     rig.open()
     rig.arm()
     rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
-    wait_until(lambda: rig.board.words[Word.EXCHANGE_ERRORS] > 0, "the connection was cut")
-    rig.board.words[Word.SUPERVISOR_TRIP] = Cause.OPERATOR_STOP
     wait_until(lambda: bool(rig.news), "the loss was told")
+    assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
     assert "by another one" in rig.news[0].text
 
 
