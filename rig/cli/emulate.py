@@ -18,7 +18,7 @@ from rig.emulator.record import Record
 from rig.io.driver import DriverError
 
 _SHOWN: Final = {
-    "daq": "I/O node, Modbus/TCP",
+    "daq": "I/O device, Modbus/TCP",
     "bypass": "bypass valves, Modbus",
     "drive": "servovalve, CAN",
     "pump": "pump unit, CAN",
