@@ -21,16 +21,18 @@ class _Drive:
     target: float = _SHUT
     stuck: bool = False
 
-    def advance(self, elapsed_s: float) -> None:
-        """Move for a time."""
+    def advance(self, elapsed_s: float) -> float | None:
+        """Move for a time; return how much of it was left when it arrived, if it arrived now."""
         distance = self.target - self.position
         if self.stuck or distance == 0.0:
-            return
-        if abs(distance) * self.travel_s <= elapsed_s:
+            return None
+        left_s = elapsed_s - abs(distance) * self.travel_s
+        if left_s >= 0.0:
             self.position = self.target
-        else:
-            step = elapsed_s / self.travel_s
-            self.position += step if distance > 0.0 else -step
+            return left_s
+        step = elapsed_s / self.travel_s
+        self.position += step if distance > 0.0 else -step
+        return None
 
 
 class ValveBank:
@@ -126,8 +128,14 @@ class ValveBank:
     def _advance(self, until_ns: int) -> None:
         elapsed_s = 1e-9 * (until_ns - self._time_ns)
         self._time_ns = until_ns
-        for drive in (*self._balls.values(), *self._needles.values()):
-            drive.advance(elapsed_s)
+        for needle in self._needles.values():
+            needle.advance(elapsed_s)
+        for bypass, ball in self._balls.items():
+            left_s = ball.advance(elapsed_s)
+            if left_s is not None:
+                at_ns = until_ns - round(1e9 * left_s)
+                opened = ball.position == _OPEN
+                self._record.note("ball_arrived", at_ns, bypass=bypass, opened=opened)
 
     def _bark(self, at_ns: int) -> None:
         self._barked = True

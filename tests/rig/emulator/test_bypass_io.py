@@ -81,6 +81,21 @@ def test_all_coils_can_be_written_at_once_and_the_throttles_does_nothing(served:
     assert [event["bypass"] for event in served.events("ball_ordered")] == list(BYPASSES[:4])
 
 
+def test_the_record_tells_when_a_ball_arrived_whenever_somebody_looked(served: Served) -> None:
+    ordered_ns = served.clock.now_ns
+    served.client.write_coil(1, True)
+    served.clock.advance(7.0)
+    served.switches()
+
+    (arrival,) = served.events("ball_arrived")
+    assert arrival == {
+        "at_ns": ordered_ns + 500_000_000,
+        "event": "ball_arrived",
+        "bypass": BYPASSES[1],
+        "opened": True,
+    }
+
+
 def test_needles_slew_to_setpoints_that_read_back(served: Served) -> None:
     served.client.write_registers(0, [10_000, 2_500, 0, 0, 5_000])
     served.clock.advance(1.0)
