@@ -50,9 +50,8 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     with stop_on_signals(stop):
         started = time.perf_counter()
-        with CampaignProgress(
-            screen, paced=(pace or rig.pace) == "real" or rig.backend == "hardware"
-        ) as progress:
+        paced = (pace or rig.pace) == "real"
+        with CampaignProgress(screen, paced=paced) as progress:
             try:
                 outcome = run_campaign(
                     loaded, rig, directory, pace=pace, observer=progress, stop=stop
@@ -65,7 +64,7 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
                 return EXIT_STOPPED
         wall_s = time.perf_counter() - started
         screen.print(verdict_table(outcome, plain=not screen.is_terminal))
-        for line in summary(outcome, wall_s):
+        for line in summary(outcome, wall_s, live=paced):
             screen.print(line, soft_wrap=True)
         report = _report(outcome, directory)
     if report is not None:

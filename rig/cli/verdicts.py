@@ -60,16 +60,19 @@ def leak(decision: Decision) -> str:
     return f"{flow} ± {half:.3f} L/min"
 
 
-def summary(outcome: CampaignOutcome, wall_s: float) -> Iterator[str]:
-    """Yield what there is to say below the table: what crashed, counts, and speed."""
+def summary(outcome: CampaignOutcome, wall_s: float, *, live: bool) -> Iterator[str]:
+    """Yield what there is to say below the table: what crashed, counts, and speed.
+
+    The speed of a run at the wall clock (`live`) tells nothing.
+    """
     for test in outcome.tests:
         if test.status == Status.ERROR:
             yield f"{test.name}: {test.message}"
     counts = ", ".join(f"{count} {status.value}" for status, count in outcome.counts.items())
     yield f"{len(outcome.tests)} tests: {counts}".replace("_", " ")
     recorded_s = sum(test.recorded_s for test in outcome.tests)
-    speed = f"{recorded_s / wall_s:.0f} rig-seconds per second"
-    yield f"{recorded_s:.0f} s of rig time in {wall_s:.1f} s: {speed}"
+    took = f"{recorded_s:.0f} s of rig time in {wall_s:.1f} s"
+    yield took if live else f"{took}: {recorded_s / wall_s:.0f} rig-seconds per second"
 
 
 def _onset(test: TestOutcome) -> str:

@@ -108,3 +108,13 @@ class Timing:
             "missed": self.missed,
             "stages": {name: stage.summary() for name, stage in self.stages.items()},
         }
+
+    def in_short(self) -> str:
+        """Return ticks missed, and median and 99 % of the stages an operator asks about."""
+        shown = []
+        for name, words in (("wakeup", "wakes"), ("tick_to_reply", "has its reply")):
+            stage = self.stages[name]
+            p50, p99 = stage.percentile(50.0), stage.percentile(99.0)
+            if p50 is not None and p99 is not None:
+                shown.append(f"{words} after {1e6 * p50:.0f} us (p99 {1e6 * p99:.0f} us)")
+        return ", ".join([f"{self.missed} of {self.ticks} ticks missed", *shown])

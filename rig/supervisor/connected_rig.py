@@ -183,6 +183,16 @@ class ConnectedRig:
             ),
             OPEN_S,
         )
+        self._say_grants()
+
+    def _say_grants(self) -> None:
+        grants = self.opened.grants
+        given = ", ".join(grant.name for grant in grants if grant.granted)
+        self.say(f"loop: {self.opened.rate_hz:g} exchanges a second; {given or 'nothing granted'}")
+        for grant in grants:
+            if not grant.granted:
+                lack = f"loop: runs without {grant.name} ({grant.why})"
+                self.say(f"{lack}; to get it: {grant.remedy}")
 
     def handle(self, event: Event) -> None:
         """Go to the next state.

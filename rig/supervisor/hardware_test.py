@@ -1,6 +1,7 @@
 """One test on a rig on hardware, as the runner of campaigns sees it: its loop and its recording."""
 
 import json
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -112,9 +113,10 @@ class TestRecord:
 
     __test__ = False  # not a pytest class, whatever its name
 
-    def __init__(self, process: Child, timing: Timing) -> None:
+    def __init__(self, process: Child, timing: Timing, say: Callable[[str], None]) -> None:
         self._process = process
         self._timing = timing
+        self._say = say
         self._rows = 0
         self._last_s = 0.0
 
@@ -129,10 +131,11 @@ class TestRecord:
         self._process.send(recorder.Note(time_s, kind, text))
 
     def finish(self) -> None:
-        """Add the loop's timing and have the file completed.
+        """Add the loop's timing, show it in short, and have the file completed.
 
         Raises:
             ChildError: the recorder is gone; what it flushed is on disk.
         """
         self.event(self._last_s, "timing", json.dumps(self._timing.summary()))
+        self._say(f"      loop: {self._timing.in_short()}")
         self._process.ask(recorder.Finish(self._rows), FINISH_S)

@@ -100,7 +100,7 @@ class Session:
         }
         begin = recorder.Begin(self._test.number, path, channels, told, time.time_ns())
         self._rig.parts.recorder.ask(begin, ANSWER_S)
-        record = TestRecord(self._rig.parts.recorder, Timing(channels, TICK))
+        record = TestRecord(self._rig.parts.recorder, Timing(channels, TICK), self._rig.say)
         try:
             yield record
         finally:

@@ -1,7 +1,6 @@
 """Two programs never drive the same device: the second is told who has it."""
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
@@ -31,9 +30,9 @@ def spec(name: str, options: object) -> DriverSpec:
 
 
 @pytest.fixture
-def device(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> Iterator[DriverSpec]:
+def device(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> DriverSpec:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    yield spec("daq", Options())
+    return spec("daq", Options())
 
 
 def test_a_device_that_another_program_has_is_refused_with_its_process(device: DriverSpec) -> None:
