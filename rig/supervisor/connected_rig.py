@@ -22,6 +22,7 @@ from rig.loop.ring import RingReader
 from rig.loop.tolerances import tolerances
 from rig.loop.trip import TripError
 from rig.loop.wire_layout import Drive, wire_channels
+from rig.loop.wire_loop import LoopStoppedError
 from rig.plant import Model
 
 from . import field
@@ -316,6 +317,13 @@ class ConnectedRig:
         remedy = explain(cause, self._report.concerned).remedy
         sentence = f"tripped: {self._report.sentence}; {remedy} ({self._reported})"
         return TripError(sentence, self._reported)
+
+    def stopped(self, error: LoopStoppedError) -> TripError:
+        """Return the error for a motion that the loop ended by itself."""
+        if error.action is Action.TRIP or self.has_tripped:
+            return self.tripped()
+        self.note("loop", str(error))
+        return TripError(str(error))
 
     def _trip_report(self) -> TripReport:
         words = self.board.words

@@ -12,7 +12,6 @@ import numpy as np
 from estimator.filters import FilterMemory
 from faults.campaign import CampaignTest
 from rig.configuration.rig import Rig
-from rig.loop.ladder import Action
 from rig.loop.timing import Timing
 from rig.loop.trip import TripError
 from rig.loop.wire_layout import Drive
@@ -64,6 +63,11 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         self._rig.leave()
+
+    @property
+    def rig(self) -> ConnectedRig:
+        """The rig, armed and homed, for what is no test."""
+        return self._rig
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> "HardwareTest":
         """Return the loop of a test, before the ram is brought to its start."""
@@ -143,7 +147,4 @@ class Session:
 
     def stopped(self, error: LoopStoppedError) -> TripError:
         """Return the error for a test that the loop ended by itself."""
-        if error.action is Action.TRIP or self._rig.has_tripped:
-            return self._rig.tripped()
-        self._rig.note("loop", str(error))
-        return TripError(str(error))
+        return self._rig.stopped(error)
