@@ -4,7 +4,7 @@ They are kept in histograms of constant size, so that a run of any length can be
 goes on. A percentile is interpolated within its bin, 5 % wide; the greatest value is exact.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +20,9 @@ STAGES: Final = {
     "period": "from one waking to the next",
 }
 """What is timed, by name."""
+
+TIMING: Final = "timing"
+"""Kind of the event by which a recording tells `Timing.summary`, as JSON."""
 
 PERCENTILES: Final = (50.0, 99.0, 99.9)
 
@@ -109,12 +112,16 @@ class Timing:
             "stages": {name: stage.summary() for name, stage in self.stages.items()},
         }
 
-    def in_short(self) -> str:
-        """Return ticks missed, and median and 99 % of the stages an operator asks about."""
-        shown = []
-        for name, words in (("wakeup", "wakes"), ("tick_to_reply", "has its reply")):
-            stage = self.stages[name]
-            p50, p99 = stage.percentile(50.0), stage.percentile(99.0)
-            if p50 is not None and p99 is not None:
-                shown.append(f"{words} after {1e6 * p50:.0f} us (p99 {1e6 * p99:.0f} us)")
-        return ", ".join([f"{self.missed} of {self.ticks} ticks missed", *shown])
+
+def in_short(summary: Mapping[str, Any]) -> str:
+    """Return ticks missed, and median and 99 % of the stages an operator asks about.
+
+    Args:
+        summary: as `Timing.summary` gives it, or an event of kind `timing` tells.
+    """
+    shown = [f"{summary['missed']} of {summary['ticks']} ticks missed"]
+    for name, words in (("wakeup", "wakes"), ("tick_to_reply", "has its reply")):
+        p50, p99 = (summary["stages"][name][key] for key in ("p50_s", "p99_s"))
+        if p50 is not None:
+            shown.append(f"{words} after {1e6 * p50:.0f} us (p99 {1e6 * p99:.0f} us)")
+    return ", ".join(shown)

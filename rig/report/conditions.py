@@ -1,10 +1,13 @@
 """What a test asked of the rig, read from its recording's metadata and said with units."""
 
+import json
 import re
 from collections.abc import Mapping
 from typing import Any, Final
 
+from rig.loop.timing import TIMING, in_short
 from rig.plant import Parameters
+from rig.recording import Recording
 
 _UNITS_BY_ENDING: Final = (
     ("_hz_per_s", "Hz/s"),
@@ -41,6 +44,23 @@ def conditions_of(metadata: Mapping[str, Any]) -> list[tuple[str, str]]:
         told.append(("Setpoint", _setpoint(setpoint)))
     if isinstance(load, Mapping):
         told.append(("Load", _load(load)))
+    return told
+
+
+def loop_conditions(recording: Recording) -> list[tuple[str, str]]:
+    """Return how the loop of a rig on hardware kept its time as (name, text), as far as told."""
+    told = []
+    loop = recording.metadata.get("loop")
+    if isinstance(loop, Mapping):
+        grants = [grant for grant in loop.get("grants", ()) if isinstance(grant, Mapping)]
+        shown = [
+            grant.get("name", "") if grant.get("granted") else f"without {grant.get('name', '')}"
+            for grant in grants
+        ]
+        told.append(("Loop ran with", ", ".join(shown) or "nothing granted"))
+    for event in recording.events:
+        if event.kind == TIMING:
+            told.append(("Loop timing", in_short(json.loads(event.text))))
     return told
 
 

@@ -8,12 +8,13 @@ from typing import Any, Final
 from estimator.detection import LEAKS
 from estimator.filters import DEFAULT_FILTER
 from estimator.flow_account import reference_flow
+from rig.loop.timing import TIMING
 from rig.plant import Parameters
 from rig.recording import Event, Recording, RecordingError, read_recording, recover
 from rig.runner.outcome import CampaignOutcome, Status, TestOutcome
 
 from .accounts import AccountHistory, account_history
-from .conditions import assumed_parameters, conditions_of
+from .conditions import assumed_parameters, conditions_of, loop_conditions
 from .leaks import evidence, leak_flows, missing_flow
 from .panel import Panel, TestData
 from .signals import command, innovation, motion, pressures
@@ -145,10 +146,10 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
         status,
         told,
         notes,
-        tuple(conditions_of(recording.metadata)),
+        (*conditions_of(recording.metadata), *loop_conditions(recording)),
         tuple(panel for drawn in draw if (panel := drawn(data)) is not None),
         _marks(test),
-        tuple(recording.events[:_MANY_EVENTS]),
+        tuple(event for event in recording.events if event.kind != TIMING)[:_MANY_EVENTS],
         float(recording.time_s[0]),
         max(last, test.duration_s),
         last,

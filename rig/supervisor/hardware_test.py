@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from faults.campaign import CampaignTest
-from rig.loop.timing import Timing
+from rig.loop.timing import TIMING, Timing, in_short
 from rig.loop.trip import TripError
 from rig.loop.wire_loop import LoopStoppedError, WireLoop
 
@@ -136,6 +136,7 @@ class TestRecord:
         Raises:
             ChildError: the recorder is gone; what it flushed is on disk.
         """
-        self.event(self._last_s, "timing", json.dumps(self._timing.summary()))
-        self._say(f"      loop: {self._timing.in_short()}")
+        summary = self._timing.summary()
+        self.event(self._last_s, TIMING, json.dumps(summary))
+        self._say(f"      loop: {in_short(summary)}")
         self._process.ask(recorder.Finish(self._rows), FINISH_S)

@@ -1,0 +1,41 @@
+"""Of a rig on hardware the report tells what the kernel granted and how the loop kept its time."""
+
+import json
+
+import numpy as np
+import pytest
+
+from rig.loop.timing import TIMING, Timing
+from rig.recording import Event, Recording
+from rig.report.conditions import loop_conditions
+
+
+@pytest.fixture
+def recording() -> Recording:
+    timing = Timing(("wakeup_s", "exchange_s", "compute_s", "sent_s"), 1e-3)
+    rows = np.full((1000, 4), 50e-6)
+    rows[10] = np.nan
+    timing.take(rows)
+    grants = [
+        {"name": "SCHED_FIFO 80", "granted": False},
+        {"name": "locked memory", "granted": True},
+    ]
+    return Recording(
+        {"time_s": np.arange(1000) * 1e-3},
+        {"loop": {"grants": grants}},
+        (Event(1.0, TIMING, json.dumps(timing.summary())),),
+    )
+
+
+def test_what_was_refused_is_shown_beside_what_was_granted(recording: Recording) -> None:
+    told = dict(loop_conditions(recording))
+    assert told["Loop ran with"] == "without SCHED_FIFO 80, locked memory"
+
+
+def test_missed_ticks_and_percentiles_are_told_in_short(recording: Recording) -> None:
+    told = dict(loop_conditions(recording))["Loop timing"]
+    assert told.startswith("1 of 1000 ticks missed, wakes after 50 us (p99 50 us)")
+
+
+def test_a_simulated_rig_has_no_loop_to_tell_of() -> None:
+    assert loop_conditions(Recording({"time_s": np.arange(10) * 1e-3})) == []
