@@ -1,6 +1,7 @@
 """Of a rig on hardware the report tells what the kernel granted and how the loop kept its time."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -21,9 +22,9 @@ def recording() -> Recording:
         {"name": "locked memory", "granted": True},
     ]
     return Recording(
-        {"time_s": np.arange(1000) * 1e-3},
+        {"time_s": 1e-3 * np.arange(1000.0)},
         {"loop": {"grants": grants}},
-        (Event(1.0, TIMING, json.dumps(timing.summary())),),
+        [Event(1.0, TIMING, json.dumps(timing.summary()))],
     )
 
 
@@ -34,8 +35,11 @@ def test_what_was_refused_is_shown_beside_what_was_granted(recording: Recording)
 
 def test_missed_ticks_and_percentiles_are_told_in_short(recording: Recording) -> None:
     told = dict(loop_conditions(recording))["Loop timing"]
-    assert told.startswith("1 of 1000 ticks missed, wakes after 50 us (p99 50 us)")
+    # A percentile is known to its histogram's bin, 5 % wide.
+    assert re.match(
+        r"1 of 1000 ticks missed, wakes after (48|49|50) us \(p99 (48|49|50) us\)", told
+    )
 
 
 def test_a_simulated_rig_has_no_loop_to_tell_of() -> None:
-    assert loop_conditions(Recording({"time_s": np.arange(10) * 1e-3})) == []
+    assert loop_conditions(Recording({"time_s": 1e-3 * np.arange(10.0)})) == []
