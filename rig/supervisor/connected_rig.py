@@ -17,7 +17,7 @@ from rig.io.settings import HomingSettings
 from rig.io.signals import FAST_INPUTS, SLOW_INPUTS
 from rig.loop import orders
 from rig.loop.board import Board, Word
-from rig.loop.ladder import Action, Cause, explain, limit_table
+from rig.loop.ladder import NO_CHANNEL, Action, Cause, explain, limit_table
 from rig.loop.ring import RingReader
 from rig.loop.tolerances import tolerances
 from rig.loop.trip import TripError
@@ -110,6 +110,7 @@ class ConnectedRig:
         self._notes: list[Note] = []
         self._outputs = {output for spec in rig.drivers for output in spec.outputs}
         self._devices = ExitStack()
+        self._indicated = (0, NO_CHANNEL)
         self._report: TripReport | None = None
         self._reported: Path | None = None
 
@@ -260,7 +261,7 @@ class ConnectedRig:
 
     def check(self) -> None:
         """Show the watch that the supervisor works; raise on a trip or a stop."""
-        self._watch.alive()
+        self.alive()
         if self._watch.tripped:
             raise self.tripped()
         if self._stop.requested:
@@ -325,9 +326,14 @@ class ConnectedRig:
         self.note("loop", str(error))
         return TripError(str(error))
 
+    @property
+    def _loop_channel(self) -> str:
+        """Name of the channel that the loop's action concerns; empty if it concerns none."""
+        channel = int(self.board.words[Word.ACTION_CHANNEL])
+        return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
+
     def _trip_report(self) -> TripReport:
         words = self.board.words
-        channel = int(words[Word.ACTION_CHANNEL])
         steps = {
             "valve null": Word.VALVE_NULL_AT,
             "bypass shut": Word.BYPASS_SHUT_AT,
@@ -339,13 +345,21 @@ class ConnectedRig:
             notes=tuple(self._notes),
             channels=self._channels,
             rows=RingReader(self.board).latest(round(LAST_S * self.configured.loop.rate)),
-            channel=FAST_INPUTS[channel] if channel >= 0 else "",
+            channel=self._loop_channel,
             limits=self.configured.ladder,
         )
 
     def alive(self) -> None:
-        """Show the watch that the supervisor works."""
+        """Show the watch that the supervisor works, and the operator what the loop indicates."""
         self._watch.alive()
+        words = self.board.words
+        indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
+        if words[Word.ACTION] != Action.INDICATE or indicated == self._indicated:
+            return
+        self._indicated = indicated
+        sentence, remedy = explain(Cause(indicated[0]), self._loop_channel)
+        self.note("loop", sentence)
+        self.say(f"loop: {sentence}; {remedy}")
 
     def ramp_down(self) -> None:
         """Bring the motion to rest and have the valve disabled."""
