@@ -145,7 +145,18 @@ def held_position(position, homed, limits):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def check_sample(
-    inputs, fresh, elapsed_ticks, age_ticks, command, counter, driving, homed, limits, tol, memory
+    inputs,
+    fresh,
+    elapsed_ticks,
+    exchange_ticks,
+    age_ticks,
+    command,
+    counter,
+    driving,
+    homed,
+    limits,
+    tol,
+    memory,
 ):
     """Return (action, cause, channel) for one tick: numbers of `Action` and `Cause`.
 
@@ -157,6 +168,7 @@ def check_sample(
         inputs: float64 (len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`.
         fresh: whether a sample came in this tick.
         elapsed_ticks: ticks since the last call: 1, and more where ticks were missed.
+        exchange_ticks: how long this tick's exchange took, in ticks.
         age_ticks: ticks since the newest sample that the device took.
         command: V, as written in this tick's exchange: what stands at the valve from now on.
         counter: `host_counter` written with it.
@@ -176,7 +188,7 @@ def check_sample(
         action, cause, channel = worse, why, where
     held = command if memory.values[_ENABLED] != 0.0 else 0.0
     why, where = implausible(
-        memory.trusted, sampled, elapsed_ticks, held, homed, tol, memory.evidence
+        memory.trusted, sampled, elapsed_ticks, exchange_ticks, held, homed, tol, memory.evidence
     )
     if action < _TRIP and why != _NONE:
         action, cause, channel = _TRIP, why, where

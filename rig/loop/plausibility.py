@@ -74,12 +74,17 @@ class Evidence(NamedTuple):
     spool_ticks: float = 0.0
     command_V: float = 0.0  # noqa: N815
     """Since the last tick."""
+    exchange_ticks: float = 0.0
+    """How long the exchange of the last fresh sample took: it was taken somewhere in it."""
 
 
 _E: Final = Evidence(*range(len(Evidence._fields)))
 _STARTED, _MODEL, _MODEL_RATE, _X, _P1, _P2, _GAP = (int(i) for i in _E[:7])
 _HIGH, _LOW, _ACCOUNT, _STILL, _WORK = (int(i) for i in _E[7:12])
-_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND = (int(i) for i in _E[12:])
+_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE = (int(i) for i in _E[12:])
+
+_UNTIMED_TICKS: Final = 1.0
+"""Samples are this sure of their distance in time, or no account is kept across them."""
 
 
 def no_evidence() -> NDArray[np.float64]:
@@ -88,13 +93,15 @@ def no_evidence() -> NDArray[np.float64]:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def implausible(values, fresh, elapsed_ticks, command, homed, tol, evidence):
+def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, tol, evidence):
     """Take one tick into account and return (cause, channel), or (0, -1) if all is plausible.
 
     Args:
         values: float64 (len(FAST_INPUTS),), the latest value of each channel, NaN if none came.
         fresh: whether this tick brought a sample.
         elapsed_ticks: ticks since the last call, in which the last command stood.
+        exchange_ticks: how long this tick's exchange took, in ticks: a host that stalls makes a
+            sample come from anywhere within it.
         command: V at the valve from this tick on; 0 while it is disabled.
         homed: whether the position is within the stroke, not just relative.
         tol: `rig.loop.tolerances.Tolerances`.
@@ -105,15 +112,18 @@ def implausible(values, fresh, elapsed_ticks, command, homed, tol, evidence):
     evidence[_GAP] += elapsed_ticks
     _advance_valve(elapsed_ticks, tol, evidence)
     evidence[_COMMAND] = command
+    unsure_ticks = exchange_ticks + evidence[_EXCHANGE]
     if not (isnan(position) or isnan(p1) or isnan(p2)):
         reference = _HOMED if homed else _RELATIVE
         if evidence[_STARTED] != reference:
             evidence[_STARTED] = reference
             evidence[_X], evidence[_P1], evidence[_P2] = position, p1, p2
         step = position - evidence[_X] if fresh else 0.0
-        if _jumped(step, tol, evidence):
+        if _jumped(step, unsure_ticks, tol, evidence):
             cause, channel = _JUMP, _POSITION
-        elif _against_flow(values, fresh, elapsed_ticks, step, homed, tol, evidence):
+        elif unsure_ticks <= _UNTIMED_TICKS and _against_flow(
+            values, fresh, elapsed_ticks, step, homed, tol, evidence
+        ):
             frozen = evidence[_STILL] >= evidence[_ACCOUNT]
             cause, channel = (_FROZEN if frozen else _AGAINST_FLOW), _POSITION
         elif fresh and _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
@@ -127,13 +137,14 @@ def implausible(values, fresh, elapsed_ticks, command, homed, tol, evidence):
         cause, channel = _NOT_FOLLOWING, _SPOOL
     if fresh:
         evidence[_GAP] = 0.0
+        evidence[_EXCHANGE] = exchange_ticks
     return cause, channel
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _jumped(step, tol, evidence):
-    reach = tol.jump_speed_m_per_s * evidence[_GAP] * tol.period_s + 2.0 * tol.count_m
-    return abs(step) > reach
+def _jumped(step, unsure_ticks, tol, evidence):
+    longest_s = (evidence[_GAP] + unsure_ticks) * tol.period_s
+    return abs(step) > tol.jump_speed_m_per_s * longest_s + 2.0 * tol.count_m
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

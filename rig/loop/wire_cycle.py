@@ -126,8 +126,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         if fd >= 0:
             age = (ended - counts[Count.SAMPLED_NS]) // pace.period_ns
             judged, cause, channel = check_sample(
-                memory.inputs, fresh, missed + 1, age, command, outputs[_HOST_COUNTER],
-                counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
+                memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
+                outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
                 interlock.limits, interlock.tolerances, interlock.memory,
             )  # fmt: skip
             if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:

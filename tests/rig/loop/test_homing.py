@@ -51,7 +51,18 @@ class HomedRig:
             inputs[1:3] = np.maximum(state[2:4], 0.0) + noise[1:3]
             allowed = allowed_command(command, False, self.tol, self.memory)
             found = check_sample(
-                inputs, True, 1, 0, allowed, tick, True, False, self.limits, self.tol, self.memory
+                inputs,
+                True,
+                1,
+                0.15,
+                0,
+                allowed,
+                tick,
+                True,
+                False,
+                self.limits,
+                self.tol,
+                self.memory,
             )
             self.worst = max(self.worst, found)
             self.greatest_load_pressure = max(
@@ -145,6 +156,6 @@ def test_a_blocked_ram_that_is_pushed_hard_trips_with_its_cause() -> None:
     for tick in range(100):
         inputs[:3] = 0.0, 1e7 + 1e3 * tick, 1e6 + 1e3 * tick
         found = check_sample(
-            inputs, True, 1, 0, 0.5, tick, True, False, rig.limits, rig.tol, rig.memory
+            inputs, True, 1, 0.15, 0, 0.5, tick, True, False, rig.limits, rig.tol, rig.memory
         )
     assert found[:2] == (Action.TRIP, Cause.HOMING_FORCE)

@@ -61,8 +61,8 @@ class Interlock:
         } | values
         inputs = np.array([sample.get(name, nan) for name in FAST_INPUTS])
         action, cause, channel = check_sample(
-            inputs, fresh, 1, self.age, command, self.tick % 65536, self.driving, self.homed,
-            self.limits, TOL, self.memory,
+            inputs, fresh, 1, 0.15, self.age, command, self.tick % 65536, self.driving,
+            self.homed, self.limits, TOL, self.memory,
         )  # fmt: skip
         return Action(action), Cause(cause), FAST_INPUTS[channel] if channel >= 0 else ""
 
