@@ -17,6 +17,8 @@ SCHEMA: Final = "rig-results"
 """What `results.json` says it is."""
 
 _OTHERS: Final = (JUNIT, REPORT, ERRORS, RESULTS)
+_SESSION_FILES: Final = ("session.log", "trip-[0-9]*.json", "trip-[0-9]*.txt", "trip-[0-9]*.csv")
+"""What a session with a rig on hardware leaves besides (`rig.supervisor`)."""
 _LIBRARY: Final = b"rig.recording "
 """In the header of every recording that `McapWriter` wrote."""
 _LONGEST_NAME: Final = 100
@@ -130,6 +132,7 @@ def _files_of_earlier_run(path: Path) -> list[Path]:
     # Also of a run that was killed before it could list its last recording.
     recordings = [path / name for name in recording_names(tests)]
     found = [file for file in recordings if file.is_file() and _is_ours(file)]
+    found += [file for pattern in _SESSION_FILES for file in sorted(path.glob(pattern))]
     return found + [path / name for name in _OTHERS if (path / name).is_file()]
 
 

@@ -41,7 +41,8 @@ def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
 
 def test_of_an_earlier_run_everything_goes_and_what_others_put_there_stays(tmp_path: Path) -> None:
     write_run(tmp_path, "one", "two")
-    for name in ("junit.xml", "report.html", "errors.log", "notes.txt"):
+    trip = ("trip-1.json", "trip-1.txt", "trip-1.csv", "session.log")
+    for name in ("junit.xml", "report.html", "errors.log", "notes.txt", *trip):
         (tmp_path / name).touch()
     write_recording(tmp_path / "kept.mcap")
     prepare_directory(tmp_path, ["one.mcap"])
