@@ -1,8 +1,8 @@
 """The recorder: takes the rows of a test from the ring to its MCAP file, in a process of its own.
 
 It flushes every second, so that a kill -9 of anything costs a second of data at most. If the
-supervisor is gone it writes what is in the ring, closes the file and ends. Its exit code is the
-`errno` of what stopped it.
+supervisor is gone it writes what is in the ring and why the others tripped, closes the file and
+ends. Its exit code is the `errno` of what stopped it.
 """
 
 import sys
@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.loop.board import Board, Word
+from rig.loop.ladder import explain
 from rig.loop.ring import RingReader
 from rig.recording.mcap_writer import McapWriter
 
 from .child import child_ends
+from .watch import trips_of
 
 Array = NDArray[np.float64]
 
@@ -76,6 +78,7 @@ class Recorder:
         self._segment = -1
         self._segment_column = 0
         self._written = 0
+        self._last_s = 0.0
         self._due = -1
         self._flushed_at = 0.0
 
@@ -86,6 +89,7 @@ class Recorder:
                 self._take_rows()
                 self._flush_if_due()
             self._drain()
+            self._note_trip()
         finally:
             self._close()
 
@@ -127,6 +131,7 @@ class Recorder:
         mine = rows[rows[:, self._segment_column] == self._segment]
         self._writer.write(mine)
         self._written += len(mine)
+        self._last_s = float(mine[-1, 0]) if len(mine) else self._last_s
 
     def _flush_if_due(self) -> None:
         now = time.monotonic()
@@ -144,6 +149,13 @@ class Recorder:
         while self._writer is not None and time.monotonic() < until:
             time.sleep(POLL_S)
             self._take_rows()
+
+    def _note_trip(self) -> None:
+        """Note the first-out cause in an unfinished file: nobody is left to report it."""
+        trips = trips_of(self._board).values()
+        if self._writer is not None and trips:
+            cause, _ = min(trips, key=lambda trip: trip[1])
+            self._writer.event(self._last_s, "trip", f"{cause.name}: {explain(cause).sentence}")
 
     def _close(self) -> None:
         writer, self._writer = self._writer, None

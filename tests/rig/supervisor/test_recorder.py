@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rig.loop.board import RING_ROWS, Board, Word
+from rig.loop.ladder import Cause
 from rig.loop.ring import RingReader
 from rig.recording import read_recording, recover
 from rig.supervisor.child import Child, ChildError
@@ -80,12 +81,26 @@ def test_one_file_follows_the_other(session: Session) -> None:
         assert read_recording(path, required=("time_s",)).time_s.size == 1100
 
 
-def test_without_a_supervisor_the_file_is_completed(session: Session) -> None:
+def test_without_a_supervisor_the_file_is_completed_and_tells_why_the_others_tripped(
+    session: Session,
+) -> None:
     path = session.begin()
     session.write(1, 0, 1700)
+    session.board.words[Word.FIELD_TRIP_AT], session.board.words[Word.FIELD_TRIP] = (
+        2,
+        Cause.FIELD_LOST,
+    )
+    session.board.words[Word.LOOP_TRIP_AT], session.board.words[Word.LOOP_TRIP] = (
+        1,
+        Cause.SUPERVISOR_LOST,
+    )
     session.child.end()
     assert session.child.ended == "ended with exit code 0"
-    assert read_recording(path, required=("time_s",)).time_s.size == 1700
+    recording = read_recording(path, required=("time_s",))
+    assert recording.time_s.size == 1700
+    (event,) = recording.events
+    told = "SUPERVISOR_LOST: the supervisor gives no sign of life"
+    assert (event.time_s, event.kind, event.text) == (1.699, "trip", told)
 
 
 def test_after_a_kill_every_flushed_second_is_readable(session: Session) -> None:
