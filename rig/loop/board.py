@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.io.signals import SLOW_INPUTS, SLOW_OUTPUTS
+from rig.io.signals import SLOW_INPUTS
 
 Words = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -73,8 +73,6 @@ class Word(IntEnum):
     """Loop: 1 once the encoder's zero is known; 0 again after a lost count."""
     RECORDED = 24
     """Recorder: rows on disk so far."""
-    PERIOD_NS = 25
-    """Supervisor: the loop's period."""
 
 
 _WORDS: Final = 64
@@ -90,7 +88,6 @@ class Board:
         words: int64 (64,), by `Word`.
         slow: float64 (n,), the latest of each of `SLOW_INPUTS`, SI; NaN if none ever came.
         slow_at: int64 (n,), CLOCK_MONOTONIC in ns at which each came.
-        asked: float64 (m,), what the supervisor asks of each of `SLOW_OUTPUTS`; NaN: nothing.
         ring: float64 (RING_ROWS, columns); row k of the session stands at k % RING_ROWS.
     """
 
@@ -98,17 +95,15 @@ class Board:
     words: Words
     slow: Array
     slow_at: Words
-    asked: Array
     ring: Array
 
     @classmethod
     def create(cls, columns: int) -> "Board":
         """Return new memory for rows of so many columns."""
         fd = os.memfd_create("rig-board", 0)
-        os.ftruncate(fd, 8 * (_WORDS + 3 * _SLOW + RING_ROWS * columns))
+        os.ftruncate(fd, 8 * (_WORDS + 2 * _SLOW + RING_ROWS * columns))
         board = cls.attach(fd)
         board.slow[:] = np.nan
-        board.asked[:] = np.nan
         return board
 
     @classmethod
@@ -116,12 +111,11 @@ class Board:
         """Return the memory of a descriptor inherited from the process that made it."""
         memory = mmap.mmap(fd, 0)
         floats, integers = np.frombuffer(memory), np.frombuffer(memory, np.int64)
-        slow, slow_at, asked = _WORDS, _WORDS + _SLOW, _WORDS + 2 * _SLOW
+        slow, slow_at = _WORDS, _WORDS + _SLOW
         return cls(
             fd,
             integers[:_WORDS],
             floats[slow : slow + len(SLOW_INPUTS)],
             integers[slow_at : slow_at + len(SLOW_INPUTS)],
-            floats[asked : asked + len(SLOW_OUTPUTS)],
-            floats[_WORDS + 3 * _SLOW :].reshape(RING_ROWS, -1),
+            floats[_WORDS + 2 * _SLOW :].reshape(RING_ROWS, -1),
         )

@@ -135,7 +135,6 @@ class ConnectedRig:
         memory = self._memory()
         self._channels = wire_channels(memory.filter.states, open_loop=False)
         self.board = Board.create(len(self._channels))
-        self.board.words[Word.PERIOD_NS] = round(1e9 / self.configured.loop.rate)
         log = self._directory / LOG
         self.parts = Parts(
             *(
