@@ -23,6 +23,7 @@ __all__ = [
     "BypassValve",
     "NeedleCharacteristic",
     "bore_coefficient",
+    "coefficient_beside",
     "port_opening",
     "series_coefficient",
 ]
@@ -41,6 +42,15 @@ def series_coefficient(first: Value, second: Value) -> Value:
     # Both shut pass nothing; dividing by the larger keeps the result at or below the smaller.
     ratio = np.divide(smaller, larger, out=np.zeros(np.shape(larger)), where=larger > 0.0)
     return (smaller / np.sqrt(1.0 + ratio**2))[()]
+
+
+def coefficient_beside(series: Value, known: Value) -> Value:
+    """Return what an orifice passes that gives `series` together with a `known` one.
+
+    The inverse of `series_coefficient`; all in one unit, `series` below `known`.
+    """
+    share = series / known
+    return series / np.sqrt((1.0 - share) * (1.0 + share))
 
 
 def port_opening(travelled: Value) -> Value:
@@ -158,8 +168,7 @@ class BypassValve:
             "ask for a smaller leak or fit a larger needle",
         )
         checks.finish()
-        share = coefficient / self.ball_coefficient
-        return self.needle.opening(coefficient / sqrt((1.0 - share) * (1.0 + share)))
+        return self.needle.opening(float(coefficient_beside(coefficient, self.ball_coefficient)))
 
     def _quoted_maximum(self) -> str:
         flow = to_litres_per_minute(square_root_flow(self.maximum, _QUOTED_DROP))

@@ -115,7 +115,7 @@ def read_rig(path: Path, sources: Sources) -> Rig | None:
     file = check(RigFile, root, problems)
     plant = _read_plant(root, sources)
     sensors = _read_sensors(root, sources)
-    bypass_valves = read_bypass_valves(root.get("bypass_valves"), problems)
+    bypass_valves = read_bypass_valves(root.get("bypass_valves"), sources)
     return_valve = read_return_valve(root.get("return_valve"), problems)
     limits = read_limits(root.get("limits"), plant, problems)
     rungs = read_ladder(root.get("limits"), problems)

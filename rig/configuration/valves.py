@@ -9,7 +9,8 @@ from control.request import RequestError
 from faults.bypass import BypassValve, NeedleCharacteristic
 from faults.verdict import FAULT_KINDS, Verdict
 
-from .document import Located
+from .calibration_file import find_needle
+from .document import Located, Sources
 from .fields import Field, Physical
 from .problems import Problems, suggestion
 from .quantities import QuantityError
@@ -84,10 +85,11 @@ class ReturnValveFile(Schema):
     maximum: Annotated[float, RESISTANCE]
 
 
-def read_bypass_valves(item: Located | None, problems: Problems) -> dict[str, BypassValve]:
+def read_bypass_valves(item: Located | None, sources: Sources) -> dict[str, BypassValve]:
     """Return the usable bypass valves of a rig file by the fault each makes."""
     if item is None:
         return {}
+    problems = sources.problems
     if not isinstance(item.value, dict):
         keys = ", ".join(BYPASS_KINDS)
         problems.add(item.place, item.name, "", "is not a mapping", f"keys: {keys}")
@@ -100,7 +102,7 @@ def read_bypass_valves(item: Located | None, problems: Problems) -> dict[str, By
                 remedy = "describe the valve of the return line as `return_valve: ...`"
             problems.add(entry.place, kind, "", "has no bypass", remedy)
             continue
-        valve = _read_bypass(kind, entry, problems)
+        valve = _read_bypass(kind, entry, sources)
         if valve is not None:
             valves[kind] = valve
     return valves
@@ -114,18 +116,22 @@ def read_return_valve(item: Located | None, problems: Problems) -> ReturnValve |
     return ReturnValve(file.name, file.travel, file.maximum) if file else None
 
 
-def _read_bypass(kind: str, item: Located, problems: Problems) -> BypassValve | None:
-    file = check(BypassFile, item, problems)
+def _read_bypass(kind: str, item: Located, sources: Sources) -> BypassValve | None:
+    file = check(BypassFile, item, sources.problems)
     entry = item.get("needle")
     if file is None or entry is None:
         return None
+    if entry.get("calibration") is not None:
+        entry = find_needle(kind, entry, sources)
+        if entry is None:
+            return None
     try:
-        needle = _read_needle(entry, problems)
+        needle = _read_needle(entry, sources.problems)
         name = file.name or f"bypass {kind}"
         return BypassValve(name, file.travel, needle, file.bore) if needle else None
     except RequestError as error:
-        for problem in error.problems:
-            problems.add(entry.place, problem.field, problem.value, problem.limit, problem.remedy)
+        for each in error.problems:
+            sources.problems.add(entry.place, each.field, each.value, each.limit, each.remedy)
         return None
 
 
