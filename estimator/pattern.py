@@ -95,8 +95,13 @@ def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
 
 
 def _pieces(absolute: Array) -> Array:
+    """Return the means (m, 2) of each half second's measured samples, if it has any."""
     count = absolute.shape[0] // _PIECE
-    return np.asarray(absolute[: count * _PIECE].reshape(count, _PIECE, 2).mean(axis=1))
+    pieces = absolute[: count * _PIECE].reshape(count, _PIECE, 2)
+    measured = np.isfinite(pieces).sum(axis=1)
+    sums = np.where(np.isfinite(pieces), pieces, 0.0).sum(axis=1)
+    known = measured.all(axis=1)
+    return np.asarray(sums[known] / measured[known])
 
 
 class PatternDetector:

@@ -3,7 +3,7 @@
 `python -m tools.detection_study --runs 200` runs as many healthy rigs, and as many with each of
 three sizes of leak, on the simulated backend: parameters, loads, motions, places and onsets are
 drawn anew for each run. It prints alarms on healthy rigs, and by size what was named, how fast and
-how well sized.
+how well sized. `--rates 1000 250` judges each run as recorded by devices of these rates.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from estimator.detection import LEAKS
 from estimator.filters import start_memory
 from estimator.replay import ReplayResult, replay
 from rig.io.simulated import simulated_rig
+from rig.loop.cycle import READINGS
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
@@ -90,8 +91,17 @@ class Run:
         return any(d.verdict not in ("healthy", "inconclusive") for _, d in self.result.history)
 
 
-def one_run(seed: int, size: float, spool_sensor: bool) -> Run:
-    """Run one rig; `size` in L/min, 0 for a healthy one."""
+def sampled(recording: Recording, every: int) -> Recording:
+    """Return what a device records that has a sample at every n-th tick only."""
+    seldom = {name: values.copy() for name, values in recording.channels.items()}
+    for name in READINGS:
+        between = np.arange(recording.time_s.size) % every != 0
+        seldom[name][between] = np.nan
+    return Recording(seldom)
+
+
+def runs_of(seed: int, size: float, spool_sensor: bool, rates: list[int]) -> list[Run]:
+    """Run one rig, judged at each rate in Hz; `size` in L/min, 0 for a healthy one."""
     rng = np.random.default_rng(seed)
     ticks = round(SECONDS / TICK)
     place = int(rng.integers(3))
@@ -112,11 +122,12 @@ def one_run(seed: int, size: float, spool_sensor: bool) -> Run:
     recording = Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
     flow = np.abs(rows[onset + 2000 :, len(loop.channels) - 3 + place]).mean()
     leak = LEAKS[place] if size else None
-    return Run(leak, onset * TICK, float(flow), replay(recording, model))
+    results = (replay(sampled(recording, 1000 // rate), model) for rate in rates)
+    return [Run(leak, onset * TICK, float(flow), result) for result in results]
 
 
-def leak_row(size: float, runs: list[Run]) -> tuple[str, ...]:
-    """Return the table row of one size of leak."""
+def leak_row(size: float, rate: int, runs: list[Run]) -> tuple[str, ...]:
+    """Return the table row of one size of leak at one rate."""
     right = [run for run in runs if run.result.decision.verdict == run.leak]
     wrong = [run for run in runs if run.alarmed and run not in right]
     latency = [run.result.detected_at_s - run.onset_s for run in right
@@ -128,11 +139,12 @@ def leak_row(size: float, runs: list[Run]) -> tuple[str, ...]:
         <= (run.result.decision.interval_m3_per_s or (0.0, 0.0))[1]
     ]  # fmt: skip
     if not right:
-        return f"{size:.2f}", f"0 of {len(runs)}", str(len(wrong)), "-", "-", "-"
+        return f"{size:.2f}", str(rate), f"0 of {len(runs)}", str(len(wrong)), "-", "-", "-"
     middle, late = np.percentile(latency, [50, 95])
     spread = np.sqrt(np.mean(np.square(errors))) / LITRE_PER_MINUTE
     return (
         f"{size:.2f}",
+        str(rate),
         f"{len(right)} of {len(runs)}",
         str(len(wrong)),
         f"{middle:.1f} / {late:.1f}",
@@ -146,22 +158,40 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100, help="runs of each kind")
     parser.add_argument("--no-spool", action="store_true", help="rigs without a spool sensor")
+    parser.add_argument(
+        "--rates", type=int, nargs="+", default=[1000], help="samples a second, divisors of 1000"
+    )
     options = parser.parse_args()
     console = Console()
-    spool = not options.no_spool
-    healthy = [one_run(seed, 0.0, spool) for seed in range(options.runs)]
+
+    def by_rate(first_seed: int, size: float) -> list[list[Run]]:
+        seeds = range(first_seed, first_seed + options.runs)
+        runs = [runs_of(seed, size, not options.no_spool, options.rates) for seed in seeds]
+        return [list(column) for column in zip(*runs, strict=True)]
+
     hours = options.runs * SECONDS / 3600.0
-    alarms = sum(run.alarmed for run in healthy)
-    silent = sum(run.result.decision.verdict == "healthy" for run in healthy)
-    console.print(
-        f"{options.runs} healthy rigs, {hours:.1f} h: {alarms} alarmed, {silent} judged healthy"
-    )
+    for rate, healthy in zip(options.rates, by_rate(0, 0.0), strict=True):
+        alarms = sum(run.alarmed for run in healthy)
+        silent = sum(run.result.decision.verdict == "healthy" for run in healthy)
+        console.print(
+            f"{rate} Hz: {options.runs} healthy rigs, {hours:.1f} h: "
+            f"{alarms} alarmed, {silent} judged healthy"
+        )
     table = Table(title=f"{options.runs} rigs with a leak, by size")
-    for column in ("L/min", "right", "wrong", "latency s, 50 / 95 %", "rms error L/min", "covered"):
+    headings = (
+        "L/min",
+        "Hz",
+        "right",
+        "wrong",
+        "latency s, 50 / 95 %",
+        "rms error L/min",
+        "covered",
+    )
+    for column in headings:
         table.add_column(column, justify="right")
     for number, size in enumerate(SIZES, start=1):
-        seeds = range(number * 100_000, number * 100_000 + options.runs)
-        table.add_row(*leak_row(size, [one_run(seed, size, spool) for seed in seeds]))
+        for rate, runs in zip(options.rates, by_rate(number * 100_000, size), strict=True):
+            table.add_row(*leak_row(size, rate, runs))
     console.print(table)
 
 

@@ -207,6 +207,32 @@ def test_a_gap_in_a_sensor_does_not_raise_an_alarm() -> None:
     assert replay(recording, Model()).decision.verdict == "healthy"
 
 
+def sampled_seldom(recording: Recording, apart: int) -> Recording:
+    """Return what a device records that has a sample at every n-th tick only."""
+    channels = {name: values.copy() for name, values in recording.channels.items()}
+    for name in ("position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m"):
+        channels[name][np.arange(recording.time_s.size) % apart != 0] = np.nan
+    return Recording(channels)
+
+
+@pytest.mark.parametrize("motion", ["sine", "steps", "open loop"])
+def test_a_slow_device_shows_a_small_leak_as_well(motion: str) -> None:
+    recording = run(leaking("external_leakage_1", 0.2, motion=motion))
+    for apart in (2, 4, 10):
+        decision = replay(sampled_seldom(recording, apart), Model()).decision
+        assert decision.verdict == "external_leakage_1"
+        assert decision.onset_s == pytest.approx(ONSET_S, abs=0.5)
+        low, high = decision.interval_m3_per_s or (0.0, 0.0)
+        assert low <= true_flow(recording, "external_leakage_1") <= high
+
+
+@pytest.mark.parametrize("motion", ["sine", "steps", "open loop"])
+def test_a_slow_device_shows_that_a_rig_is_healthy_unless_it_is_too_slow(motion: str) -> None:
+    recording = run(Case(motion))
+    for apart, verdict in ((2, "healthy"), (4, "healthy"), (10, "healthy"), (20, "inconclusive")):
+        assert replay(sampled_seldom(recording, apart), Model()).decision.verdict == verdict
+
+
 def test_a_sensor_that_is_gone_for_good_leaves_nothing_to_claim() -> None:
     recording = run(Case())
     recording.channels["pressure_1_Pa"][10000:] = np.nan

@@ -174,14 +174,40 @@ def test_no_block_begins_or_ends_while_a_chamber_is_dry(sound: Motion) -> None:
     assert not any(block.complete for block in always)
 
 
-def test_a_block_with_missing_samples_is_not_complete(sound: Motion) -> None:
-    account = FlowAccount(NOMINAL)
-    fresh = np.ones(TICKS)
-    fresh[510:580] = 0.0
-    p1, p2, position = sound["pressure_1"], sound["pressure_2"], sound["position"]
+def complete(sound: Motion, fresh: NDArray[np.bool_]) -> list[bool]:
+    """Return which of the first three blocks count, if only some samples were measured."""
     time_s = np.arange(TICKS, dtype=np.float64) * 1e-3
-    blocks = account.add(time_s, sound["spool"], p1, p2, position, fresh)
-    assert [block.complete for block in blocks[:3]] == [True, False, True]
+    p1, p2, position = sound["pressure_1"], sound["pressure_2"], sound["position"]
+    columns = time_s, sound["spool"], p1, p2, position, fresh.astype(np.float64)
+    return [block.complete for block in FlowAccount(NOMINAL).add(*columns)[:3]]
+
+
+@pytest.mark.parametrize(("lost", "counts"), [(50, True), (51, False), (70, False)])
+def test_a_block_with_too_long_a_dropout_is_not_complete(
+    sound: Motion, lost: int, counts: bool
+) -> None:
+    fresh = np.ones(TICKS, np.bool_)
+    fresh[510 : 510 + lost] = False
+    assert complete(sound, fresh) == [True, counts, True]
+
+
+@pytest.mark.parametrize("apart", [2, 4, 10, 11])
+def test_a_device_that_the_filter_bridges_gives_complete_blocks(sound: Motion, apart: int) -> None:
+    assert complete(sound, np.arange(TICKS) % apart == 0) == [True, True, True]
+
+
+@pytest.mark.parametrize("apart", [12, 50])
+def test_a_device_that_is_too_slow_for_the_filter_gives_none(sound: Motion, apart: int) -> None:
+    assert complete(sound, np.arange(TICKS) % apart == 0) == [False, False, False]
+
+
+@pytest.mark.parametrize("apart", [1, 4, 10])
+def test_dropouts_of_a_slow_device_count_as_much_as_those_of_a_fast_one(
+    sound: Motion, apart: int
+) -> None:
+    fresh = np.arange(TICKS) % apart == 0
+    fresh[510:580] = False
+    assert complete(sound, fresh) == [True, False, True]
 
 
 def test_leaks_are_quoted_at_their_reference_drops() -> None:

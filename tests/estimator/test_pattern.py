@@ -91,3 +91,11 @@ def test_less_healthy_running_needs_higher_thresholds() -> None:
 def test_too_little_healthy_running_is_refused() -> None:
     with pytest.raises(ValueError, match="give at least 8"):
         learn_pattern([innovations(3, 8)], 1.0)
+
+
+@pytest.mark.parametrize("apart", [4, 10])
+def test_samples_that_are_missing_leave_the_pattern_as_it_is(apart: int) -> None:
+    series = np.concatenate([innovations(20, 1), innovations(12, 2, (2.5, 1.0))])
+    series[np.arange(len(series)) % apart != 0] = np.nan
+    series[5000:6000] = np.nan
+    assert fed(PatternDetector(1.0), series)[-1].verdict == "external_leakage_1"
