@@ -83,6 +83,15 @@ class BypassLink:
         address = self._registers.coils + BYPASSES.index(bypass)
         self._ask(f"{bypass}_ball", self._client.write_coil, address, opened)
 
+    def shut_balls(self, bypasses: Sequence[str]) -> None:
+        """Start to shut all balls up to the last of the bypasses, by a single request.
+
+        Raises:
+            DriverError: no reply, or the device refuses.
+        """
+        shut = [False] * (1 + max(BYPASSES.index(bypass) for bypass in bypasses))
+        self._ask("balls", self._client.write_coils, self._registers.coils, shut)
+
     def set_needle(self, bypass: str, opening: float) -> None:
         """Start a needle valve's move to an opening, 0 to 1.
 
@@ -134,7 +143,7 @@ class BypassLink:
             )
 
     def _ask(
-        self, channel: str, request: Callable[..., ModbusPDU], *args: int, **options: Any
+        self, channel: str, request: Callable[..., ModbusPDU], *args: Any, **options: Any
     ) -> ModbusPDU:
         if self.lost:  # pymodbus would connect again, to whatever is there by then
             raise self._error("", f"connection to {self._place} is lost", "open it again")

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import ClassVar, Final, Literal
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
@@ -103,10 +104,16 @@ class BypassValves:
     def safe_state(self) -> None:
         """Shut every ball and set the throttle free, by a new connection, until it is confirmed.
 
+        The balls are sent there by the present connection first: the device may still hear what it
+        does not answer, and a new connection is of no use until it has answered.
+
         Raises:
             DriverError: it was not confirmed within the time of a move; names the valves.
         """
         deadline_ns = self._clock() + round(max(self._ball_time, self._needle_time) * 1e9)
+        if self._link is not None:
+            with suppress(DriverError):
+                self._link.shut_balls(self._options.bypasses)
         self.close()
         while True:
             try:

@@ -268,6 +268,22 @@ def test_the_safe_state_of_a_device_that_is_gone_fails_and_ends(bypass: BypassBe
         driver.safe_state()
 
 
+@pytest.mark.parametrize("fault", ["replies_lost", "garbage", "wrong_transaction"])
+def test_the_balls_of_a_device_that_hears_but_does_not_answer_are_shut_unconfirmed(
+    bypass: BypassBench, fault: str
+) -> None:
+    driver = bypass.driver(bypass.clock.advance, watchdog=0.0, timeout=0.05)
+    driver.open()
+    driver.write(dict.fromkeys(SHUT, 1.0))
+    bypass.clock.advance(1.0)
+    setattr(bypass.device.wire, fault, True)
+
+    with pytest.raises(DriverError, match="no valid reply"):
+        driver.safe_state()
+
+    assert [ball for ball, _ in bypass.device.positions().values()][:4] == [0.0] * 4
+
+
 def test_the_safe_state_outlasts_a_device_that_refuses_for_a_while(bypass: BypassBench) -> None:
     slept = []
 
