@@ -48,6 +48,8 @@ def command(reference: str | None, seconds: float, as_json: bool) -> int:
     """
     rig = load_rig(reference) if reference is not None else None
     loop = rig.loop if rig is not None else LoopSettings()
+    # The compiler must not run at the loop's priority: it would hold up every other loop.
+    wakeup_lateness(1.0 / loop.rate, 1)
     with RealTime(loop.cpu, loop.priority) as real_time:
         lateness = wakeup_lateness(1.0 / loop.rate, max(1, round(seconds * loop.rate)))
     timing = _timing(lateness)
