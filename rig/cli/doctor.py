@@ -43,7 +43,7 @@ _MISSED: Final = 5e-3
 def command(reference: str | None, seconds: float, as_json: bool) -> int:
     """Tell what this machine grants to a rig's loop, and the remedy for what it does not.
 
-    Nothing moves, but do not probe a rig that is running: its devices are set up anew. Exit code:
+    Nothing moves; devices that another program on this machine drives are left alone. Exit code:
     0 the loop would run, 1 something it needs is bad, 2 bad input.
     """
     rig = load_rig(reference) if reference is not None else None
