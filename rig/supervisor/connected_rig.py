@@ -33,6 +33,8 @@ from .watch import Parts, Watch, trips_of
 
 OPEN_S: Final = 300.0
 """How long opening may take: the loop may have to be compiled first."""
+PATIENCE_S: Final = 3.0
+"""How long opening usually takes; then the operator is told why it takes longer."""
 ANSWER_S: Final = 10.0
 SAFE_S: Final = 20.0
 """How long slow drivers may take to be safe."""
@@ -161,12 +163,13 @@ class ConnectedRig:
     def _open(self) -> None:
         rig = self.configured
         slow = tuple(spec for spec in rig.drivers if spec.kind == "slow")
-        self.parts.field.ask(field.Open(slow, rig.loop), OPEN_S)
+        self._opened(self.parts.field, field.Open(slow, rig.loop))
         first = orders.Segment(1, Drive.NULL, self._memory(), self.model.parameters, homed=False)
         (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
         period_s = 1.0 / rig.loop.rate
         self.board.words[Word.SWITCH] = first.number
-        self.opened = self.parts.loop.ask(
+        self.opened = self._opened(
+            self.parts.loop,
             orders.Open(
                 driver=fast,
                 settings=rig.loop,
@@ -182,9 +185,24 @@ class ConnectedRig:
                 ),
                 first=first,
             ),
-            OPEN_S,
         )
         self._say_grants()
+
+    def _opened(self, part: Child, order: object) -> Any:
+        """Return what a part answers once its devices are open; nothing is watched yet."""
+        part.send(order)
+        began, told = time.monotonic(), False
+        while True:
+            try:
+                return part.answer(PATIENCE_S)
+            except ChildError:
+                if part.ended or time.monotonic() - began > OPEN_S:
+                    raise
+            if self._stop.requested:
+                raise TripError(f"stopped by {self._stop.reason}")
+            if part is self.parts.loop and not told:
+                told = True
+                self.say("loop: being compiled, once for each version of this program")
 
     def _say_grants(self) -> None:
         grants = self.opened.grants
