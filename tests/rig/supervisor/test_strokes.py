@@ -1,4 +1,4 @@
-"""The strokes in which bypasses are measured: slow, within the limits, no longer than all is well."""
+"""The strokes in which bypasses are measured: slow, within the limits, ended by what is amiss."""
 
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
