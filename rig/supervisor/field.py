@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import nan
+from math import inf, nan
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -185,7 +185,8 @@ class FieldProcess:
         moves = bool(served.driver.outputs)
         if moves and not self._words[Word.FIELD_TRIP]:
             self._trip(_cause_of(served.driver, error))
-        self._tell(News(self._clock(), served.driver.name, str(error)))
+        what = f"{error.channel}: {error.state}" if error.channel else error.state
+        self._tell(News(self._clock(), served.driver.name, f"{what}; {error.action}"))
 
     def _trip(self, cause: Cause) -> None:
         self._words[Word.FIELD_TRIP_AT] = self._clock()
@@ -218,6 +219,7 @@ class FieldProcess:
             except DriverError as error:
                 failures[served.driver.name] = str(error)
                 self._complain(served, error)
+                served.due = inf  # closed: all that it could tell now is that it is
                 continue
             word = _CONFIRMED.get(rank_of(served.driver.outputs))
             if word is not None:

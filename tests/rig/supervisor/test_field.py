@@ -219,6 +219,25 @@ def test_what_cannot_be_made_safe_is_named_and_the_rest_is_safe_all_the_same(sit
     assert "shut switch is off" in answers[-1].failures["bypass"]
     assert ("pump", "safe") in site.log
     assert not site.board.words[Word.BYPASS_SHUT_AT]
+    told = answers[0]
+    assert isinstance(told, News)
+    assert (told.who, told.text) == ("bypass", "shut switch is off; shut it by hand")
+
+
+def test_a_driver_that_could_not_be_made_safe_is_not_asked_any_more(site: Site) -> None:
+    def refuse() -> None:
+        raise DriverError("bypass", "shut switch is off", "shut it by hand")
+
+    site.bypass.safe_state = refuse  # type: ignore[method-assign]
+    site.pipe.send(Safe())
+    while not isinstance(site.pipe.recv(), Safety):
+        pass
+    site.bypass.error = DriverError("bypass", "is not open", "open it first")
+    flow = SLOW_INPUTS.index("flow_1_m3_per_s")
+    for value in (1e-5, 2e-5, 3e-5):
+        site.meters.values = {"flow_1_m3_per_s": value}
+        site.until(lambda value=value: site.board.slow[flow] == value)
+    assert not site.pipe.poll()
 
 
 def test_without_a_supervisor_it_leaves_everything_safe_and_closes(site: Site) -> None:
