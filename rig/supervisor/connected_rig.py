@@ -43,6 +43,8 @@ STOP_S: Final = 5.0
 POLL_S: Final = 0.01
 LAST_S: Final = 2.0
 """What a trip report shows of all channels."""
+LAST_NEWS_S: Final = 0.2
+"""How long a trip report waits for what the slow drivers have to tell once all is safe."""
 RECENT_S: Final = 0.25
 """How old the newest value of a channel may be."""
 NULL_V: Final = 0.05
@@ -329,6 +331,8 @@ class ConnectedRig:
         if not safe:
             self.note("supervisor", "not everything was made safe in time")
         if self._report is None:
+            # Slow drivers are read again only now; what ails one may be why the loop tripped.
+            time.sleep(LAST_NEWS_S)
             self._report = self._trip_report()
             self._reported = write_trip_report(self._report, self._directory)
         cause = self._report.first[1]
