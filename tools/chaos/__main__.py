@@ -1,0 +1,91 @@
+"""Plays all scenarios and writes the table of docs/safety.md; or those named, and writes nothing.
+
+Run as `python -m tools.chaos [TEXT ...]`; those are played whose names contain one of the texts.
+"""
+
+import re
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+from tools.safety_page import PAGE
+
+from .judge import Outcome, problems
+from .play import play
+from .scenario import Scenario
+from .scenarios import SCENARIOS
+from .stage import StageError
+
+_TABLE: Final = re.compile(r"(<!-- table of chaos -->\n).*?(<!-- end -->)", re.DOTALL)
+_COLUMNS: Final = (
+    "what fails",
+    "first-out cause",
+    "valve null after (claimed: within)",
+    "bypass shut after",
+    "pump unloaded after",
+    "data lost",
+    "exit code",
+)
+
+
+def main(wanted: list[str]) -> int:
+    """Play scenarios; return how many went otherwise than claimed."""
+    chosen = [s for s in SCENARIOS if not wanted or any(text in s.name for text in wanted)]
+    played, failures = [], 0
+    for number, scenario in enumerate(chosen, 1):
+        print(f"[{number}/{len(chosen)}] {scenario.name} ... ", end="", flush=True)
+        with tempfile.TemporaryDirectory(prefix="rig-chaos-") as folder:
+            try:
+                outcome = play(scenario, Path(folder))
+            except StageError as error:
+                print(f"FAILED: {error}")
+                failures += 1
+                continue
+            found = problems(scenario, outcome)
+        played.append((scenario, outcome))
+        print(f"{row(scenario, outcome)} {'FAILED: ' + '; '.join(found) if found else ''}")
+        if found:
+            print(outcome.printed, outcome.report)
+        failures += bool(found)
+    print(f"{len(chosen) - failures} of {len(chosen)} as claimed")
+    if not wanted and not failures:
+        PAGE.write_text(with_table(PAGE.read_text(), table(played)))
+    return failures
+
+
+def with_table(page: str, lines: Iterable[str]) -> str:
+    """Return the page with another table of the chaos suite."""
+    text = "\n".join(lines)
+    return _TABLE.sub(lambda match: f"{match[1]}{text}\n{match[2]}", page)
+
+
+def table(played: Iterable[tuple[Scenario, Outcome]]) -> Iterator[str]:
+    """Yield the lines of the table."""
+    yield f"| {' | '.join(_COLUMNS)} |"
+    yield "|---" * len(_COLUMNS) + "|"
+    for scenario, outcome in played:
+        yield row(scenario, outcome)
+
+
+def row(scenario: Scenario, outcome: Outcome) -> str:
+    """Return a line of the table."""
+    if not scenario.causes:
+        return f"| {scenario.name} | none: the run goes on | | | | 0 s | {outcome.exit_code} |"
+    named = outcome.cause or "nobody is left to tell"
+    cause = f"`{named}`" if named.isupper() else named
+    valve, bypass, pump = (_milliseconds(at_s) for at_s in outcome.times.values())
+    if scenario.null_ms is not None:
+        valve += f" ({scenario.null_ms:g})"
+    lost = "all" if outcome.lost_s is None else f"{outcome.lost_s:.1f} s"
+    cells = (scenario.name, cause, valve, bypass, pump, lost, str(outcome.exit_code))
+    return f"| {' | '.join(cells)} |"
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "not seen" if seconds is None else f"{1e3 * seconds:.0f} ms"
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

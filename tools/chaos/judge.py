@@ -1,0 +1,179 @@
+"""What came of a scenario: by the emulator's record, what is on disk, and how `rig run` ended."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.recording import Recording, RecordingError, read_recording, recover
+
+from .scenario import Scenario
+from .stage import Stage
+
+Array = NDArray[np.float64]
+
+LOST_S: Final = 5.0
+"""Of data that may be lost, with a machine that stalls while it flushes each second."""
+TICK_NS: Final = 1e6
+_BLOCK: Final = 20
+"""Commands in a row by which a row on disk is found among those that the emulator received."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a scenario; times in s after the last step, None for never.
+
+    Attributes:
+        exit_code: of `rig run`.
+        cause: first-out cause of the trip report; of what survives, where nobody wrote one; or why
+            the run was stopped; empty if it came to its end.
+        valve_s: valve disabled, its output at 0 V.
+        bypass_s: all balls shut.
+        pump_s: pump unloaded.
+        lost_s: what is not on disk of the time before the last step.
+        report: the trip report as text.
+        printed: by `rig run`, and by its processes to their log.
+        unfinished: files that were half written.
+    """
+
+    exit_code: int
+    cause: str
+    valve_s: float | None
+    bypass_s: float | None
+    pump_s: float | None
+    lost_s: float | None
+    report: str
+    printed: str
+    unfinished: tuple[str, ...]
+
+    @property
+    def times(self) -> dict[str, float | None]:
+        """When each device was safe, in the order of a trip."""
+        return {"valve": self.valve_s, "bypass": self.bypass_s, "pump": self.pump_s}
+
+
+def judge(stage: Stage) -> Outcome:
+    """Return what came of a scenario whose processes have all ended."""
+    events = [json.loads(line) for line in stage.record.read_text().splitlines()]
+    log = stage.out / "session.log"
+    report = stage.out / "trip-1.txt"
+    recording = _recording(stage.out)
+    return Outcome(
+        exit_code=stage.run.returncode,
+        cause=_cause(stage.out, recording),
+        **{f"{part}_s": _after(stage, at) for part, at in safe_at(events).items()},
+        lost_s=None if recording is None else _lost_s(stage, recording),
+        report=report.read_text() if report.exists() else "",
+        printed=stage.printed + (log.read_text() if log.exists() else ""),
+        unfinished=tuple(path.name for path in stage.out.glob(".*.partial")),
+    )
+
+
+def problems(scenario: Scenario, outcome: Outcome) -> list[str]:
+    """Return what is not as claimed."""
+    found = []
+    if outcome.cause not in (scenario.causes or ("",)):
+        found.append(
+            f"cause {outcome.cause or 'none'}, not {' or '.join(scenario.causes) or 'none'}"
+        )
+    if outcome.exit_code != scenario.exit_code:
+        found.append(f"exit code {outcome.exit_code}, not {scenario.exit_code}")
+    for part, at_s in outcome.times.items():
+        if (at_s is None) != (part in scenario.unsafe):
+            found.append(f"{part} is {'not ' if at_s is None else ''}safe")
+    order = [at_s for at_s in outcome.times.values() if at_s is not None]
+    if scenario.causes and scenario.ordered and order != sorted(order):
+        found.append("not in the order valve, bypass, pump")
+    if outcome.lost_s is None or outcome.lost_s > LOST_S:
+        found.append(f"lost {outcome.lost_s} s of data")
+    if "Traceback" in outcome.printed:
+        found.append("a traceback")
+    found += [
+        f"{text!r} is not in the trip report"
+        for text in scenario.mentions
+        if text not in outcome.report
+    ]
+    found += [f"{name} is left half written" for name in outcome.unfinished]
+    return found
+
+
+def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
+    """Return since when (ns) each device has been safe to the record's end; None: it is not."""
+    valve = pump = None
+    balls: dict[str, int | None] = {}
+    opened: set[str] = set()
+    for event in sorted(events, key=lambda event: event["at_ns"]):
+        bypass = event.get("bypass", "")
+        match event["event"]:
+            case "valve_enabled" | "valve_disabled":
+                valve = event["at_ns"] if event["event"] == "valve_disabled" else None
+            case "pump_loaded" | "pump_unloaded":
+                pump = event["at_ns"] if event["event"] == "pump_unloaded" else None
+            case "ball_ordered" if event["opened"]:
+                balls[bypass] = None
+            case "ball_ordered" if bypass not in opened:
+                # It has no way to go; one that was under way arrives yet.
+                balls[bypass] = balls.get(bypass) or event["at_ns"]
+            case "ball_arrived" if event["opened"]:
+                opened.add(bypass)
+            case "ball_arrived":
+                opened.discard(bypass)
+                balls[bypass] = event["at_ns"]
+    shut = [at for at in balls.values() if at is not None]
+    all_shut = max(shut) if len(shut) == len(balls) else None
+    return {"valve": valve, "bypass": all_shut, "pump": pump}
+
+
+def _after(stage: Stage, at_ns: int | None) -> float | None:
+    return None if at_ns is None else 1e-9 * (at_ns - stage.injected_ns)
+
+
+def _cause(out: Path, recording: Recording | None) -> str:
+    report = out / "trip-1.json"
+    if report.exists():
+        return str(json.loads(report.read_text())["cause"])
+    for event in recording.events if recording else ():
+        if event.kind == "trip":
+            return event.text.partition(":")[0]
+    (test,) = json.loads((out / "results.json").read_text())["tests"]
+    return str(test["message"])
+
+
+def _recording(out: Path) -> Recording | None:
+    """Return the test's recording, recovered if it was cut."""
+    path, saved = out / "leaks.mcap", out / "recovered.mcap"
+    # Rows of a device that did not answer have no readings.
+    needed = ("time_s", "command_V")
+    try:
+        return read_recording(path, required=needed)
+    except RecordingError:
+        pass
+    try:
+        recover(path, saved)
+    except RecordingError:
+        return None
+    return read_recording(saved, required=needed)
+
+
+def _lost_s(stage: Stage, recording: Recording) -> float | None:
+    """Return the time from the last row on disk to the last step: 0 if there are later rows.
+
+    The emulator's trace tells when it received the commands that the rows bear.
+    """
+    commands = recording["command_V"].astype(np.float32)
+    # A kill of the emulator leaves half a line.
+    whole = stage.trace.read_text().rpartition("\n")[0].splitlines()
+    received = np.loadtxt(whole, delimiter=",", skiprows=1, usecols=(0, 1), ndmin=2)
+    times_ns, traced = received[_BLOCK - 1 :, 0], received[:, 1].astype(np.float32)
+    stretches = np.lib.stride_tricks.sliding_window_view(traced, _BLOCK)
+    for end in range(len(commands), _BLOCK, -_BLOCK):
+        block = commands[end - _BLOCK : end]
+        found = np.flatnonzero((stretches == block).all(axis=1))
+        # A valve that is kept at 0 V is found everywhere.
+        if len(found) == 1:
+            last_ns = float(times_ns[found[0]]) + (len(commands) - end) * TICK_NS
+            return max(0.0, 1e-9 * (stage.injected_ns - last_ns))
+    return None

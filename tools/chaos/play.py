@@ -1,0 +1,29 @@
+"""Plays one scenario from beginning to end."""
+
+from pathlib import Path
+
+from .judge import Outcome, judge
+from .scenario import Scenario
+from .stage import Stage
+
+
+def play(scenario: Scenario, folder: Path) -> Outcome:
+    """Play a scenario in an empty folder and return what came of it.
+
+    Raises:
+        StageError: the test did not come to run, or the run did not end, or left processes behind.
+    """
+    with Stage(folder, scenario.prefix) as stage:
+        for step in scenario.steps:
+            step(stage)
+        injected_ns = stage.injected_ns
+        if scenario.then:
+            stage.wait(stage.is_safe, "the safe state")
+            for step in scenario.then:
+                step(stage)
+            stage.injected_ns = injected_ns
+        stage.wait(lambda: stage.run.poll() is not None, "`rig run` to end")
+        if not scenario.unsafe:
+            stage.wait(stage.is_safe, "the safe state")
+        stage.wait(lambda: not stage.living(), "its processes to end")
+    return judge(stage)

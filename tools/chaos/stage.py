@@ -1,0 +1,278 @@
+"""A stage for one scenario: an emulated rig and a `rig run` on it, each as its own process."""
+
+import json
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+import yaml
+
+ROOT: Final = Path(__file__).parents[2]
+PATIENCE_S: Final = 60.0
+"""How long anything may take that is to happen; only a failure takes as long."""
+COMPILE_S: Final = 300.0
+"""How long a session may take to begin: its loop may have to be compiled first."""
+POLL_S: Final = 0.02
+
+MODULES: Final = {
+    "loop": "rig.supervisor.loop_process",
+    "field": "rig.supervisor.field",
+    "recorder": "rig.supervisor.recorder",
+}
+"""Modules of the processes that `rig run`, the supervisor, starts."""
+
+MID_STROKE_COUNTS: Final = 10_116
+"""Of 0.03 mm: where the ram stands, and the encoder counts from, when the emulator starts."""
+
+FIRST_LEAK: Final = "internal_leakage"
+SECOND_LEAK: Final = "external_leakage_1"
+TEST: Final = {
+    "duration": "12 s",
+    "settle": "0.5 s",
+    "setpoint": {"type": "sine", "mean": "0.3 m", "amplitude": "0.2 m", "frequency": "0.5 Hz"},
+    "faults": [
+        {"type": FIRST_LEAK, "at": "0.5 s", "flow": "0.5 L/min", "pressure": "2.5 MPa"},
+        {"type": SECOND_LEAK, "at": "6 s", "flow": "0.5 L/min", "pressure": "6.9 MPa"},
+    ],
+    "expect": SECOND_LEAK,
+}
+
+
+class StageError(Exception):
+    """The scenario could not be played; says why."""
+
+
+class Stage:
+    """An emulator and a campaign of one test on it; a context manager.
+
+    Args:
+        folder: empty; gets the rig file, the campaign, the emulator's record and the run's folder.
+        prefix: of the command that runs the campaign, such as `setpriv ...`.
+
+    Attributes:
+        injected_ns: when the last thing was done to it, CLOCK_MONOTONIC.
+        children: process ids by part, once it runs.
+    """
+
+    def __init__(self, folder: Path, prefix: Sequence[str] = ()) -> None:
+        self.folder = folder
+        self.out = folder / "out"
+        self.record = folder / "record.jsonl"
+        self.trace = folder / "trace.csv"
+        self.injected_ns = 0
+        self.children: dict[str, int] = {}
+        self._prefix = tuple(prefix)
+        self._ends = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Start the emulator, and the campaign on it; return when its first leak is open.
+
+        Raises:
+            StageError: it did not come to that.
+        """
+        _write_rig(self.folder)
+        _write_campaign(self.folder)
+        with self._ends:
+            self._start_emulator()
+            self._start_run()
+            self._ends = self._ends.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End whatever is left."""
+        self._ends.close()
+
+    def _start_emulator(self) -> None:
+        files = ["--record", str(self.record), "--trace", str(self.trace)]
+        self._emulator = self._python("emulate", "rig.yaml", *files, "--control", "0", "--json")
+        self._ends.callback(_end, self._emulator, signal.SIGTERM)
+        assert self._emulator.stdout is not None
+        ready = self._emulator.stdout.readline()
+        if not ready:
+            raise StageError(f"the emulator did not start: {self._output('emulate')}")
+        address = ("127.0.0.1", int(json.loads(ready)["ports"]["control"]))
+        line = self._ends.enter_context(socket.create_connection(address, timeout=PATIENCE_S))
+        self._control = self._ends.enter_context(line.makefile("rw"))
+        # As an encoder that knows where it is: without a homing run, which takes its time.
+        self.ask(do="inject", fault="lost_counts", counts=-MID_STROKE_COUNTS)
+
+    def _start_run(self) -> None:
+        self.run = self._python("run", "campaign.yaml", "--out", "out", prefix=self._prefix)
+        self._ends.callback(_end, self.run, signal.SIGKILL)
+        self._ends.callback(self._kill_children)
+        self.wait(self._is_running, "the test to run", COMPILE_S)
+        self.children = self._find_children()
+
+    def _python(
+        self, command: str, *arguments: str, prefix: Sequence[str] = ()
+    ) -> subprocess.Popen[str]:
+        paths = [str(ROOT / "tools" / "chaos" / "hooks"), str(ROOT)]
+        with (self.folder / f"{command}.txt").open("w") as output:
+            return subprocess.Popen(
+                [*prefix, sys.executable, "-m", "rig.cli", command, *arguments],
+                cwd=self.folder,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE if command == "emulate" else output,
+                stderr=output,
+                text=True,
+            )
+
+    def ask(self, **request: Any) -> dict[str, Any]:
+        """Return the answer of the emulator's control port.
+
+        Raises:
+            StageError: the emulator refuses.
+        """
+        self._control.write(json.dumps(request) + "\n")
+        self._control.flush()
+        reply: dict[str, Any] = json.loads(self._control.readline())
+        if not reply["ok"]:
+            raise StageError(f"{request}: {reply['problems']}")
+        return reply
+
+    def inject(self, **fault: Any) -> None:
+        """Let a fault of the emulator begin."""
+        self.injected_ns = time.monotonic_ns()
+        self.ask(do="inject", **fault)
+
+    def send(self, number: signal.Signals, *parts: str) -> None:
+        """Send a signal to parts: supervisor, loop, field, recorder, emulator."""
+        if number != signal.SIGCONT:
+            self.injected_ns = time.monotonic_ns()
+        for part in parts:
+            os.kill(self.pid(part), number)
+
+    def limit_files(self, *parts: str) -> None:
+        """Let no file of these parts grow any more."""
+        self.injected_ns = time.monotonic_ns()
+        for part in parts:
+            resource.prlimit(self.pid(part), resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+
+    def pid(self, part: str) -> int:
+        """Return the process id of a part."""
+        own = {"supervisor": self.run.pid, "emulator": self._emulator.pid}
+        return own.get(part) or self.children[part]
+
+    @property
+    def emulator_lives(self) -> bool:
+        """Whether the emulated devices are still there."""
+        return self._emulator.poll() is None
+
+    @property
+    def printed(self) -> str:
+        """What `rig run` has printed so far."""
+        return self._output("run")
+
+    def wait(self, done: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
+        """Wait until something holds.
+
+        Raises:
+            StageError: it did not in time.
+        """
+        until = time.monotonic() + patience_s
+        while not done():
+            if time.monotonic() > until:
+                raise StageError(f"waited {patience_s:g} s for {what}; it printed: {self.printed}")
+            time.sleep(POLL_S)
+
+    def is_safe(self) -> bool:
+        """Return whether the devices are: valve at null and disabled, balls shut, pump unloaded."""
+        status = self.ask(do="status")
+        daq, balls = status["daq"], self._balls(status)
+        null = not daq["valve_enabled"] and daq["output_V"] == 0.0
+        return null and not any(balls.values()) and not status["can"]["pump_loaded"]
+
+    def living(self) -> list[str]:
+        """Return the parts of the run that are still there."""
+        parts = {"supervisor": self.run.pid, **self.children}
+        self.run.poll()
+        return [part for part, pid in parts.items() if _lives(pid)]
+
+    def _is_running(self) -> bool:
+        if self.run.poll() is not None:
+            raise StageError(f"ended before the test: {self.printed}")
+        return self._balls(self.ask(do="status"))[FIRST_LEAK] == 1.0
+
+    def _balls(self, status: dict[str, Any]) -> dict[str, float]:
+        positions = status["bypass"]["positions"].items()
+        return {bypass: ball for bypass, (ball, _) in positions if bypass != "return_blockage"}
+
+    def _find_children(self) -> dict[str, int]:
+        pids = Path(f"/proc/{self.run.pid}/task/{self.run.pid}/children").read_text().split()
+        commands = {int(pid): Path(f"/proc/{pid}/cmdline").read_text() for pid in pids}
+        return {
+            part: pid
+            for part, module in MODULES.items()
+            for pid, command in commands.items()
+            if f"from {module} import" in command
+        }
+
+    def _kill_children(self) -> None:
+        for part in self.living():
+            os.kill(self.pid(part), signal.SIGKILL)
+
+    def _output(self, command: str) -> str:
+        return (self.folder / f"{command}.txt").read_text()
+
+
+def _lives(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def _end(process: subprocess.Popen[str], number: signal.Signals) -> None:
+    """End a process, even if it is stopped."""
+    process.send_signal(number)
+    try:
+        process.wait(PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+
+
+def _write_rig(folder: Path) -> None:
+    """Write the shipped emulated rig, at addresses that nobody has, without a homing run."""
+    rig = yaml.safe_load((ROOT / "config" / "rigs" / "emulated.yaml").read_text())
+    daq, bypass, bus = _free_ports(3)
+    rig["drivers"]["daq"]["port"] = daq
+    rig["drivers"]["bypass"]["port"] = bypass
+    rig["drivers"]["meters"]["port"] = str(folder / "meters")
+    for node in ("drive", "pump"):
+        rig["drivers"][node] |= {"channel": "239.74.163.99", "port": bus}
+    del rig["homing"]
+    (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+
+
+def _write_campaign(folder: Path) -> None:
+    campaign = {"name": "chaos", "rig": "rig.yaml", "model": "nominal"}
+    detector = {"filter": "product", "false_alarms_per_day": 1}
+    content = campaign | {"detector": detector, "tests": [{"name": "leaks"} | TEST]}
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
+
+
+def _free_ports(count: int) -> list[int]:
+    with ExitStack() as sockets:
+        opened = [sockets.enter_context(socket.socket()) for _ in range(count)]
+        for each in opened:
+            each.bind(("127.0.0.1", 0))
+        return [each.getsockname()[1] for each in opened]
