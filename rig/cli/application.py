@@ -25,6 +25,7 @@ COMMANDS: Final = {
     "baseline": "Learn from healthy recordings what is normal for a rig.",
     "export": "Write a recording to another format.",
     "recover": "Save what is left of a cut or damaged recording.",
+    "home": "Home a rig's encoder, to see that it can be homed.",
     "calibrate": "Measure a rig's needle valves with its flow meters.",
     "doctor": "Tell what this machine grants to a rig, and the remedies.",
     "init": "Copy the shipped rigs, models, campaigns and maps to edit.",

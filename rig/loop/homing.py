@@ -68,11 +68,13 @@ class Homing:
     Attributes:
         phase: what it is doing.
         offset_m: to add to the encoder's position; None until done.
+        apart_m: by how much the second approach found the stop elsewhere than the first.
     """
 
     def __init__(self, settings: HomingSettings, par: Parameters, count_m: float) -> None:
         self.phase = Phase.APPROACH
         self.offset_m: float | None = None
+        self.apart_m = 0.0
         self._settings = settings
         self._count_m = count_m
         self._outward = 1.0 if settings.end == "extend" else -1.0
@@ -144,7 +146,8 @@ class Homing:
             self._first_m = sample.position_m
             self._enter(Phase.BACK_OFF)
             return
-        apart = abs(sample.position_m - self._first_m) / self._count_m
+        self.apart_m = abs(sample.position_m - self._first_m)
+        apart = self.apart_m / self._count_m
         # Half a count: positions are whole counts but for the last bit of a float.
         if apart > REPEATABLE_COUNTS + 0.5:
             raise HomingError(

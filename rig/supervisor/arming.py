@@ -105,7 +105,10 @@ def home(rig: ConnectedRig) -> None:
         lambda: bool(rig.board.words[Word.HOMED]), ANSWER_S,
         "the loop did not take the encoder's zero", "look at the session's log",
     )  # fmt: skip
-    rig.say(f"homed: the encoder's zero is at {1e3 * rig.offset_m:.2f} mm")
+    rig.say(
+        f"homed: the encoder's zero is at {1e3 * rig.offset_m:.2f} mm; the stop was found twice, "
+        f"{1e3 * homing.apart_m:.2f} mm apart"
+    )
     rig.handle(Event.HOMED)
 
 

@@ -179,6 +179,17 @@ def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
     assert "by another one" in rig.news[0].text
 
 
+def test_a_lost_count_trips_and_the_position_is_no_longer_known(rig: Rig) -> None:
+    rig.open()
+    rig.arm()
+    assert rig.board.words[Word.HOMED] == 1
+    rig.emulator.inject(fault="lost_counts", counts=40, flagged=True)
+    wait_until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
+    assert rig.board.words[Word.LOOP_TRIP] == Cause.ENCODER_FAULT
+    assert rig.board.words[Word.HOMED] == 0
+    assert rig.is_null
+
+
 @pytest.mark.parametrize("way", ["SIGTERM", "supervisor gone"])
 def test_however_the_loop_process_ends_the_device_is_left_at_null(rig: Rig, way: str) -> None:
     rig.open()
