@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ from rig.loop.trip import TripError
 from rig.loop.wire_loop import LoopStoppedError, WireLoop
 
 from . import recorder
-from .child import Child
+from .child import Child, ChildError
 from .states import Event, IllegalTransition
 
 Array = NDArray[np.float64]
@@ -113,10 +114,17 @@ class TestRecord:
 
     __test__ = False  # not a pytest class, whatever its name
 
-    def __init__(self, process: Child, timing: Timing, say: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        process: Child,
+        timing: Timing,
+        say: Callable[[str], None],
+        ask: Callable[[object, float], None],
+    ) -> None:
         self._process = process
         self._timing = timing
         self._say = say
+        self._ask = ask
         self._rows = 0
         self._last_s = 0.0
 
@@ -128,15 +136,17 @@ class TestRecord:
 
     def event(self, time_s: float, kind: str, text: str) -> None:
         """Note something that happened at a time of the test."""
-        self._process.send(recorder.Note(time_s, kind, text))
+        # Of a recorder that is gone, `finish` tells.
+        with suppress(ChildError):
+            self._process.send(recorder.Note(time_s, kind, text))
 
     def finish(self) -> None:
         """Add the loop's timing, show it in short, and have the file completed.
 
         Raises:
-            ChildError: the recorder is gone; what it flushed is on disk.
+            TripError: the recorder is gone; what it flushed is on disk.
         """
         summary = self._timing.summary()
         self.event(self._last_s, TIMING, json.dumps(summary))
         self._say(f"      loop: {in_short(summary)}")
-        self._process.ask(recorder.Finish(self._rows), FINISH_S)
+        self._ask(recorder.Finish(self._rows), FINISH_S)

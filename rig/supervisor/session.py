@@ -21,6 +21,7 @@ from rig.plant.integrator import TICK
 
 from . import field, recorder
 from .arming import SETTLE_S, arm, home
+from .child import ChildError
 from .connected_rig import ANSWER_S, ConnectedRig, Stop
 from .hardware_test import HardwareTest, TestRecord
 from .moves import moves, preparing_moves
@@ -103,12 +104,25 @@ class Session:
             "loop": {"grants": grants, "exchange_rate_hz": self._rig.opened.rate_hz},
         }
         begin = recorder.Begin(self._test.number, path, channels, told, time.time_ns())
-        self._rig.parts.recorder.ask(begin, ANSWER_S)
-        record = TestRecord(self._rig.parts.recorder, Timing(channels, TICK), self._rig.say)
+        self._ask_recorder(begin, ANSWER_S)
+        record = TestRecord(
+            self._rig.parts.recorder, Timing(channels, TICK), self._rig.say, self._ask_recorder
+        )
         try:
             yield record
         finally:
             record.finish()
+
+    def _ask_recorder(self, order: object, timeout_s: float) -> None:
+        """Ask the recorder for something, and wait for its answer.
+
+        Raises:
+            TripError: it is gone, for which the watch trips; what it flushed is on disk.
+        """
+        try:
+            self._rig.ask(self._rig.parts.recorder, order, timeout_s)
+        except ChildError as error:
+            self._rig.wait(lambda: False, ANSWER_S, str(error), "see the session's log")
 
     def prepare(self, test: CampaignTest, segment: int) -> None:
         """Bring the bypass valves to where a test begins, and schedule its faults."""
