@@ -155,27 +155,24 @@ class Watch:
 
     def _make_safe(self) -> None:
         """See to it that valve, bypasses and pump are safe, in this order, by whoever is left."""
-        if not self._confirmed(Word.VALVE_NULL_AT, self._parts.loop, Cause.LOOP_LOST, NULL_WAIT_S):
+        loop, field = self._parts.loop, self._parts.field
+        if not self._confirmed((Word.VALVE_NULL_AT,), loop, Cause.LOOP_LOST, NULL_WAIT_S):
             fast = [spec for spec in self._drivers if spec.kind == "fast"]
             self._by_own_connection(fast)
-        field = self._parts.field
-        confirmed = [
-            self._confirmed(word, field, Cause.FIELD_LOST, FIELD_WAIT_S)
-            for word in (Word.BYPASS_SHUT_AT, Word.PUMP_UNLOADED_AT)
-        ]
-        if not all(confirmed):
+        words = (Word.BYPASS_SHUT_AT, Word.PUMP_UNLOADED_AT)
+        if not self._confirmed(words, field, Cause.FIELD_LOST, FIELD_WAIT_S):
             slow = [spec for spec in self._drivers if spec.kind == "slow"]
             self._by_own_connection(sorted(slow, key=lambda spec: rank_of(spec.outputs)))
 
-    def _confirmed(self, word: Word, part: Child, lost: Cause, wait_s: float) -> bool:
-        """Wait for a part to confirm, unless it is lost; return whether it did."""
+    def _confirmed(self, words: tuple[Word, ...], part: Child, lost: Cause, wait_s: float) -> bool:
+        """Wait for a part to confirm steps, unless it is lost; return whether it did."""
         until = time.monotonic() + wait_s
-        while not self._words[word] and time.monotonic() < until:
+        while not all(self._words[word] for word in words) and time.monotonic() < until:
             if part.ended or any(self._words[trip] == lost for trip, _ in TRIPS.values()):
                 break
             self._beat()
             time.sleep(POLL_S)
-        return bool(self._words[word])
+        return all(bool(self._words[word]) for word in words)
 
     def _by_own_connection(self, drivers: list[DriverSpec]) -> None:
         for spec in drivers:

@@ -203,6 +203,22 @@ def test_what_a_living_part_does_not_confirm_in_time_is_done_for_it(scene: Scene
     assert SAFE == ["daq", "bypass", "pump"]
 
 
+def test_a_part_that_confirms_nothing_is_waited_for_once_however_many_steps_it_has(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: list[float] = []
+    confirmed = Watch._confirmed
+
+    def counted(self: Watch, *of: Any) -> bool:
+        waits.append(of[-1])
+        return confirmed(self, *of)
+
+    monkeypatch.setattr(Watch, "_confirmed", counted)
+    scene.board.words[Word.LOOP_TRIP] = Cause.EXCHANGE_LOST
+    outcome(scene, scene.watch())
+    assert waits == [module.NULL_WAIT_S, module.FIELD_WAIT_S]
+
+
 def test_what_cannot_be_made_safe_is_told_and_the_rest_done(scene: Scene) -> None:
     scene.loop.exit_code = 1
     broken = spec("broken", "fast", "command_V")
