@@ -19,7 +19,8 @@ class CanValveOptions(CanOptions):
         full_stroke: travel of the spool at 100 %.
         open_timeout: how long `open` waits for the valve to be heard.
         step_timeout: how long one transition of its state may take, and `safe_state` as a whole.
-        watchdog: silence of this host at which the valve goes to a fault; 0 for never.
+        watchdog: silence of this host at which the valve goes to a fault; 0 for never. Longer than
+            the rig file's `field_silence`, so that a trip names who fell silent.
     """
 
     node: Annotated[int, _Quantity("", 1, 126, "", "CiA 301; 127 is this host")] = 5
@@ -29,4 +30,4 @@ class CanValveOptions(CanOptions):
     )
     open_timeout: Annotated[float, _Quantity("s", 0.1, 60.0, "", "")] = 3.0
     step_timeout: Annotated[float, _Quantity("s", 0.05, 60.0, "", "")] = 1.0
-    watchdog: Annotated[float, _Quantity("s", 0.0, 60.0, "", "")] = 1.0
+    watchdog: Annotated[float, _Quantity("s", 0.0, 60.0, "", "")] = 2.0
