@@ -129,12 +129,12 @@ def settled(values: Array) -> Array:
 def meter_zero(flow: Array, ticks: int) -> Estimate:
     """Return what a meter tells of no flow, m^3/s, from samples (n,) and a batch's length.
 
-    Medians, here and of a flow: a meter that reads nothing below zero cuts off part of its noise,
-    which lifts a mean. Samples that are NaN do not count.
+    Batches have medians, here and of a flow: a meter that reads nothing below zero cuts off part of
+    its noise, which lifts a mean much more. Samples that are NaN do not count.
     """
     known = flow[np.isfinite(flow)]
     medians = np.median(batches(known, ticks), axis=1)
-    return Estimate(float(np.median(known)), _error_of_mean(medians))
+    return Estimate(float(medians.mean()), _error_of_mean(medians))
 
 
 def measured_coefficient(

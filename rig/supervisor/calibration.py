@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 
 BATCH_TICKS: Final = round(0.5 / TICK)
 """Five times the lag of a flow meter: successive means hardly know of each other."""
-ZERO_S: Final = 20.0
+ZERO_S: Final = 40.0
+"""Long beside a stroke: what the zero is off by is in every measurement."""
 TRIES: Final = 3
 """Strokes in which a measurement must settle."""
 

