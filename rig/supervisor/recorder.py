@@ -5,9 +5,11 @@ supervisor is gone it writes what is in the ring and why the others tripped, clo
 ends. Its exit code is the `errno` of what stopped it.
 """
 
+import os
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -169,5 +171,7 @@ def main() -> None:
     try:
         Recorder(board, pipe).run()
     except OSError as error:
-        print(f"recorder: {error}", file=sys.stderr)
+        # A disk that is full for the recording is full for the log: that must not hide it.
+        with suppress(OSError):
+            os.write(sys.stderr.fileno(), f"recorder: {error}\n".encode())
         sys.exit(error.errno or 1)

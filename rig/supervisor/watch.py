@@ -30,6 +30,9 @@ NULL_WAIT_S: Final = 0.5
 FIELD_WAIT_S: Final = 10.0
 """How long the field process may take to have bypasses shut and pump unloaded confirmed."""
 
+FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Exit codes of a recorder whose file cannot grow: no space, or its user's quota or limit."""
+
 TRIPS: Final = {
     "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),
     "field": (Word.FIELD_TRIP, Word.FIELD_TRIP_AT),
@@ -130,7 +133,7 @@ class Watch:
             (self._parts.recorder, Cause.RECORDER_LOST),
         ):
             if part.ended:
-                full = part.exit_code == errno.ENOSPC
+                full = part.exit_code in FULL
                 self._tell(part.name, part.ended)
                 self.trip(Cause.DISK_FULL if full else lost)
                 return

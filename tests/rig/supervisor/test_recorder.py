@@ -1,6 +1,8 @@
 """The recorder: every row of its segment is on disk, whatever becomes of the others."""
 
+import errno
 import os
+import resource
 import signal
 import time
 from collections.abc import Iterator
@@ -112,6 +114,16 @@ def test_after_a_kill_every_flushed_second_is_readable(session: Session) -> None
         session.child.answer(DEADLINE_S)
     recover(path, session.folder / "saved.mcap")
     assert read_recording(session.folder / "saved.mcap", required=("time_s",)).time_s.size == 1200
+
+
+def test_a_file_that_cannot_grow_is_told_by_the_exit_code_though_the_log_cannot_either(
+    session: Session,
+) -> None:
+    session.begin()
+    resource.prlimit(session.child.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    session.write(1, 0, 1200)
+    with pytest.raises(ChildError, match=f"ended with exit code {errno.EFBIG}"):
+        session.child.answer(DEADLINE_S)
 
 
 def test_a_reader_that_falls_behind_counts_what_it_lost() -> None:

@@ -179,7 +179,13 @@ def test_a_part_that_is_silent_is_lost_though_its_process_lives(
 
 
 @pytest.mark.parametrize(
-    ("code", "cause"), [(errno.ENOSPC, Cause.DISK_FULL), (-9, Cause.RECORDER_LOST)]
+    ("code", "cause"),
+    [
+        (errno.ENOSPC, Cause.DISK_FULL),
+        (errno.EDQUOT, Cause.DISK_FULL),
+        (errno.EFBIG, Cause.DISK_FULL),
+        (-9, Cause.RECORDER_LOST),
+    ],
 )
 def test_a_recorder_that_ended_tells_whether_the_disk_is_full(
     scene: Scene, code: int, cause: Cause
