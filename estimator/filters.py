@@ -1,7 +1,7 @@
 """The filters by name, behind one compiled step that the loop and the replay both call.
 
 Every filter takes the same measurements and writes the same nine outputs a sample; its states are
-its own. The code of a filter is an integer so that one compiled loop serves all of them.
+its own. A code tells compiled loops which filter it is.
 """
 
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant import Model
+from rig.plant.compiled import inlined, inner
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 
 from . import product, thesis
@@ -21,7 +22,8 @@ from .thesis import thesis6_step, thesis7_step
 
 Array = NDArray[np.float64]
 
-PRODUCT: Final = 0
+PRODUCT: Final = None
+"""No number: where it is chosen the compiler leaves out the others, half of what there is to do."""
 THESIS_6: Final = 1
 THESIS_7: Final = 2
 
@@ -46,7 +48,7 @@ class Filter:
     """A filter that can be chosen by name."""
 
     name: str
-    code: int
+    code: int | None
     states: tuple[str, ...]
     summary: str
 
@@ -95,7 +97,7 @@ class FilterMemory:
 def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET) -> FilterMemory:
     """Return a filter's memory before its first sample; `model` is what the filter assumes."""
     chosen = filter_named(name)
-    if chosen.code == PRODUCT:
+    if chosen.code is PRODUCT:
         x, covariance = np.zeros(STATE_COUNT), product.initial_covariance(model)
     else:
         x, covariance = thesis.initial_state(chosen.code == THESIS_7)
@@ -103,20 +105,20 @@ def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET
     return FilterMemory(chosen, x, covariance, noise, np.zeros(product.WORK_SHAPE))
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def filter_start(code, x, position, p1, p2, spool, command, par):
     """Take the first sample. The thesis filters start from their printed x0 (section 4.5)."""
-    if code == PRODUCT:
+    if code is None:
         start_product(x, position, p1, p2, spool, command, par)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def filter_step(code, x, covariance, command, position, p1, p2, spool, par, noise, work, out):
     """Advance the filter `code` by one sample; see `product_step` for the arguments.
 
     The thesis filters do not use the spool.
     """
-    if code == PRODUCT:
+    if code is None:
         product_step(x, covariance, command, position, p1, p2, spool, par, noise, work, out)
     elif code == THESIS_6:
         thesis6_step(x, covariance, command, position, p1, p2, par, out)
@@ -130,11 +132,13 @@ def _run(code, x, covariance, par, noise, work, command, measured, states, outpu
         code, x, measured[0, 0], measured[0, 1], measured[0, 2], measured[0, 3], command[0], par
     )
     outputs[0] = np.nan
-    states[0] = x
+    for i in range(x.size):
+        states[0, i] = x[i]
     for k in range(1, command.size):
         filter_step(code, x, covariance, command[k - 1], measured[k, 0], measured[k, 1],
                     measured[k, 2], measured[k, 3], par, noise, work, outputs[k])  # fmt: skip
-        states[k] = x
+        for i in range(x.size):
+            states[k, i] = x[i]
 
 
 @dataclass(frozen=True)

@@ -260,8 +260,8 @@ def _accumulate(
             row[_LEAST + 1] = max(row[_LEAST + 1], position[k])
             last[0] += 1.0
             if last[0] % BLOCK_TICKS == 0 and (not dry or last[0] == _LONGEST):
-                rows[finished] = row
-                rows[finished, :_LEAST] /= last[0]
+                for i in range(row.size):
+                    rows[finished, i] = row[i] / last[0] if i < _LEAST else row[i]
                 rows[finished, 0] = time_s[k]
                 rows[finished, 1] = 0.0 if dry else rows[finished, 1]
                 rows[finished, 2] = last[0]
@@ -318,9 +318,11 @@ class FlowAccount:
         if supply is None:
             supply = np.full(time_s.size, np.nan)
         rows = np.empty((time_s.size // BLOCK_TICKS + 1, _WIDTH))
+        # Columns of a table would be another type, and another compilation.
+        whole = np.ascontiguousarray
         count = _accumulate(
-            time_s, spool, p1, p2, position, fresh, supply, null_bias, null_spread,
-            self._parameters, self._last, self._row, rows,
+            whole(time_s), whole(spool), whole(p1), whole(p2), whole(position), whole(fresh),
+            whole(supply), null_bias, null_spread, self._parameters, self._last, self._row, rows,
         )  # fmt: skip
         return [_block(row) for row in rows[:count]]
 

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant import Model, Parameters
+from rig.plant.compiled import inlined, inner
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import SensorParameters
@@ -105,7 +106,7 @@ def start_product(x, position, p1, p2, spool, command, par):
     x[10] = par.spool_null_bias
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _spool_rows(jacobian, a, b):
     """Return the products of the Jacobian's rows of spool and spool velocity with a column.
 
@@ -117,7 +118,7 @@ def _spool_rows(jacobian, a, b):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _full_rows(jacobian, matrix, i):
     """Return the products of the Jacobian's rows 1 to 4 with row `i` of a matrix of 11 columns."""
     s1 = s2 = s3 = s4 = 0.0
@@ -180,7 +181,7 @@ def _mirror(covariance):
             covariance[i, j] = covariance[j, i]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _start_afresh(x, covariance, index, measured, variance):
     """Take a state as measured and forget what its error had to do with the others'.
 

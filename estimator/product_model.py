@@ -13,6 +13,7 @@ from typing import Final
 
 from numba import njit
 
+from rig.plant.compiled import inlined, inner
 from rig.plant.dynamics import chamber_volumes, valve_conductance
 from rig.plant.integrator import TICK
 
@@ -40,7 +41,7 @@ _ROOT_WIDTH: Final = 1e4
 """Pa, a third of the pressure noise: below this drop the orifice law is made smooth."""
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _valve_step(par):
     """Return the exact transition of spool and spool velocity over a substep (eq. 2.5), by rows.
 
@@ -65,7 +66,7 @@ def _valve_step(par):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _smooth_root(drop):
     """Return the signed root of a pressure drop (Pa^0.5) and its slope.
 

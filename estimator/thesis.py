@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rig.plant.compiled import inlined
 from rig.plant.parameters import Parameters
 
 from .covariance import (
@@ -61,12 +62,12 @@ def initial_state(with_load: bool) -> tuple[Array, Array]:
     return x, INITIAL_VARIANCE * np.eye(x.size)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _six(x: Array) -> Vector:
     return x[0], x[1], x[2], x[3], x[4], x[5]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _seven(x: Array) -> Vector:
     return x[0], x[1], x[2], x[3], x[4], x[5], x[6]
 

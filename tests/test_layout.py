@@ -25,7 +25,7 @@ COMPILED_PACKAGES = (
     "estimator",
     "tools",
 )
-COMPILERS = {"njit", "intrinsic", "overload"}
+COMPILERS = {"njit", "inner", "inlined", "intrinsic", "overload"}
 SLOW_TO_IMPORT = {"llvmlite", "numba", "pint", "plotly", "pyarrow", "zenoh"}
 
 

@@ -14,6 +14,7 @@ from numba import njit
 
 from control.position_loop import proportional_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
+from rig.plant.compiled import inlined
 from rig.plant.dynamics import environment_force, leak_flows
 from rig.plant.integrator import advance
 from rig.plant.sensors import READING_COUNT, read_sensors
@@ -57,7 +58,7 @@ def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
     return (*sample_channels(states, open_loop), *TRUTH)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def limited_command(open_loop, setpoint, position, gain, limit):
     """Return the command in V within +-limit; in open loop the setpoint (V) is the command.
 
@@ -70,7 +71,7 @@ def limited_command(open_loop, setpoint, position, gain, limit):
     return min(max(setpoint, -limit), limit)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def sample_row(
     starts, time_s, setpoint, command, held, reading,
     code, x, covariance, filter_par, filter_noise, work, row,
@@ -101,7 +102,9 @@ def sample_row(
     else:
         filter_step(code, x, covariance, held, reading[0], reading[1], reading[2], reading[3],
                     filter_par, filter_noise, work, outputs)  # fmt: skip
-    row[STATES_AT : STATES_AT + x.size] = x
+    # Not to a slice at once: the text of its error would come along, a second of compiling.
+    for i in range(x.size):
+        row[STATES_AT + i] = x[i]
     row[0] = time_s
     row[1] = setpoint
     row[2] = command

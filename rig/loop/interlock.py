@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.io.signals import FAST_INPUTS
+from rig.plant.compiled import inner
 
 from .ladder import NO_CHANNEL, Action, Cause, LimitTable
 from .plausibility import implausible, no_evidence
@@ -207,7 +208,7 @@ def check_sample(
     return action, cause, channel
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _take(inputs, tol, memory):
     """Keep a fresh sample, and return whether the device took it since the last one."""
     new = isnan(inputs[_COUNTER]) or inputs[_COUNTER] != memory.values[_COUNTER]
@@ -223,7 +224,7 @@ def _take(inputs, tol, memory):
     return new
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _chain(driving, tol, memory):
     """Judge the emergency stop's chain; what the device does not report is not judged."""
     values = memory.values
@@ -238,7 +239,7 @@ def _chain(driving, tol, memory):
     return _NONE, _NONE, NO_CHANNEL
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
     """Judge whether the device answers, samples, takes what is written, and puts it out."""
     values, ticks, commands = memory.values, memory.unconfirmed, memory.commands
@@ -251,7 +252,10 @@ def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
         behind = (counter - values[_ECHO]) % _COUNTERS
         ticks[_NOT_TAKEN] = ticks[_NOT_TAKEN] + 1 if behind > _ECHO_LAG else 0
         output = values[_OUTPUT]
-        off = output > commands.max() + tol.command_V or output < commands.min() - tol.command_V
+        highest = lowest = commands[0]
+        for i in range(1, _COMMANDS):
+            highest, lowest = max(highest, commands[i]), min(lowest, commands[i])
+        off = output > highest + tol.command_V or output < lowest - tol.command_V
         off = off and values[_ENABLED] != 0.0
         ticks[_NOT_PUT_OUT] = ticks[_NOT_PUT_OUT] + 1 if off else 0
     if max(age_ticks, ticks[_NOT_SAMPLED]) > tol.stale_ticks:
@@ -266,7 +270,7 @@ def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
     return _NONE, _NONE, NO_CHANNEL
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _transducers(tol, memory):
     """Judge each channel by itself: there, off its rails, and alive."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
@@ -291,7 +295,7 @@ def _transducers(tol, memory):
     return worst, cause, channel
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _unhomed(command, homed, tol, memory):
     """Judge a ram that may meet its stroke end at any time: slowly and gently, or not at all."""
     if homed:
@@ -307,7 +311,7 @@ def _unhomed(command, homed, tol, memory):
     return _NONE, _NONE, NO_CHANNEL
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _limits(homed, limits, memory):
     """Judge the limits of all channels; those of a position that is not known say nothing."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL

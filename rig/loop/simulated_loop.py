@@ -94,7 +94,8 @@ class SimulatedLoop:
         setpoint = raised_cosine(
             self._rig.state[4], self._motion.start_position, self._motion.settle_ticks
         )
-        position_ticks(setpoint, self._gain, self._limit, NO_FAULT, self._rig.state,
+        # A plain tuple, as in the test's ticks: another type would be another compilation.
+        position_ticks(setpoint, self._gain, self._limit, tuple(NO_FAULT), self._rig.state,
                        self._rig.parameters, self._rig.sensors.position_resolution,
                        self._held)  # fmt: skip
 

@@ -13,6 +13,7 @@ from typing import Final
 
 from numba import njit
 
+from .compiled import inlined
 from .dynamics import environment_force, rates, slip_friction
 from .parameters import KARNOPP
 from .step_length import SHORTEST, break_away_step, resolving_step, sliding_step, smooth_step
@@ -27,27 +28,27 @@ SUBSTEPS: Final = 2
 _FAST_BRISTLE: Final = 2.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _net_force(y, par):
     """Return the force in N that stiction has to hold: pistons less spring and stroke ends."""
     pistons = par.piston_area * (max(y[2], 0.0) - max(y[3], 0.0))
     return pistons - environment_force(y[4], 0.0, par)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _mode_at_rest(net_force, par):
     """Return 0 if stiction holds a ram at rest, else the direction it slides in (eq. 2.8)."""
     direction = copysign(1.0, net_force)
     return direction if abs(net_force) > slip_friction(0.0, direction, par) else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _with_friction(y, velocity, friction_state):
     """Return the state `y` with another velocity and friction state."""
     return (y[0], y[1], y[2], y[3], y[4], velocity, friction_state, y[7], y[8])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _moved(y, h, k, friction_state):
     """Return y + h k, but for the friction state, which is given."""
     return (
@@ -63,13 +64,13 @@ def _moved(y, h, k, friction_state):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _rates(y, command, par, fault):
     """Return the time derivatives of the state `y`, a tuple in the order of `PlantState`."""
     return rates(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8], command, par, fault)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _bristle_weights(velocity, acceleration, h, par):
     """Return the bristles' relaxation rate (1/s), decay over half a step, and weights (s).
 
@@ -96,7 +97,7 @@ def _bristle_weights(velocity, acceleration, h, par):
     return relaxation, half, h * (1.0 - half) * inverse, first, middle, last
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _runge_kutta(y, k, h, command, par, fault):
     """Return the state one step of h (s) after `y`, where the rates are `k`."""
     relaxation, half, reach, first, middle, last = _bristle_weights(y[5], k[5], h, par)

@@ -5,6 +5,7 @@ from typing import Annotated, Final, NamedTuple
 
 from numba import njit
 
+from .compiled import inner
 from .integrator import TICK
 from .parameters import LITRE_PER_MINUTE
 from .parameters import Quantity as _Quantity
@@ -57,7 +58,7 @@ class Reading(NamedTuple):
 READING_COUNT: Final = len(Reading._fields)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _clipped(value, lower, upper):
     return min(max(value, lower), upper)
 
