@@ -197,7 +197,8 @@ def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
     rig = load_rig("emulated")
     theirs = Measured("cyclictest: wake-up")
     alone, woken = Measured("loop idle: wake-up"), Measured("whole chain: wake-up")
-    replied = Measured("whole chain: tick to reply (the command is on the wire before)")
+    sent = Measured("whole chain: tick to command")
+    replied = Measured("whole chain: tick to reply")
     computed = Measured("whole chain: filter, interlock, row")
     has_cyclictest = shutil.which("cyclictest") is not None
     for _ in range(rounds):
@@ -206,12 +207,13 @@ def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
         _add(alone, idle(rig, seconds), "wakeup_s")
         chain = whole_chain(rig, seconds)
         _add(woken, chain, "wakeup_s")
+        _add(sent, chain, "sent_s")
         _add(replied, chain, "wakeup_s", "exchange_s")
         _add(computed, chain, "compute_s")
     reference = None
     if has_cyclictest:
         reference = np.percentile(np.concatenate(theirs.times), (50.0, 99.0))
-    measured = ([theirs] if has_cyclictest else []) + [alone, woken, replied, computed]
+    measured = ([theirs] if has_cyclictest else []) + [alone, woken, sent, replied, computed]
     wakings = (theirs, alone, woken)
     rows = [one.row(reference if one in wakings else None) for one in measured]
     return rows, has_cyclictest
@@ -222,11 +224,18 @@ def table(rows: list[tuple[str, ...]], rounds: int, seconds: float) -> str:
     heads = ("", "p50, us", "p99, us", "p99.9, us", "p50 ratio", "p99 ratio", "missed")
     lines = [heads, tuple("---" if i == 0 else "---:" for i in range(len(heads))), *rows]
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    machine = f"{os.cpu_count()} processors, Linux {platform.release()}"
+    load = f"{os.getloadavg()[0]:.1f}"
+    machine = f"{os.cpu_count()} processors ({_processor()}), Linux {platform.release()}"
     return (
-        f"{rounds} rounds of {seconds:g} s each, interleaved; {machine}. Ratios are to cyclictest "
-        f"in the same run.\n\n{text}\n"
+        f"{rounds} rounds of {seconds:g} s each, interleaved; {machine}; load average at the end "
+        f"{load}, this measurement included. Ratios are to cyclictest in the same run.\n\n{text}\n"
     )
+
+
+def _processor() -> str:
+    """Return the processor's model as the kernel knows it."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return next((line.split(": ")[1] for line in lines if line.startswith("model name")), "unknown")
 
 
 def write_page(page: Path, text: str) -> None:

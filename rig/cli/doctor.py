@@ -16,6 +16,7 @@ from rig.configuration.rig import Rig, load_rig
 from rig.io.settings import LoopSettings
 from rig.loop.idle import wakeup_lateness
 from rig.loop.realtime import Grant, RealTime
+from rig.loop.timing import StageTimes
 
 from .application import EXIT_CRASHED
 from .machine import Finding, machine
@@ -82,16 +83,9 @@ def _granted(grant: Grant) -> Finding:
 
 def _timing(lateness: NDArray[np.float64]) -> dict[str, Any]:
     """Return ticks, missed ones, and percentiles of the lateness in s."""
-    woken = lateness[np.isfinite(lateness)]
-    p50, p99, p999 = (float(value) for value in np.percentile(woken, (50.0, 99.0, 99.9)))
-    return {
-        "ticks": lateness.size,
-        "missed": lateness.size - woken.size,
-        "p50_s": p50,
-        "p99_s": p99,
-        "p99.9_s": p999,
-        "max_s": float(woken.max()),
-    }
+    stage = StageTimes()
+    stage.take(lateness)
+    return {"ticks": lateness.size, "missed": lateness.size - stage.count, **stage.summary()}
 
 
 def _judged(timing: dict[str, Any], loop: LoopSettings) -> Finding:

@@ -10,7 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 from numba import njit, types
-from numba.core import config
+from numba.core import cgutils, config
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 from numba.np.numpy_support import carray
 
 MSG_DONTWAIT: Final = 0x40
@@ -53,6 +55,27 @@ _recv = bind("recv", "int64", "int32", "uintp", "uintp", "int32")
 _ppoll = bind("ppoll", "int32", "uintp", "uintp", "uintp", "uintp")
 _clock_gettime = bind("clock_gettime", "int32", "int32", "uintp")
 
+_SCRATCH: Final = 3
+
+
+def _on_stack(typing_context: Any) -> Any:
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        words = context.make_array(signature.return_type)(context, builder)
+        count, size = (context.get_constant(types.intp, number) for number in (_SCRATCH, 8))
+        memory = cgutils.alloca_once(builder, context.get_value_type(types.int64), size=count)
+        populate_array(words, memory, [count], [size], size, None)
+        return words._getvalue()
+
+    return types.Array(types.int64, 1, "C")(), emit
+
+
+def _on_heap() -> Any:
+    return np.empty(_SCRATCH, np.int64)
+
+
+scratch: Any = intrinsic(_on_stack) if _COMPILED else _on_heap
+"""Return int64 (3,) for a structure, on the stack of the function that asks: nothing allocated."""
+
 _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
 
 
@@ -68,7 +91,7 @@ errno: Any = _library_errno if _COMPILED else ctypes.get_errno
 @njit(cache=True, error_model="numpy", nogil=True)
 def monotonic_ns():
     """Return CLOCK_MONOTONIC, ns."""
-    time = np.empty(2, np.int64)
+    time = scratch()
     _clock_gettime(_CLOCK_MONOTONIC, time.ctypes.data)
     return time[0] * _SECOND + time[1]
 
@@ -97,7 +120,7 @@ def wait_readable(fd, deadline_ns):
         deadline_ns: on CLOCK_MONOTONIC.
     """
     # struct timespec, then struct pollfd: int fd, short events, short revents (little-endian).
-    words = np.empty(3, np.int64)
+    words = scratch()
     while True:
         left = max(deadline_ns - monotonic_ns(), 0)
         words[0], words[1] = left // _SECOND, left % _SECOND

@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from pymodbus.constants import ExcCodes
 
+from rig.plant.compiled import inner
+
 from . import libc
 from .modbus_frames import FUNCTION_AT, LENGTH_AT, TRANSACTION_AT, UNIT_AT
 from .modbus_plan import TYPES, ExchangePlan, Tally
@@ -46,6 +48,7 @@ _GARBAGE: Final = int(ExchangeStatus.GARBAGE)
 _RECEIVED: Final = int(Tally.RECEIVED)
 _LATE: Final = int(Tally.LATE)
 _CODE: Final = int(Tally.EXCEPTION)
+_SENT: Final = int(Tally.SENT_NS)
 
 _HEADER: Final = LENGTH_AT + 2
 _SHORTEST_REPLY: Final = FUNCTION_AT + 2
@@ -85,7 +88,7 @@ def encode_outputs(plan, outputs):
             frames[byte] = frames[byte] | mask if number >= 0.5 else frames[byte] & ~mask
             continue
         if kind == _F32:
-            plan.word.view(np.float32)[0] = number
+            plan.single[0] = number
             word = np.int64(plan.word[0])
         else:
             clipped = min(max(number, _LOWEST[kind]), _HIGHEST[kind])
@@ -118,7 +121,7 @@ def decode_inputs(plan, inputs):
             word = second << 16 | first if swapped else first << 16 | second
             if kind == _F32:
                 plan.word[0] = word
-                number = np.float64(plan.word.view(np.float32)[0])
+                number = np.float64(plan.single[0])
             elif kind == _I32:
                 number = np.float64(word - (word >> 31 << 32))
             else:
@@ -127,7 +130,7 @@ def decode_inputs(plan, inputs):
         inputs[plan.decode[row, 0]] = scaled
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _drop(plan, size):
     """Take `size` bytes off the start of the receive buffer."""
     left = plan.tally[_RECEIVED] - size
@@ -136,7 +139,7 @@ def _drop(plan, size):
     plan.tally[_RECEIVED] = left
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _judge_reply(plan, transaction, size):
     """Return the status of a reply with the right id, whole at the start of the buffer."""
     reply, frames = plan.received, plan.frames
@@ -155,7 +158,7 @@ def _judge_reply(plan, transaction, size):
     return _OK
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _receive_reply(fd, plan, transaction, deadline_ns):
     """Wait for the reply to a transaction; one that fits stays at the start of the buffer."""
     reply, tally = plan.received, plan.tally
@@ -191,7 +194,7 @@ def _receive_reply(fd, plan, transaction, deadline_ns):
             return _DISCONNECTED
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _send_request(fd, plan, transaction, identifier):
     start, stop = plan.transactions[transaction, 0], plan.transactions[transaction, 1]
     plan.frames[start + TRANSACTION_AT] = identifier >> 8
@@ -219,6 +222,7 @@ def exchange(fd, plan, sequence, outputs, inputs, deadline_ns):
         deadline_ns: when to give up, on CLOCK_MONOTONIC.
     """
     inputs[:] = np.nan
+    plan.tally[_SENT] = 0
     encode_outputs(plan, outputs)
     count = plan.transactions.shape[0]
     for transaction in range(count):
@@ -226,6 +230,9 @@ def exchange(fd, plan, sequence, outputs, inputs, deadline_ns):
         status = _send_request(fd, plan, transaction, identifier)
         if status != _OK:
             return status
+        if transaction == 0:
+            # The outputs are in the first one, whatever the mode.
+            plan.tally[_SENT] = libc.monotonic_ns()
         status = _receive_reply(fd, plan, transaction, deadline_ns)
         if status != _OK:
             return status

@@ -30,6 +30,8 @@ class Tally(IntEnum):
     """Late replies dropped so far."""
     EXCEPTION = 2
     """Exception code of the last refusal; 0 none so far."""
+    SENT_NS = 3
+    """When the kernel had the last frame with a command, CLOCK_MONOTONIC; 0 if it did not go."""
 
 
 class ExchangePlan(NamedTuple):
@@ -50,7 +52,8 @@ class ExchangePlan(NamedTuple):
         low_word_first: int64 (1,), 1 if 32-bit values come so.
         received: uint8, the receive buffer.
         word: uint32 (1,), a 32-bit value on its way to or from float.
-        tally: int64 (3,), by `Tally`.
+        single: float32 (1,), the same memory.
+        tally: int64 (4,), by `Tally`.
     """
 
     frames: Bytes
@@ -63,6 +66,7 @@ class ExchangePlan(NamedTuple):
     low_word_first: Integers
     received: Bytes
     word: NDArray[np.uint32]
+    single: NDArray[np.float32]
     tally: Integers
 
 
@@ -83,6 +87,7 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
         for start, request in zip(starts, requests, strict=True)
         for address, at in request.written.items()
     }
+    word = np.zeros(1, np.uint32)
     heads = np.zeros((len(requests), _LONGEST_HEAD), np.uint8)
     for head, request in zip(heads, requests, strict=True):
         head[: len(request.reply_head)] = tuple(request.reply_head)
@@ -102,7 +107,8 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
         decode_scale=_scales(register_map.read),
         low_word_first=np.array([register_map.word_order == "low_first"], np.int64),
         received=np.zeros(2 * FEEDBACK_BYTES, np.uint8),
-        word=np.zeros(1, np.uint32),
+        word=word,
+        single=word.view(np.float32),
         tally=np.zeros(len(Tally), np.int64),
     )
 

@@ -2,10 +2,9 @@
 
 from typing import Final
 
-import numpy as np
 from numba import njit
 
-from rig.io.libc import bind
+from rig.io.libc import bind, scratch
 
 _CLOCK_MONOTONIC: Final = 1  # linux/time.h
 _TIMER_ABSTIME: Final = 1
@@ -17,7 +16,7 @@ _clock_nanosleep = bind("clock_nanosleep", "int32", "int32", "int32", "uintp", "
 @njit(cache=True, error_model="numpy", nogil=True)
 def sleep_until(time_ns):
     """Sleep until a time on CLOCK_MONOTONIC, ns; return at once when it is past."""
-    timespec = np.empty(2, np.int64)
+    timespec = scratch()
     timespec[0], timespec[1] = time_ns // _SECOND, time_ns % _SECOND
     # It returns early, and not zero, when a signal arrives.
     while _clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, timespec.ctypes.data, 0) != 0:

@@ -14,15 +14,18 @@ Array = NDArray[np.float64]
 
 STAGES: Final = {
     "wakeup": "from the time of the tick until the loop woke",
-    "exchange": "from the command sent until the sample came",
+    "tick_to_command": "from the time of the tick until the kernel had the frame with the command",
+    "exchange": "from the frame's making until the sample came",
     "compute": "filter, interlock and record",
-    "tick_to_reply": "from the time of the tick until the sample came: the command is out before",
+    "tick_to_reply": "from the time of the tick until the sample came",
     "period": "from one waking to the next",
 }
 """What is timed, by name."""
 
 TIMING: Final = "timing"
 """Kind of the event by which a recording tells `Timing.summary`, as JSON."""
+
+_TIMED: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s")
 
 PERCENTILES: Final = (50.0, 99.0, 99.9)
 
@@ -81,7 +84,7 @@ class Timing:
     """
 
     def __init__(self, channels: Sequence[str], period_s: float) -> None:
-        self._columns = [channels.index(name) for name in ("wakeup_s", "exchange_s", "compute_s")]
+        self._columns = [channels.index(name) for name in _TIMED]
         self._period_s = period_s
         self._last_wakeup = np.full(1, np.nan)
         self.stages = {name: StageTimes() for name in STAGES}
@@ -90,11 +93,12 @@ class Timing:
 
     def take(self, rows: Array) -> None:
         """Count the next rows, float64 (n, channels)."""
-        wakeup, exchange, compute = (rows[:, column] for column in self._columns)
+        wakeup, sent, exchange, compute = (rows[:, column] for column in self._columns)
         wakeups = np.concatenate([self._last_wakeup, wakeup])
         self._last_wakeup = wakeups[-1:].copy()
         for name, times in (
             ("wakeup", wakeup),
+            ("tick_to_command", sent),
             ("exchange", exchange),
             ("compute", compute),
             ("tick_to_reply", wakeup + exchange),
@@ -120,8 +124,14 @@ def in_short(summary: Mapping[str, Any]) -> str:
         summary: as `Timing.summary` gives it, or an event of kind `timing` tells.
     """
     shown = [f"{summary['missed']} of {summary['ticks']} ticks missed"]
-    for name, words in (("wakeup", "wakes"), ("tick_to_reply", "has its reply")):
-        p50, p99 = (summary["stages"][name][key] for key in ("p50_s", "p99_s"))
-        if p50 is not None:
+    for name, words in (
+        ("wakeup", "wakes"),
+        ("tick_to_command", "has its command out"),
+        ("tick_to_reply", "has its reply"),
+    ):
+        # Recordings from before a stage was timed do not tell it.
+        stage = summary["stages"].get(name, {})
+        p50, p99 = (stage.get(key) for key in ("p50_s", "p99_s"))
+        if p50 is not None and p99 is not None:
             shown.append(f"{words} after {1e6 * p50:.0f} us (p99 {1e6 * p99:.0f} us)")
     return ", ".join(shown)

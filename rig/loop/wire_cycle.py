@@ -12,7 +12,9 @@ from numba import njit
 
 from rig.io.libc import monotonic_ns
 from rig.io.modbus_exchange import ExchangeStatus, exchange
+from rig.io.modbus_plan import Tally
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS, METERS
+from rig.plant.compiled import inner
 from rig.plant.sensors import READING_COUNT
 
 from .atomic import load_acquire, store_release
@@ -21,7 +23,7 @@ from .clock import sleep_until
 from .cycle import READINGS_AT, STATES_AT, limited_command, sample_row
 from .interlock import allowed_command, check_sample, held_position
 from .ladder import NO_CHANNEL, Action, Cause
-from .wire_layout import STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
+from .wire_layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 
 _COMMAND: Final = FAST_OUTPUTS.index("command_V")
 _VALVE_ENABLE: Final = FAST_OUTPUTS.index("valve_enable")
@@ -30,6 +32,7 @@ _RESET_LAMP: Final = FAST_OUTPUTS.index("reset_lamp")
 _REARM: Final = FAST_OUTPUTS.index("rearm")
 _POSITION: Final = FAST_INPUTS.index("position_m")
 _VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
+_SENT: Final = int(Tally.SENT_NS)
 _ENCODER_FAULT: Final = FAST_INPUTS.index("encoder_fault")
 _DEVICE_COUNTER: Final = FAST_INPUTS.index("device_counter")
 _DEVICE_COMMAND: Final = FAST_INPUTS.index("device_command_V")
@@ -47,7 +50,7 @@ _CONFIRM_NS: Final = 200_000_000
 """Time the device has to confirm null; then it is brought there by another connection."""
 _S_PER_NS: Final = 1e-9
 _NOT_EXCHANGED: Final = -1
-_NOT_DONE: Final = (nan, nan, nan, nan, float(_NOT_EXCHANGED))
+_NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
 """The timings of a tick that did not take place."""
 
 
@@ -93,10 +96,11 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         leaves = counts[Count.LEAVE] != 0
         if leaves:
             command, enable = 0.0, 0.0
-        standing, begun, status = outputs[_COMMAND], woken, _NOT_EXCHANGED
+        standing, begun, sent, status = outputs[_COMMAND], woken, 0, _NOT_EXCHANGED
         if fd >= 0 and (now % pace.every == 0 or enable == 0.0):
             begun = monotonic_ns()
             status = _exchange(fd, plan, command, enable, course, pace, memory, words)
+            sent = plan.tally[_SENT]
         ended = monotonic_ns()
         if leaves:
             return Left.ASKED.value
@@ -104,9 +108,11 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
             _trip(words, Cause.EXCHANGE_LOST.value, NO_CHANNEL, ended)
 
         memory.reading[:] = nan
+        # A variable: for a constant the row would be compiled once more.
+        starts = not started
         for k in range(tick, now):
             setpoint = _setpoint(_drive(course, k, action, words), course, k, memory)
-            row = _begin_row(k, setpoint, standing, held, False, filt, pace, memory, shared)
+            row = _begin_row(k, setpoint, standing, held, starts, filt, pace, memory, shared)
             _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
             held = standing
         tick = now
@@ -137,6 +143,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         done = monotonic_ns()
         timing = (
             _S_PER_NS * (woken - due),
+            nan if sent == 0 else _S_PER_NS * (sent - due),
             nan if status == _NOT_EXCHANGED else _S_PER_NS * (ended - begun),
             _S_PER_NS * (done - ended),
             _S_PER_NS * (ended - counts[Count.SAMPLED_NS]), float(status),
@@ -152,7 +159,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
     return Left.SWITCHED.value
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _wait_for_tick(counts, pace):
     """Sleep to the next tick; return when it was due, when the loop woke, and the ticks missed.
 
@@ -175,7 +182,7 @@ def _wait_for_tick(counts, pace):
     return due, woken, missed
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _cause_at_wakeup(words, counts, now, missed, pace):
     """Return why the loop must trip by what others say and by the clock, or `Cause.NONE`."""
     if words[Word.FIELD_TRIP] != 0:
@@ -200,13 +207,13 @@ def _cause_at_wakeup(words, counts, now, missed, pace):
     return Cause.NONE.value
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _is_silent(beat, now, limit):
     """Return whether a part beat once, and not since `limit` ns; 0 is no limit."""
     return limit > 0 and beat != 0 and now - beat > limit
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _trip(words, cause, channel, now):
     """Latch a trip with its first cause."""
     if words[Word.LOOP_TRIP] == 0:
@@ -217,7 +224,7 @@ def _trip(words, cause, channel, now):
         store_release(words, Word.LOOP_TRIP.value, cause)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _acted_upon(judged, cause, channel, action, words):
     """Show what the interlock judged; return the segment's action, which only gets worse."""
     if words[Word.LOOP_TRIP] != 0:
@@ -229,7 +236,7 @@ def _acted_upon(judged, cause, channel, action, words):
     return max(action, judged) if judged >= Action.HOLD.value else action
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _drive(course, tick, action, words):
     """Return what is done with the valve at a tick: what the course says, unless an action does."""
     if words[Word.LOOP_TRIP] != 0 or course.drive == Drive.NULL:
@@ -241,7 +248,7 @@ def _drive(course, tick, action, words):
     return Drive.HOLD.value
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _command(drive, course, tick, pace, limits, memory, words):
     """Return the command in V for a tick."""
     handling, position = memory.handling, memory.encoder[0] + course.offset
@@ -261,13 +268,13 @@ def _command(drive, course, tick, pace, limits, memory, words):
     return 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _ramp_left(tick, pace, memory):
     """Return the part of the ramp down that is still ahead."""
     return max(1.0 - (tick - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _enable(drive, course, tick, pace, memory, words):
     """Return 1 where the valve may be enabled at a tick."""
     if words[Word.LOOP_TRIP] != 0:
@@ -277,7 +284,7 @@ def _enable(drive, course, tick, pace, memory, words):
     return course.valve_enable
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _setpoint(drive, course, tick, memory):
     """Return what the row of a tick shows as its setpoint; NaN for none of the row's quantity."""
     if drive == Drive.TRACK:
@@ -287,7 +294,7 @@ def _setpoint(drive, course, tick, memory):
     return nan
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _exchange(fd, plan, command, enable, course, pace, memory, words):
     """Exchange outputs for a sample; return the `ExchangeStatus`."""
     outputs, counts = memory.outputs, memory.counts
@@ -313,7 +320,7 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     return status
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _is_null(inputs):
     """Return whether the device says that the valve is at null and disabled.
 
@@ -325,7 +332,7 @@ def _is_null(inputs):
     return abs(command) <= _NULL_V and enabled != 1.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _is_unconfirmed(status, now, words):
     """Return whether a trip cannot be, or was not in time, confirmed by this connection."""
     if words[Word.LOOP_TRIP] == 0 or words[Word.VALVE_NULL_AT] != 0:
@@ -333,7 +340,7 @@ def _is_unconfirmed(status, now, words):
     return status == ExchangeStatus.DISCONNECTED or now - words[Word.LOOP_TRIP_AT] > _CONFIRM_NS
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _take_sample(offset, now, memory, words):
     """Take over the inputs, unless the device has no sample since the last one."""
     inputs = memory.inputs
@@ -349,13 +356,13 @@ def _take_sample(offset, now, memory, words):
         words[Word.HOMED] = 0
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _is_whole(reading):
     """Return whether a filter can start from a reading: position and both pressures."""
     return not isnan(reading[0] + reading[1] + reading[2])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared):
     """Update the filter with `memory.reading`, and return the row begun with it."""
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
@@ -366,7 +373,7 @@ def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared
     return row
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _waiting_row(setpoint, command, pace, memory, shared):
     """Return a row begun before the first whole sample: as it is, without estimates."""
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
@@ -379,14 +386,14 @@ def _waiting_row(setpoint, command, pace, memory, shared):
     return row
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner
 def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
     """Fill the row from column `at` on, and show it to the readers.
 
     Args:
         row: begun by `_begin_row`.
         at: where the columns `TIMINGS` begin.
-        timing: the first five of them.
+        timing: those that are measured.
         course: the segment; its number is shown while its table runs.
         tick: of the segment, -1 before its start.
         action: `Action`.
@@ -396,13 +403,13 @@ def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
         pace: for that limit.
     """
     words = shared.words
-    for i in range(5):
+    for i in range(MEASURED):
         row[at + i] = timing[i]
-    row[at + 5] = course.number if 0 <= tick < course.setpoint.size else -1.0
-    row[at + 6] = tick
-    row[at + 7] = action
+    row[at + MEASURED] = course.number if 0 <= tick < course.setpoint.size else -1.0
+    row[at + MEASURED + 1] = tick
+    row[at + MEASURED + 2] = action
     for i in range(_STATUS_COUNT):
-        known = timing[4] != _NOT_EXCHANGED
+        known = timing[MEASURED - 1] != _NOT_EXCHANGED
         row[at + _STATUS_AT + i] = memory.inputs[READING_COUNT + i] if known else nan
     for i in range(shared.slow.size):
         value = shared.slow[i]

@@ -28,6 +28,7 @@ STATUS: Final = FAST_INPUTS[9:]
 
 TIMINGS: Final = (
     "wakeup_s",
+    "sent_s",
     "exchange_s",
     "compute_s",
     "age_s",
@@ -36,9 +37,11 @@ TIMINGS: Final = (
     "tick",
     "action",
 )
-"""Of each tick: how late it woke, how long the exchange and the rest took, age of the newest sample
-when it ended; `ExchangeStatus`, -1 without exchange; segment and tick, -1 outside its table;
-`Action`."""
+"""Of each tick: how late it woke, and how late the kernel had the whole frame with its command; how
+long the exchange and the rest took; age of the newest sample when it ended; `ExchangeStatus`, -1
+without exchange; segment and tick, -1 outside its table; `Action`."""
+MEASURED: Final = TIMINGS.index("segment")
+"""Timings that are measured, the first ones; the others say what the tick was for."""
 
 SLOW: Final = SLOW_INPUTS[len(METERS) :]
 """Slow inputs with columns of their own; the meters stand among the readings."""
@@ -173,7 +176,7 @@ def course(
 class Estimation(NamedTuple):
     """The filter of a segment, as `sample_row` takes it."""
 
-    code: int
+    code: int | None
     x: Array
     covariance: Array
     parameters: Parameters

@@ -22,7 +22,7 @@ from rig.recording.units import unit_of
 Array = NDArray[np.float64]
 
 SCHEMA: Final = "rig-trip"
-STAGES: Final = ("wakeup_s", "exchange_s", "compute_s", "age_s")
+STAGES: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s", "age_s")
 """Columns of a row whose statistics a report gives; see `rig.loop.wire_layout.TIMINGS`."""
 _UNCONFIRMED: Final = {
     "valve null": Cause.NULL_NOT_CONFIRMED,

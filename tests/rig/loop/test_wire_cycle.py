@@ -125,6 +125,16 @@ def test_a_tick_that_is_a_little_late_still_takes_place(scenario: Scenario) -> N
     assert result["rows"]["wakeup_s"][5] == pytest.approx(0.4e-3)
 
 
+def test_a_row_says_when_its_command_was_on_the_way(scenario: Scenario) -> None:
+    rows = scenario("a little late")["rows"]
+    assert rows["sent_s"][4:6] == pytest.approx([0.05e-3, 0.43e-3])
+
+
+def test_a_command_that_did_not_go_has_no_time(scenario: Scenario) -> None:
+    rows = scenario("disconnected")["rows"]
+    assert isnan(rows["sent_s"][-1])
+
+
 def test_realigning_moves_the_time_grid_and_skips_no_tick(scenario: Scenario) -> None:
     result = scenario("realign")
     assert without_value(result) == []

@@ -7,12 +7,14 @@ and what the ring holds: patching the clock needs functions that are not compile
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from estimator.filters import OUTPUTS, run_filter, start_memory
 from rig.io.modbus_exchange import ExchangeStatus
+from rig.io.modbus_plan import Tally
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.loop import wire_cycle
@@ -68,6 +70,7 @@ class World:
         self.now = BEGIN
         self.board = Board.create(len(CHANNELS))
         self.memory = wire_memory()
+        self.plan = SimpleNamespace(tally=np.zeros(len(Tally), np.int64))
         self.frames: list[tuple[int, dict[str, float]]] = []
         self.sleeps: set[int] = set()
         self.judged = 0
@@ -91,6 +94,8 @@ class World:
         sent = dict(zip(FAST_OUTPUTS, (float(value) for value in outputs), strict=True))
         self.frames.append((self.now, sent))
         status = self.status.get(number, ExchangeStatus.OK)
+        gone = status != ExchangeStatus.DISCONNECTED
+        self.plan.tally[Tally.SENT_NS] = self.now + 30_000 if gone else 0
         self.now = deadline_ns if status == ExchangeStatus.TIMEOUT else self.now + 50_000
         inputs[:] = np.nan
         if status == ExchangeStatus.OK:
@@ -138,7 +143,7 @@ class World:
             setattr(wire_cycle, name, stand_in)
         left = wire_cycle.wire_ticks(
             planned, estimation(memory, MODEL.parameters), interlock(limit_table([], TICK), tol),
-            pace(settings, device_rate_hz), fd, None, self.memory, shared_memory(self.board),
+            pace(settings, device_rate_hz), fd, self.plan, self.memory, shared_memory(self.board),
         )  # fmt: skip
         rows = self.board.ring[: int(words[Word.ROWS])]
         return {
