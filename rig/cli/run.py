@@ -62,6 +62,10 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
             except TripError as error:
                 click.echo(f"rig: {error}", err=True)
                 return EXIT_STOPPED
+            except OSError as error:
+                state = f"results cannot be written to {directory}: {error.strerror or error}"
+                click.echo(f"rig: {state}; free space, or give another --out", err=True)
+                return EXIT_CRASHED
         wall_s = time.perf_counter() - started
         screen.print(verdict_table(outcome, plain=not screen.is_terminal))
         for line in summary(outcome, wall_s, live=paced):

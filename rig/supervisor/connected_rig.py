@@ -334,11 +334,22 @@ class ConnectedRig:
             # Slow drivers are read again only now; what ails one may be why the loop tripped.
             time.sleep(LAST_NEWS_S)
             self._report = self._trip_report()
-            self._reported = write_trip_report(self._report, self._directory)
+            self._reported = self._keep(self._report)
         cause = self._report.first[1]
         remedy = explain(cause, self._report.concerned).remedy
-        sentence = f"tripped: {self._report.sentence}; {remedy} ({self._reported})"
-        return TripError(sentence, self._reported)
+        sentence = f"tripped: {self._report.sentence}; {remedy}"
+        where = f" ({self._reported})" if self._reported is not None else ""
+        return TripError(sentence + where, self._reported)
+
+    def _keep(self, report: TripReport) -> Path | None:
+        """Write a trip report; if it cannot be written, show it, and return nothing."""
+        try:
+            return write_trip_report(report, self._directory)
+        except OSError as error:
+            self.say(f"the trip report cannot be written: {error.strerror}")
+            for line in report.lines():
+                self.say(line)
+            return None
 
     def stopped(self, error: LoopStoppedError) -> TripError:
         """Return the error for a motion that the loop ended by itself."""
