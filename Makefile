@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help demo test check lint format types imports bench bench-loop lock clean
+.PHONY: help demo test check lint format types imports bench bench-loop chaos lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -38,6 +38,9 @@ bench: $(INSTALLED) ## measure filter, plant, campaign and start-up against thei
 
 bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, and with the whole chain
 	@$(BIN)/python -m tools.bench_loop
+
+chaos: $(INSTALLED) ## let everything fail that can, on the emulated rig; write the table of docs/safety.md
+	@$(BIN)/python -m tools.chaos
 
 lock: ## resolve the dependencies of pyproject.toml anew into requirements-lock.txt (needs uv)
 	@command -v uv >/dev/null || { \

@@ -4,6 +4,7 @@ Run as `python -m tools.chaos [TEXT ...]`; those are played whose names contain 
 """
 
 import re
+import signal
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -32,6 +33,9 @@ _COLUMNS: Final = (
 
 def main(wanted: list[str]) -> int:
     """Play scenarios; return how many went otherwise than claimed."""
+    # In the background, or by nohup, they are ignored, and would be so in what is started here.
+    for ignored in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(ignored, signal.default_int_handler)
     chosen = [s for s in SCENARIOS if not wanted or any(text in s.name for text in wanted)]
     played, failures = [], 0
     for number, scenario in enumerate(chosen, 1):

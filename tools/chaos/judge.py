@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.loop.ladder import EXPLANATIONS
 from rig.recording import Recording, RecordingError, read_recording, recover
 
 from .scenario import Scenario
@@ -28,8 +29,8 @@ class Outcome:
 
     Attributes:
         exit_code: of `rig run`.
-        cause: first-out cause of the trip report; of what survives, where nobody wrote one; or why
-            the run was stopped; empty if it came to its end.
+        cause: first-out cause of the trip report; of the recording or what was printed, where
+            nobody wrote one; or why the run was stopped; empty if it came to its end.
         valve_s: valve disabled, its output at 0 V.
         bypass_s: all balls shut.
         pump_s: pump unloaded.
@@ -63,7 +64,7 @@ def judge(stage: Stage) -> Outcome:
     recording = _recording(stage.out)
     return Outcome(
         exit_code=stage.run.returncode,
-        cause=_cause(stage.out, recording),
+        cause=_cause(stage.out, recording, stage.printed),
         **{f"{part}_s": _after(stage, at) for part, at in safe_at(events).items()},
         lost_s=None if recording is None else _lost_s(stage, recording),
         report=report.read_text() if report.exists() else "",
@@ -123,7 +124,7 @@ def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
                 opened.discard(bypass)
                 balls[bypass] = event["at_ns"]
     shut = [at for at in balls.values() if at is not None]
-    all_shut = max(shut) if len(shut) == len(balls) else None
+    all_shut = max(shut) if shut and len(shut) == len(balls) else None
     return {"valve": valve, "bypass": all_shut, "pump": pump}
 
 
@@ -131,13 +132,16 @@ def _after(stage: Stage, at_ns: int | None) -> float | None:
     return None if at_ns is None else 1e-9 * (at_ns - stage.injected_ns)
 
 
-def _cause(out: Path, recording: Recording | None) -> str:
+def _cause(out: Path, recording: Recording | None, printed: str) -> str:
     report = out / "trip-1.json"
     if report.exists():
         return str(json.loads(report.read_text())["cause"])
     for event in recording.events if recording else ():
         if event.kind == "trip":
             return event.text.partition(":")[0]
+    for cause, (sentence, _) in EXPLANATIONS.items():
+        if sentence and f"tripped: {sentence}" in printed:
+            return cause.name
     (test,) = json.loads((out / "results.json").read_text())["tests"]
     return str(test["message"])
 

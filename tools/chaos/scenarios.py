@@ -46,7 +46,7 @@ WIRES: Final = (
             f"I/O node: {what}",
             (wire(fault, "daq", **options),),
             ("EXCHANGE_LOST",) if fault == "disconnect" else ("STALE_SAMPLE", "WATCHDOG_TRIPPED"),
-            null_ms=150,
+            null_ms=350,
         )
         for what, fault, options in _FAILING_WIRE
     ),
@@ -113,7 +113,7 @@ DEVICES: Final = (
     Scenario(
         "all devices: hang for 3 s",
         (kill(SIGSTOP, "emulator"), pause(3.0), kill(SIGCONT, "emulator")),
-        ("STALE_SAMPLE", "EXCHANGE_LOST", "WATCHDOG_TRIPPED"), 150,
+        ("STALE_SAMPLE", "EXCHANGE_LOST", "WATCHDOG_TRIPPED"), 350,
     ),
     Scenario(
         "all devices: lose power", (kill(SIGKILL, "emulator"),), ("EXCHANGE_LOST",),
@@ -125,12 +125,14 @@ DEVICES: Final = (
 )  # fmt: skip
 
 PROCESSES: Final = (
-    Scenario("loop: kill -9", (kill(SIGKILL, "loop"),), ("LOOP_LOST",), 150),
-    Scenario("loop: SIGSTOP", (kill(SIGSTOP, "loop"),), ("LOOP_LOST",), 150),
+    Scenario("loop: kill -9", (kill(SIGKILL, "loop"),), ("LOOP_LOST",), 350),
+    Scenario("loop: SIGSTOP", (kill(SIGSTOP, "loop"),), ("LOOP_LOST",), 350),
     Scenario("field: kill -9", (kill(SIGKILL, "field"),), ("FIELD_LOST",), 50, ordered=False),
     Scenario("field: SIGSTOP", (kill(SIGSTOP, "field"),), ("FIELD_LOST",), 1100, ordered=False),
-    Scenario("recorder: kill -9", (kill(SIGKILL, "recorder"),), ("RECORDER_LOST",), 50),
-    Scenario("recorder: SIGSTOP", (kill(SIGSTOP, "recorder"),), ("RECORDER_LOST",), 5200),
+    Scenario("recorder: kill -9", (pause(2.0), kill(SIGKILL, "recorder")), ("RECORDER_LOST",), 50),
+    Scenario(
+        "recorder: SIGSTOP", (pause(2.0), kill(SIGSTOP, "recorder")), ("RECORDER_LOST",), 5200
+    ),
     Scenario(
         "supervisor: kill -9", (kill(SIGKILL, "supervisor"),), ("SUPERVISOR_LOST",), 150, KILLED
     ),
@@ -148,16 +150,25 @@ PROCESSES: Final = (
     ),
     Scenario(
         "loop and field: kill -9", (kill(SIGKILL, "loop", "field"),),
-        ("LOOP_LOST", "FIELD_LOST"), 150, ordered=False,
+        ("LOOP_LOST", "FIELD_LOST"), 350, ordered=False,
     ),
     Scenario(
-        "all processes: kill -9", (kill(SIGKILL, *ALL),), ("",), 150, KILLED, ordered=False
+        "all processes: kill -9", (pause(2.0), kill(SIGKILL, *ALL)), ("",), 350, KILLED,
+        ordered=False,
     ),
-    Scenario("Ctrl-C (SIGINT)", (kill(SIGINT, "supervisor"),), ("stopped by SIGINT",), 1000),
-    Scenario("SIGTERM", (kill(SIGTERM, "supervisor"),), ("stopped by SIGTERM",), 1000),
-    Scenario("SIGHUP", (kill(SIGHUP, "supervisor"),), ("stopped by SIGHUP",), 1000),
-    Scenario("disk: full for the recorder", (full_disk("recorder"),), ("DISK_FULL",), 1500),
-    Scenario("disk: full for all", (full_disk(*ALL),), ("DISK_FULL",), 1500),
+    *(
+        Scenario(
+            f"supervisor: {number.name}", (kill(number, "supervisor"),),
+            (f"stopped by {number.name}",), 1000, ordered=False,
+        )
+        for number in (SIGINT, SIGTERM, SIGHUP)
+    ),
+    Scenario(
+        "disk: full for the recorder", (pause(2.0), full_disk("recorder")), ("DISK_FULL",), 1500
+    ),
+    Scenario(
+        "disk: full for all", (pause(2.0), full_disk(*ALL)), ("DISK_FULL",), 1500, exit_code=1
+    ),
 )  # fmt: skip
 
 SCENARIOS: Final = (*BENIGN, *WIRES, *SENSORS, *DEVICES, *PROCESSES)

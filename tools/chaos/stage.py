@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import IO, Any, Final, Self
 
 import yaml
 
@@ -69,6 +69,7 @@ class Stage:
         self.record = folder / "record.jsonl"
         self.trace = folder / "trace.csv"
         self.injected_ns = 0
+        self._printed = folder / "printed.txt"
         self.children: dict[str, int] = {}
         self._prefix = tuple(prefix)
         self._ends = ExitStack()
@@ -98,12 +99,13 @@ class Stage:
 
     def _start_emulator(self) -> None:
         files = ["--record", str(self.record), "--trace", str(self.trace)]
-        self._emulator = self._python("emulate", "rig.yaml", *files, "--control", "0", "--json")
+        arguments = ("rig.yaml", *files, "--control", "0", "--json")
+        self._emulator = self._python("emulate", *arguments, output=subprocess.PIPE)
         self._ends.callback(_end, self._emulator, signal.SIGTERM)
         assert self._emulator.stdout is not None
         ready = self._emulator.stdout.readline()
-        if not ready:
-            raise StageError(f"the emulator did not start: {self._output('emulate')}")
+        if not ready.startswith("{"):
+            raise StageError(f"the emulator did not start: {ready}")
         address = ("127.0.0.1", int(json.loads(ready)["ports"]["control"]))
         line = self._ends.enter_context(socket.create_connection(address, timeout=PATIENCE_S))
         self._control = self._ends.enter_context(line.makefile("rw"))
@@ -111,26 +113,32 @@ class Stage:
         self.ask(do="inject", fault="lost_counts", counts=-MID_STROKE_COUNTS)
 
     def _start_run(self) -> None:
-        self.run = self._python("run", "campaign.yaml", "--out", "out", prefix=self._prefix)
+        # What it prints goes through a pipe, as to a terminal: a full disk must not silence it.
+        with self._printed.open("w") as file:
+            copy = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=file, text=True)
+        self._ends.callback(copy.wait)
+        assert copy.stdin is not None
+        with copy.stdin as pipe:
+            self.run = self._python("run", "campaign.yaml", "--out", "out", output=pipe)
         self._ends.callback(_end, self.run, signal.SIGKILL)
         self._ends.callback(self._kill_children)
         self.wait(self._is_running, "the test to run", COMPILE_S)
         self.children = self._find_children()
 
     def _python(
-        self, command: str, *arguments: str, prefix: Sequence[str] = ()
+        self, command: str, *arguments: str, output: int | IO[str]
     ) -> subprocess.Popen[str]:
         paths = [str(ROOT / "tools" / "chaos" / "hooks"), str(ROOT)]
-        with (self.folder / f"{command}.txt").open("w") as output:
-            return subprocess.Popen(
-                [*prefix, sys.executable, "-m", "rig.cli", command, *arguments],
-                cwd=self.folder,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if command == "emulate" else output,
-                stderr=output,
-                text=True,
-            )
+        prefix = self._prefix if command == "run" else ()
+        return subprocess.Popen(
+            [*prefix, sys.executable, "-m", "rig.cli", command, *arguments],
+            cwd=self.folder,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
 
     def ask(self, **request: Any) -> dict[str, Any]:
         """Return the answer of the emulator's control port.
@@ -176,7 +184,7 @@ class Stage:
     @property
     def printed(self) -> str:
         """What `rig run` has printed so far."""
-        return self._output("run")
+        return self._printed.read_text()
 
     def wait(self, done: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
         """Wait until something holds.
@@ -225,9 +233,6 @@ class Stage:
     def _kill_children(self) -> None:
         for part in self.living():
             os.kill(self.pid(part), signal.SIGKILL)
-
-    def _output(self, command: str) -> str:
-        return (self.folder / f"{command}.txt").read_text()
 
 
 def _lives(pid: int) -> bool:
