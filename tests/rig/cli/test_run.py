@@ -1,3 +1,4 @@
+import errno
 import io
 import json
 import signal
@@ -117,6 +118,19 @@ def test_a_report_that_cannot_be_made_costs_no_results(
     assert done.err == f"rig: no report: RuntimeError: no ink; traceback in {log}\n"
     assert "no ink" in log.read_text()
     assert len(JUnitXml.fromfile(str(tmp_path / "out" / "junit.xml"))) == 1
+
+
+def test_results_that_cannot_be_written_are_said_in_a_sentence(
+    invoke: Invoke, campaign_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> CampaignOutcome:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("rig.cli.run.run_campaign", fail)
+    done = invoke("run", campaign_file, "--out", tmp_path / "out")
+    assert done.code == 1
+    state = f"results cannot be written to {tmp_path / 'out'}: No space left on device"
+    assert done.err == f"rig: {state}; free space, or give another --out\n"
 
 
 BAD_FILES = {
