@@ -90,11 +90,11 @@ _LEAST_DROP: Final = 1e5
 _DROP_ERROR: Final = 2e5
 """Pa: how far a pressure drop may be off (priors of the pressures). Where it is no larger than
 that, the orifice law is not linear in the error."""
-_REACH: Final = 11
+_REACH: Final = 5
 """Ticks from one measured sample to the next that the filter bridges. In between, the flow is that
 of the valve's model, whose spool is off by 2 um (`product_noise`): by 0.2 L/min, anew from gap to
-gap. Over the n gaps of a block that is 0.2 L/min / n^0.5, and the 0.03 L/min of noise which the
-test expects of a block (`leak_test.NOISE`) allow 11 ms. Faster devices than 91 Hz stay within."""
+gap. Over the n gaps of a block that is 0.2 L/min / n^0.5. It may make half the variance of the
+noise that the test expects of a block (0.03 L/min, `leak_test.NOISE`), which allows 5.6 ms."""
 _BRIDGED_PART: Final = 0.9
 """Part of a block's time that must have been bridged for it to count."""
 
@@ -310,7 +310,7 @@ class FlowAccount:
             p2: estimated pressure of chamber 2.
             position: estimated.
             fresh: 1 where position and both pressures were measured, else 0; a block counts as
-                complete when such samples, at most 11 ms apart, bridge nine tenths of it.
+                complete when such samples, at most 5 ms apart, bridge nine tenths of it.
             supply: measured supply pressure; NaN or None where it was not.
             null_bias: of the rig's spool, m: tells which edges are open.
             null_spread: how far the null bias may be off, m.

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from estimator.detection import LEAKS
+from estimator.detection import LEAKS, Decision
 from estimator.filters import start_memory
-from estimator.replay import ReplayResult, replay
+from estimator.replay import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.cycle import READINGS
 from rig.loop.simulated_loop import Motion, SimulatedLoop
@@ -32,6 +32,8 @@ SECONDS: Final = 40.0
 SIZES: Final = (0.06, 0.1, 0.3)
 """L/min at half supply pressure, internal leaks at 2.5 MPa."""
 DROPS: Final = (6.9e6, 6.9e6, 2.5e6)
+SILENT: Final = ("healthy", "inconclusive")
+"""Verdicts that are no alarm."""
 
 
 def drawn_rig(rng: np.random.Generator) -> Parameters:
@@ -78,17 +80,14 @@ def drawn_motion(rng: np.random.Generator, ticks: int) -> tuple[Array, bool]:
 
 @dataclass(frozen=True)
 class Run:
-    """One run: what was done, and what was found."""
+    """One run: what was done, what was found, and whether any fault was ever held."""
 
     leak: str | None
     onset_s: float
     true_m3_per_s: float
-    result: ReplayResult
-
-    @property
-    def alarmed(self) -> bool:
-        """Whether any fault was ever held."""
-        return any(d.verdict not in ("healthy", "inconclusive") for _, d in self.result.history)
+    decision: Decision
+    detected_at_s: float | None
+    alarmed: bool
 
 
 def sampled(recording: Recording, every: int) -> Recording:
@@ -122,21 +121,26 @@ def runs_of(seed: int, size: float, spool_sensor: bool, rates: list[int]) -> lis
     recording = Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
     flow = np.abs(rows[onset + 2000 :, len(loop.channels) - 3 + place]).mean()
     leak = LEAKS[place] if size else None
-    results = (replay(sampled(recording, 1000 // rate), model) for rate in rates)
-    return [Run(leak, onset * TICK, float(flow), result) for result in results]
+    runs = []
+    for rate in rates:
+        result = replay(sampled(recording, 1000 // rate), model)
+        alarmed = any(held.verdict not in SILENT for _, held in result.history)
+        found = result.decision, result.detected_at_s, alarmed
+        runs.append(Run(leak, onset * TICK, float(flow), *found))
+    return runs
 
 
 def leak_row(size: float, rate: int, runs: list[Run]) -> tuple[str, ...]:
     """Return the table row of one size of leak at one rate."""
-    right = [run for run in runs if run.result.decision.verdict == run.leak]
+    right = [run for run in runs if run.decision.verdict == run.leak]
     wrong = [run for run in runs if run.alarmed and run not in right]
-    latency = [run.result.detected_at_s - run.onset_s for run in right
-               if run.result.detected_at_s is not None]  # fmt: skip
-    errors = [(run.result.decision.leak_m3_per_s or 0.0) - run.true_m3_per_s for run in right]
+    latency = [run.detected_at_s - run.onset_s for run in right
+               if run.detected_at_s is not None]  # fmt: skip
+    errors = [(run.decision.leak_m3_per_s or 0.0) - run.true_m3_per_s for run in right]
     covered = [
         run for run in right
-        if (run.result.decision.interval_m3_per_s or (0.0, 0.0))[0] <= run.true_m3_per_s
-        <= (run.result.decision.interval_m3_per_s or (0.0, 0.0))[1]
+        if (run.decision.interval_m3_per_s or (0.0, 0.0))[0] <= run.true_m3_per_s
+        <= (run.decision.interval_m3_per_s or (0.0, 0.0))[1]
     ]  # fmt: skip
     if not right:
         return f"{size:.2f}", str(rate), f"0 of {len(runs)}", str(len(wrong)), "-", "-", "-"
@@ -172,7 +176,7 @@ def main() -> None:
     hours = options.runs * SECONDS / 3600.0
     for rate, healthy in zip(options.rates, by_rate(0, 0.0), strict=True):
         alarms = sum(run.alarmed for run in healthy)
-        silent = sum(run.result.decision.verdict == "healthy" for run in healthy)
+        silent = sum(run.decision.verdict == "healthy" for run in healthy)
         console.print(
             f"{rate} Hz: {options.runs} healthy rigs, {hours:.1f} h: "
             f"{alarms} alarmed, {silent} judged healthy"

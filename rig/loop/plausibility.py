@@ -83,8 +83,9 @@ _STARTED, _MODEL, _MODEL_RATE, _X, _P1, _P2, _GAP = (int(i) for i in _E[:7])
 _HIGH, _LOW, _ACCOUNT, _STILL, _WORK = (int(i) for i in _E[7:12])
 _ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE = (int(i) for i in _E[12:])
 
-_UNTIMED_TICKS: Final = 1.0
-"""Samples are this sure of their distance in time, or no account is kept across them."""
+_UNTIMED_TICKS: Final = 2.5
+"""Samples are this sure of their distance in time, and no less than they are apart, or no account
+is kept across them. In so many milliseconds the ram goes half of what an account may leave open."""
 
 
 def no_evidence() -> NDArray[np.float64]:
@@ -112,27 +113,27 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
     evidence[_GAP] += elapsed_ticks
     _advance_valve(elapsed_ticks, tol, evidence)
     evidence[_COMMAND] = command
-    unsure_ticks = exchange_ticks + evidence[_EXCHANGE]
-    if not (isnan(position) or isnan(p1) or isnan(p2)):
+    if fresh and not (isnan(position) or isnan(p1) or isnan(p2)):
         reference = _HOMED if homed else _RELATIVE
         if evidence[_STARTED] != reference:
             evidence[_STARTED] = reference
             evidence[_X], evidence[_P1], evidence[_P2] = position, p1, p2
-        step = position - evidence[_X] if fresh else 0.0
+        step = position - evidence[_X]
+        unsure_ticks = exchange_ticks + evidence[_EXCHANGE]
+        timed = unsure_ticks <= min(evidence[_GAP], _UNTIMED_TICKS)
         if _jumped(step, unsure_ticks, tol, evidence):
             cause, channel = _JUMP, _POSITION
-        elif unsure_ticks <= _UNTIMED_TICKS and _against_flow(
-            values, fresh, elapsed_ticks, step, homed, tol, evidence
-        ):
+        elif timed and _against_flow(values, step, homed, tol, evidence):
             frozen = evidence[_STILL] >= evidence[_ACCOUNT]
             cause, channel = (_FROZEN if frozen else _AGAINST_FLOW), _POSITION
-        elif fresh and _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
+        elif _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
             cause, channel = _CROSSED, _PRESSURE_1
-        elif fresh:
+        else:
             channel = _above_supply(p1, p2, values[_SUPPLY], tol, evidence)
             cause = _NONE if channel == NO_CHANNEL else _ABOVE_SUPPLY
-        if fresh:
-            evidence[_X] = position
+        evidence[_X] = position
+        if not timed:
+            evidence[_P1], evidence[_P2] = p1, p2
     if cause == _NONE and fresh and _not_following(values[_SPOOL], tol, evidence):
         cause, channel = _NOT_FOLLOWING, _SPOOL
     if fresh:
@@ -147,20 +148,26 @@ def _jumped(step, unsure_ticks, tol, evidence):
     return abs(step) > tol.jump_speed_m_per_s * longest_s + 2.0 * tol.count_m
 
 
+<<<<<<< HEAD
+@njit(cache=True, error_model="numpy", nogil=True)
+def _against_flow(values, step, homed, tol, evidence):
+=======
 @inner
 def _against_flow(values, fresh, elapsed_ticks, step, homed, tol, evidence):
+>>>>>>> origin/main
     """Return whether the travel leaves what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
 
     Oil that leaks out makes the ram extend less than chamber 1's account says and more than that of
     chamber 2: acc_2 - q_12 <= A v <= acc_1 - q_12, whatever external leaks there are.
     """
-    par, elapsed_s = tol.par, elapsed_ticks * tol.period_s
+    par, elapsed_ticks = tol.par, evidence[_GAP]
+    elapsed_s = elapsed_ticks * tol.period_s
     p1, p2, supply = evidence[_P1], evidence[_P2], par.supply_pressure
     # A failing supply or its failing transducer is not the encoder's fault: both only widen.
     if values[_SUPPLY] > supply:
         supply = values[_SUPPLY]
     opening = values[_SPOOL]
-    if isnan(opening) or not fresh:
+    if isnan(opening):
         opening = evidence[_MODEL]
     kept = elapsed_s / (_SMOOTHING + elapsed_s)
     change_1 = kept * (values[_PRESSURE_1] - p1)
@@ -197,8 +204,8 @@ def _against_flow(values, fresh, elapsed_ticks, step, homed, tol, evidence):
     worst = max(evidence[_HIGH], evidence[_LOW])
     evidence[_ACCOUNT] = evidence[_ACCOUNT] + elapsed_ticks if worst > 0.0 else 0.0
     # Samples that come seldom leave the flow between them unknown.
-    unseen = 0.5 * tol.jump_speed_m_per_s * (evidence[_GAP] - 1.0) * tol.period_s
-    return fresh and worst > tol.flow_account_m + unseen
+    unseen = 0.5 * tol.jump_speed_m_per_s * (elapsed_ticks - 1.0) * tol.period_s
+    return worst > tol.flow_account_m + unseen
 
 
 @inner

@@ -191,17 +191,17 @@ def test_a_block_with_too_long_a_dropout_is_not_complete(
     assert complete(sound, fresh) == [True, counts, True]
 
 
-@pytest.mark.parametrize("apart", [2, 4, 10, 11])
+@pytest.mark.parametrize("apart", [2, 4, 5])
 def test_a_device_that_the_filter_bridges_gives_complete_blocks(sound: Motion, apart: int) -> None:
     assert complete(sound, np.arange(TICKS) % apart == 0) == [True, True, True]
 
 
-@pytest.mark.parametrize("apart", [12, 50])
+@pytest.mark.parametrize("apart", [6, 10, 50])
 def test_a_device_that_is_too_slow_for_the_filter_gives_none(sound: Motion, apart: int) -> None:
     assert complete(sound, np.arange(TICKS) % apart == 0) == [False, False, False]
 
 
-@pytest.mark.parametrize("apart", [1, 4, 10])
+@pytest.mark.parametrize("apart", [1, 4, 5])
 def test_dropouts_of_a_slow_device_count_as_much_as_those_of_a_fast_one(
     sound: Motion, apart: int
 ) -> None:

@@ -66,7 +66,8 @@ _STALLS_EVERY = 97
 
 @njit(cache=True, error_model="numpy")
 def _interlocked(
-    setpoint: Array, open_loop: bool, faults: Array, every: int, stall: int, in_exchange: bool,
+    setpoint: Array, open_loop: bool, faults: Array, every: int, usual: float, stall: int,
+    in_exchange: bool,
     kind: int, at: int,
     plant: Array, par: Parameters, sensors: SensorParameters, noise: Array, limits: LimitTable,
     tol: Tolerances, memory: InterlockMemory, peak: Array,
@@ -79,7 +80,7 @@ def _interlocked(
     elapsed = owed = 0
     for k in range(setpoint.size):
         elapsed += 1
-        exchange = USUAL_EXCHANGE
+        exchange = usual
         faulty = kind if k >= at else 0
         fault = (
             faults[k, 0], faults[k, 1], faults[k, 2], faults[k, 3], faults[k, 4],
@@ -193,6 +194,7 @@ def run(
     par: Parameters | None = None,
     faults: Array | None = None,
     every: int = 1,
+    exchange: float = USUAL_EXCHANGE,
     stall: int = 0,
     in_exchange: bool = False,
     seed: int = 1,
@@ -206,7 +208,7 @@ def run(
     limits = limit_table(LIMITS, TICK)
     peak = np.zeros(len(Evidence._fields))
     tick, cause, channel = _interlocked(
-        motion.setpoint, motion.open_loop, faults, every, stall, in_exchange,
+        motion.setpoint, motion.open_loop, faults, every, exchange, stall, in_exchange,
         FAULTS.index(fault), at, rig.state, par or rig.parameters, rig.sensors, rig.noise(ticks),
         limits, tol, interlock_memory(limits), peak,
     )  # fmt: skip
@@ -277,9 +279,18 @@ def test_the_greatest_fault_that_a_bypass_makes_is_no_trip(column: int) -> None:
         assert run(HEALTHY[name], faults=faults).cause is Cause.NONE
 
 
-def test_a_device_that_samples_at_100_hz_makes_no_false_trip() -> None:
-    assert run(HEALTHY["fast sine"], every=10).cause is Cause.NONE
-    assert run(random_steps(7, 2000), every=10).cause is Cause.NONE
+@pytest.mark.parametrize("exchange", [0.15, 0.6, 1.2, 3.0])
+@pytest.mark.parametrize("every", [4, 10])
+def test_a_device_slower_than_the_loop_makes_no_false_trip(every: int, exchange: float) -> None:
+    for motion in (HEALTHY["fast sine"], random_steps(7, 2000)):
+        assert run(motion, every=every, exchange=exchange).cause is Cause.NONE
+
+
+@pytest.mark.parametrize("fault", ["reversed encoder", "frozen encoder", "encoder of double scale"])
+def test_an_encoder_that_errs_is_found_out_by_a_device_slower_than_the_loop(fault: str) -> None:
+    outcome = run(HEALTHY["fast sine"], fault, 10_000, every=4, exchange=1.2)
+    assert outcome.cause in CAUGHT[fault].causes
+    assert 0 <= outcome.tick - 10_000 <= 2 * CAUGHT[fault].ticks
 
 
 @pytest.mark.parametrize("in_exchange", [False, True], ids=["asleep", "in an exchange"])
