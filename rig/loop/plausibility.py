@@ -148,13 +148,8 @@ def _jumped(step, unsure_ticks, tol, evidence):
     return abs(step) > tol.jump_speed_m_per_s * longest_s + 2.0 * tol.count_m
 
 
-<<<<<<< HEAD
-@njit(cache=True, error_model="numpy", nogil=True)
-def _against_flow(values, step, homed, tol, evidence):
-=======
 @inner
-def _against_flow(values, fresh, elapsed_ticks, step, homed, tol, evidence):
->>>>>>> origin/main
+def _against_flow(values, step, homed, tol, evidence):
     """Return whether the travel leaves what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
 
     Oil that leaks out makes the ram extend less than chamber 1's account says and more than that of
