@@ -293,6 +293,16 @@ def test_an_encoder_that_errs_is_found_out_by_a_device_slower_than_the_loop(faul
     assert 0 <= outcome.tick - 10_000 <= 2 * CAUGHT[fault].ticks
 
 
+@pytest.mark.parametrize("every", [4, 10])
+def test_a_device_slower_than_the_loop_that_falls_silent_trips_by_the_age_of_its_sample(
+    every: int,
+) -> None:
+    assert run(HEALTHY["fast sine"], every=every).cause is Cause.NONE
+    outcome = run(HEALTHY["fast sine"], "no sample", 10_000, every=every)
+    assert outcome.cause is Cause.STALE_SAMPLE
+    assert CAUGHT["no sample"].ticks - every <= outcome.tick - 10_000 <= CAUGHT["no sample"].ticks
+
+
 @pytest.mark.parametrize("in_exchange", [False, True], ids=["asleep", "in an exchange"])
 @pytest.mark.parametrize("stall", [1, 5, 20])
 def test_missed_ticks_make_no_false_trip(stall: int, in_exchange: bool) -> None:
