@@ -264,7 +264,9 @@ _CAUSES: Final = {
 
 def _cause_of(driver: Driver, error: DriverError) -> Cause:
     """Return whether the driver is lost, or a channel of it does not do what it should."""
-    return _CAUSES[rank_of(driver.outputs)][bool(error.channel)]
+    # What a device refuses by another name, such as a register, is no fault of a valve.
+    channels = {*driver.inputs, *driver.outputs}
+    return _CAUSES[rank_of(driver.outputs)][not channels.isdisjoint(error.channel.split(", "))]
 
 
 def main() -> None:

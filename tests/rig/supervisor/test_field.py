@@ -191,6 +191,12 @@ def test_a_valve_that_does_not_do_what_it_should_trips_and_is_named(site: Site) 
     assert "stuck at 0.42" in told.text
 
 
+def test_a_device_that_refuses_to_answer_is_lost_and_none_of_its_valves_stuck(site: Site) -> None:
+    site.bypass.error = DriverError("bypass", "refuses", "check the address", "switches")
+    site.until(lambda: site.board.words[Word.BYPASS_SHUT_AT])
+    assert site.trips() == {Word.FIELD_TRIP: Cause.BYPASS_LOST}
+
+
 def test_lost_meters_are_told_but_trip_nothing_and_read_nan(site: Site) -> None:
     site.meters.values = {"flow_1_m3_per_s": 1e-5}
     index = SLOW_INPUTS.index("flow_1_m3_per_s")
