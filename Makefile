@@ -16,8 +16,9 @@ demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write it
 	if [ -f runs/demo/report.html ]; then echo "Open the report: $(CURDIR)/runs/demo/report.html"; fi; \
 	exit $$status
 
+# A file's tests share what they set up, so that files are what the two workers share out.
 test: $(INSTALLED) ## run the tests
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: lint format types imports ## lint, format, types, import layers (make -k check: all of them)
 
