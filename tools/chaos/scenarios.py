@@ -64,7 +64,8 @@ WIRES: Final = (
 )  # fmt: skip
 
 _SENSOR: Final[tuple[tuple[str, Step, tuple[str, ...], float], ...]] = (
-    ("encoder: frozen", wire("frozen", "position_m"), ("ENCODER_FROZEN",), 200),
+    ("encoder: frozen", wire("frozen", "position_m"), ("ENCODER_FROZEN", "POSITION_AGAINST_FLOW"),
+     200),
     ("encoder: loses 1000 counts", wire("lost_counts", counts=1000), ("ENCODER_JUMP",), 20),
     ("encoder: loses a count and says so", wire("lost_counts", counts=1, flagged=True),
      ("ENCODER_FAULT",), 20),
@@ -113,7 +114,7 @@ DEVICES: Final = (
     Scenario(
         "all devices: hang for 3 s",
         (kill(SIGSTOP, "emulator"), pause(3.0), kill(SIGCONT, "emulator")),
-        ("STALE_SAMPLE", "EXCHANGE_LOST", "WATCHDOG_TRIPPED"), 350,
+        ("BYPASS_LOST", "STALE_SAMPLE", "WATCHDOG_TRIPPED"), 350,
     ),
     Scenario(
         "all devices: lose power", (kill(SIGKILL, "emulator"),), ("EXCHANGE_LOST",),
