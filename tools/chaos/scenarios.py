@@ -22,7 +22,6 @@ BENIGN: Final = (
         "I/O node: replies 3 ms late, for 0.3 s", wire("delay", "daq", by="3 ms", lasts="0.3 s")
     ),
     _runs_on("I/O node: garbage, for 10 ms", wire("garbage", "daq", lasts="10 ms")),
-    _runs_on("bypass valves: a reply lost", wire("drop", "bypass", lasts="20 ms")),
     _runs_on("flow meters: unplugged, for 1 s", wire("meter_unplugged", lasts="1 s")),
     _runs_on("flow meters: noise on the line, for 1 s", wire("meter_noise", lasts="1 s")),
     _runs_on("CAN: nonsense from the valve drive", wire("can_garbage", "drive")),
