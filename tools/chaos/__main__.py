@@ -75,14 +75,14 @@ def table(played: Iterable[tuple[Scenario, Outcome]]) -> Iterator[str]:
 
 def row(scenario: Scenario, outcome: Outcome) -> str:
     """Return a line of the table."""
+    lost = "all" if outcome.lost_s is None else f"{outcome.lost_s:.1f} s"
     if not scenario.causes:
-        return f"| {scenario.name} | none: the run goes on | | | | 0 s | {outcome.exit_code} |"
+        return f"| {scenario.name} | none: the run goes on | | | | {lost} | {outcome.exit_code} |"
     named = outcome.cause or "nobody is left to tell"
     cause = f"`{named}`" if named.isupper() else named
     valve, bypass, pump = (_milliseconds(at_s) for at_s in outcome.times.values())
     if scenario.null_ms is not None:
         valve += f" ({scenario.null_ms:g})"
-    lost = "all" if outcome.lost_s is None else f"{outcome.lost_s:.1f} s"
     cells = (scenario.name, cause, valve, bypass, pump, lost, str(outcome.exit_code))
     return f"| {' | '.join(cells)} |"
 
