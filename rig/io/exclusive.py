@@ -14,7 +14,12 @@ from .registry import DriverSpec
 
 
 def connection_of(options: Any) -> str | None:
-    """Return `host:port`, or the serial port, that a driver's options give; None for a bus."""
+    """Return what only one driver can have: `host:port`, a serial port, or a node of a bus.
+
+    None where the options name no device. The node of a bus is its id, or the DBC of its frames.
+    """
+    if getattr(options, "channel", ""):
+        return _node_of(options)
     host, port = getattr(options, "host", ""), getattr(options, "port", "")
     if host:
         return f"{host}:{port}"
@@ -22,11 +27,24 @@ def connection_of(options: Any) -> str | None:
     return str(serial) or None
 
 
+def _node_of(options: Any) -> str | None:
+    if hasattr(options, "node"):
+        node = f"node {options.node}"
+    elif hasattr(options, "dbc"):
+        node = Path(options.dbc).stem
+    else:
+        return None
+    emulated = getattr(options, "interface", "") == "udp_multicast"
+    bus = f"{options.channel}:{options.port}" if emulated else options.channel
+    return f"{node} on {bus}"
+
+
 @contextmanager
 def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
     """Keep other programs that ask for it on this machine off the drivers' devices.
 
-    A bus is shared by its nature and is not locked.
+    A bus is shared by its nature; its nodes are locked, not the bus. Setting up a node anew would
+    stop it for the program that drives it.
 
     Raises:
         DriverError: another program has one of them; names its process.

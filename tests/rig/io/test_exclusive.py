@@ -1,10 +1,13 @@
 """Two programs never drive the same device: the second is told who has it."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
 
+from rig.io.can_pump import CanPumpOptions
+from rig.io.can_valve_options import CanValveOptions
 from rig.io.driver import DriverError
 from rig.io.exclusive import connection_of, exclusive
 from rig.io.registry import DriverSpec
@@ -59,4 +62,24 @@ def test_other_devices_and_buses_are_no_matter_of_it(device: DriverSpec) -> None
     bus = spec("drive", BusOptions())
     assert connection_of(bus.options) is None
     with exclusive([bus]), exclusive([bus]):
+        pass
+
+
+def test_of_a_bus_each_node_has_one_program(device: DriverSpec) -> None:
+    valve = spec("drive", CanValveOptions(channel="can0", node=5))
+    other_valve = spec("other", CanValveOptions(channel="can0", node=6))
+    emulated = CanValveOptions(interface="udp_multicast", channel="239.0.0.1", port=1024, node=5)
+    assert connection_of(emulated) != connection_of(replace(emulated, port=1025))
+    pump = spec("pump", CanPumpOptions(channel="can0", dbc=Path("pump_unit.dbc")))
+    with (
+        exclusive([device, valve, other_valve, pump]),
+        pytest.raises(DriverError, match="drive: node 5 on can0 is in use"),
+        exclusive([valve]),
+    ):
+        pass
+    with (
+        exclusive([pump]),
+        pytest.raises(DriverError, match="pump: pump_unit on can0 is in use"),
+        exclusive([pump]),
+    ):
         pass
