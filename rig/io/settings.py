@@ -67,7 +67,7 @@ class HomingSettings:
     """
 
     end: Literal["retract", "extend"] = "retract"
-    command: Annotated[float, _q("V", 0.01, 10.0, "")] = 0.5
+    command: Annotated[float, _q("V", 0.01, 2.0, "")] = 0.5
     standstill: Annotated[float, _q("s", 0.05, 10.0, "")] = 0.5
     speed: Annotated[float, _q("m/s", 1e-5, 0.1, "")] = 1e-3
     load_pressure: Annotated[float, _q("Pa", 1e5, 1e8, "")] = 8e6

@@ -111,6 +111,11 @@ def test_the_settings_of_loop_and_homing_are_read_with_their_units(load_text: Lo
     assert rig.homing == HomingSettings("extend", command=0.3, before_run=False)
 
 
+def test_a_homing_command_that_would_ram_the_stop_is_refused(tmp_path: Path) -> None:
+    (told,) = problems_of(BENCH + "homing: {command: 5 V}\n", tmp_path)
+    assert "command: 5 V is above 2 V" in told
+
+
 def test_without_a_word_the_ladder_holds_the_ram_and_trips_on_pressure() -> None:
     hold, far, pressure_1, pressure_2 = load_rig("simulated").ladder
     assert (hold.channel, hold.low, hold.high, hold.action) == ("position_m", 0.005, 0.6, "hold")
