@@ -13,3 +13,7 @@ class TripError(Exception):
     def __init__(self, message: str, report: Path | None = None) -> None:
         self.report = report
         super().__init__(message)
+
+
+class StopRequestedError(TripError):
+    """The operator stopped what was being done; nothing was wrong with the rig."""

@@ -14,7 +14,7 @@ from estimator.replay import DetectorFactory, detector_for
 from faults.campaign import Campaign, CampaignTest
 from faults.schedule import FaultSchedule
 from rig.configuration.rig import Rig
-from rig.loop.trip import TripError
+from rig.loop.trip import StopRequestedError, TripError
 from rig.plant.integrator import TICK
 
 from .bench import Bench, Loop, Writer
@@ -69,6 +69,8 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         status = running.run()
     except KeyboardInterrupt:
         setting.stop.request("KeyboardInterrupt")
+        status = Status.ABORTED
+    except StopRequestedError:
         status = Status.ABORTED
     except TripError as error:
         setting.stop.request("a trip")

@@ -20,7 +20,7 @@ from rig.loop.board import Board, Word
 from rig.loop.ladder import NO_CHANNEL, Action, Cause, explain, limit_table
 from rig.loop.ring import RingReader
 from rig.loop.tolerances import tolerances
-from rig.loop.trip import TripError
+from rig.loop.trip import StopRequestedError, TripError
 from rig.loop.wire_layout import Drive, wire_channels
 from rig.loop.wire_loop import LoopStoppedError
 from rig.plant import Model
@@ -201,7 +201,7 @@ class ConnectedRig:
                 if part.ended or time.monotonic() - began > OPEN_S:
                     raise
             if self._stop.requested:
-                raise TripError(f"stopped by {self._stop.reason}")
+                raise StopRequestedError(f"stopped by {self._stop.reason}")
             if part is self.parts.loop and not told:
                 told = True
                 self.say("loop: being compiled, once for each version of this program")
@@ -284,7 +284,7 @@ class ConnectedRig:
         if self._watch.tripped:
             raise self.tripped()
         if self._stop.requested:
-            raise TripError(f"stopped by {self._stop.reason}")
+            raise StopRequestedError(f"stopped by {self._stop.reason}")
 
     def segment(self, drive: Drive, **changes: Any) -> orders.Segment:
         """Return a segment that belongs to no test."""

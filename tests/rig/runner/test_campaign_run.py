@@ -13,6 +13,7 @@ from faults.campaign import Campaign, CampaignTest, SpringLoad
 from faults.verdict import Verdict
 from rig.configuration.rig import Rig
 from rig.loop.simulated_loop import SimulatedLoop
+from rig.loop.trip import StopRequestedError
 from rig.plant import Model
 from rig.recording import McapWriter, read_recording
 from rig.runner import DirectoryError, Observer, Status, StopFlag, run_campaign
@@ -235,6 +236,24 @@ def test_a_full_disk_is_an_error_of_the_test_that_met_it(
     assert "No space left" in outcome.tests[0].message
     assert made_safe
     assert results_in(tmp_path)["tests"][0]["status"] == "error"
+
+
+def test_a_stop_while_the_ram_is_positioned_is_no_trip(
+    tmp_path: Path,
+    rig: Rig,
+    make_test: MakeTest,
+    make_campaign: MakeCampaign,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stop = StopFlag()
+
+    def position(_: SimulatedLoop) -> None:
+        stop.request("the operator")
+        raise StopRequestedError("stopped by the operator")
+
+    monkeypatch.setattr(SimulatedLoop, "position", position)
+    (only,) = run_campaign(make_campaign(make_test()), rig, tmp_path, stop=stop).tests
+    assert (only.status, only.message) == (Status.ABORTED, "stopped by the operator")
 
 
 def test_a_stop_aborts_the_test_keeps_what_there_is_and_leaves_the_rest(
