@@ -54,7 +54,13 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
         with CampaignProgress(screen, paced=paced) as progress:
             try:
                 outcome = run_campaign(
-                    loaded, rig, directory, pace=pace, observer=progress, stop=stop
+                    loaded,
+                    rig,
+                    directory,
+                    pace=pace,
+                    observer=progress,
+                    stop=stop,
+                    command=_again(campaign, rig_reference),
                 )
             except DriverError as error:
                 click.echo(str(error), err=True)
@@ -74,6 +80,12 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
     if report is not None:
         screen.print(f"report: {report}", soft_wrap=True)
     return outcome.exit_code if report is not None else max(outcome.exit_code, EXIT_CRASHED)
+
+
+def _again(campaign: str, rig_reference: str | None) -> list[str]:
+    """Return the command that runs a campaign again: on the same rig, into a new folder."""
+    on_rig = [] if rig_reference is None else ["--rig", rig_reference]
+    return ["rig", "run", campaign, *on_rig]
 
 
 def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:

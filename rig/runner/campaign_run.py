@@ -1,6 +1,7 @@
 """Runs a campaign, and leaves its results on disk whatever ends it."""
 
 import time
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -37,6 +38,7 @@ def run_campaign(
     stop: StopFlag | None = None,
     detector: DetectorFactory | None = None,
     bench: Bench | None = None,
+    command: Sequence[str] = (),
 ) -> CampaignOutcome:
     """Run every test of a campaign on a rig and write what comes of it to a folder.
 
@@ -55,6 +57,7 @@ def run_campaign(
         stop: ends the run after the present batch; see `stop_on_signals`.
         detector: makes the detector of each test instead of the filter's own.
         bench: what the tests are run on, not entered yet; the rig itself if not given.
+        command: the command line that runs it again, for the report; none if not given.
 
     Raises:
         DirectoryError: the folder cannot be used; nothing was written.
@@ -76,7 +79,7 @@ def run_campaign(
         observer=observer or Observer(),
         stop=stop,
         references=HealthyReferences(campaign),
-        provenance=provenance(campaign),
+        provenance=provenance(campaign, command),
         detector=detector,
     )
     run = _CampaignRun(setting, names, started)

@@ -4,7 +4,7 @@ import hashlib
 import json
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -17,9 +17,15 @@ _PACKAGES: Final = ("numpy", "numba", "mcap")
 _GIT_TIMEOUT_S: Final = 5.0
 
 
-def provenance(campaign: Campaign) -> dict[str, Any]:
-    """Return what it takes to run a campaign again, as JSON holds it: versions, git, hashes."""
-    return {
+def provenance(campaign: Campaign, command: Sequence[str] = ()) -> dict[str, Any]:
+    """Return what it takes to run a campaign again, as JSON holds it: versions, git, hashes.
+
+    Args:
+        campaign: the campaign.
+        command: the command line that runs it, if it was one.
+    """
+    told = {"command": list(command)} if command else {}
+    return told | {
         "versions": versions(),
         "git": git_state(Path(rig.__file__).parent),
         "model_sha256": model_sha256(campaign.model),

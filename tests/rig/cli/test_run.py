@@ -105,6 +105,14 @@ def test_another_rig_can_be_named(invoke: Invoke, campaign_file: Path, tmp_path:
     assert json.loads((tmp_path / "out" / "results.json").read_text())["rig"] == "ideal"
 
 
+def test_the_report_tells_to_run_it_again_on_the_same_rig(
+    invoke: Invoke, campaign_file: Path, tmp_path: Path
+) -> None:
+    invoke("run", campaign_file, "--rig", "ideal", "--out", tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "results.json").read_text())["provenance"]["command"]
+    assert told == ["rig", "run", str(campaign_file), "--rig", "ideal"]
+
+
 def test_a_report_that_cannot_be_made_costs_no_results(
     invoke: Invoke, campaign_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
