@@ -74,7 +74,7 @@ def _read_table(path: str, extension: str | None) -> Table:
 def _path_problems(path: str, extension: str | None) -> list[Problem]:
     file = Path(path)
     if file.is_dir():
-        remedy = f"give a file, as in {path}/*.csv.gz"
+        remedy = f"give a file, as in {path}/*.mcap"
         return [Problem(path, None, "file", "is a folder", "", remedy)]
     if not file.exists():
         return [Problem(path, None, "file", "does not exist", "", _nearest_files(file))]

@@ -30,7 +30,9 @@ def test_a_missing_folder_is_told(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_not_a_recording(tmp_path: Path) -> None:
-    assert refusal(tmp_path).value == "is a folder"
+    problem = refusal(tmp_path)
+    assert problem.value == "is a folder"
+    assert problem.remedy.endswith(f"{tmp_path}/*.mcap")  # as `rig run` leaves them
 
 
 def test_an_unknown_extension_is_told_with_those_known(tmp_path: Path) -> None:
