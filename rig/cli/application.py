@@ -1,5 +1,6 @@
 """The `rig` command: finds the subcommand, turns whatever goes wrong into message and code."""
 
+import os
 import sys
 import tempfile
 import traceback
@@ -7,6 +8,7 @@ import warnings
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import import_module
+from pathlib import Path
 from typing import Final, NoReturn, TextIO
 
 import click
@@ -65,6 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     0: all as expected. 1: a test failed, or this program did. 2: bad input, every problem of it on
     stderr. 3: stopped before the end.
     """
+    # Without an output (`>&-`) the results are still written to their folder.
+    sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (kept until the exit)
+    sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     # What a terminal's encoding cannot show is no reason to fail.
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)

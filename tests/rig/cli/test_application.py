@@ -97,3 +97,12 @@ def test_output_that_nobody_reads_is_no_crash() -> None:
         process.stdout.close()
         assert process.stderr.read() == b""
         assert process.wait() == 1
+
+
+def test_without_any_output_a_command_does_what_it_should() -> None:
+    done = subprocess.run(
+        ["sh", "-c", f'"{sys.executable}" -m rig.cli check quickstart >&- 2>&-'],
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
+    assert done.returncode == 0
