@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from .states import Event, IllegalTransition
 
 Array = NDArray[np.float64]
 
-FINISH_S = 10.0
+FINISH_S: Final = 10.0
 """How long the recorder may take to complete a file."""
 
 
