@@ -55,6 +55,10 @@ class Decision:
         coefficient: leak coefficient, m^3/(s Pa^0.5); None if there are several faults.
         statistic, threshold: the test statistic and what a healthy rig exceeds at the stated rate.
         details: further figures by name, for reports.
+        probabilities: of `healthy` and each of `FAULTS`, adding up to 1; empty while nothing can be
+            said.
+        present_leaks: coefficients of the leaks (`LEAKS`) confirmed to be there now,
+            m^3/(s Pa^0.5); 0 where there is none, or none any more.
     """
 
     verdict: str
@@ -65,6 +69,8 @@ class Decision:
     statistic: float = 0.0
     threshold: float = float("inf")
     details: Mapping[str, float] = field(default_factory=dict)
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    present_leaks: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def interval_m3_per_s(self) -> tuple[float, float] | None:
