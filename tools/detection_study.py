@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -21,12 +20,11 @@ from estimator.replay import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.cycle import READINGS
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters
+from rig.plant import FAULT_COLUMNS, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
-
-Array = NDArray[np.float64]
+from tools.drawn_rigs import drawn_motion, drawn_rig
 
 SECONDS: Final = 40.0
 SIZES: Final = (0.06, 0.1, 0.3)
@@ -34,48 +32,6 @@ SIZES: Final = (0.06, 0.1, 0.3)
 DROPS: Final = (6.9e6, 6.9e6, 2.5e6)
 SILENT: Final = ("healthy", "inconclusive")
 """Verdicts that are no alarm."""
-
-
-def drawn_rig(rng: np.random.Generator) -> Parameters:
-    """Return a rig unlike the model (spreads in docs/detection.md), four in ten with a spring."""
-    spread = rng.uniform
-    return NOMINAL._replace(
-        bulk_modulus=NOMINAL.bulk_modulus * spread(0.85, 1.15),
-        discharge_coefficient=NOMINAL.discharge_coefficient * spread(0.97, 1.03),
-        supply_pressure=NOMINAL.supply_pressure * spread(0.97, 1.03),
-        return_pressure=spread(0.0, 2e5),
-        supply_droop=spread(0.0, 1e12),
-        return_back_pressure=spread(0.0, 1e12),
-        valve_natural_frequency=NOMINAL.valve_natural_frequency * spread(0.7, 1.3),
-        valve_damping=spread(0.6, 0.9),
-        spool_null_bias=spread(-3e-6, 3e-6),
-        stiction=NOMINAL.stiction * spread(0.8, 1.2),
-        coulomb=NOMINAL.coulomb * spread(0.8, 1.2),
-        viscous=NOMINAL.viscous * spread(0.7, 1.3),
-        friction_asymmetry=spread(-200.0, 200.0),
-        spring_stiffness=2e4 if rng.random() < 0.4 else 0.0,
-    )
-
-
-def drawn_motion(rng: np.random.Generator, ticks: int) -> tuple[Array, bool]:
-    """Return a motion (m, or V in open loop), and whether it is open loop."""
-    time_s = np.arange(ticks) * TICK
-    kind = rng.integers(5)
-    if kind == 0:
-        wave = np.sin(2.0 * np.pi * rng.uniform(0.2, 1.0) * time_s + rng.uniform(0.0, 6.0))
-        return 0.3 + rng.uniform(0.03, 0.2) * wave, False
-    if kind == 1:
-        levels = rng.uniform(0.1, 0.5, 200)
-        return levels[(time_s / rng.uniform(1.0, 3.0)).astype(int)], False
-    if kind == 2:
-        waves = [np.sin(2.0 * np.pi * f * time_s + rng.uniform(0.0, 6.0)) / (1.0 + f)
-                 for f in rng.uniform(0.1, 2.0, 6)]  # fmt: skip
-        return 0.3 + 0.12 * sum(waves) / np.abs(sum(waves)).max(), False
-    if kind == 3:
-        frequency = rng.uniform(0.5, 1.0)
-        return rng.uniform(1.5, 3.0) * np.sin(2.0 * np.pi * frequency * time_s + 0.1), True
-    changes = np.cumsum(rng.integers(200, 4000, 200))
-    return rng.uniform(0.1, 0.5, 201)[np.searchsorted(changes, np.arange(ticks), "right")], False
 
 
 @dataclass(frozen=True)
