@@ -34,6 +34,9 @@ STATE_COUNT: Final = len(PlantState._fields)
 # Where the bristle damping, a Gaussian of velocity, has fallen below one part in 10^15.
 _DAMPING_CUTOFF: Final = 6.0
 
+ATMOSPHERE: Final = 101325.0
+"""Pa. Absolute pressure at the tank's surface, from which all pressures are counted (ISO 2533)."""
+
 LEVEL_FLOOR: Final = 1.0
 """N. Bristles need some friction level to relax to; this one is below any sensor's resolution."""
 
@@ -125,20 +128,50 @@ def chamber_volumes(position, par):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def aeration_softening(pressure, par):
+    """Return beta_e / beta, what entrained air leaves of the oil's bulk modulus (Merritt, ch. 2).
+
+    Bubbles follow the pressure isothermally; below zero the mixture is as soft as at zero.
+    """
+    air = par.entrained_air
+    absolute = max(pressure, 0.0) + ATMOSPHERE
+    liquid = (1.0 - air) * absolute
+    bubbles = air * ATMOSPHERE
+    return absolute * (liquid + bubbles) / (absolute * liquid + par.bulk_modulus * bubbles)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def aeration_compliance(pressure, par):
+    """Return d(1/beta_e)/da in 1/Pa where there is no air: what a little of it adds per fraction.
+
+    The first order of `aeration_softening` in the volume fraction of air a.
+    """
+    ratio = ATMOSPHERE / (max(pressure, 0.0) + ATMOSPHERE)
+    return ratio * (ratio / ATMOSPHERE - 1.0 / par.bulk_modulus)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
     """Return (dp1/dt, dp2/dt) in Pa/s for net inflows in m^3/s (eq. 2.3).
 
-    A cavity (p < 0) grows and shrinks by volumes of oil alone: d(p V / beta)/dt = inflow - dV/dt.
+    A cavity (p < 0) grows and shrinks by volumes of oil: d(p V / beta_e)/dt = inflow - dV/dt.
     """
     v1, v2 = chamber_volumes(x, par)
     swept_1 = swept_2 = par.piston_area * v
-    compliance = 1.0 / par.bulk_modulus
-    if p1 < 0.0:
-        swept_1 *= 1.0 + p1 * compliance
-    if p2 < 0.0:
-        swept_2 *= 1.0 + p2 * compliance
     stiffness = par.bulk_modulus / (v1 * v2)
-    return stiffness * v2 * (inflow_1 - swept_1), stiffness * v1 * (inflow_2 + swept_2)
+    stiffness_1, stiffness_2 = stiffness * v2, stiffness * v1
+    compliance_1 = compliance_2 = 1.0 / par.bulk_modulus
+    if par.entrained_air != 0.0:
+        soft_1, soft_2 = aeration_softening(p1, par), aeration_softening(p2, par)
+        stiffness_1 *= soft_1
+        stiffness_2 *= soft_2
+        compliance_1 /= soft_1
+        compliance_2 /= soft_2
+    if p1 < 0.0:
+        swept_1 *= 1.0 + p1 * compliance_1
+    if p2 < 0.0:
+        swept_2 *= 1.0 + p2 * compliance_2
+    return stiffness_1 * (inflow_1 - swept_1), stiffness_2 * (inflow_2 + swept_2)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

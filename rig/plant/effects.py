@@ -37,6 +37,11 @@ _EFFECTS: Final = (
         "g(v) + F_as sgn(v): more friction when extending, less when retracting",
         "sections 3.2.1 and 7.2.1",
     ),
+    _single(
+        "entrained_air",
+        "1/beta_e = [(1 - a)/beta + a r^2/p_a] / [1 - a + a r], r = p_a/(p + p_a)",
+        "Merritt 1967, ch. 2: bubbles at the pressure of the oil, isothermal",
+    ),
     Effect(
         "internal_leakage",
         "q_il = k_il sgn(p1 - p2) sqrt|p1 - p2| + k_lin (p1 - p2)",

@@ -42,6 +42,9 @@ class Parameters(NamedTuple):
     line_volume_2: Annotated[float, _q("m^3", 1e-6, 1e-3, "V_2^0", "table 2.1")] = 2.14e-5
     # Oil
     bulk_modulus: Annotated[float, _q("Pa", 5e7, 2.5e9, "beta", "table 2.1; Merritt 1967")] = 6.89e8
+    entrained_air: Annotated[
+        float, _q("", 0.0, 0.1, "a", "volume fraction at atmospheric pressure; Merritt 1967, ch. 2")
+    ] = 0.0
     density: Annotated[float, _q("kg/m^3", 700.0, 1100.0, "rho", "table 2.1")] = 847.15
     # Supply and return
     supply_pressure: Annotated[float, _q("Pa", 1e6, 3.5e7, "p_s", "section 2.1")] = 13.8e6

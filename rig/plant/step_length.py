@@ -9,7 +9,14 @@ from typing import Final
 
 from numba import njit
 
-from .dynamics import LEVEL_FLOOR, chamber_volumes, slip_friction, valve_conductance
+from .dynamics import (
+    ATMOSPHERE,
+    LEVEL_FLOOR,
+    aeration_softening,
+    chamber_volumes,
+    slip_friction,
+    valve_conductance,
+)
 from .parameters import KARNOPP
 
 # What half a millisecond, the longest step of a default run, resolves.
@@ -40,6 +47,9 @@ _BELL_SCALE: Final = 0.3
 
 _LOADING_RATE: Final = 200.0
 """1/s. Rate of the bristles' force over the Coulomb level."""
+
+_AERATION_RATE: Final = 300.0
+"""1/s. Rate of a chamber's absolute pressure where entrained air softens the oil."""
 
 _RUNAWAY_RATE: Final = 1000.0
 """1/s. Growth of a small velocity down the Stribeck slope."""
@@ -88,8 +98,20 @@ def standstill_step(y, k, h):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _aeration_rate(pressure, slope, h, par):
+    """Return the rate in 1/s at which aerated oil stiffens or softens in a step of h (s)."""
+    lowest = min(pressure, pressure + h * slope)
+    softened = 1.0 - aeration_softening(lowest, par)
+    return softened * abs(slope) / (max(lowest, 0.0) + ATMOSPHERE)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def smooth_step(y, k, longest, shortest, par):
-    """Return the step in s over which friction changes little, from state `y` with rates `k`."""
+    """Return the step in s over which friction and oil change little, from `y` with rates `k`."""
+    if par.entrained_air != 0.0:
+        rate_1 = _aeration_rate(y[2], k[2], longest, par)
+        rate = max(rate_1, _aeration_rate(y[3], k[3], longest, par))
+        longest = max(longest / max(rate / _AERATION_RATE, 1.0), shortest)
     velocity, acceleration = y[5], abs(k[5])
     speed = abs(velocity)
     width = par.bristle_damping_velocity

@@ -18,6 +18,7 @@ COMMAND: Final = 4.0 * np.sin(2.0 * np.pi * TIME)
 ACTING: Final[dict[str, tuple[dict[str, float], str, float]]] = {
     "spool_null_bias": ({"value": 5e-6}, "position", +1.0),
     "friction_asymmetry": ({"value": 300.0}, "position", -1.0),
+    "entrained_air": ({"value": 0.02}, "pressure_1", 0.0),
     "internal_leakage": ({"value": 2e-8, "linear": 1e-12}, "velocity", 0.0),
     "external_leakage_1": ({"value": 2e-8, "linear": 1e-12}, "pressure_1", -1.0),
     "external_leakage_2": ({"value": 2e-8, "linear": 1e-12}, "pressure_2", -1.0),

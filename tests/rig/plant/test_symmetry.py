@@ -23,6 +23,7 @@ def rigs(draw: st.DrawFn) -> Parameters:
         friction_law=draw(st.sampled_from([0.0, KARNOPP])),
         line_volume_1=draw(st.floats(1e-5, 5e-5)),
         line_volume_2=draw(st.floats(1e-5, 5e-5)),
+        entrained_air=draw(st.sampled_from([0.0, 0.005])),
         friction_asymmetry=draw(st.floats(-300.0, 300.0)),
         spool_null_bias=draw(st.floats(-2e-5, 2e-5)),
         external_leakage_1=draw(LEAKS),

@@ -38,6 +38,7 @@ SITUATIONS: Final = {
     "cavitating in chamber 2": PlantState(-1e-4, 0.0, 4e6, -1e5, 0.3, -0.5, -5e-5, 13e6, 2e5),
 }
 WITH_EVERYTHING: Final = NOMINAL._replace(
+    entrained_air=0.01,
     supply_droop=5e12,
     return_back_pressure=5e12,
     friction_asymmetry=100.0,
@@ -76,6 +77,7 @@ def uncompiled(source: str = SOURCE) -> dict[str, Any]:
     names: dict[str, Any] = {"__name__": "dynamics_in_units"}
     exec(compile(source, "dynamics_in_units", "exec"), names)
     names["LEVEL_FLOOR"] = Q(names["LEVEL_FLOOR"], "N")
+    names["ATMOSPHERE"] = Q(names["ATMOSPHERE"], "Pa")
     return names
 
 
@@ -119,6 +121,8 @@ def test_uncompiled_quantities_and_compiled_numbers_agree() -> None:
     [
         ("signed_root", lambda par: (Q(4.0, "MPa"),), "Pa^0.5"),
         ("valve_conductance", lambda par: (par,), "m^2/(s Pa^0.5)"),
+        ("aeration_softening", lambda par: (Q(0.2, "MPa"), par), ""),
+        ("aeration_compliance", lambda par: (Q(0.2, "MPa"), par), "1/Pa"),
         ("chamber_volumes", lambda par: (Q(30.0, "cm"), par), "m^3"),
         ("slip_friction", lambda par: (Q(1.0, "m/s"), Q(1.0, "m/s"), par), "N"),
         ("environment_force", lambda par: (Q(61.0, "cm"), Q(1.0, "m/s"), par), "N"),
@@ -163,7 +167,9 @@ BROKEN: Final = {
     "volume as length": ("par.piston_area * (position", "(position"),
     "stiffness of one chamber": ("par.bulk_modulus / (v1 * v2)", "par.bulk_modulus / v1"),
     "swept volume without velocity": ("= par.piston_area * v\n", "= par.piston_area\n"),
-    "a cavity in pascals": ("1.0 + p1 * compliance", "1.0 + p1"),
+    "a cavity in pascals": ("1.0 + p1 * compliance_1", "1.0 + p1"),
+    "bubbles without their pressure": ("bubbles = air * ATMOSPHERE", "bubbles = air"),
+    "bubbles as stiff as oil": ("par.bulk_modulus * bubbles", "bubbles"),
     "valve command in volts (k_sp left out)": ("par.valve_gain * command", "command"),
     "the natural frequency once": ("wn * wn * (", "wn * ("),
     "damping without it": ("2.0 * par.valve_damping * wn * w", "2.0 * par.valve_damping * w"),
