@@ -27,6 +27,9 @@ AERATED = NOMINAL._replace(entrained_air=0.005)
 CONVERGED = 16 * SUBSTEPS
 ONE = np.array(1.0)
 
+VISIBLE = DATA_SHEET.pressure_noise / NOMINAL.bulk_modulus
+"""Part of a chamber's oil that compresses it by what the pressures' noise hides."""
+
 
 def compliance(pressure: float, rig: Parameters) -> float:
     """Return 1/beta_e in 1/Pa."""
@@ -102,7 +105,9 @@ def test_only_the_bulk_modulus_is_another(
     assert aerated[:2] + aerated[4:] == plain[:2] + plain[4:]
 
 
-@pytest.mark.parametrize(("substeps", "tolerance"), [(SUBSTEPS, 1e-5), (CONVERGED, 1e-7)])
+@pytest.mark.parametrize(
+    ("substeps", "tolerance"), [(SUBSTEPS, VISIBLE), (CONVERGED, 0.01 * VISIBLE)]
+)
 @given(
     st.floats(0.01, 0.6), st.floats(-0.6, 0.6), st.floats(-1e5, 13.8e6), st.floats(-1e5, 13.8e6),
     st.floats(1e-4, 0.02),
@@ -127,11 +132,11 @@ def test_a_shut_chamber_keeps_its_oil_and_its_air(
 
 @given(st.floats(0.05, 0.55), st.floats(-0.1, 0.1), st.floats(1e5, 13.8e6))
 def test_without_friction_the_ram_swings_on_aerated_oil_without_gaining_energy(
-    position: float, velocity: float, pressure: float
+    position: float, velocity: float, start: float
 ) -> None:
     rig = AERATED._replace(stiction=0.0, coulomb=0.0, viscous=0.0, bristle_damping=0.0)
-    start = struck(position, velocity, pressure, pressure)
-    run = simulate(Model(parameters=rig), np.zeros(60), initial=start, substeps=CONVERGED)
+    initial = struck(position, velocity, start, start)
+    run = simulate(Model(parameters=rig), np.zeros(60), initial=initial, substeps=CONVERGED)
     stored: Array = 0.5 * rig.moving_mass * run["velocity"] ** 2
     volumes = np.array([chamber_volumes(x, rig) for x in run["position"]]).T
     fraction = np.linspace(0.0, 1.0, 2001)[:, None]
