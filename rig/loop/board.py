@@ -1,4 +1,4 @@
-"""The memory that the processes of a session share: words, slow values, and the ring of rows.
+"""The memory that the processes of a session share: words, slow values, decisions, and the ring.
 
 It is anonymous (memfd), so that nothing is left of it however the processes end. Every word, every
 slow value and the ring have one writer each; all are aligned 8-byte stores. A row is written before
@@ -16,11 +16,16 @@ from numpy.typing import NDArray
 
 from rig.io.signals import SLOW_INPUTS
 
+from .decided import DECIDED
+
 Words = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 RING_ROWS: Final = 1 << 15
 """Rows the ring holds: 32 s at 1 kHz, far more than a recorder can fall behind and recover."""
+
+DECISIONS_KEPT: Final = 8
+"""Decisions that stand on the board, the last 4 s: far longer than the loop takes to copy one."""
 
 
 class Word(IntEnum):
@@ -73,10 +78,14 @@ class Word(IntEnum):
     """Loop: 1 once the encoder's zero is known; 0 again after a lost count."""
     RECORDED = 24
     """Recorder: rows on disk so far."""
+    DECISIONS = 25
+    """Supervisor: decisions posted so far; written last (release)."""
 
 
 _WORDS: Final = 64
 _SLOW: Final = 64
+_DECISION: Final = 1 + len(DECIDED)
+_RING_AT: Final = _WORDS + 2 * _SLOW + DECISIONS_KEPT * _DECISION
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,8 @@ class Board:
         words: int64 (64,), by `Word`.
         slow: float64 (n,), the latest of each of `SLOW_INPUTS`, SI; NaN if none ever came.
         slow_at: int64 (n,), CLOCK_MONOTONIC in ns at which each came.
+        decisions: float64 (DECISIONS_KEPT, 1 + len(DECIDED)); decision k of the session stands at
+            k % DECISIONS_KEPT, behind the number of the segment it is on.
         ring: float64 (RING_ROWS, columns); row k of the session stands at k % RING_ROWS.
     """
 
@@ -95,13 +106,14 @@ class Board:
     words: Words
     slow: Array
     slow_at: Words
+    decisions: Array
     ring: Array
 
     @classmethod
     def create(cls, columns: int) -> "Board":
         """Return new memory for rows of so many columns."""
         fd = os.memfd_create("rig-board", 0)
-        os.ftruncate(fd, 8 * (_WORDS + 2 * _SLOW + RING_ROWS * columns))
+        os.ftruncate(fd, 8 * (_RING_AT + RING_ROWS * columns))
         board = cls.attach(fd)
         board.slow[:] = np.nan
         return board
@@ -117,5 +129,6 @@ class Board:
             integers[:_WORDS],
             floats[slow : slow + len(SLOW_INPUTS)],
             integers[slow_at : slow_at + len(SLOW_INPUTS)],
-            floats[_WORDS + 2 * _SLOW :].reshape(RING_ROWS, -1),
+            floats[_WORDS + 2 * _SLOW : _RING_AT].reshape(DECISIONS_KEPT, _DECISION),
+            floats[_RING_AT:].reshape(RING_ROWS, -1),
         )

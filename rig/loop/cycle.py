@@ -19,6 +19,8 @@ from rig.plant.dynamics import environment_force, leak_flows
 from rig.plant.integrator import advance
 from rig.plant.sensors import READING_COUNT, read_sensors
 
+from .decided import DECIDED
+
 READINGS: Final = (
     "position_m",
     "pressure_1_Pa",
@@ -44,13 +46,14 @@ TRUTH: Final = (
 READINGS_AT: Final = 3
 _OUTPUTS_AT: Final = READINGS_AT + READING_COUNT
 STATES_AT: Final = _OUTPUTS_AT + len(OUTPUTS)
+_DECIDED: Final = len(DECIDED)
 
 
 def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
     """Return the names of the columns that `sample_row` fills for a filter's states."""
     setpoint = "setpoint_V" if open_loop else "setpoint_m"
     estimates = tuple(f"est_{state}" for state in states)
-    return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates)
+    return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates, *DECIDED)
 
 
 def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
@@ -74,9 +77,9 @@ def limited_command(open_loop, setpoint, position, gain, limit):
 @inlined
 def sample_row(
     starts, time_s, setpoint, command, held, reading,
-    code, x, covariance, filter_par, filter_noise, work, row,
+    code, x, covariance, filter_par, filter_noise, work, decided, row,
 ):  # fmt: skip
-    """Update the filter by one sample, and fill the row up to the filter's states.
+    """Update the filter by one sample, and fill the row's `sample_channels`.
 
     Args:
         starts: whether this is the sample that starts the filter.
@@ -91,6 +94,7 @@ def sample_row(
         filter_par: the `Parameters` it assumes.
         filter_noise: the noise it assumes.
         work: its scratch space.
+        decided: (len(DECIDED),) the newest decision.
         row: to fill, in the order of `row_channels`.
     """
     for i in range(READING_COUNT):
@@ -105,6 +109,8 @@ def sample_row(
     # Not to a slice at once: the text of its error would come along, a second of compiling.
     for i in range(x.size):
         row[STATES_AT + i] = x[i]
+    for i in range(_DECIDED):
+        row[STATES_AT + x.size + i] = decided[i]
     row[0] = time_s
     row[1] = setpoint
     row[2] = command
@@ -114,7 +120,7 @@ def sample_row(
 def simulated_ticks(
     first, period, setpoint, open_loop, gain, limit, faults,
     plant, par, sensors, fitted, meters, offsets, noise,
-    code, x, covariance, filter_par, filter_noise, work, held, rows,
+    code, x, covariance, filter_par, filter_noise, work, decided, held, rows,
 ):  # fmt: skip
     """Run as many ticks as `rows` has rows, on the simulated backend.
 
@@ -139,11 +145,12 @@ def simulated_ticks(
         filter_par: the `Parameters` it assumes.
         filter_noise: the noise it assumes.
         work: its scratch space.
+        decided: (len(DECIDED),) the newest decision.
         held: (1,) command held since the last tick, V; updated.
         rows: (ticks, columns) to fill, in the order of `row_channels`.
     """
     reading = np.empty(READING_COUNT)
-    truth = STATES_AT + x.size
+    truth = STATES_AT + x.size + _DECIDED
     for k in range(rows.shape[0]):
         row = rows[k]
         # A tuple: numba counts references to an array wherever it is handed on.
@@ -159,7 +166,7 @@ def simulated_ticks(
         command = limited_command(open_loop, setpoint[k], reading[0], gain, limit)
         sample_row(
             first + k == 0, (first + k) * period, setpoint[k], command, held[0], reading,
-            code, x, covariance, filter_par, filter_noise, work, row,
+            code, x, covariance, filter_par, filter_noise, work, decided, row,
         )  # fmt: skip
         held[0] = command
         row[truth] = plant[4]

@@ -13,6 +13,7 @@ from rig.plant import NO_FAULT, Parameters
 from rig.plant.integrator import TICK
 
 from .cycle import position_ticks, row_channels, simulated_ticks
+from .decided import no_decision
 
 Array = NDArray[np.float64]
 
@@ -82,6 +83,7 @@ class SimulatedLoop:
         self._gain, self._limit = gain, limit
         self._held = np.zeros(1)
         self._tick = 0
+        self._decided = no_decision()
         self.channels = row_channels(memory.filter.states, motion.open_loop)
 
     @property
@@ -109,10 +111,15 @@ class SimulatedLoop:
             self._tick, TICK, motion.setpoint[part], motion.open_loop, self._gain, self._limit,
             motion.faults[part], rig.state, rig.parameters, rig.sensors, rig.fitted, rig.meters,
             rig.offsets, rig.noise(count), memory.filter.code, memory.x, memory.covariance,
-            self._assumed, memory.noise, memory.work, self._held, rows,
+            self._assumed, memory.noise, memory.work, self._decided, self._held,
+            rows,
         )  # fmt: skip
         self._tick += count
         return rows
+
+    def decided(self, row: Array) -> None:
+        """Take a decision, a row of `DECIDED`, which all rows from now on carry."""
+        self._decided = row
 
     def safe_state(self) -> None:
         """Put the valve at null and take every injected fault away."""

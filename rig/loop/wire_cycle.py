@@ -18,9 +18,10 @@ from rig.plant.compiled import inner
 from rig.plant.sensors import READING_COUNT
 
 from .atomic import load_acquire, store_release
-from .board import Word
+from .board import DECISIONS_KEPT, Word
 from .clock import sleep_until
 from .cycle import READINGS_AT, STATES_AT, limited_command, sample_row
+from .decided import DECIDED
 from .interlock import allowed_command, check_sample, held_position
 from .ladder import NO_CHANNEL, Action, Cause
 from .wire_layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
@@ -41,6 +42,7 @@ _METERS_AT: Final = READING_COUNT - _METERS
 _STATUS_AT: Final = len(TIMINGS)
 _STATUS_COUNT: Final = len(STATUS)
 _SLOW_AT: Final = _STATUS_AT + _STATUS_COUNT
+_DECIDED: Final = len(DECIDED)
 
 _COUNTER_SPAN: Final = 65536
 """`host_counter` counts modulo this."""
@@ -70,7 +72,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
     """
     words, counts, outputs = shared.words, memory.counts, memory.outputs
     memory.handling[:] = nan
-    at = STATES_AT + filt.x.size
+    memory.decided[:] = nan
+    at = STATES_AT + filt.x.size + _DECIDED
     tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
     words[Word.TICK] = 0
     words[Word.SEGMENT] = course.number
@@ -82,6 +85,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         if cause != Cause.NONE.value:
             _trip(words, cause, NO_CHANNEL, woken)
         action = max(action, words[Word.STOP])
+        _take_decision(course.number, counts, memory, shared)
         # A missed tick has no row where the time grid moves, or before the recording starts.
         skipped = missed if started and pace.overrun != Overrun.REALIGN else 0
         now = tick + skipped
@@ -205,6 +209,24 @@ def _cause_at_wakeup(words, counts, now, missed, pace):
     if missed > 0 and now - counts[Count.SAMPLED_NS] > pace.stale_ns:
         return Cause.OVERRUN.value
     return Cause.NONE.value
+
+
+@inner
+def _take_decision(segment, counts, memory, shared):
+    """Take over the newest decision, if it is whole and on this segment."""
+    number = load_acquire(shared.words, Word.DECISIONS.value)
+    if number == counts[Count.DECISION]:
+        return
+    place = shared.decisions[number % DECISIONS_KEPT]
+    for i in range(place.size):
+        memory.posted[i] = place[i]
+    # The place is written again once the others have been: it may be being so then.
+    if load_acquire(shared.words, Word.DECISIONS.value) - number >= DECISIONS_KEPT - 1:
+        return
+    counts[Count.DECISION] = number
+    if memory.posted[0] == segment:
+        for i in range(_DECIDED):
+            memory.decided[i] = memory.posted[1 + i]
 
 
 @inner
@@ -368,7 +390,8 @@ def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
     sample_row(
         starts, tick * pace.period_s, setpoint, command, held, memory.reading,
-        filt.code, filt.x, filt.covariance, filt.parameters, filt.noise, filt.work, row,
+        filt.code, filt.x, filt.covariance, filt.parameters, filt.noise, filt.work,
+        memory.decided, row,
     )  # fmt: skip
     return row
 

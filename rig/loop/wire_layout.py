@@ -16,6 +16,7 @@ from rig.plant import Parameters
 
 from .board import Board
 from .cycle import sample_channels
+from .decided import no_decision
 from .interlock import InterlockMemory, interlock_memory
 from .ladder import LimitTable
 from .tolerances import Tolerances
@@ -217,6 +218,8 @@ class Count(IntEnum):
     """1 while the valve is asked to be enabled, and was confirmed to be."""
     LEAVE = 4
     """Set from outside: 1 makes the loop send a null frame and return."""
+    DECISION = 5
+    """Number of the newest decision seen on the board."""
 
 
 class Handling(IntEnum):
@@ -246,6 +249,10 @@ class WireMemory(NamedTuple):
     """(1,) of the newest sample."""
     handling: Array
     """By `Handling`."""
+    posted: Array
+    """(1 + len(DECIDED),) scratch: a decision as it stands on the board."""
+    decided: Array
+    """(len(DECIDED),) the newest decision on this segment; NaN before the first."""
 
 
 def wire_memory() -> WireMemory:
@@ -258,6 +265,8 @@ def wire_memory() -> WireMemory:
         np.full(1, nan),
         np.full(1, nan),
         np.full(len(Handling), nan),
+        np.full(1 + no_decision().size, nan),
+        no_decision(),
     )
 
 
@@ -267,9 +276,10 @@ class SharedMemory(NamedTuple):
     words: Integers
     slow: Array
     slow_at: Integers
+    decisions: Array
     ring: Array
 
 
 def shared_memory(board: Board) -> SharedMemory:
     """Return a board's arrays for the compiled loop."""
-    return SharedMemory(board.words, board.slow, board.slow_at, board.ring)
+    return SharedMemory(board.words, board.slow, board.slow_at, board.decisions, board.ring)

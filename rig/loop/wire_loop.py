@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rig.io.signals import FAST_INPUTS
 
 from .board import Board, Word
+from .decision_post import DecisionPost
 from .ladder import NO_CHANNEL, Action, Cause, explain
 from .orders import Segment
 from .ring import RingReader
@@ -76,6 +77,7 @@ class WireLoop:
     ) -> None:
         self._words = board.words
         self._ring = RingReader(board)
+        self._post = DecisionPost(board)
         self._process = process
         self._test = test
         self._start_position = start_position
@@ -151,6 +153,10 @@ class WireLoop:
         self._rows, self._waiting = [rows[wanted:]], len(rows) - wanted
         self._done += wanted
         return rows[:wanted]
+
+    def decided(self, row: Array) -> None:
+        """Hand the loop a decision, a row of `DECIDED`; rows written from then on carry it."""
+        self._post.post(self._number, row)
 
     def safe_state(self) -> None:
         """Have the ram held where it is; a loop that tripped stays at null."""

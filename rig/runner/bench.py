@@ -42,6 +42,12 @@ class Loop(Protocol):
             TripError: the rig tripped before any more rows came.
         """
 
+    def decided(self, row: Array) -> None:
+        """Take a decision on the rows so far, a row of `rig.loop.decided.DECIDED`.
+
+        Rows that the loop writes from then on carry it. Nobody waits.
+        """
+
     def safe_state(self) -> None:
         """End the test, wherever it is: every injected fault away, and no motion."""
 

@@ -15,6 +15,7 @@ from estimator.pattern import PatternBaseline, PatternDetector
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.campaign import plain
 from rig.configuration.rig import Rig
+from rig.loop.decided import VERDICT_CODES
 from rig.plant import Model
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 from rig.recording.recording import Recording
@@ -61,6 +62,7 @@ def metadata_of(
             "baseline_Pa": _plain_baseline(learning.baseline),
             "baseline_from": learning.source,
         },
+        "verdict_codes": [str(verdict) for verdict in VERDICT_CODES],
         "units": {channel: unit_of(channel) for channel in channels},
         "provenance": plain(provenance),
     }

@@ -11,6 +11,7 @@ from estimator.filters import start_memory
 from estimator.replay import detector_for
 from faults.campaign import Campaign
 from rig.configuration.rig import Rig
+from rig.loop.decision_post import prepare
 
 from .judging import Judge
 from .simulated_bench import loop_of
@@ -29,3 +30,4 @@ def rehearse(campaign: Campaign, rig: Rig) -> None:
     while loop.ticks_left:
         judge.take(loop.advance(judge.ticks_due))
     judge.finish()
+    prepare()

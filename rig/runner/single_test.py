@@ -18,6 +18,7 @@ from rig.loop.trip import StopRequestedError, TripError
 from rig.plant.integrator import TICK
 
 from .bench import Bench, Loop, Writer
+from .decision_rows import DecisionRows
 from .directory import log_error
 from .injection import Injection
 from .judging import Judge
@@ -116,6 +117,7 @@ class _RunningTest:
         memory = start_memory(campaign.filter_name, campaign.model, setting.rig.sensors)
         self._loop = setting.bench.loop(test, memory, campaign.model)
         self._judge = Judge(self._detector, memory, self._loop.channels)
+        self._decisions = DecisionRows()
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
@@ -197,9 +199,15 @@ class _RunningTest:
         for event in self._injection.take(rows):
             writer.event(*event)
         if self._judge.take(rows):
+            self._tell_loop()
             self._note_verdict(writer)
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
+
+    def _tell_loop(self) -> None:
+        decision = self._judge.decision
+        assert decision is not None
+        self._loop.decided(self._decisions.row(self._last_s, decision))
 
     def _note_verdict(self, writer: Writer) -> None:
         decision = self._judge.decision

@@ -98,6 +98,10 @@ class HardwareTest:
         except LoopStoppedError as error:
             raise self._session.stopped(error) from None
 
+    def decided(self, row: Array) -> None:
+        """Hand the loop a decision."""
+        self._wire.decided(row)
+
     def safe_state(self) -> None:
         """End the test: every fault away; a ram that is still under way is brought to rest."""
         if self._ended:

@@ -256,3 +256,21 @@ def test_a_loop_that_is_told_to_leave_sends_a_null_frame_first(scenario: Scenari
     assert result["left"] == "ASKED"
     assert (commands(result)[-1], enables(result)[-1]) == (0.0, 0.0)
     assert set(enables(result)[:-1]) == {1.0}
+
+
+def test_a_decision_stands_in_every_row_from_the_tick_that_finds_it_posted(
+    scenario: Scenario,
+) -> None:
+    rows = scenario("decisions")["rows"]
+    for column in ("decided_at_s", "verdict_code", "present_internal_leakage_m3_per_s_sqrtPa"):
+        values = rows[column]
+        assert all(isnan(value) for value in values[:3])
+        # Of many at once the newest counts, and one on another segment does not.
+        assert values[3:8] == [0.25] * 5
+        assert values[8:] == [0.75] * (len(values) - 8)
+    assert scenario("decisions")["replays"]
+
+
+def test_a_decision_that_may_be_torn_is_not_taken(scenario: Scenario) -> None:
+    assert scenario("place still whole")["taken"]
+    assert not scenario("place written again")["taken"]

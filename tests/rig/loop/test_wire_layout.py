@@ -9,11 +9,15 @@ from rig.io.settings import LoopSettings
 from rig.io.settings import Overrun as Policy
 from rig.io.signals import FAST_INPUTS, SLOW_INPUTS
 from rig.loop.cycle import READINGS
+from rig.loop.decided import PROBABILITIES
 from rig.loop.wire_layout import Overrun, pace, wire_channels
 from rig.recording.mcap_writer import channel_problems
 from rig.recording.units import unit_of
 
 PURE_NUMBERS = (
+    "verdict_code",
+    "fault_confirmed",
+    *PROBABILITIES,
     "exchange_status",
     "segment",
     "tick",

@@ -18,7 +18,9 @@ from rig.io.modbus_plan import Tally
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.loop import wire_cycle
-from rig.loop.board import Board, Word
+from rig.loop.board import DECISIONS_KEPT, Board, Word
+from rig.loop.decided import DECIDED
+from rig.loop.decision_post import DecisionPost
 from rig.loop.ladder import Action, Cause, limit_table
 from rig.loop.tolerances import tolerances
 from rig.loop.wire_layout import (
@@ -180,6 +182,35 @@ def say(word: Word, value: int) -> Callable[[Board], None]:
     return lambda board: board.words.__setitem__(word, value)
 
 
+def posted(segment: int, *values: float) -> Callable[[Board], None]:
+    """Return what posts decisions, rows of one value each, on a segment."""
+
+    def post(board: Board) -> None:
+        for value in values:
+            DecisionPost(board).post(segment, np.full(len(DECIDED), value))
+
+    return post
+
+
+class Overtaken:
+    """The board's words, with so many decisions posted while the first is copied."""
+
+    def __init__(self, meanwhile: int) -> None:
+        self.posted = iter((1, 1 + meanwhile))
+
+    def __getitem__(self, word: int) -> int:
+        assert word == Word.DECISIONS
+        return next(self.posted)
+
+
+def _overtaken(meanwhile: int) -> dict[str, Any]:
+    world = World()
+    posted(1, 0.5)(world.board)
+    shared = shared_memory(world.board)._replace(words=Overtaken(meanwhile))  # type: ignore[arg-type]
+    wire_cycle._take_decision(1, world.memory.counts, world.memory, shared)
+    return {"taken": float(world.memory.decided[0]) == 0.5}
+
+
 def _leaving() -> dict[str, Any]:
     world = World()
     world.before[10] = lambda board: world.memory.counts.__setitem__(Count.LEAVE, 1)
@@ -234,6 +265,11 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
         tracking(400), 40, replace(SETTINGS, supervisor_silence=0.02)
     ),
     "leaving": _leaving,
+    "decisions": lambda: World(
+        before={3: posted(1, 0.25), 6: posted(9, 0.5), 8: posted(1, *np.arange(40.0), 0.75)}
+    ).run(tracking(), 12),
+    "place still whole": lambda: _overtaken(DECISIONS_KEPT - 2),
+    "place written again": lambda: _overtaken(DECISIONS_KEPT - 1),
 }
 
 

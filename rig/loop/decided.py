@@ -1,0 +1,64 @@
+"""What the detector holds, as the columns of numbers that the loop copies beside every sample.
+
+A recording then tells of each sample what was known when it came, and what the loop could act upon.
+Everything is NaN before the first decision.
+"""
+
+from enum import IntEnum
+from math import isnan
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from faults.verdict import FAULT_KINDS, LEAK_KINDS, Verdict
+
+Array = NDArray[np.float64]
+
+VERDICT_CODES: Final = (
+    Verdict.HEALTHY,
+    Verdict.EXTERNAL_LEAKAGE_1,
+    Verdict.EXTERNAL_LEAKAGE_2,
+    Verdict.INTERNAL_LEAKAGE,
+    Verdict.SUPPLY_LEAKAGE,
+    Verdict.RETURN_BLOCKAGE,
+    Verdict.MULTIPLE,
+    Verdict.UNKNOWN_FAULT,
+    Verdict.INCONCLUSIVE,
+)
+"""A verdict's code is its index here; recordings hold codes, so that none is given to another."""
+
+PROBABILITIES: Final = tuple(f"probability_{name}" for name in (Verdict.HEALTHY, *FAULT_KINDS))
+PRESENT: Final = tuple(f"present_{leak}_m3_per_s_sqrtPa" for leak in LEAK_KINDS)
+
+DECIDED: Final = (
+    "decided_at_s",
+    "verdict_code",
+    "fault_confirmed",
+    *PROBABILITIES,
+    "decided_leak_m3_per_s",
+    "decided_leak_low_m3_per_s",
+    "decided_leak_high_m3_per_s",
+    *PRESENT,
+)
+"""Time of the newest sample it rests on; index in `VERDICT_CODES`; 1 for a confirmed fault, else 0;
+probabilities; mean leak flow with its 95 % interval, NaN without; coefficients of the leaks that
+are confirmed to be there now, 0 where there is none."""
+
+
+class Decided(IntEnum):
+    """Index in a row of `DECIDED` of what the compiled loop reads."""
+
+    AT_S = DECIDED.index("decided_at_s")
+    CONFIRMED = DECIDED.index("fault_confirmed")
+    PRESENT = DECIDED.index(PRESENT[0])
+
+
+def no_decision() -> Array:
+    """Return the row before the first decision, float64 (len(DECIDED),)."""
+    return np.full(len(DECIDED), np.nan)
+
+
+def verdict_of(code: float) -> str:
+    """Return the verdict of a recorded code; empty for NaN, before the first decision."""
+    return "" if isnan(code) else str(VERDICT_CODES[int(code)])
