@@ -29,8 +29,8 @@ FALSE_ALARM_FLOW: Final = 0.1 * LITRE_PER_MINUTE
 """m^3/s. A false alarm may be this large, and a leak this small is no trouble to the loop: nothing
 is made up for up to here, and this much less beyond."""
 
-_EMPTY: Final = 5e4
-"""Pa. Pressure drops that transducers (noise 3e4 Pa) do not tell from none: no leak is there."""
+_ROUNDING: Final = 2e4
+"""Pa. Drops of this size and less are what transducers read (noise 3e4 Pa) where there is none."""
 _LEAST_DROP: Final = 0.05
 """Part of the supply pressure, which itself may be off by as much: a valve with less than this over
 it is taken to have this much, and a ram that stalls stalls."""
@@ -38,13 +38,12 @@ it is taken to have this much, and a ram that stalls stalls."""
 
 @inlined
 def _root(drop):
-    """Return sgn(drop) sqrt(|drop|), less near zero, where it rises with the drop's square.
+    """Return sgn(drop) sqrt(|drop|), rounded off at zero: never larger than the root, nor steeper.
 
-    Never more than the true root: noise around an empty chamber is not taken for oil that leaks.
+    So what is made up for never grows by more than what leaks, whatever the pressures do; and noise
+    around an empty chamber is hardly taken for oil.
     """
-    size = abs(drop)
-    part = size / (size + _EMPTY)
-    root = part * sqrt(part * size)
+    root = sqrt(abs(drop) + _ROUNDING) - sqrt(_ROUNDING)
     return root if drop >= 0.0 else -root
 
 
