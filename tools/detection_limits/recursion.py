@@ -1,0 +1,129 @@
+"""How much is known of states and constants from sample to sample: the compiled recursion."""
+
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from estimator.product_model import DYNAMIC, STATE_COUNT, predict_product
+
+STEP: Final = 1e-3
+"""Part of a tolerance over which a parameter's effect is taken by central differences."""
+
+
+@njit(cache=True, error_model="numpy")
+def advance_covariance(covariance, rows, product):
+    """Replace P by F P F^T, where F is the identity but for its first rows.
+
+    Args:
+        covariance: symmetric P (n, n), in place.
+        rows: those rows of F (m, n).
+        product: scratch (m, n).
+    """
+    m, n = rows.shape
+    for i in range(m):
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                total += rows[i, k] * covariance[k, j]
+            product[i, j] = total
+    for i in range(m):
+        for j in range(m, n):
+            covariance[i, j] = covariance[j, i] = product[i, j]
+        for j in range(i, m):
+            total = 0.0
+            for k in range(n):
+                total += product[i, k] * rows[j, k]
+            covariance[i, j] = covariance[j, i] = total
+
+
+@njit(cache=True, error_model="numpy")
+def observe(covariance, state, bias, variance, gain):
+    """Take in a reading of a state, and of a constant bias (index, or -1) that the reading has.
+
+    Args:
+        covariance: symmetric P (n, n), in place.
+        state: index of the state.
+        bias: index of the bias, or -1.
+        variance: of the reading's noise.
+        gain: scratch (n,).
+    """
+    n = covariance.shape[0]
+    for i in range(n):
+        gain[i] = covariance[i, state] + (covariance[i, bias] if bias >= 0 else 0.0)
+    spread = gain[state] + (gain[bias] if bias >= 0 else 0.0) + variance
+    for i in range(n):
+        share = gain[i] / spread
+        for j in range(i, n):
+            covariance[i, j] -= share * gain[j]
+            covariance[j, i] = covariance[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def leak_covariances(
+    x, command, par, lower, upper, columns, flows, biases, covariance, noise, spool, onset, reports,
+    blocks,
+):  # fmt: skip
+    """Run the recursion over a course; write the leaks' covariance (3, 3) at the ticks asked for.
+
+    Args:
+        x: states of the product model (ticks, 11).
+        command: (ticks,), V.
+        par: `Parameters`.
+        lower: for each weakness of a parameter, the parameters with a little less of it.
+        upper: the same with a little more.
+        columns: where these weaknesses' constants stand.
+        flows: (ticks - 1, weaknesses, 2), inflows of the others, whose constants come last.
+        biases: of the readings of spool, position and pressures 1 and 2, or -1.
+        covariance: of all that is unknown beforehand (n, n).
+        noise: `ProductNoise`.
+        spool: whether the spool is measured.
+        onset: tick from which a leak may be there.
+        reports: ticks asked for, in ascending order.
+        blocks: (reports, 3, 3), what is found.
+    """
+    n = covariance.shape[0]
+    first_flow = n - flows.shape[1]
+    rows, product, gain = np.zeros((DYNAMIC, n)), np.empty((DYNAMIC, n)), np.empty(n)
+    jacobian, unused = np.empty((DYNAMIC, STATE_COUNT)), np.empty((DYNAMIC, STATE_COUNT))
+    low, high = np.empty(STATE_COUNT), np.empty(STATE_COUNT)
+    report = 0
+    for k in range(reports[-1] + 1):
+        if k > 0:
+            low[:] = x[k - 1]
+            predict_product(low, command[k - 1], par, jacobian)
+            rows[:, :STATE_COUNT] = jacobian
+            if k <= onset:
+                rows[:, 7:10] = 0.0
+            for j in range(columns.size):
+                low[:] = x[k - 1]
+                high[:] = x[k - 1]
+                predict_product(low, command[k - 1], lower[j], unused)
+                predict_product(high, command[k - 1], upper[j], unused)
+                for i in range(DYNAMIC):
+                    rows[i, columns[j]] = (high[i] - low[i]) / (2.0 * STEP)
+            # What flows out by a leak of unit root is what a unit of inflow is not.
+            root_1 = sqrt(x[k - 1, 1] - par.return_pressure)
+            root_2 = sqrt(x[k - 1, 2] - par.return_pressure)
+            for j in range(flows.shape[1]):
+                for i in range(DYNAMIC):
+                    rows[i, first_flow + j] = -(
+                        jacobian[i, 7] / root_1 * flows[k - 1, j, 0]
+                        + jacobian[i, 8] / root_2 * flows[k - 1, j, 1]
+                    )
+            advance_covariance(covariance, rows, product)
+            covariance[1, 1] += noise.chamber_pressure
+            covariance[2, 2] += noise.chamber_pressure
+            covariance[4, 4] += noise.velocity
+            covariance[5, 5] += noise.spool_velocity
+            covariance[6, 6] += noise.load
+            covariance[10, 10] += noise.null_bias
+        if spool:
+            observe(covariance, 0, biases[0], noise.spool, gain)
+        observe(covariance, 3, biases[1], noise.position, gain)
+        observe(covariance, 1, biases[2], noise.pressure, gain)
+        observe(covariance, 2, biases[3], noise.pressure, gain)
+        if k == reports[report]:
+            blocks[report] = covariance[7:10, 7:10]
+            report += 1

@@ -1,0 +1,91 @@
+"""What each known weakness of the model does to the rig, as the bound needs it: to first order.
+
+The list and its tolerances are the detector's (`estimator.flow_account.NUISANCES`). The null bias
+is a state of the product model; the others are constants beside its states.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.flow_account import NUISANCES
+from rig.plant import Parameters
+from rig.plant.dynamics import aeration_compliance, valve_conductance
+from rig.plant.integrator import TICK
+
+from .courses import Course
+
+Array = NDArray[np.float64]
+
+TOLERANCE: Final = {nuisance.name: nuisance.sigma for nuisance in NUISANCES}
+
+NULL_BIAS: Final = "spool_null_bias"
+OF_PARAMETERS: Final = {
+    "discharge_coefficient": True,
+    "bulk_modulus": True,
+    "supply_pressure": False,
+    "return_pressure": False,
+}
+"""Weaknesses that are a parameter of the model, and whether their tolerance is a part of it."""
+OF_TRANSDUCERS: Final = {"pressure_1_bias": 1, "pressure_2_bias": 2}
+"""Weaknesses that a reading shows in full, and the state of the product model that it reads."""
+
+
+def shifted(parameters: Parameters, name: str, sigmas: float) -> Parameters:
+    """Return the parameters with a weakness of `OF_PARAMETERS`, in units of its tolerance."""
+    value = getattr(parameters, name)
+    shift = sigmas * TOLERANCE[name] * (value if OF_PARAMETERS[name] else 1.0)
+    return parameters._replace(**{name: value + shift})
+
+
+def inflows(course: Course) -> dict[str, Array]:
+    """Return the oil that other weaknesses let into the chambers, m^3/s per unit (SI), by name.
+
+    Each is float64 (ticks - 1, 2): chambers 1 and 2, averages from one tick to the next.
+    """
+    par = course.parameters
+    middle = 0.5 * (course.states[1:] + course.states[:-1])
+    spool, p1, p2, x = middle[:, 0], middle[:, 2], middle[:, 3], middle[:, 4]
+    rates = np.diff(course.states, axis=0) / TICK
+    extending = spool >= 0.0
+    drop_1 = np.where(extending, par.supply_pressure - p1, p1 - par.return_pressure)
+    drop_2 = np.where(extending, p2 - par.return_pressure, par.supply_pressure - p2)
+    # Flow per opening into chamber 1 and out of chamber 2 (eqs. 2.1 and 2.2).
+    g1, g2 = valve_conductance(par) * np.array([_root(drop_1), _root(drop_2)])
+    q1, q2 = g1 * spool, g2 * spool
+    lost_1, lost_2 = 0.5 * q1**3 / drop_1, 0.5 * q2**3 / drop_2
+    side = np.sign(spool)
+    v1 = par.line_volume_1 + par.piston_area * (x - par.stroke_min)
+    v2 = par.line_volume_2 + par.piston_area * (par.stroke_max - x)
+    none = np.zeros_like(q1)
+    pairs = {
+        "valve_overlap": (-g1 * side, g2 * side),
+        "edge_supply_1": (q1 * extending, none),
+        "edge_return_1": (q1 * ~extending, none),
+        "edge_return_2": (none, -q2 * extending),
+        "edge_supply_2": (none, -q2 * ~extending),
+        "return_back_pressure": (-lost_1 * ~extending, lost_2 * extending),
+        "supply_droop": (-lost_1 * extending, lost_2 * ~extending),
+        "spool_delay": (g1 * rates[:, 0], -g2 * rates[:, 0]),
+        "entrained_air": (
+            -v1 * aeration_of(p1, par) * rates[:, 2],
+            -v2 * aeration_of(p2, par) * rates[:, 3],
+        ),
+    }
+    return {name: np.stack(pair, axis=1) for name, pair in pairs.items()}
+
+
+def aeration_of(pressures: Array, parameters: Parameters) -> Array:
+    """Return `aeration_compliance` at each pressure, 1/Pa."""
+    return np.array([aeration_compliance(pressure, parameters) for pressure in pressures])
+
+
+def _root(drop: Array) -> Array:
+    return np.asarray(np.sign(drop) * np.sqrt(np.abs(drop)))
+
+
+def known(course: Course) -> tuple[str, ...]:
+    """Return the weaknesses of the detector's list that the bound has."""
+    have = {NULL_BIAS, *OF_PARAMETERS, *OF_TRANSDUCERS, *inflows(course)}
+    return tuple(name for name in TOLERANCE if name in have)
