@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 from control.setpoints import Setpoint
@@ -9,6 +10,15 @@ from rig.plant.model import Model
 
 from .schedule import Fault
 from .verdict import Verdict
+
+
+class OnFault(StrEnum):
+    """What a test asks to be done about a confirmed fault (docs/campaigns.md)."""
+
+    IGNORE = "ignore"
+    TOLERATE = "tolerate"
+    HOLD = "hold"
+    TRIP = "trip"
 
 
 @dataclass(frozen=True)
@@ -39,6 +49,7 @@ class CampaignTest:
     expect: Verdict
     repeat: int
     seed: int
+    on_fault: OnFault = OnFault.IGNORE
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from estimator.filters import DEFAULT_FILTER, FILTERS
-from faults.campaign import Campaign, CampaignTest
+from faults.campaign import Campaign, CampaignTest, OnFault
 from rig.plant.model import Model
 
 from .campaign_tests import read_tests
@@ -30,6 +30,7 @@ class CampaignFile(Schema):
     rig: str
     model: str = "nominal"
     detector: Any = None
+    on_fault: OnFault = OnFault.IGNORE
     defaults: Any = None
     tests: Any
 
@@ -137,7 +138,16 @@ def _read_tests(
     if not tests.elements():
         remedy = "write at least one test: `- name: ...`"
         sources.problems.add(tests.place, "tests", shown(tests), "is not a list of tests", remedy)
-    return read_tests(tests, defaults, path.parent, rig, sources)
+    return read_tests(tests, _with_on_fault(defaults, root), path.parent, rig, sources)
+
+
+def _with_on_fault(defaults: Located | None, root: Located) -> Located | None:
+    """Return the defaults of tests with the campaign's `on_fault`, where it is a usable one."""
+    on_fault = root.get("on_fault")
+    if on_fault is None or on_fault.value not in list(OnFault):
+        return defaults
+    given = dict(defaults.items()) if defaults is not None else {}
+    return Located({"on_fault": on_fault, **given}, root.place, "defaults")
 
 
 def _check_defaults(defaults: Located, sources: Sources) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field as SchemaField
 
 from control.setpoints import Setpoint
-from faults.campaign import CampaignTest, SpringLoad
+from faults.campaign import CampaignTest, OnFault, SpringLoad
 from faults.schedule import Fault
 from faults.verdict import Verdict
 from rig.plant.integrator import TICK
@@ -40,6 +40,7 @@ class CampaignTestFile(Schema):
     load: Any = None
     faults: Any = None
     expect: Verdict | None = None
+    on_fault: OnFault = OnFault.IGNORE
     repeats: Annotated[int, SchemaField(ge=1, le=1000)] = 1
     seed: Annotated[int | None, SchemaField(ge=0, lt=2**31)] = None
     matrix: Any = None
@@ -112,6 +113,7 @@ class _TestReader:
             setpoint = self._setpoint(file.duration if file else 60.0, seed + index)
             if file is None or setpoint is None:
                 continue
+            self._check_on_fault(file.on_fault, setpoint)
             start = self._start_position(file, setpoint)
             if start is None:
                 continue
@@ -127,6 +129,7 @@ class _TestReader:
                 expect=file.expect or _expected(faults),
                 repeat=index + 1,
                 seed=seed + index,
+                on_fault=file.on_fault,
             )
 
     def _setpoint(self, duration_s: float, seed: int) -> Setpoint | None:
@@ -162,6 +165,14 @@ class _TestReader:
             f"is {'above' if above else 'below'} the {limit} of the rig {rig.name}",
             remedy,
         )
+
+    def _check_on_fault(self, on_fault: OnFault, setpoint: Setpoint) -> None:
+        item = self.item.get("on_fault")
+        if item is None or on_fault != OnFault.TOLERATE or setpoint.quantity == "position":
+            return
+        limit = "needs a position loop, and this setpoint is the valve command itself"
+        remedy = "give the test another on_fault, or a setpoint in m"
+        self.problems.add(item.place, "on_fault", shown(item), limit, remedy)
 
     def _start_position(self, file: CampaignTestFile, setpoint: Setpoint) -> float | None:
         if file.start_position is None:

@@ -6,7 +6,8 @@ from math import inf, isfinite, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from faults.campaign import Campaign, CampaignTest
+from estimator.filters import DEFAULT_FILTER
+from faults.campaign import Campaign, CampaignTest, OnFault
 from faults.leakage import linear_flow, square_root_flow
 from faults.schedule import Fault, FaultSchedule
 from faults.verdict import Verdict
@@ -60,6 +61,7 @@ class PlannedTest:
             motion of the ram, faults included.
         peak_speed_m_per_s: greatest speed of the setpoint, inf where it jumps, or of the ram.
         valve_speed_m_per_s: what the fully open valve delivers to an unloaded ram.
+        on_fault: what is done about a confirmed fault.
         warnings: what will not go as commanded, and what to do about it.
     """
 
@@ -72,6 +74,7 @@ class PlannedTest:
     valve_speed_m_per_s: float
     faults: tuple[PlannedFault, ...]
     expect: Verdict
+    on_fault: OnFault
     warnings: tuple[str, ...]
 
     def lines(self) -> list[str]:
@@ -87,12 +90,14 @@ class PlannedTest:
         head = f"{self.name}: {self.duration_s:g} s after {self.settle_s:g} s of settling"
         lines = [head, f"  motion {motion}", f"  expect {self.expect}"]
         lines += [f"  fault {fault}" for fault in self.faults]
+        if self.on_fault != OnFault.IGNORE:
+            lines.append(f"  on a confirmed fault: {self.on_fault}")
         return lines + [f"  warning: {warning}" for warning in self.warnings]
 
 
 def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
     """Return every test of a campaign as it will run on the rig."""
-    return tuple(_plan(test, rig) for test in campaign.tests)
+    return tuple(_plan(test, rig, campaign.filter_name) for test in campaign.tests)
 
 
 def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
@@ -106,7 +111,7 @@ def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
     return par.discharge_coefficient * par.area_gradient * opening * root / par.piston_area
 
 
-def _plan(test: CampaignTest, rig: Rig) -> PlannedTest:
+def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
     times = np.arange(round(test.duration_s / TICK)) * TICK
     setpoint = test.setpoint.sample(times)
     commanded = None
@@ -127,7 +132,11 @@ def _plan(test: CampaignTest, rig: Rig) -> PlannedTest:
         valve_speed_m_per_s=fastest,
         faults=tuple(_plan_fault(fault, rig) for fault in test.faults),
         expect=test.expect,
-        warnings=tuple(_warnings(test, rig, position, speed, fastest)),
+        on_fault=test.on_fault,
+        warnings=(
+            *_warnings(test, rig, position, speed, fastest),
+            *_detector_warnings(test, rig, filter_name),
+        ),
     )
 
 
@@ -173,6 +182,29 @@ def _warnings(
             warnings.append(
                 f"the spring pushes back with {show(force, 'N')}, the ram stalls at "
                 f"{show(stall, 'N')}; reduce the motion beyond {show(test.load.contact, 'm')}"
+            )
+    return warnings
+
+
+def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> list[str]:
+    """Return what the detector will not see, or not say."""
+    warnings = []
+    if test.on_fault == OnFault.TOLERATE and filter_name != DEFAULT_FILTER:
+        warnings.append(
+            f"the detector of {filter_name} does not say how large a leak is, so that none is "
+            f"tolerated; judge by {DEFAULT_FILTER}"
+        )
+    if any(fault.kind == Verdict.SUPPLY_LEAKAGE for fault in test.faults):
+        droops = rig.plant.parameters.supply_droop > 0.0
+        if not droops and (rig.backend == "simulated" or not rig.has_supply_pressure_sensor):
+            warnings.append(
+                f"the supply of the model {rig.plant.name} does not droop, so that a leak of its "
+                "line changes nothing that is measured; give it a supply_droop"
+            )
+        elif not rig.has_supply_pressure_sensor:
+            warnings.append(
+                "without a transducer for the supply pressure a supply leak is an unknown_fault "
+                "at best; expect that"
             )
     return warnings
 

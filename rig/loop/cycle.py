@@ -6,7 +6,7 @@ command of row k follows from sample k; on the wire (`wire_cycle`) from sample k
 in one transaction.
 """
 
-from math import isnan
+from math import isnan, nan
 from typing import Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from rig.plant.integrator import advance
 from rig.plant.sensors import READING_COUNT, read_sensors
 
 from .decided import DECIDED
+from .reaction import ACTED, Reaction, react, tolerating
 
 READINGS: Final = (
     "position_m",
@@ -46,14 +47,17 @@ TRUTH: Final = (
 READINGS_AT: Final = 3
 _OUTPUTS_AT: Final = READINGS_AT + READING_COUNT
 STATES_AT: Final = _OUTPUTS_AT + len(OUTPUTS)
+DECISION_COLUMNS: Final = len(DECIDED) + len(ACTED)
+"""Columns behind the filter's states: what was decided, and what was done about it."""
 _DECIDED: Final = len(DECIDED)
+_ACTED: Final = len(ACTED)
 
 
 def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
     """Return the names of the columns that `sample_row` fills for a filter's states."""
     setpoint = "setpoint_V" if open_loop else "setpoint_m"
     estimates = tuple(f"est_{state}" for state in states)
-    return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates, *DECIDED)
+    return ("time_s", setpoint, "command_V", *READINGS, *OUTPUTS, *estimates, *DECIDED, *ACTED)
 
 
 def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
@@ -77,7 +81,7 @@ def limited_command(open_loop, setpoint, position, gain, limit):
 @inlined
 def sample_row(
     starts, time_s, setpoint, command, held, reading,
-    code, x, covariance, filter_par, filter_noise, work, decided, row,
+    code, x, covariance, filter_par, filter_noise, work, decided, acted, row,
 ):  # fmt: skip
     """Update the filter by one sample, and fill the row's `sample_channels`.
 
@@ -95,6 +99,7 @@ def sample_row(
         filter_noise: the noise it assumes.
         work: its scratch space.
         decided: (len(DECIDED),) the newest decision.
+        acted: (len(ACTED),) what is done about it.
         row: to fill, in the order of `row_channels`.
     """
     for i in range(READING_COUNT):
@@ -111,6 +116,8 @@ def sample_row(
         row[STATES_AT + i] = x[i]
     for i in range(_DECIDED):
         row[STATES_AT + x.size + i] = decided[i]
+    for i in range(_ACTED):
+        row[STATES_AT + x.size + _DECIDED + i] = acted[i]
     row[0] = time_s
     row[1] = setpoint
     row[2] = command
@@ -120,9 +127,10 @@ def sample_row(
 def simulated_ticks(
     first, period, setpoint, open_loop, gain, limit, faults,
     plant, par, sensors, fitted, meters, offsets, noise,
-    code, x, covariance, filter_par, filter_noise, work, decided, held, rows,
+    code, x, covariance, filter_par, filter_noise, work, on_fault,
+    decided, reaction, held, rows,
 ):  # fmt: skip
-    """Run as many ticks as `rows` has rows, on the simulated backend.
+    """Run ticks on the simulated backend until `rows` is full, or one trips; return how many ran.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
@@ -145,14 +153,19 @@ def simulated_ticks(
         filter_par: the `Parameters` it assumes.
         filter_noise: the noise it assumes.
         work: its scratch space.
+        on_fault: `Reaction` to a confirmed fault.
         decided: (len(DECIDED),) the newest decision.
+        reaction: `ReactionMemory`; updated.
         held: (1,) command held since the last tick, V; updated.
         rows: (ticks, columns) to fill, in the order of `row_channels`.
     """
     reading = np.empty(READING_COUNT)
-    truth = STATES_AT + x.size + _DECIDED
+    truth = STATES_AT + x.size + DECISION_COLUMNS
     for k in range(rows.shape[0]):
-        row = rows[k]
+        row, time_s = rows[k], (first + k) * period
+        action = react(on_fault, decided, time_s, reaction)
+        if action == Reaction.TRIP:
+            return k
         # A tuple: numba counts references to an array wherever it is handed on.
         fault = (
             faults[k, 0], faults[k, 1], faults[k, 2], faults[k, 3], faults[k, 4], faults[k, 5],
@@ -163,10 +176,21 @@ def simulated_ticks(
         read_sensors(plant, leaks, load, meters, offsets, noise[k], sensors, reading)
         for i in range(READING_COUNT):
             reading[i] *= fitted[i]
-        command = limited_command(open_loop, setpoint[k], reading[0], gain, limit)
+        wanted = setpoint[k]
+        if action == Reaction.HOLD:
+            if isnan(reaction.held_at[0]):
+                reaction.held_at[0] = reading[0]
+            command = limited_command(False, reaction.held_at[0], reading[0], gain, limit)
+            wanted = nan if open_loop else reaction.held_at[0]
+        else:
+            command = limited_command(open_loop, wanted, reading[0], gain, limit)
+            if not open_loop:
+                command = tolerating(
+                    command, on_fault, decided, x, filter_par, limit, period, reaction
+                )
         sample_row(
-            first + k == 0, (first + k) * period, setpoint[k], command, held[0], reading,
-            code, x, covariance, filter_par, filter_noise, work, decided, row,
+            first + k == 0, time_s, wanted, command, held[0], reading, code, x, covariance,
+            filter_par, filter_noise, work, decided, reaction.acted, row,
         )  # fmt: skip
         held[0] = command
         row[truth] = plant[4]
@@ -179,6 +203,7 @@ def simulated_ticks(
         row[truth + 7] = leaks[1]
         row[truth + 8] = leaks[2]
         advance(plant, command, par, fault)
+    return rows.shape[0]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -47,9 +47,10 @@ are confirmed to be there now, 0 where there is none."""
 
 
 class Decided(IntEnum):
-    """Index in a row of `DECIDED` of what the compiled loop reads."""
+    """Index in a row of `DECIDED` of what is acted upon."""
 
     AT_S = DECIDED.index("decided_at_s")
+    VERDICT = DECIDED.index("verdict_code")
     CONFIRMED = DECIDED.index("fault_confirmed")
     PRESENT = DECIDED.index(PRESENT[0])
 
@@ -62,3 +63,10 @@ def no_decision() -> Array:
 def verdict_of(code: float) -> str:
     """Return the verdict of a recorded code; empty for NaN, before the first decision."""
     return "" if isnan(code) else str(VERDICT_CODES[int(code)])
+
+
+def confirmed_fault(row: Array) -> str:
+    """Return what a decision confirms: "external_leakage_1 confirmed"; empty for nothing."""
+    if row[Decided.CONFIRMED] != 1.0:
+        return ""
+    return f"{verdict_of(row[Decided.VERDICT])} confirmed"

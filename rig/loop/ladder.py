@@ -76,6 +76,7 @@ class Cause(IntEnum):
     BYPASS_NOT_SHUT = 51
     PUMP_NOT_UNLOADED = 52
     OPERATOR_STOP = 60
+    FAULT_CONFIRMED = 70
 
 
 class Explanation(NamedTuple):
@@ -216,6 +217,11 @@ EXPLANATIONS: Final = {
         "the pump unit did not confirm that it is unloaded", "switch the pump off by hand"
     ),
     Cause.OPERATOR_STOP: _E("the operator stopped the run", "start again when ready"),
+    Cause.FAULT_CONFIRMED: _E(
+        "the detector confirmed a fault, and the test asks to trip on one",
+        "read the verdict, find the fault and mend it; a campaign that injects faults has another "
+        "on_fault",
+    ),
 }
 """What the operator is told about every cause."""
 

@@ -16,6 +16,7 @@ from rig.io.settings import LoopSettings
 from rig.plant import Parameters
 
 from .ladder import LimitTable
+from .reaction import Reaction
 from .realtime import Grant
 from .tolerances import Tolerances
 from .wire_layout import Drive
@@ -40,6 +41,7 @@ class Segment:
         open_loop: whether the setpoint is the valve command.
         gain: of the position loop, V/m.
         limit: greatest command of either sign, V.
+        on_fault: what is done about a confirmed fault.
         offset_m: added to the encoder's position.
         homed: whether the position is known with that offset; None leaves it as it is.
         valve_enable: whether the valve's relay may close.
@@ -56,6 +58,7 @@ class Segment:
     open_loop: bool = False
     gain: float = POSITION_GAIN
     limit: float = COMMAND_LIMIT
+    on_fault: Reaction = Reaction.IGNORE
     offset_m: float = 0.0
     homed: bool | None = None
     valve_enable: bool = False

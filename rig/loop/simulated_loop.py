@@ -14,6 +14,9 @@ from rig.plant.integrator import TICK
 
 from .cycle import position_ticks, row_channels, simulated_ticks
 from .decided import no_decision
+from .ladder import Action, Cause
+from .reaction import Reaction, reaction_memory
+from .trip import LoopStoppedError
 
 Array = NDArray[np.float64]
 
@@ -57,6 +60,7 @@ class SimulatedLoop:
         assumed: the parameters the filter assumes.
         gain: position loop, V/m.
         limit: greatest command of either sign, V.
+        on_fault: what is done about a confirmed fault.
 
     Raises:
         ValueError: setpoint and fault table differ in length.
@@ -71,6 +75,7 @@ class SimulatedLoop:
         *,
         gain: float = POSITION_GAIN,
         limit: float = COMMAND_LIMIT,
+        on_fault: Reaction = Reaction.IGNORE,
     ) -> None:
         if motion.faults.shape != (motion.setpoint.size, len(NO_FAULT)):
             raise ValueError(
@@ -83,7 +88,9 @@ class SimulatedLoop:
         self._gain, self._limit = gain, limit
         self._held = np.zeros(1)
         self._tick = 0
+        self._on_fault = int(on_fault)
         self._decided = no_decision()
+        self._reaction = reaction_memory()
         self.channels = row_channels(memory.filter.states, motion.open_loop)
 
     @property
@@ -102,20 +109,26 @@ class SimulatedLoop:
                        self._held)  # fmt: skip
 
     def advance(self, ticks: int) -> Array:
-        """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`)."""
+        """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`).
+
+        Raises:
+            LoopStoppedError: a fault was confirmed, and is to trip; rows up to then were returned.
+        """
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
         rig, memory, motion = self._rig, self._memory, self._motion
         rows = np.empty((count, len(self.channels)))
-        simulated_ticks(
+        done = simulated_ticks(
             self._tick, TICK, motion.setpoint[part], motion.open_loop, self._gain, self._limit,
             motion.faults[part], rig.state, rig.parameters, rig.sensors, rig.fitted, rig.meters,
             rig.offsets, rig.noise(count), memory.filter.code, memory.x, memory.covariance,
-            self._assumed, memory.noise, memory.work, self._decided, self._held,
-            rows,
+            self._assumed, memory.noise, memory.work, self._on_fault,
+            self._decided, self._reaction, self._held, rows,
         )  # fmt: skip
-        self._tick += count
-        return rows
+        self._tick += done
+        if count and not done:
+            raise LoopStoppedError(Action.TRIP, Cause.FAULT_CONFIRMED)
+        return rows[:done]
 
     def decided(self, row: Array) -> None:
         """Take a decision, a row of `DECIDED`, which all rows from now on carry."""

@@ -1,6 +1,25 @@
-"""The error by which a trip of the rig ends whatever was being done with it."""
+"""The errors by which a trip of the rig ends whatever was being done with it."""
 
 from pathlib import Path
+
+from .ladder import Action, Cause, explain
+
+
+class LoopStoppedError(Exception):
+    """A test that the loop ended: it tripped, ramped down, holds, or is silent.
+
+    Attributes:
+        action: what it did.
+        cause: why.
+        channel: name of the channel concerned, or empty.
+        explanation: sentence and remedy.
+    """
+
+    def __init__(self, action: Action, cause: Cause, channel: str = "") -> None:
+        self.action, self.cause, self.channel = action, cause, channel
+        sentence, remedy = explain(cause, channel)
+        self.explanation = f"{sentence}; {remedy}"
+        super().__init__(f"{action.name.lower()}: {self.explanation}")
 
 
 class TripError(Exception):

@@ -20,10 +20,11 @@ from rig.plant.sensors import READING_COUNT
 from .atomic import load_acquire, store_release
 from .board import DECISIONS_KEPT, Word
 from .clock import sleep_until
-from .cycle import READINGS_AT, STATES_AT, limited_command, sample_row
+from .cycle import DECISION_COLUMNS, READINGS_AT, STATES_AT, limited_command, sample_row
 from .decided import DECIDED
 from .interlock import allowed_command, check_sample, held_position
 from .ladder import NO_CHANNEL, Action, Cause
+from .reaction import Reaction, forget, react, tolerating
 from .wire_layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 
 _COMMAND: Final = FAST_OUTPUTS.index("command_V")
@@ -73,7 +74,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
     words, counts, outputs = shared.words, memory.counts, memory.outputs
     memory.handling[:] = nan
     memory.decided[:] = nan
-    at = STATES_AT + filt.x.size + _DECIDED
+    forget(memory.reaction)
+    at = STATES_AT + filt.x.size + DECISION_COLUMNS
     tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
     words[Word.TICK] = 0
     words[Word.SEGMENT] = course.number
@@ -90,9 +92,12 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         skipped = missed if started and pace.overrun != Overrun.REALIGN else 0
         now = tick + skipped
 
-        drive = _drive(course, now, action, words)
+        taken = react(course.on_fault, memory.decided, now * pace.period_s, memory.reaction)
+        if taken == Reaction.TRIP:
+            _trip(words, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, woken)
+        drive = _drive(course, now, action, taken, words)
         command = allowed_command(
-            _command(drive, course, now, pace, interlock.limits, memory, words),
+            _command(drive, course, filt, now, pace, interlock.limits, memory, words),
             words[Word.HOMED] != 0,
             interlock.tolerances, interlock.memory,
         )  # fmt: skip
@@ -115,7 +120,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         # A variable: for a constant the row would be compiled once more.
         starts = not started
         for k in range(tick, now):
-            setpoint = _setpoint(_drive(course, k, action, words), course, k, memory)
+            setpoint = _setpoint(_drive(course, k, action, taken, words), course, k, memory)
             row = _begin_row(k, setpoint, standing, held, starts, filt, pace, memory, shared)
             _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
             held = standing
@@ -259,8 +264,18 @@ def _acted_upon(judged, cause, channel, action, words):
 
 
 @inner
-def _drive(course, tick, action, words):
-    """Return what is done with the valve at a tick: what the course says, unless an action does."""
+def _drive(course, tick, action, taken, words):
+    """Return what is done with the valve at a tick: what the course says, unless an action does.
+
+    Args:
+        course: the segment.
+        tick: of it.
+        action: the interlock's, or the operator's.
+        taken: `Reaction` to a confirmed fault.
+        words: of the board.
+    """
+    if taken == Reaction.HOLD:
+        action = max(action, Action.HOLD.value)
     if words[Word.LOOP_TRIP] != 0 or course.drive == Drive.NULL:
         return Drive.NULL.value
     if action >= Action.RAMP_DOWN.value:
@@ -271,12 +286,16 @@ def _drive(course, tick, action, words):
 
 
 @inner
-def _command(drive, course, tick, pace, limits, memory, words):
+def _command(drive, course, filt, tick, pace, limits, memory, words):
     """Return the command in V for a tick."""
     handling, position = memory.handling, memory.encoder[0] + course.offset
     if drive == Drive.TRACK:
-        setpoint = course.setpoint[tick]
-        return limited_command(course.open_loop, setpoint, position, course.gain, course.limit)
+        setpoint, limit = course.setpoint[tick], course.limit
+        command = limited_command(course.open_loop, setpoint, position, course.gain, limit)
+        if course.open_loop:
+            return command
+        return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
+                          pace.period_s, memory.reaction)  # fmt: skip
     if drive == Drive.HOLD:
         if isnan(handling[Handling.HELD_AT]):
             handling[Handling.HELD_AT] = held_position(position, words[Word.HOMED] != 0, limits)
@@ -391,7 +410,7 @@ def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared
     sample_row(
         starts, tick * pace.period_s, setpoint, command, held, memory.reading,
         filt.code, filt.x, filt.covariance, filt.parameters, filt.noise, filt.work,
-        memory.decided, row,
+        memory.decided, memory.reaction.acted, row,
     )  # fmt: skip
     return row
 

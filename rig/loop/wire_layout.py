@@ -19,6 +19,7 @@ from .cycle import sample_channels
 from .decided import no_decision
 from .interlock import InterlockMemory, interlock_memory
 from .ladder import LimitTable
+from .reaction import Reaction, ReactionMemory, reaction_memory
 from .tolerances import Tolerances
 
 Array = NDArray[np.float64]
@@ -146,6 +147,8 @@ class Course(NamedTuple):
     """Of the position loop, V/m."""
     limit: float
     """Greatest command of either sign, V."""
+    on_fault: int
+    """`Reaction` to a confirmed fault."""
     offset: float
     """Added to the encoder's position, m."""
     valve_enable: float
@@ -161,6 +164,7 @@ def course(
     open_loop: bool = False,
     gain: float = POSITION_GAIN,
     limit: float = COMMAND_LIMIT,
+    on_fault: Reaction = Reaction.IGNORE,
     offset: float = 0.0,
     valve_enable: bool = False,
     reset_lamp: bool = False,
@@ -169,7 +173,7 @@ def course(
     """Return a segment's course, of the types that the loop is compiled for."""
     return Course(
         int(number), np.ascontiguousarray(setpoint, np.float64), int(drive), bool(open_loop),
-        float(gain), float(limit), float(offset),
+        float(gain), float(limit), int(on_fault), float(offset),
         float(valve_enable), float(reset_lamp), float(rearm),
     )  # fmt: skip
 
@@ -253,6 +257,7 @@ class WireMemory(NamedTuple):
     """(1 + len(DECIDED),) scratch: a decision as it stands on the board."""
     decided: Array
     """(len(DECIDED),) the newest decision on this segment; NaN before the first."""
+    reaction: ReactionMemory
 
 
 def wire_memory() -> WireMemory:
@@ -267,6 +272,7 @@ def wire_memory() -> WireMemory:
         np.full(len(Handling), nan),
         np.full(1 + no_decision().size, nan),
         no_decision(),
+        reaction_memory(),
     )
 
 

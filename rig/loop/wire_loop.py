@@ -11,10 +11,11 @@ from rig.io.signals import FAST_INPUTS
 
 from .board import Board, Word
 from .decision_post import DecisionPost
-from .ladder import NO_CHANNEL, Action, Cause, explain
+from .ladder import NO_CHANNEL, Action, Cause
 from .orders import Segment
 from .ring import RingReader
 from .simulated_loop import raised_cosine
+from .trip import LoopStoppedError
 from .wire_layout import Drive, wire_channels
 
 Array = NDArray[np.float64]
@@ -32,21 +33,6 @@ class LoopProcess(Protocol):
 
     def answer(self, timeout_s: float) -> Any:
         """Return its next answer."""
-
-
-class LoopStoppedError(Exception):
-    """A test that the loop ended: it tripped, ramped down, holds, or is silent.
-
-    Attributes:
-        action: what it did.
-        cause: why.
-        channel: name of the channel concerned, or empty.
-    """
-
-    def __init__(self, action: Action, cause: Cause, channel: str = "") -> None:
-        self.action, self.cause, self.channel = action, cause, channel
-        sentence, remedy = explain(cause, channel)
-        super().__init__(f"{action.name.lower()}: {sentence}; {remedy}")
 
 
 class WireLoop:

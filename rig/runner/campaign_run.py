@@ -95,7 +95,7 @@ def _bench_of(
     campaign: Campaign, rig: Rig, directory: Path, observer: Observer, stop: StopFlag
 ) -> Bench:
     if rig.backend == "simulated":
-        return SimulatedBench(rig)
+        return SimulatedBench(rig, directory)
     # Its drivers' libraries are of no use to a simulation.
     from rig.supervisor.session import Session
 

@@ -6,6 +6,9 @@ from enum import StrEnum
 from typing import Any, Final
 
 from estimator.detection import LEAKS, Decision
+from faults.campaign import OnFault
+
+from .reactions import FaultAction
 
 
 class Status(StrEnum):
@@ -52,6 +55,8 @@ class TestOutcome:
         decision: what the detector held in the end; None before its first sample.
         detected_at_s: when it first held that, having read only the past; None if that is no fault.
         recording: file name of the recording beside `results.json`, if there is one.
+        on_fault: what was asked to be done about a confirmed fault.
+        actions: what the loop did about one; a trip is the status.
         thresholds_from: what the thresholds were learnt from, where the detector has to learn them.
     """
 
@@ -70,6 +75,8 @@ class TestOutcome:
     wall_s: float = 0.0
     recorded_s: float = 0.0
     thresholds_from: str = ""
+    on_fault: OnFault = OnFault.IGNORE
+    actions: tuple[FaultAction, ...] = ()
 
     @property
     def truth(self) -> InjectedFault | None:

@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from estimator.detection import Decision
+from estimator.detection import LEAKS, Decision
 from faults.leakage import to_litres_per_minute
 from rig.recording.targets import replacing
 
@@ -56,6 +57,10 @@ def _test(test: TestOutcome) -> dict[str, Any]:
         "recording": test.recording,
         "injected": [_fault(fault) for fault in test.injected],
         "found": None if test.decision is None else _decision(test, test.decision),
+        "on_fault": {
+            "asked": str(test.on_fault),
+            "actions": [asdict(each) for each in test.actions],
+        },
         "onset_error_s": test.onset_error_s,
         "leak_error_L_per_min": litres_per_minute(test.leak_error_m3_per_s),
         "thresholds_from": test.thresholds_from,
@@ -79,6 +84,8 @@ def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
         "onset_s": decision.onset_s,
         "detected_at_s": test.detected_at_s,
         "latency_s": test.latency_s,
+        "probabilities": decision.probabilities,
+        "present_leaks": dict(zip(LEAKS, decision.present_leaks, strict=True)),
         **leak_figures(decision),
         "statistic": decision.statistic,
         "threshold": decision.threshold,

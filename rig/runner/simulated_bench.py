@@ -12,19 +12,28 @@ from faults.campaign import CampaignTest
 from faults.schedule import FaultSchedule
 from rig.configuration.rig import Rig
 from rig.io.simulated import simulated_rig
+from rig.loop.reaction import Reaction
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.recording.mcap_writer import McapWriter
 
+from .simulated_test import SimulatedTest
+
 
 class SimulatedBench:
-    """A `Bench` of simulated rigs; a loop that is dropped leaves nothing behind."""
+    """A `Bench` of simulated rigs; a loop that is dropped leaves nothing behind.
+
+    Args:
+        rig: to simulate.
+        directory: of the run; a trip report goes there.
+    """
 
     live = False
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, directory: Path) -> None:
         self._rig = rig
+        self._directory = directory
 
     def __enter__(self) -> "SimulatedBench":
         return self
@@ -32,9 +41,9 @@ class SimulatedBench:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedLoop:
+    def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
         """Return the loop of a test, on a rig of its own."""
-        return loop_of(self._rig, test, memory, assumed)
+        return SimulatedTest(loop_of(self._rig, test, memory, assumed), self._directory)
 
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
@@ -80,4 +89,5 @@ def loop_of(rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model) 
         assumed.parameters,
         gain=rig.gain_V_per_m,
         limit=rig.limits.command_V,
+        on_fault=Reaction[test.on_fault.name],
     )

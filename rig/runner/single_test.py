@@ -25,6 +25,7 @@ from .judging import Judge
 from .observer import Observer
 from .outcome import Status, TestOutcome
 from .pacing import LIVE_TICKS, Pacer
+from .reactions import Reactions
 from .recorded import metadata_of
 from .stopping import StopFlag
 from .thresholds import HealthyInnovations, HealthyReferences
@@ -89,6 +90,7 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         duration_s=test.duration_s,
         message=message,
         wall_s=time.perf_counter() - started,
+        on_fault=test.on_fault,
     )
     return outcome if running is None else running.completed(outcome)
 
@@ -118,6 +120,7 @@ class _RunningTest:
         self._loop = setting.bench.loop(test, memory, campaign.model)
         self._judge = Judge(self._detector, memory, self._loop.channels)
         self._decisions = DecisionRows()
+        self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
@@ -150,6 +153,7 @@ class _RunningTest:
             recording=self._recording if self._recorded else None,
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,
+            actions=self._reactions.actions,
         )
 
     def _chosen_detector(self) -> Detector:
@@ -196,7 +200,7 @@ class _RunningTest:
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
         writer.write(rows)
-        for event in self._injection.take(rows):
+        for event in (*self._injection.take(rows), *self._reactions.take(rows)):
             writer.event(*event)
         if self._judge.take(rows):
             self._tell_loop()

@@ -20,9 +20,8 @@ from rig.loop.board import Board, Word
 from rig.loop.ladder import NO_CHANNEL, Action, Cause, explain, limit_table
 from rig.loop.ring import RingReader
 from rig.loop.tolerances import tolerances
-from rig.loop.trip import StopRequestedError, TripError
+from rig.loop.trip import LoopStoppedError, StopRequestedError, TripError
 from rig.loop.wire_layout import Drive, wire_channels
-from rig.loop.wire_loop import LoopStoppedError
 from rig.plant import Model
 
 from . import field

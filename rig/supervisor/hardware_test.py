@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from faults.campaign import CampaignTest
+from rig.loop.decided import confirmed_fault
 from rig.loop.timing import TIMING, Timing, in_short
-from rig.loop.trip import TripError
-from rig.loop.wire_loop import LoopStoppedError, WireLoop
+from rig.loop.trip import LoopStoppedError, TripError
+from rig.loop.wire_loop import WireLoop
 
 from . import recorder
 from .child import Child, ChildError
@@ -35,6 +36,9 @@ class _Session(Protocol):
     def going_on(self) -> None:
         """Show the watch that the supervisor works; raise `TripError` after a trip."""
 
+    def detected(self, what: str) -> None:
+        """Note what the detector found."""
+
     def end_test(self, *, completed: bool) -> None:
         """Take every fault away; bring the ram to rest unless the test came to its end."""
 
@@ -55,6 +59,7 @@ class HardwareTest:
         self._wire = wire
         self._test = test
         self._begun = False
+        self._found = ""
         self._ended = False
 
     @property
@@ -99,7 +104,11 @@ class HardwareTest:
             raise self._session.stopped(error) from None
 
     def decided(self, row: Array) -> None:
-        """Hand the loop a decision."""
+        """Hand the loop a decision, and note a fault that it confirms."""
+        found = confirmed_fault(row)
+        if found and found != self._found:
+            self._session.detected(found)
+        self._found = found
         self._wire.decided(row)
 
     def safe_state(self) -> None:

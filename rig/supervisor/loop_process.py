@@ -152,6 +152,7 @@ class LoopProcess:
             open_loop=segment.open_loop,
             gain=segment.gain,
             limit=segment.limit,
+            on_fault=segment.on_fault,
             offset=segment.offset_m,
             valve_enable=segment.valve_enable,
             reset_lamp=segment.reset_lamp,

@@ -12,10 +12,11 @@ import numpy as np
 from estimator.filters import FilterMemory
 from faults.campaign import CampaignTest
 from rig.configuration.rig import Rig
+from rig.loop.reaction import Reaction
 from rig.loop.timing import Timing
-from rig.loop.trip import TripError
+from rig.loop.trip import LoopStoppedError, TripError
 from rig.loop.wire_layout import Drive
-from rig.loop.wire_loop import LoopStoppedError, WireLoop
+from rig.loop.wire_loop import WireLoop
 from rig.plant import Model
 from rig.plant.integrator import TICK
 
@@ -80,6 +81,7 @@ class Session:
             assumed=assumed.parameters,
             setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
             open_loop=open_loop,
+            on_fault=Reaction[test.on_fault.name],
         )
         wire = WireLoop(
             self._rig.board,
@@ -148,6 +150,10 @@ class Session:
         self._rig.alive()
         if self._rig.has_tripped:
             raise self._rig.tripped()
+
+    def detected(self, what: str) -> None:
+        """Note what the detector found, for a trip report."""
+        self._rig.note("detector", what)
 
     def end_test(self, *, completed: bool) -> None:
         """Take every fault away; bring the ram to rest unless the test came to its end."""

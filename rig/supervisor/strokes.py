@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.io.signals import METERS
-from rig.loop.trip import TripError
+from rig.loop.trip import LoopStoppedError, TripError
 from rig.loop.wire_layout import Drive
-from rig.loop.wire_loop import LoopStoppedError, WireLoop
+from rig.loop.wire_loop import WireLoop
 from rig.plant.integrator import TICK
 
 from .arming import SETTLE_S

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from control.setpoints import Chirp, Constant, FromFile, Multisine, Pseudorandom, Sine, Steps
-from faults.campaign import Campaign, CampaignTest, SpringLoad
+from faults.campaign import Campaign, CampaignTest, OnFault, SpringLoad
 from faults.verdict import Verdict
 from rig.configuration import ConfigError
 from rig.configuration.campaign import load_campaign
@@ -462,6 +462,53 @@ def test_a_wrong_value_of_a_matrix_is_reported_once_where_it_stands(tmp_path: Pa
         load_campaign(path)
     (problem,) = caught.value.problems
     assert (problem.line, problem.field, problem.value) == (11, "flow", "0.3 L")
+
+
+# What is done about a fault
+
+
+def test_unless_it_says_so_a_campaign_only_records_a_fault(tmp_path: Path) -> None:
+    assert only_test(tmp_path).on_fault == OnFault.IGNORE
+
+
+@pytest.mark.parametrize(
+    ("wide", "defaults", "own", "expected"),
+    [
+        ("hold", "", "", "hold"),
+        ("hold", "trip", "", "trip"),
+        ("hold", "trip", "tolerate", "tolerate"),
+        ("", "trip", "", "trip"),
+        ("trip", "", "ignore", "ignore"),
+    ],
+)
+def test_the_nearest_word_on_faults_counts(
+    tmp_path: Path, wide: str, defaults: str, own: str, expected: str
+) -> None:
+    text = HEAD
+    text += f"on_fault: {wide}\n" if wide else ""
+    text += f"defaults: {{on_fault: {defaults}}}\n" if defaults else ""
+    text += TEST + (f"    on_fault: {own}\n" if own else "")
+    assert load(tmp_path, text).tests[0].on_fault == expected
+
+
+@pytest.mark.parametrize("where", ["on_fault: hodl\n" + TEST, TEST + "    on_fault: hodl\n"])
+def test_an_unknown_reaction_is_named_once_with_the_nearest_known(
+    tmp_path: Path, where: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, HEAD + where)
+    (problem,) = caught.value.problems
+    assert "on_fault: hodl is not a choice here; did you mean hold?" in str(problem)
+
+
+def test_nothing_can_be_tolerated_where_the_setpoint_is_the_command(tmp_path: Path) -> None:
+    chirp = (
+        "{type: chirp, amplitude: 2 V, start_frequency: 0.5 Hz, end_frequency: 2 Hz, "
+        "sweep_time: 40 s}"
+    )
+    (problem,) = problems_of(tmp_path, "on_fault: tolerate", chirp)
+    assert "on_fault: tolerate needs a position loop" in problem
+    assert only_test(tmp_path, "on_fault: hold", chirp).on_fault == OnFault.HOLD
 
 
 # The campaign as a whole

@@ -117,3 +117,55 @@ def test_a_check_knows_the_kind_of_a_file_by_its_content(tmp_path: Path) -> None
 
 def test_a_campaign_can_be_checked_against_another_rig() -> None:
     assert "on the rig ideal" in str(check("quickstart", rig_override="ideal"))
+
+
+@pytest.mark.parametrize("on_fault", ["tolerate", "hold", "trip"])
+def test_what_is_done_about_a_fault_is_told_beforehand(tmp_path: Path, on_fault: str) -> None:
+    setpoint = "setpoint: {type: sine, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.5 Hz}"
+    report = check_test(tmp_path, f"{setpoint}\non_fault: {on_fault}")
+    assert f"on a confirmed fault: {on_fault}" in str(report)
+    assert "on a confirmed fault" not in str(check_test(tmp_path, setpoint))
+
+
+def test_tolerance_by_a_detector_that_sizes_no_leak_is_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "campaign.yaml"
+    path.write_text(
+        "name: c\nrig: ideal\ndetector: {filter: thesis-6}\non_fault: tolerate\ntests:\n"
+        "  - {name: a, duration: 20 s, setpoint: {type: constant, value: 0.3 m}}\n"
+    )
+    (warning,) = check(path).warnings
+    assert "so that none is tolerated; judge by product" in warning
+
+
+SUPPLY_LEAK = """\
+setpoint: {type: sine, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.5 Hz}
+faults:
+  - {type: supply_leakage, at: 12 s, coefficient: 4e-9 m^3/(s Pa^0.5)}
+"""
+
+
+def supplied(folder: Path, droop: str, sensor: str) -> str:
+    """Write a rig with such a supply, and return its path."""
+    path = folder / "rig.yaml"
+    path.write_text(
+        f"name: supplied\nparent: ideal\nplant: {{model: nominal, effects: {{{droop}}}}}\n"
+        f"supply_pressure_sensor: {sensor}\n"
+    )
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("droop", "sensor", "told"),
+    [
+        ("", "true", "does not droop"),
+        ("", "false", "does not droop"),
+        ("supply_droop: 2e12 Pa/(m^3/s)^2", "false", "is an unknown_fault at best"),
+        ("supply_droop: 2e12 Pa/(m^3/s)^2", "true", None),
+    ],
+)
+def test_a_supply_leak_that_cannot_be_seen_or_named_is_warned_of(
+    tmp_path: Path, droop: str, sensor: str, told: str | None
+) -> None:
+    warnings = check_test(tmp_path, SUPPLY_LEAK, rig=supplied(tmp_path, droop, sensor)).warnings
+    assert len(warnings) == (told is not None)
+    assert all(str(told) in warning for warning in warnings)

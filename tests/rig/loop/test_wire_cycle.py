@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from rig.loop.ladder import Action, Cause
+from rig.loop.reaction import Reaction
 
 Scenario = Callable[[str], dict[str, Any]]
 
@@ -274,3 +275,50 @@ def test_a_decision_stands_in_every_row_from_the_tick_that_finds_it_posted(
 def test_a_decision_that_may_be_torn_is_not_taken(scenario: Scenario) -> None:
     assert scenario("place still whole")["taken"]
     assert not scenario("place written again")["taken"]
+
+
+def test_a_hold_on_a_fault_keeps_the_ram_where_it_is_and_the_segment_goes_on(
+    scenario: Scenario,
+) -> None:
+    result = scenario("hold on a fault")
+    rows = result["rows"]
+    assert rows["fault_action"] == [0] * 5 + [Reaction.HOLD] * 8
+    assert rows["setpoint_m"][5:] == [rows["position_m"][4]] * 8
+    assert enables(result) == [1.0] * 13
+    # It is the test's own, not the ladder's: nothing stands against the next test.
+    assert result["words"]["ACTION"] == Action.NONE
+    assert rows["segment"] == [1] * 13
+    assert result["replays"]
+
+
+def test_a_trip_on_a_fault_is_one_in_the_tick_that_finds_it_posted(scenario: Scenario) -> None:
+    result = scenario("trip on a fault")
+    assert result["words"]["LOOP_TRIP"] == Cause.FAULT_CONFIRMED
+    assert enables(result) == [1.0] * 5 + [0.0] * 8
+    assert commands(result)[5:] == [0.0] * 8
+    assert result["words"]["VALVE_NULL_AT"] > 0
+
+
+def test_a_tolerated_leak_adds_to_the_command_and_its_row_says_how_much(
+    scenario: Scenario,
+) -> None:
+    leak, nothing = scenario("tolerate a leak"), scenario("ignore a fault")
+    assert commands(leak)[:5] == commands(nothing)[:5]
+    added = leak["rows"]["compensation_V"]
+    assert added[:5] == [0.0] * 5
+    assert all(value != 0.0 for value in added[5:])
+    plain = [command - more for command, more in zip(commands(leak), added, strict=True)]
+    assert plain == pytest.approx(commands(nothing), abs=1e-12)
+
+
+def test_without_a_fault_of_its_own_a_segment_does_what_it_was_to_do(scenario: Scenario) -> None:
+    nothing = commands(scenario("ignore a fault"))
+    assert commands(scenario("nothing to tolerate")) == nothing
+    assert commands(scenario("a fault of another test")) == nothing
+    assert scenario("a fault of another test")["words"]["LOOP_TRIP"] == Cause.NONE
+
+
+def test_a_loop_whose_detector_falls_silent_goes_back_by_itself(scenario: Scenario) -> None:
+    # Posted at tick 5 on a sample 1.99 s before tick 0.
+    actions = scenario("the detector falls silent")["rows"]["fault_action"]
+    assert actions == [0] * 5 + [Reaction.TOLERATE] * 6 + [0] * (len(actions) - 11)

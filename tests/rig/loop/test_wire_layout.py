@@ -18,6 +18,7 @@ PURE_NUMBERS = (
     "verdict_code",
     "fault_confirmed",
     *PROBABILITIES,
+    "fault_action",
     "exchange_status",
     "segment",
     "tick",

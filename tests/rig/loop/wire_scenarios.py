@@ -19,9 +19,10 @@ from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.loop import wire_cycle
 from rig.loop.board import DECISIONS_KEPT, Board, Word
-from rig.loop.decided import DECIDED
+from rig.loop.decided import DECIDED, Decided
 from rig.loop.decision_post import DecisionPost
 from rig.loop.ladder import Action, Cause, limit_table
+from rig.loop.reaction import Reaction
 from rig.loop.tolerances import tolerances
 from rig.loop.wire_layout import (
     Count,
@@ -192,6 +193,13 @@ def posted(segment: int, *values: float) -> Callable[[Board], None]:
     return post
 
 
+def found(at_s: float, segment: int = 1) -> Callable[[Board], None]:
+    """Return what posts that a leak was confirmed by the sample of that time."""
+    row = np.zeros(len(DECIDED))
+    row[Decided.AT_S], row[Decided.CONFIRMED], row[Decided.PRESENT] = at_s, 1.0, 5e-9
+    return lambda board: DecisionPost(board).post(segment, row)
+
+
 class Overtaken:
     """The board's words, with so many decisions posted while the first is copied."""
 
@@ -268,6 +276,23 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "decisions": lambda: World(
         before={3: posted(1, 0.25), 6: posted(9, 0.5), 8: posted(1, *np.arange(40.0), 0.75)}
     ).run(tracking(), 12),
+    "hold on a fault": lambda: World(before={5: found(0.0)}).run(
+        tracking(on_fault=Reaction.HOLD), 12
+    ),
+    "trip on a fault": lambda: World(before={5: found(0.0)}).run(
+        tracking(on_fault=Reaction.TRIP), 12
+    ),
+    "tolerate a leak": lambda: World(before={5: found(0.0)}).run(
+        tracking(on_fault=Reaction.TOLERATE), 12
+    ),
+    "ignore a fault": lambda: World(before={5: found(0.0)}).run(tracking(), 12),
+    "nothing to tolerate": lambda: World().run(tracking(on_fault=Reaction.TOLERATE), 12),
+    "a fault of another test": lambda: World(before={5: found(0.0, 9)}).run(
+        tracking(on_fault=Reaction.TRIP), 12
+    ),
+    "the detector falls silent": lambda: World(before={5: found(-1.99)}).run(
+        tracking(on_fault=Reaction.TOLERATE), 20
+    ),
     "place still whole": lambda: _overtaken(DECISIONS_KEPT - 2),
     "place written again": lambda: _overtaken(DECISIONS_KEPT - 1),
 }

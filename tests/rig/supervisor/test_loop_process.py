@@ -22,8 +22,9 @@ from rig.loop.board import Board, Word
 from rig.loop.ladder import Action, Cause, limit_table
 from rig.loop.orders import Close, Closed, Open, Opened, Segment
 from rig.loop.tolerances import tolerances
+from rig.loop.trip import LoopStoppedError
 from rig.loop.wire_layout import Drive, wire_channels
-from rig.loop.wire_loop import LoopStoppedError, WireLoop
+from rig.loop.wire_loop import WireLoop
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET

@@ -12,8 +12,7 @@ from rig.configuration.rig import load_rig
 from rig.io.signals import METERS
 from rig.loop.ladder import Action, Cause
 from rig.loop.orders import Segment
-from rig.loop.trip import TripError
-from rig.loop.wire_loop import LoopStoppedError
+from rig.loop.trip import LoopStoppedError, TripError
 from rig.plant.integrator import TICK
 from rig.supervisor import strokes
 from rig.supervisor.states import Event

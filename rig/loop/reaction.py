@@ -1,0 +1,133 @@
+"""What the loop does about a confirmed fault, compiled; the same on every backend.
+
+A decision is acted upon while it is fresh: if the detector is late or gone, the loop goes back to
+the proportional command by itself. A hold and a trip stay.
+"""
+
+from enum import IntEnum
+from math import nan
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from control.tolerant import TOLERANT_STATE, tolerant_command
+from rig.plant.compiled import inlined
+
+from .decided import Decided
+
+Array = NDArray[np.float64]
+
+STALE_S: Final = 2.0
+"""A decision that rests on samples older than this is not acted upon: one is due every half second,
+so that the detector has missed three."""
+
+ACTED: Final = ("fault_action", "compensation_V")
+"""Columns beside a sample: `Reaction`, and what it adds to the proportional command."""
+
+
+class Reaction(IntEnum):
+    """What a test asks to be done about a confirmed fault, and what is being done; recorded."""
+
+    IGNORE = 0
+    """Nothing: it is recorded."""
+    TOLERATE = 1
+    """The position loop makes up for leaks that are confirmed to be there now."""
+    HOLD = 2
+    """The ram is held where it is, to the end of the test."""
+    TRIP = 3
+    """As any trip."""
+
+
+_IGNORE: Final = int(Reaction.IGNORE)
+_TOLERATE: Final = int(Reaction.TOLERATE)
+_HOLD: Final = int(Reaction.HOLD)
+_AT_S: Final = int(Decided.AT_S)
+_CONFIRMED: Final = int(Decided.CONFIRMED)
+_PRESENT: Final = int(Decided.PRESENT)
+_PRESSURE_1: Final = 1
+_PRESSURE_2: Final = 2
+"""Places of the pressures among the states of every filter."""
+
+
+class ReactionMemory(NamedTuple):
+    """What is kept from tick to tick; a test begins with `forget`."""
+
+    acted: Array
+    """(len(ACTED),) of the present tick."""
+    held_at: Array
+    """(1,) where a simulated ram is held, m; NaN while it is not."""
+    tolerant: Array
+    """(TOLERANT_STATE,) of `control.tolerant.tolerant_command`."""
+
+
+def reaction_memory() -> ReactionMemory:
+    """Return the memory of a test that begins."""
+    return ReactionMemory(np.zeros(len(ACTED)), np.full(1, nan), np.zeros(TOLERANT_STATE))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def forget(memory):
+    """Begin a test."""
+    memory.acted[:] = 0.0
+    memory.held_at[:] = nan
+    memory.tolerant[:] = 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def react(asked, decided, time_s, memory):
+    """Return what is done at a tick, a `Reaction`, and keep it; nothing is compensated yet.
+
+    Args:
+        asked: `Reaction` that the test asks for.
+        decided: (len(DECIDED),) the newest decision, NaN before the first.
+        time_s: of the tick.
+        memory: `ReactionMemory`; updated.
+    """
+    action = int(memory.acted[0])
+    if action < _HOLD:
+        action = _IGNORE
+        # Never true of a decision that is not there (NaN).
+        fresh = time_s - decided[_AT_S] <= STALE_S
+        if fresh and asked == _TOLERATE:
+            if leaks_now(decided):
+                action = _TOLERATE
+        elif fresh and asked >= _HOLD and decided[_CONFIRMED] == 1.0:
+            action = asked
+    memory.acted[0] = action
+    memory.acted[1] = 0.0
+    return action
+
+
+@inlined
+def leaks_now(decided):
+    """Return whether a leak is confirmed to be there now."""
+    return decided[_PRESENT] > 0.0 or decided[_PRESENT + 1] > 0.0 or decided[_PRESENT + 2] > 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def tolerating(command, asked, decided, x, par, limit, period, memory):
+    """Return the position loop's command in V with what makes up for leaks; called once a tick.
+
+    Args:
+        command: the proportional one, V; returned as it is unless the test asks to tolerate leaks,
+            and one is, or has just been, confirmed.
+        asked: `Reaction` that the test asks for.
+        decided: (len(DECIDED),) the newest decision.
+        x: the filter's state.
+        par: the `Parameters` it assumes.
+        limit: greatest command of either sign, V.
+        period: of the loop, s.
+        memory: `ReactionMemory` after `react` of this tick; updated.
+    """
+    if asked != _TOLERATE:
+        return command
+    leaks = (0.0, 0.0, 0.0)
+    if memory.acted[0] == _TOLERATE:
+        leaks = (decided[_PRESENT], decided[_PRESENT + 1], decided[_PRESENT + 2])
+    made_up = tolerant_command(
+        command, leaks, x[_PRESSURE_1], x[_PRESSURE_2], par, limit, period, memory.tolerant
+    )
+    memory.acted[1] = made_up - command
+    return made_up

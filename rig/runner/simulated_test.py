@@ -1,0 +1,84 @@
+"""One test on a simulated rig, as the runner of campaigns sees it: its loop, and what trips it."""
+
+import time
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.loop.decided import confirmed_fault
+from rig.loop.simulated_loop import SimulatedLoop
+from rig.loop.trip import LoopStoppedError, TripError
+from rig.plant.integrator import TICK
+from rig.supervisor.trip_report import Confirmation, Note, TripReport, write_trip_report
+
+Array = NDArray[np.float64]
+
+_REPORTED: Final = round(2.0 / TICK)
+"""Rows in a trip report: of the last 2 s, as on hardware."""
+
+
+class SimulatedTest:
+    """A simulated loop that reports its trip as a rig on hardware does.
+
+    Args:
+        loop: before its first tick.
+        directory: of the run; a trip report goes there.
+
+    Attributes:
+        channels: names of the rows' columns.
+    """
+
+    def __init__(self, loop: SimulatedLoop, directory: Path) -> None:
+        self.channels = loop.channels
+        self._loop = loop
+        self._directory = directory
+        self._last = np.empty((0, len(loop.channels)))
+        self._found = ""
+
+    @property
+    def ticks_left(self) -> int:
+        """Ticks of the test that are still to run."""
+        return self._loop.ticks_left
+
+    def position(self) -> None:
+        """Bring the ram to its start."""
+        self._loop.position()
+
+    def advance(self, ticks: int) -> Array:
+        """Return the rows of the next ticks; see `rig.runner.bench.Loop`.
+
+        Raises:
+            TripError: a fault was confirmed, and the test asks to trip on one.
+        """
+        try:
+            rows = self._loop.advance(ticks)
+        except LoopStoppedError as error:
+            raise self._tripped(error) from None
+        self._last = np.concatenate([self._last, rows])[-_REPORTED:]
+        return rows
+
+    def decided(self, row: Array) -> None:
+        """Hand the loop a decision."""
+        self._found = confirmed_fault(row)
+        self._loop.decided(row)
+
+    def safe_state(self) -> None:
+        """Put the valve at null and take every injected fault away."""
+        self._loop.safe_state()
+
+    def _tripped(self, error: LoopStoppedError) -> TripError:
+        """Make the rig safe, report the trip, and return it as an error."""
+        at_ns = time.monotonic_ns()
+        self._loop.safe_state()
+        safe_ns = time.monotonic_ns()
+        report = TripReport(
+            trips={"loop": (error.cause, at_ns)},
+            confirmations=[Confirmation(what, safe_ns) for what in ("valve null", "bypass shut")],
+            notes=[Note(at_ns, "detector", self._found)],
+            channels=self.channels,
+            rows=self._last,
+        )
+        path = write_trip_report(report, self._directory)
+        return TripError(f"tripped: {error.explanation} ({path})", path)
