@@ -1,6 +1,6 @@
 """The filters by name, behind one compiled step that the loop and the replay both call.
 
-Every filter takes the same measurements and writes the same nine outputs a sample; its states are
+Every filter takes the same measurements and writes the same ten outputs a sample; its states are
 its own. A code tells compiled loops which filter it is.
 """
 
@@ -16,9 +16,12 @@ from rig.plant.compiled import inlined, inner
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 
 from . import product, thesis
-from .product import ProductNoise, product_noise, product_step, start_product
+from .product import product_step, start_product
 from .product_model import STATE_COUNT, STATES
+from .product_noise import ProductNoise, product_noise
 from .thesis import thesis6_step, thesis7_step
+from .ud import dense_covariance
+from .watch import RESETS
 
 Array = NDArray[np.float64]
 
@@ -37,8 +40,10 @@ OUTPUTS: Final = (
     "innovation_variance_position_m2",
     "innovation_variance_pressure_1_Pa2",
     "innovation_variance_pressure_2_Pa2",
+    "filter_resets",
 )
-"""What every filter writes a sample: z - H x(-), z - H x(+) and the innovation's variance."""
+"""What every filter writes a sample: z - H x(-), z - H x(+), the innovation's variance, and how
+often it has started anew for being lost (`estimator.watch`; the thesis's never do)."""
 
 _THESIS_STATES: Final = STATES[:6]
 
@@ -51,6 +56,8 @@ class Filter:
     code: int | None
     states: tuple[str, ...]
     summary: str
+    factored: bool = False
+    """Whether the covariance is kept as its factors (`estimator.ud`)."""
 
 
 FILTERS: Final = {
@@ -61,6 +68,7 @@ FILTERS: Final = {
             PRODUCT,
             STATES,
             "load, three leak coefficients and spool null bias as states; stable prediction",
+            factored=True,
         ),
         Filter("thesis-6", THESIS_6, _THESIS_STATES, "eq. 2.15 with the Karnopp friction model"),
         Filter(
@@ -85,7 +93,15 @@ def filter_named(name: str) -> Filter:
 
 @dataclass
 class FilterMemory:
-    """A filter's state between samples: state vector, covariance, noise and scratch space."""
+    """A filter's state between samples.
+
+    Attributes:
+        filter: which filter.
+        x: state vector.
+        covariance: P, or its factors where the filter is `factored`.
+        noise: what the product filter assumes.
+        work: the product filter's memory of its own health, and scratch.
+    """
 
     filter: Filter
     x: Array
@@ -93,12 +109,22 @@ class FilterMemory:
     noise: ProductNoise
     work: Array
 
+    @property
+    def dense_covariance(self) -> Array:
+        """P, square over the filter's states."""
+        return dense_covariance(self.covariance) if self.filter.factored else self.covariance
+
+    @property
+    def resets(self) -> int:
+        """How often the filter has started anew for being lost."""
+        return int(self.work[0, RESETS])
+
 
 def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET) -> FilterMemory:
     """Return a filter's memory before its first sample; `model` is what the filter assumes."""
     chosen = filter_named(name)
     if chosen.code is PRODUCT:
-        x, covariance = np.zeros(STATE_COUNT), product.initial_covariance(model)
+        x, covariance = np.zeros(STATE_COUNT), np.zeros((STATE_COUNT, STATE_COUNT))
     else:
         x, covariance = thesis.initial_state(chosen.code == THESIS_7)
     noise = product_noise(sensors, model.parameters)
@@ -106,21 +132,25 @@ def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET
 
 
 @inner
-def filter_start(code, x, position, p1, p2, spool, command, par):
+def filter_start(code, x, covariance, position, p1, p2, spool, command, par, noise, work):
     """Take the first sample. The thesis filters start from their printed x0 (section 4.5)."""
     if code is None:
-        start_product(x, position, p1, p2, spool, command, par)
+        start_product(x, covariance, position, p1, p2, spool, command, par, noise, work)
 
 
 @inlined
-def filter_step(code, x, covariance, command, position, p1, p2, spool, par, noise, work, out):
+def filter_step(
+    code, x, covariance, command, position, p1, p2, spool, supply, par, noise, work, out
+):
     """Advance the filter `code` by one sample; see `product_step` for the arguments.
 
-    The thesis filters do not use the spool.
+    The thesis filters use neither the spool nor the supply pressure.
     """
     if code is None:
-        product_step(x, covariance, command, position, p1, p2, spool, par, noise, work, out)
-    elif code == THESIS_6:
+        product_step(x, covariance, command, position, p1, p2, spool, supply, par, noise, work, out)
+        return
+    out[9] = 0.0
+    if code == THESIS_6:
         thesis6_step(x, covariance, command, position, p1, p2, par, out)
     else:
         thesis7_step(x, covariance, command, position, p1, p2, par, out)
@@ -128,15 +158,16 @@ def filter_step(code, x, covariance, command, position, p1, p2, spool, par, nois
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _run(code, x, covariance, par, noise, work, command, measured, states, outputs):
+    z = measured
     filter_start(
-        code, x, measured[0, 0], measured[0, 1], measured[0, 2], measured[0, 3], command[0], par
+        code, x, covariance, z[0, 0], z[0, 1], z[0, 2], z[0, 3], command[0], par, noise, work
     )
     outputs[0] = np.nan
     for i in range(x.size):
         states[0, i] = x[i]
     for k in range(1, command.size):
-        filter_step(code, x, covariance, command[k - 1], measured[k, 0], measured[k, 1],
-                    measured[k, 2], measured[k, 3], par, noise, work, outputs[k])  # fmt: skip
+        filter_step(code, x, covariance, command[k - 1], z[k, 0], z[k, 1], z[k, 2], z[k, 3],
+                    z[k, 4], par, noise, work, outputs[k])  # fmt: skip
         for i in range(x.size):
             states[k, i] = x[i]
 
@@ -149,8 +180,8 @@ class FilterRun:
         filter: which filter.
         time_s: float64 (n,).
         states: float64 (n, filter states), a posteriori, SI, columns as `filter.states`.
-        outputs: float64 (n, 9), columns as `OUTPUTS`; the first row starts the filter and is NaN.
-        covariance: final covariance.
+        outputs: float64 (n, 10), columns as `OUTPUTS`; the first row starts the filter and is NaN.
+        covariance: final covariance P, square over the filter's states.
     """
 
     filter: Filter
@@ -173,6 +204,11 @@ class FilterRun:
         """A posteriori residuals of position (m), pressures 1 and 2 (Pa): (n, 3) (eq. 4.24)."""
         return self.outputs[:, 3:6]
 
+    @property
+    def reset_times_s(self) -> Array:
+        """When the filter was found lost and started anew, s: one entry a reset."""
+        return self.time_s[1:][np.diff(self.outputs[:, 9]) > 0.0]
+
 
 def run_filter(
     time_s: Array,
@@ -187,7 +223,8 @@ def run_filter(
     Args:
         time_s: float64 (n,), 1 kHz.
         command: float64 (n,), V; row k is held from sample k to k + 1.
-        measured: float64 (n, 4): position (m), pressures 1 and 2 (Pa), spool (m); NaN is skipped.
+        measured: float64 (n, 4 or 5): position (m), pressures 1 and 2 (Pa), spool (m) and, from a
+            rig that measures it, supply pressure (Pa); NaN is skipped.
         model: the model the filter assumes.
         name: a name in `FILTERS`.
         sensors: data sheet of the transducers.
@@ -195,11 +232,14 @@ def run_filter(
     Raises:
         ValueError: no filter of that name, or arrays of different lengths.
     """
-    if measured.shape != (time_s.size, 4) or command.shape != time_s.shape:
+    rows = time_s.size
+    if measured.shape not in ((rows, 4), (rows, 5)) or command.shape != time_s.shape:
         raise ValueError(
-            f"measured {measured.shape} and command {command.shape} do not fit {time_s.size} rows "
-            "of (position, pressure 1, pressure 2, spool)"
+            f"measured {measured.shape} and command {command.shape} do not fit {rows} rows "
+            "of (position, pressure 1, pressure 2, spool[, supply pressure])"
         )
+    if measured.shape[1] == 4:
+        measured = np.column_stack([measured, np.full(rows, np.nan)])
     memory = start_memory(name, model, sensors)
     states = np.empty((time_s.size, memory.x.size))
     outputs = np.empty((time_s.size, len(OUTPUTS)))
@@ -215,4 +255,4 @@ def run_filter(
         states,
         outputs,
     )
-    return FilterRun(memory.filter, time_s, states, outputs, memory.covariance)
+    return FilterRun(memory.filter, time_s, states, outputs, memory.dense_covariance)

@@ -23,7 +23,7 @@ from rig.plant import NO_FAULT, Parameters
 from rig.plant.dynamics import chamber_volumes, leak_flows, signed_root, valve_conductance
 from rig.plant.integrator import TICK
 
-from .product import DRY
+from .product_noise import DRY
 
 Array = NDArray[np.float64]
 

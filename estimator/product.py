@@ -1,99 +1,96 @@
 """The product's filter: load, three leak coefficients and spool null bias beside the rig's states.
 
-An extended Kalman filter on `estimator.product_model`. Measurements are independent, so that they
-correct one after the other; of the symmetric covariance only the upper triangle is computed.
+An extended Kalman filter on `estimator.product_model` in UD form (`estimator.ud`). The prediction
+moves the first six states only, and those after it are random walks with noise of their own: it
+takes an orthogonalisation of six rows and five rank-one additions. Measurements are independent,
+so that they correct one after the other.
+
+What is measured:
+
+- position, both pressures and, if there is one, the spool. Readings that are missing (NaN), beyond
+  the transducer's range or saturated are skipped.
+- The supply pressure is an input of the prediction, as the command is: a reading is taken for the
+  supply from the tick before, and kept until the next. Its noise moves the flow of an edge by far
+  less than the 0.1 L/min of the budget. Without a transducer it is the model's.
+- Not the load cell. It sees the environment's part of the load alone; the other part, friction,
+  is not known to better than some 1000 N nor white, whereas the pressures show the whole load to
+  some 30 N in a sample. As a measurement of this state it would only bias it.
+
+Estimates are kept within what the rig can be (`Ranges`), so that a prediction through seconds
+without readings stays finite. `estimator.watch` tells when a filter is lost; then it starts anew.
 """
 
-from math import sqrt
-from typing import Final, NamedTuple
+from math import isfinite
+from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rig.plant import Model, Parameters
 from rig.plant.compiled import inlined, inner
-from rig.plant.integrator import TICK
-from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.plant.sensors import SensorParameters
 
 from .fused import fma
 from .product_model import DYNAMIC, STATE_COUNT, predict_product
+from .product_noise import DRY
+from .ud import add_noise, correct, forget, orthogonalise, variance_of
+from .watch import (
+    PATIENCE,
+    RESETS,
+    SUPPLY,
+    clear_window,
+    count_reset,
+    is_finite,
+    is_lost,
+    take_innovation,
+)
 
 Array = NDArray[np.float64]
 
-DRY: Final = 1e5
-"""Below this pressure (Pa) a chamber may hold a vapour cavity, whose volume no sensor sees: three
-times the noise of a 20.7 MPa transducer."""
+_NOISES: Final = 4
+"""Dynamic states with process noise of their own: both pressures, velocity, spool velocity."""
 
-WORK_SHAPE: Final = (2 * DYNAMIC + 1, STATE_COUNT)
-"""Shape of the scratch array of `product_step`: Jacobian, its product with P, one gain."""
-
-
-class ProductNoise(NamedTuple):
-    """Noise the product filter assumes: variances of the sensors and a stated model-error budget.
-
-    Sensor variances follow the data sheets; process variances are per millisecond.
-    """
-
-    position: float
-    pressure: float
-    spool: float
-    spool_velocity: float
-    chamber_pressure: float
-    velocity: float
-    load: float
-    leakage: float
-    null_bias: float
-
-
-def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductNoise:
-    """Return the filter's noise variances for given sensors.
-
-    The encoder's error is uniform over one count. The budget: the valve model is off by 2 um (white
-    over its bandwidth), a chamber's flow by 0.1 L/min, the load moves by 150 N/ms (it carries the
-    friction, which turns around within some 20 ms), a leak by 0.1 L/min at half supply pressure in
-    a second, the spool's null by 0.02 um in a second.
-    """
-    half_supply = 0.5 * parameters.supply_pressure
-    spool_acceleration = 2e-6 * parameters.valve_natural_frequency**2
-    middle = 0.5 * (parameters.stroke_max - parameters.stroke_min)
-    volume = parameters.line_volume_1 + parameters.piston_area * middle
-    flow = 0.1 * LITRE_PER_MINUTE
-    return ProductNoise(
-        position=sensors.position_resolution**2 / 12.0,
-        pressure=sensors.pressure_noise**2,
-        spool=sensors.spool_noise**2,
-        spool_velocity=(spool_acceleration * TICK) ** 2,
-        chamber_pressure=(parameters.bulk_modulus / volume * flow * TICK) ** 2,
-        velocity=1e-8,
-        load=150.0**2,
-        leakage=(flow / sqrt(half_supply)) ** 2 * TICK,
-        null_bias=(2e-8) ** 2 * TICK,
-    )
-
-
-def initial_covariance(model: Model) -> Array:
-    """Return P0 (11, 11): first samples to their noise, null to 5 um, leaks to 0.02 L/min.
-
-    A leak and a shifted null look alike at first; what is there from the start is taken for the
-    null.
-    """
-    leak = 0.02 * LITRE_PER_MINUTE / sqrt(0.5 * model.parameters.supply_pressure)
-    sigma = np.array([2e-6, 5e4, 5e4, 2e-5, 0.05, 1e-2, 500.0, leak, leak, leak, 5e-6])
-    return np.diag(sigma**2)
+WORK_SHAPE: Final = (2 + 2 * DYNAMIC, STATE_COUNT)
+"""Shape of the array `work` of `product_step`: what `estimator.watch` keeps, a vector, the
+Jacobian, and the rows to orthogonalise."""
 
 
 @njit(cache=True, error_model="numpy")
-def start_product(x, position, p1, p2, spool, command, par):
-    """Set the state (11,) to a first sample; for want of a spool reading, take the command's.
+def start_product(x, factors, position, p1, p2, spool, command, par, noise, work):
+    """Set the state (11,) and its covariance's factors (11, 11) by a first sample.
 
-    Leaks and null bias start from what the model says of them. Without position or a pressure all
-    states are NaN, and the next sample is the first.
+    For want of a spool reading the command's is taken; leaks and null bias start from what the
+    model says of them. Without position or a pressure all states are NaN, and the next sample is
+    the first.
     """
+    work[0, SUPPLY] = par.supply_pressure
+    work[0, RESETS] = work[0, PATIENCE] = 0.0
+    clear_window(work[0])
+    position, p1, p2, spool = _in_range(position, p1, p2, spool, noise.ranges)
     if np.isnan(position + p1 + p2):
         x[:] = np.nan
         return
+    _start_from(x, factors, position, p1, p2, spool, command, par, noise)
+
+
+@inlined
+def _between(reading, lower, upper):
+    """Return a reading, or NaN where the transducer is beyond its range or saturated."""
+    return reading if lower < reading < upper else np.nan
+
+
+@inlined
+def _in_range(position, p1, p2, spool, ranges):
+    """Return the readings, those out of range as NaN."""
+    return (
+        _between(position, ranges.position_min, ranges.position_max),
+        _between(p1, ranges.pressure_min, ranges.pressure_max),
+        _between(p2, ranges.pressure_min, ranges.pressure_max),
+        _between(spool, -ranges.spool, ranges.spool),
+    )
+
+
+@inner
+def _start_from(x, factors, position, p1, p2, spool, command, par, noise):
     x[:] = 0.0
     x[0] = par.valve_gain * command if np.isnan(spool) else spool
     x[1] = p1
@@ -104,146 +101,156 @@ def start_product(x, position, p1, p2, spool, command, par):
     x[8] = par.external_leakage_2
     x[9] = par.internal_leakage
     x[10] = par.spool_null_bias
+    factors[:, :] = 0.0
+    for i in range(STATE_COUNT):
+        factors[i, i] = noise.initial[i] ** 2
 
 
 @inlined
-def _spool_rows(jacobian, a, b):
-    """Return the products of the Jacobian's rows of spool and spool velocity with a column.
+def _predict_factors(factors, jacobian, noise, rows, weights):
+    """Replace the factors of P by those of Phi P Phi^T + Q.
 
-    `a` and `b` are the column's entries of these two states; the rows have no others.
-    """
-    return (
-        fma(jacobian[0, 5], b, jacobian[0, 0] * a),
-        fma(jacobian[5, 5], b, jacobian[5, 0] * a),
-    )
+    Zeros and identity of Phi are left out (`estimator.product_model.DYNAMIC`). The lower right part
+    of U is that of the random walks and stays.
 
-
-@inlined
-def _full_rows(jacobian, matrix, i):
-    """Return the products of the Jacobian's rows 1 to 4 with row `i` of a matrix of 11 columns."""
-    s1 = s2 = s3 = s4 = 0.0
-    for k in range(STATE_COUNT):
-        c = matrix[i, k]
-        s1 = fma(jacobian[1, k], c, s1)
-        s2 = fma(jacobian[2, k], c, s2)
-        s3 = fma(jacobian[3, k], c, s3)
-        s4 = fma(jacobian[4, k], c, s4)
-    return s1, s2, s3, s4
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _predict_covariance(covariance, jacobian, product):
-    """Replace the upper triangle of a symmetric P by Phi P Phi^T.
-
-    Zeros and identity of Phi are left out (`estimator.product_model.DYNAMIC`).
+    Args:
+        factors: (11, 11), updated.
+        jacobian: (6, 11), the rows of Phi that are not the identity's.
+        noise: `ProductNoise`.
+        rows: scratch (6, 10).
+        weights: scratch (10,).
     """
     for j in range(STATE_COUNT):
-        # P is symmetric: its rows are its columns.
-        p0, p5 = covariance[j, 0], covariance[j, 5]
-        product[0, j], product[5, j] = _spool_rows(jacobian, p0, p5)
-        s1, s2, s3, s4 = _full_rows(jacobian, covariance, j)
-        product[1, j] = s1
-        product[2, j] = s2
-        product[3, j] = s3
-        product[4, j] = s4
+        s1, s2, s3, s4 = jacobian[1, j], jacobian[2, j], jacobian[3, j], jacobian[4, j]
+        for k in range(j):
+            u = factors[j, k]
+            s1 = fma(jacobian[1, k], u, s1)
+            s2 = fma(jacobian[2, k], u, s2)
+            s3 = fma(jacobian[3, k], u, s3)
+            s4 = fma(jacobian[4, k], u, s4)
+        a = factors[j, 0] if j > 0 else 1.0
+        b = factors[j, 5] if j > 5 else (1.0 if j == 5 else 0.0)
+        s0 = fma(jacobian[0, 5], b, jacobian[0, 0] * a)
+        s5 = fma(jacobian[5, 5], b, jacobian[5, 0] * a)
+        if j < DYNAMIC:
+            weights[j] = factors[j, j]
+            rows[0, j], rows[1, j], rows[2, j] = s0, s1, s2
+            rows[3, j], rows[4, j], rows[5, j] = s3, s4, s5
+        else:
+            factors[j, 0], factors[j, 1], factors[j, 2] = s0, s1, s2
+            factors[j, 3], factors[j, 4], factors[j, 5] = s3, s4, s5
     for i in range(DYNAMIC):
-        s0, s5 = _spool_rows(jacobian, product[i, 0], product[i, 5])
-        s1, s2, s3, s4 = _full_rows(jacobian, product, i)
-        covariance[i, 0] = s0
-        covariance[i, 1] = s1
-        covariance[i, 2] = s2
-        covariance[i, 3] = s3
-        covariance[i, 4] = s4
-        covariance[i, 5] = s5
-        for j in range(DYNAMIC, STATE_COUNT):
-            covariance[i, j] = product[i, j]
+        for k in range(DYNAMIC, DYNAMIC + _NOISES):
+            rows[i, k] = 0.0
+    rows[1, 6] = rows[2, 7] = rows[4, 8] = rows[5, 9] = 1.0
+    weights[6] = weights[7] = noise.chamber_pressure
+    weights[8], weights[9] = noise.velocity, noise.spool_velocity
+    orthogonalise(rows, weights, factors, DYNAMIC)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _correct(x, covariance, index, measured, variance, gain):
-    """Apply one scalar measurement of a state: P - K S K^T with K = P h / S, P's upper triangle."""
-    inverse = 1.0 / (covariance[index, index] + variance)
-    weight = (measured - x[index]) * inverse
-    for i in range(STATE_COUNT):
-        gain[i] = covariance[min(i, index), max(i, index)]
-        x[i] = fma(gain[i], weight, x[i])
-    for i in range(STATE_COUNT):
-        share = -gain[i] * inverse
-        for j in range(i, STATE_COUNT):
-            covariance[i, j] = fma(share, gain[j], covariance[i, j])
+@inlined
+def _kept(value, bound):
+    return min(max(value, -bound), bound)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _mirror(covariance):
-    """Copy the upper triangle of a square matrix to the lower one."""
-    for i in range(covariance.shape[0]):
-        for j in range(i):
-            covariance[i, j] = covariance[j, i]
+@inlined
+def _confine(x, ranges):
+    """Keep the states within what the rig can be; pressures below zero stand for a cavity."""
+    x[0] = _kept(x[0], ranges.opening)
+    for i in (1, 2):
+        x[i] = _kept(x[i], 2.0 * ranges.pressure_max)
+    x[3] = min(max(x[3], ranges.position_min), ranges.position_max)
+    x[4] = _kept(x[4], 2.0 * ranges.velocity)
+    x[6] = _kept(x[6], 4.0 * ranges.load)
+    for i in (7, 8, 9):
+        x[i] = _kept(x[i], ranges.leakage)
+    x[10] = _kept(x[10], ranges.opening)
+
+
+@inlined
+def _is_possible(x, ranges):
+    """Return whether leaks and null bias are what a rig can have."""
+    return min(x[7], x[8], x[9]) > -ranges.negative_leakage and abs(x[10]) < ranges.null_bias
 
 
 @inner
-def _start_afresh(x, covariance, index, measured, variance):
-    """Take a state as measured and forget what its error had to do with the others'.
-
-    In a dry chamber the oil's compression is not what the model says: nothing is learnt from it.
-    """
-    x[index] = measured
-    covariance[index, :] = 0.0
-    covariance[:, index] = 0.0
-    covariance[index, index] = variance
+def _reset(x, factors, position, p1, p2, spool, command, par, noise, work):
+    """Start anew from a sample; for what it lacks, from the old estimate or the middle."""
+    ranges = noise.ranges
+    if np.isnan(position):
+        middle = 0.5 * (ranges.position_min + ranges.position_max)
+        position = x[3] if isfinite(x[3]) else middle
+    if np.isnan(p1):
+        p1 = x[1] if isfinite(x[1]) else 0.5 * par.supply_pressure
+    if np.isnan(p2):
+        p2 = x[2] if isfinite(x[2]) else 0.5 * par.supply_pressure
+    _start_from(x, factors, position, p1, p2, spool, command, par, noise)
+    count_reset(work[0])
 
 
 @njit(cache=True, error_model="numpy")
-def product_step(x, covariance, command, position, p1, p2, spool, par, noise, work, out):
+def product_step(x, factors, command, position, p1, p2, spool, supply, par, noise, work, out):
     """Advance the product filter by one sample.
 
     Args:
         x: state (11,), updated in place.
-        covariance: its covariance (11, 11), updated in place.
-        command: command in V held since the last sample.
-        position: measured, m; NaN is skipped.
-        p1: measured pressure of chamber 1, Pa; NaN is skipped.
-        p2: measured pressure of chamber 2, Pa; NaN is skipped.
-        spool: measured spool displacement, m; NaN is skipped.
+        factors: of its covariance (11, 11), as in `estimator.ud`, updated in place.
+        command: command in V held since the last sample; NaN leaves the spool where it is.
+        position: measured, m; NaN is skipped, as are readings out of range, here and below.
+        p1: measured pressure of chamber 1, Pa.
+        p2: measured pressure of chamber 2, Pa.
+        spool: measured spool displacement, m.
+        supply: measured supply pressure, Pa; the last one holds.
         par: `Parameters` the filter assumes.
         noise: `ProductNoise`.
-        work: scratch, float64 of `WORK_SHAPE`.
-        out: float64 (9,): innovations, a posteriori residuals and innovation variances of position,
-            pressure 1 and pressure 2.
+        work: float64 of `WORK_SHAPE`: its first row is the filter's memory of its own health
+            (`estimator.watch`), the rest scratch.
+        out: float64 (10,): innovations, a posteriori residuals and innovation variances of
+            position, pressure 1 and pressure 2; resets so far.
     """
-    jacobian, product, gain = work[:DYNAMIC], work[DYNAMIC : 2 * DYNAMIC], work[2 * DYNAMIC]
+    ranges = noise.ranges
+    watch, vector = work[0], work[1]
+    jacobian, rows = work[2 : 2 + DYNAMIC], work[2 + DYNAMIC : 2 + 2 * DYNAMIC, :10]
+    position, p1, p2, spool = _in_range(position, p1, p2, spool, ranges)
+    if ranges.pressure_min < supply < ranges.pressure_max:
+        watch[SUPPLY] = supply
     if np.isnan(x[3]):
-        start_product(x, position, p1, p2, spool, command, par)
+        if not np.isnan(position + p1 + p2):
+            _start_from(x, factors, position, p1, p2, spool, command, par, noise)
         out[:] = np.nan
         return
-    predict_product(x, command, par, jacobian)
-    _predict_covariance(covariance, jacobian, product)
-    covariance[1, 1] += noise.chamber_pressure
-    covariance[2, 2] += noise.chamber_pressure
-    covariance[4, 4] += noise.velocity
-    covariance[5, 5] += noise.spool_velocity
-    covariance[6, 6] += noise.load
-    covariance[7, 7] += noise.leakage
-    covariance[8, 8] += noise.leakage
-    covariance[9, 9] += noise.leakage
-    covariance[10, 10] += noise.null_bias
+    if not isfinite(command):
+        command = x[0] / par.valve_gain
+    predict_product(x, command, watch[SUPPLY], par, jacobian)
+    _predict_factors(factors, jacobian, noise, rows, vector)
+    add_noise(factors, 6, noise.load, vector)
+    add_noise(factors, 7, noise.leakage, vector)
+    add_noise(factors, 8, noise.leakage, vector)
+    add_noise(factors, 9, noise.leakage, vector)
+    add_noise(factors, 10, noise.null_bias, vector)
 
     out[0] = position - x[3]
     out[1] = p1 - x[1]
     out[2] = p2 - x[2]
-    out[6] = covariance[3, 3] + noise.position
-    out[7] = covariance[1, 1] + noise.pressure
-    out[8] = covariance[2, 2] + noise.pressure
+    out[6] = variance_of(factors, 3) + noise.position
+    out[7] = variance_of(factors, 1) + noise.pressure
+    out[8] = variance_of(factors, 2) + noise.pressure
     if not np.isnan(spool):
-        _correct(x, covariance, 0, spool, noise.spool, gain)
+        take_innovation(watch, correct(x, factors, 0, spool, noise.spool, vector))
     if not np.isnan(position):
-        _correct(x, covariance, 3, position, noise.position, gain)
+        take_innovation(watch, correct(x, factors, 3, position, noise.position, vector))
     for index, pressure in ((1, p1), (2, p2)):
         if pressure < DRY:
-            _start_afresh(x, covariance, index, pressure, noise.pressure)
+            # The oil's compression is not what the model says: nothing is learnt from it.
+            x[index] = pressure
+            forget(factors, index, noise.pressure, vector)
         elif not np.isnan(pressure):
-            _correct(x, covariance, index, pressure, noise.pressure, gain)
-    _mirror(covariance)
+            square = correct(x, factors, index, pressure, noise.pressure, vector)
+            take_innovation(watch, square)
+    if not is_finite(x, factors) or is_lost(watch, _is_possible(x, ranges)):
+        _reset(x, factors, position, p1, p2, spool, command, par, noise, work)
+    _confine(x, ranges)
     out[3] = position - x[3]
     out[4] = p1 - x[1]
     out[5] = p2 - x[2]
+    out[9] = watch[RESETS]

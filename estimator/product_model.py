@@ -81,17 +81,18 @@ def _smooth_root(drop):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def predict_product(x, command, par, jacobian):
+def predict_product(x, command, supply, par, jacobian):
     """Advance the state (11,) by one tick of constant command and fill the Jacobian's rows (6, 11).
 
     The spool follows eq. 2.5 exactly; pressures follow eq. 2.3 with the flows of eqs. 2.1, 2.2 and
-    5.2. Row order is that of `STATES`; rows 6 to 10 would be the identity's.
+    5.2, at the supply pressure `supply`. Row order is that of `STATES`; rows 6 to 10 would be the
+    identity's.
     """
     h = _SUBSTEP
     valve = _valve_step(par)
     steady = par.valve_gain * command
     area = par.piston_area
-    supply, back = par.supply_pressure, par.return_pressure
+    back = par.return_pressure
     conductance = valve_conductance(par)
     load, k1, k2, k12, bias = x[6], x[7], x[8], x[9], x[10]
     spool, p1, p2, position, velocity, spool_velocity = x[0], x[1], x[2], x[3], x[4], x[5]

@@ -108,8 +108,9 @@ def filter_recording(
     """
     samples = samples_of(recording)
     measured = np.column_stack(
-        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
-    )
+        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool,
+         samples.supply_pressure]
+    )  # fmt: skip
     return run_filter(samples.time_s, samples.command, measured, model, filter_name, sensors)
 
 

@@ -107,10 +107,11 @@ def sample_row(
     outputs = row[_OUTPUTS_AT:STATES_AT]
     if starts:
         outputs[:] = np.nan
-        filter_start(code, x, reading[0], reading[1], reading[2], reading[3], command, filter_par)
+        filter_start(code, x, covariance, reading[0], reading[1], reading[2], reading[3], command,
+                     filter_par, filter_noise, work)  # fmt: skip
     else:
         filter_step(code, x, covariance, held, reading[0], reading[1], reading[2], reading[3],
-                    filter_par, filter_noise, work, outputs)  # fmt: skip
+                    reading[4], filter_par, filter_noise, work, outputs)  # fmt: skip
     # Not to a slice at once: the text of its error would come along, a second of compiling.
     for i in range(x.size):
         row[STATES_AT + i] = x[i]

@@ -149,7 +149,7 @@ def estimates_in(rows: Array, channels: tuple[str, ...], memory: FilterMemory) -
         rows[:, 0],
         rows[:, states : states + len(memory.filter.states)],
         rows[:, outputs:states],
-        memory.covariance,
+        memory.dense_covariance,
     )
 
 

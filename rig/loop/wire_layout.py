@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
 from estimator.filters import FilterMemory
-from estimator.product import ProductNoise
+from estimator.product_noise import ProductNoise
 from rig.io.settings import LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS, METERS, SLOW_INPUTS
 from rig.plant import Parameters

@@ -14,6 +14,7 @@ from rig.plant.simulation import simulate
 Array = NDArray[np.float64]
 
 TICKS = 3000
+MEASURED = ("position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m", "supply_pressure_Pa")
 
 
 def looped(name: str) -> tuple[dict[str, Array], FilterRun]:
@@ -29,9 +30,7 @@ def looped(name: str) -> tuple[dict[str, Array], FilterRun]:
 
 
 def replayed(name: str, channels: dict[str, Array]) -> FilterRun:
-    measured = np.column_stack(
-        [channels[c] for c in ("position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")]
-    )
+    measured = np.column_stack([channels[c] for c in MEASURED])
     return run_filter(channels["time_s"], channels["command_V"], measured, Model(), name)
 
 
@@ -77,7 +76,7 @@ def test_the_spool_is_predicted_exactly_at_any_damping(damping: float) -> None:
     x = np.zeros(STATE_COUNT)
     x[1:4] = 6.9e6, 6.9e6, 0.3
     for k in range(1, command.size):
-        predict_product(x, 2.0, model.parameters, np.empty((6, STATE_COUNT)))
+        predict_product(x, 2.0, 13.8e6, model.parameters, np.empty((6, STATE_COUNT)))
         assert x[0] == pytest.approx(truth["spool"][k], rel=1e-5)
 
 
@@ -91,7 +90,9 @@ def test_the_prediction_follows_the_plant() -> None:
         x = np.zeros(STATE_COUNT)
         names = ("spool", "pressure_1", "pressure_2", "position", "velocity", "spool_velocity")
         x[:6] = [truth[name][k] for name in names]
-        predict_product(x, command[k], parameters, np.empty((6, STATE_COUNT)))
+        predict_product(
+            x, command[k], parameters.supply_pressure, parameters, np.empty((6, STATE_COUNT))
+        )
         errors.append(x[:6] - [truth[name][k + 1] for name in names])
     worst = np.abs(errors).max(axis=0)
     assert worst[1:3].max() < 3e3

@@ -70,7 +70,7 @@ def test_without_noise_of_the_model_the_bound_is_that_of_all_samples_at_once(sin
         for k in range(ticks):
             if k:
                 x[leak] = shift[7] if k > onset else 0.0
-                predict_product(x, sine.command[k - 1], par, unused)
+                predict_product(x, sine.command[k - 1], par.supply_pressure, par, unused)
             seen[k] = x[[0, 3, 1, 2]]
         return seen / np.sqrt([noise.spool, noise.position, noise.pressure, noise.pressure])
 

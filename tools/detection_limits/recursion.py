@@ -92,15 +92,16 @@ def leak_covariances(
     for k in range(reports[-1] + 1):
         if k > 0:
             low[:] = x[k - 1]
-            predict_product(low, command[k - 1], par, jacobian)
+            predict_product(low, command[k - 1], par.supply_pressure, par, jacobian)
             rows[:, :STATE_COUNT] = jacobian
             if k <= onset:
                 rows[:, 7:10] = 0.0
             for j in range(columns.size):
                 low[:] = x[k - 1]
                 high[:] = x[k - 1]
-                predict_product(low, command[k - 1], lower[j], unused)
-                predict_product(high, command[k - 1], upper[j], unused)
+                below, above = lower[j], upper[j]
+                predict_product(low, command[k - 1], below.supply_pressure, below, unused)
+                predict_product(high, command[k - 1], above.supply_pressure, above, unused)
                 for i in range(DYNAMIC):
                     rows[i, columns[j]] = (high[i] - low[i]) / (2.0 * STEP)
             # What flows out by a leak of unit root is what a unit of inflow is not.

@@ -15,6 +15,7 @@ from rig.recording.mcap_writer import channel_problems
 from rig.recording.units import unit_of
 
 PURE_NUMBERS = (
+    "filter_resets",
     "verdict_code",
     "fault_confirmed",
     *PROBABILITIES,

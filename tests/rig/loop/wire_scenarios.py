@@ -164,7 +164,7 @@ def _replays(rows: Any) -> bool:
     if not len(recorded):
         return True
     at = CHANNELS.index(OUTPUTS[0])
-    again = run_filter(recorded[:, 0], recorded[:, 2].copy(), recorded[:, 3:7].copy(), MODEL)
+    again = run_filter(recorded[:, 0], recorded[:, 2].copy(), recorded[:, 3:8].copy(), MODEL)
     outputs = recorded[:, at : at + len(OUTPUTS)]
     states = recorded[:, at + len(OUTPUTS) : at + len(OUTPUTS) + again.states.shape[1]]
     return np.array_equal(again.outputs, outputs, equal_nan=True) and np.array_equal(

@@ -145,7 +145,7 @@ def test_a_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit
         batches.append(loop.advance(70))
     rows = np.concatenate(batches)
     assert rows[:, loop.channels.index("tick")].tolist() == list(range(300))
-    again = run_filter(rows[:, 0], rows[:, 2].copy(), rows[:, 3:7].copy(), MODEL)
+    again = run_filter(rows[:, 0], rows[:, 2].copy(), rows[:, 3:8].copy(), MODEL)
     at = loop.channels.index(OUTPUTS[0])
     outputs, states = np.split(rows[:, at:], [len(OUTPUTS)], axis=1)
     assert np.array_equal(again.outputs, outputs, equal_nan=True)

@@ -1,0 +1,77 @@
+"""The product filter from any start, right or wrong."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimator.product import WORK_SHAPE, product_step
+from estimator.product_model import STATE_COUNT
+from estimator.product_noise import ProductNoise, product_noise
+from estimator.ud import dense_covariance
+from estimator.watch import READINGS, RESETS, SQUARES, SUPPLY
+from rig.plant import NOMINAL, Parameters
+from rig.plant.sensors import DATA_SHEET
+
+Array = NDArray[np.float64]
+
+
+@njit(error_model="numpy")
+def _stepped(
+    x: Array,
+    factors: Array,
+    command: Array,
+    readings: Array,
+    par: Parameters,
+    noise: ProductNoise,
+    work: Array,
+    states: Array,
+    least: Array,
+) -> None:
+    out = np.empty(10)
+    for k in range(1, command.size):
+        z = readings[k]
+        product_step(
+            x, factors, command[k - 1], z[0], z[1], z[2], z[3], z[4], par, noise, work, out
+        )
+        states[k] = x
+        least[k] = factors[0, 0]
+        for i in range(1, x.size):
+            least[k] = min(least[k], factors[i, i])
+
+
+class Steps(NamedTuple):
+    """What came of a start.
+
+    Attributes:
+        states: (n, 11), the start first.
+        least_variance: (n,) smallest D of every tick.
+        covariance: (11, 11) after the last.
+        resets: how often it started anew.
+        squares: of the innovations of the present window, over their variances.
+        readings: number of those.
+    """
+
+    states: Array
+    least_variance: Array
+    covariance: Array
+    resets: int
+    squares: float
+    readings: int
+
+
+def from_start(
+    x: Array, factors: Array, command: Array, readings: Array, par: Parameters = NOMINAL
+) -> Steps:
+    """Step over readings (n, 5) from a given state and factors of its covariance."""
+    work, factors, n = np.zeros(WORK_SHAPE), factors.copy(), command.size
+    work[0, SUPPLY] = par.supply_pressure
+    states, least = np.zeros((n, STATE_COUNT)), np.full(n, np.inf)
+    states[0] = x
+    noise = product_noise(DATA_SHEET, par)
+    _stepped(x.copy(), factors, command, readings, par, noise, work, states, least)
+    covariance, watch = dense_covariance(factors), work[0]
+    return Steps(
+        states, least, covariance, int(watch[RESETS]), watch[SQUARES], int(watch[READINGS])
+    )
