@@ -10,6 +10,7 @@ from rich.text import Text
 from estimator.detection import Decision
 from faults.campaign import Campaign, CampaignTest
 from rig.runner import Observer, Status, TestOutcome
+from rig.runner.in_words import chance
 
 from .screen import Screen
 
@@ -82,7 +83,7 @@ class CampaignProgress(Observer):
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
         """Move the test's bar."""
         if self._bar is not None:
-            verdict = decision.verdict if decision else ""
+            verdict = f"{decision.verdict} {chance(decision)}" if decision else ""
             self._bars.update(self._bar, completed=time_s, verdict=verdict)
 
     def test_ends(self, outcome: TestOutcome) -> None:

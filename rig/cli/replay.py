@@ -125,6 +125,7 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         **leak_figures(decision),
         "statistic": decision.statistic,
         "threshold": decision.threshold,
+        "probabilities": dict(decision.probabilities) or None,
         "filter": replayed.filter,
     }
     # JSON has no infinity and no NaN.

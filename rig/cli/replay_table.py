@@ -11,6 +11,7 @@ from rich.text import Text
 from estimator.detection import LEAKS, Decision
 from faults.leakage import to_litres_per_minute
 from faults.verdict import Verdict
+from rig.runner.in_words import chance
 
 from .verdicts import leak
 
@@ -36,6 +37,8 @@ def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
     for each in replayed:
         decision = each.decision
         verdict = Text(decision.verdict, _style(decision.verdict))
+        if probable := chance(decision):
+            verdict.append(f" {probable}", "default")
         if decision.verdict == Verdict.INCONCLUSIVE:
             verdict.append(f": {advice(decision)}", "default")
         table.add_row(

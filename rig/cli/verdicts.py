@@ -9,6 +9,7 @@ from rich.text import Text
 from estimator.detection import Decision
 from faults.leakage import to_litres_per_minute
 from rig.runner import CampaignOutcome, InjectedFault, Status, TestOutcome
+from rig.runner.in_words import chance, reaction
 from rig.runner.results import coefficient_unit
 
 from .progress import STYLES
@@ -41,10 +42,11 @@ def injected(fault: InjectedFault) -> str:
 
 
 def found(decision: Decision | None) -> str:
-    """Return what was found: verdict and mean flow with its 95 % interval."""
+    """Return what was found: verdict, its probability, and mean flow with its 95 % interval."""
     if decision is None:
         return "-"
-    return f"{decision.verdict} {leak(decision)}".strip()
+    told = (str(decision.verdict), chance(decision), leak(decision))
+    return " ".join(part for part in told if part)
 
 
 def leak(decision: Decision) -> str:
@@ -82,6 +84,8 @@ def _onset(test: TestOutcome) -> str:
 
 
 def _result(test: TestOutcome) -> str:
+    ended = test.status.value.replace("_", " ")
     if test.status == Status.FAILED:
-        return f"failed, expected {test.expect}"
-    return test.status.value.replace("_", " ")
+        ended += f", expected {test.expect}"
+    done = reaction(test)
+    return f"{ended}, {done}" if done else ended

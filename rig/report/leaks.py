@@ -11,6 +11,7 @@ from estimator.filters import FILTERS, OUTPUTS, FilterRun
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.outcome import TestOutcome
 
+from .decisions import flow_as_decided
 from .panel import Panel, TestData, limits_of
 from .traces import Trace, band, line, steps
 from .wording import leaks_found
@@ -88,7 +89,7 @@ def leak_flows(data: TestData) -> Panel | None:
     if estimated:
         caption += " Fine: what the filter's leak state makes of it."
     if found:
-        caption += " Dashed: the mean flow found, with its 95 % interval."
+        caption += " Dashed: the mean flow found since the onset, with its 95 % interval."
         shown += [trace.values for trace in found]
     traces = (*found[:1], *recorded, *estimated, *found[1:])
     limits = limits_of(shown, _LEAST_SPAN)
@@ -138,7 +139,11 @@ def _in_filter_states(data: TestData) -> dict[str, Array]:
 
 
 def _found(data: TestData) -> Iterator[Trace]:
-    """Yield the band of the flow found, then its mean."""
+    """Yield the band of the flow found, then its mean: as held at each time, if that is told."""
+    held = list(flow_as_decided(data))
+    if held:
+        yield from held
+        return
     decision = data.outcome.decision
     if decision is None or decision.leak_m3_per_s is None or decision.onset_s is None:
         return

@@ -15,6 +15,7 @@ from rig.runner.outcome import CampaignOutcome, Status, TestOutcome
 
 from .accounts import AccountHistory, account_history
 from .conditions import assumed_parameters, conditions_of, loop_conditions
+from .decisions import compensation, probability
 from .leaks import evidence, leak_flows, missing_flow
 from .panel import Panel, TestData
 from .signals import command, innovation, motion, pressures
@@ -22,9 +23,12 @@ from .traces import POINTS
 from .wording import STATUS_LABELS, story
 
 _ACCOUNT_PANELS: Final = (
-    motion, command, pressures, missing_flow, leak_flows, evidence, innovation,
+    motion, command, compensation, pressures, missing_flow, leak_flows, probability, evidence,
+    innovation,
 )  # fmt: skip
-_PATTERN_PANELS: Final = (motion, command, pressures, innovation, leak_flows)
+_PATTERN_PANELS: Final = (
+    motion, command, compensation, pressures, innovation, leak_flows, probability,
+)  # fmt: skip
 _FULL_DETAIL_TESTS: Final = 12
 _LEAST_POINTS: Final = 400
 _MANY_EVENTS: Final = 40
@@ -36,6 +40,15 @@ class Mark:
 
     kind: str
     time_s: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of time that is shaded in every plot of a test, and what was done in it."""
+
+    start_s: float
+    end_s: float
     text: str
 
 
@@ -64,6 +77,7 @@ class Section:
         conditions: what the test asked of the rig, as (name, text).
         panels: its plots, empty without a readable recording.
         marks: injections, onset and detection, in the order of time.
+        spans: what the loop did about a fault.
         events: what the recording says happened, at most some.
         start_s, end_s: what the time axis spans; what was planned if the test ended before.
         recorded_until_s: where the recording ends.
@@ -80,6 +94,7 @@ class Section:
     conditions: tuple[tuple[str, str], ...] = ()
     panels: tuple[Panel, ...] = ()
     marks: tuple[Mark, ...] = ()
+    spans: tuple[Span, ...] = ()
     events: tuple[Event, ...] = ()
     start_s: float = 0.0
     end_s: float = 0.0
@@ -94,6 +109,7 @@ class Section:
             "start": self.start_s,
             "end": self.end_s,
             "recorded": self.recorded_until_s,
+            "spans": [{"start": s.start_s, "end": s.end_s, "text": s.text} for s in self.spans],
             "marks": [{"kind": m.kind, "time": m.time_s, "text": m.text} for m in self.marks],
             "panels": {panel.key: panel.figure for panel in self.panels},
         }
@@ -149,6 +165,7 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
         (*conditions_of(recording.metadata), *loop_conditions(recording)),
         tuple(panel for drawn in draw if (panel := drawn(data)) is not None),
         _marks(test),
+        _spans(test, last),
         tuple(event for event in recording.events if event.kind != TIMING)[:_MANY_EVENTS],
         float(recording.time_s[0]),
         max(last, test.duration_s),
@@ -198,6 +215,22 @@ def _marks(test: TestOutcome) -> tuple[Mark, ...]:
     if test.detected_at_s is not None:
         marks.append(Mark("detected", test.detected_at_s, f"detected {test.detected_at_s:.1f} s"))
     return tuple(sorted(marks, key=lambda mark: mark.time_s))
+
+
+def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
+    """Return what the loop did about a fault, the actions that follow at once on each other as one.
+
+    A leak whose coefficient is estimated anew is tolerated as before.
+    """
+    spans: list[Span] = []
+    for action in test.actions:
+        end_s = last_s if action.until_s is None else action.until_s
+        text = action.what.split(" ", 1)[0]
+        if spans and spans[-1].text == text and spans[-1].end_s == action.at_s:
+            spans[-1] = Span(spans[-1].start_s, end_s, text)
+        else:
+            spans.append(Span(action.at_s, end_s, text))
+    return tuple(spans)
 
 
 def _smallest(

@@ -8,6 +8,7 @@ from estimator.detection import LEAKS
 from estimator.filters import DEFAULT_FILTER
 from estimator.pattern import LEARNING_S
 from faults.leakage import to_litres_per_minute
+from rig.runner.in_words import chance, reaction
 from rig.runner.outcome import CampaignOutcome, Status, TestOutcome
 
 from .sections import Section
@@ -43,6 +44,8 @@ class Row:
     section: Section
     injected: tuple[tuple[str, str, str], ...]
     found: str
+    chance: str
+    reaction: str
     flow: str
     onset: str
     latency: str
@@ -81,6 +84,8 @@ def _row(section: Section, scale: float) -> Row:
         section,
         tuple((label(fault.kind), injected_size(fault), acted(fault)) for fault in test.injected),
         found,
+        "" if decision is None else chance(decision),
+        reaction(test),
         "" if decision is None else found_flow(decision),
         onset,
         latency(test),

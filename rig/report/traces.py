@@ -119,6 +119,18 @@ def steps(name: str, role: str, start_s: Array, end_s: Array, values: Array) -> 
     return line(name, role, time_s, np.insert(levels, gaps, np.nan), width=2.2)
 
 
+def ribbon(name: str, role: str, time_s: Array, lower: Array, upper: Array) -> Trace:
+    """Return an interval over time, float64 (n,) each, as outlines of its stretches without NaN."""
+    known = np.isfinite(time_s + lower + upper)
+    edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0))
+    outline_s, outline = [np.empty(0)], [np.empty(0)]
+    for start, end in edges.reshape(-1, 2):
+        part, gap = slice(start, end), np.full(1, np.nan)
+        outline_s += [time_s[part], time_s[part][::-1], gap]
+        outline += [lower[part], upper[part][::-1], gap]
+    return Trace(name, role, "band", np.concatenate(outline_s), np.concatenate(outline))
+
+
 def band(name: str, role: str, start_s: float, end_s: float, lower: float, upper: float) -> Trace:
     """Return an interval that holds from `start_s` to `end_s`."""
     time_s = np.array([start_s, end_s, end_s, start_s, start_s])

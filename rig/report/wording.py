@@ -121,7 +121,7 @@ def latency(test: TestOutcome) -> str:
 
 def story(test: TestOutcome) -> str:
     """Return what happened in a test, in two or three sentences."""
-    sentences = [_injection(test.injected), _finding(test)]
+    sentences = [_injection(test.injected), _finding(test), _reacting(test)]
     if test.status is Status.FAILED:
         sentences.append(f"Expected was: {label(test.expect)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
@@ -158,6 +158,16 @@ def _finding(test: TestOutcome) -> str:
     if test.detected_at_s is not None:
         return f"The detector raised an alarm at {seconds(test.detected_at_s)}: {found}"
     return f"The detector found: {found}"
+
+
+def _reacting(test: TestOutcome) -> str:
+    if not test.actions:
+        return ""
+    first, last = test.actions[0], test.actions[-1]
+    if first.holds:
+        return f"From {first.at_s:.1f} s on the loop held the ram where it was."
+    until = "on" if last.until_s is None else f"to {last.until_s:.1f} s"
+    return f"From {first.at_s:.1f} s {until} the loop made up for it."
 
 
 def _why_not(decision: Decision) -> str:

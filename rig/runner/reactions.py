@@ -17,6 +17,7 @@ from rig.plant import Parameters
 Array = NDArray[np.float64]
 
 EVENT: Final = "on_fault"
+_HOLDING: Final = "holding the ram"
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,11 @@ class FaultAction:
     at_s: float
     until_s: float | None
     what: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether it held the ram, rather than make up for a leak."""
+        return self.what == _HOLDING
 
 
 class Reactions:
@@ -71,7 +77,7 @@ class Reactions:
             self._actions[-1] = FaultAction(last.at_s, time_s, last.what)
         if action == Reaction.IGNORE:
             return "back to proportional"
-        what = "holding the ram" if action == Reaction.HOLD else self._tolerating(row)
+        what = _HOLDING if action == Reaction.HOLD else self._tolerating(row)
         self._actions.append(FaultAction(time_s, None, what))
         return what
 

@@ -45,6 +45,13 @@
     label: { text: "not recorded", font: { color: colour("quiet"), size: 12 } },
   }];
 
+  // What the loop did about a fault, as a shaded stretch.
+  const reactions = (figures, first, colour) => figures.spans.map((span) => ({
+    type: "rect", xref: "x", yref: "paper", x0: span.start, x1: span.end, y0: 0, y1: 1,
+    line: { width: 0 }, fillcolor: colour("accent") + "18", layer: "below",
+    ...(first ? { label: { text: span.text, textposition: "bottom center", font: { color: colour("accent"), size: 12 } } } : {}),
+  }));
+
   // Labels of times that are near each other stand one above the other.
   const labels = (figures, colour) => {
     const span = figures.end - figures.start;
@@ -80,7 +87,7 @@
         title: { text: panel.unit, font: { size: 12, color: colour("quiet") }, standoff: 6 },
         ...(panel.limits ? { range: panel.limits } : {}),
       },
-      shapes: [...unrecorded(figures, colour), ...figures.marks.map((mark) => vertical(mark, colour))],
+      shapes: [...unrecorded(figures, colour), ...reactions(figures, first, colour), ...figures.marks.map((mark) => vertical(mark, colour))],
       annotations: first ? labels(figures, colour) : [],
     };
   };

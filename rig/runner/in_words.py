@@ -1,0 +1,29 @@
+"""Says of an outcome, for screen and page alike, how probable it is and what was done about it."""
+
+from estimator.detection import Decision
+
+from .outcome import TestOutcome
+
+
+def chance(decision: Decision) -> str:
+    """Return how probable the verdict is; empty where the detector does not say, or names none."""
+    share = decision.probabilities.get(decision.verdict)
+    return "" if share is None else percent(share)
+
+
+def percent(share: float) -> str:
+    """Return a probability in percent; rounding makes no certainty of it."""
+    if share > 0.999:
+        return "> 99.9 %"
+    return f"{100.0 * share:.1f} %" if share > 0.9 else f"{100.0 * share:.0f} %"
+
+
+def reaction(test: TestOutcome) -> str:
+    """Return what the loop did about a fault, and since when; empty for nothing."""
+    if not test.actions:
+        return ""
+    first, last = test.actions[0], test.actions[-1]
+    if first.holds:
+        return f"held from {first.at_s:.1f} s on"
+    until = "on" if last.until_s is None else f"to {last.until_s:.1f} s"
+    return f"tolerated from {first.at_s:.1f} s {until}"
