@@ -1,0 +1,47 @@
+"""Brings the tables of docs/tolerant_control.md up to date."""
+
+import argparse
+import re
+from pathlib import Path
+from typing import Final
+
+from .comparison import comparison_table, comparisons, late, summary_table
+from .margins import margins_table
+from .proof import drawn, proof_table
+
+PAGE: Final = Path(__file__).parents[2] / "docs" / "tolerant_control.md"
+_TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def with_tables(page: str, tables: dict[str, str]) -> str:
+    """Return the page with new tables between their marks; those not given stay."""
+
+    def replaced(match: re.Match[str]) -> str:
+        found = tables.get(match[2])
+        return match[0] if found is None else f"{match[1]}{found}\n{match[3]}"
+
+    return _TABLE.sub(replaced, page)
+
+
+def main() -> None:
+    """Run what is asked for, and write its tables into the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rigs", type=int, default=200, help="rigs drawn for the proof")
+    parser.add_argument("--told", action="store_true", help="tell the loop of the leak 3 s after "
+                        "its onset, instead of asking the detector")  # fmt: skip
+    parser.add_argument("--only", choices=("comparison", "proof", "margins"), help="of the tables")
+    options = parser.parse_args()
+    tables: dict[str, str] = {}
+    if options.only in (None, "margins"):
+        tables["margins"] = margins_table()
+    if options.only in (None, "comparison"):
+        found = list(comparisons(options.told))
+        tables["summary"] = f"{summary_table(found)}\n\n{late(found)}"
+        tables["comparison"] = comparison_table(found)
+    if options.only in (None, "proof"):
+        tables["proof"] = proof_table(list(drawn(range(options.rigs))))
+    PAGE.write_text(with_tables(PAGE.read_text(), tables))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,260 @@
+"""Stability of the loop linearised about steady motion: gain, phase and pole radius, with leaks.
+
+The loop is taken as it runs: the plant between two ticks exactly, the command held over a tick, the
+controller's memory updated once a tick. Friction is viscous only; stiction and its fall near
+standstill would damp or excite whatever the controller, and are left to the simulated runs.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from math import log10, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
+from control.tolerant import BLEND_S, PRESSURE_FILTER_S, TOLERANT_STATE, tolerant_command
+from rig.plant import NO_FAULT, NOMINAL, Parameters
+from rig.plant.dynamics import PlantState, leak_flows, rates, valve_conductance, valve_flows
+from rig.plant.faults import FaultInput
+from rig.plant.integrator import TICK
+from rig.plant.parameters import KARNOPP
+from tools.thesis_tables.markdown import table
+
+from .runs import NO_LEAK, Coefficients, leak_coefficients
+
+Array = NDArray[np.float64]
+
+VISCOUS: Final = NOMINAL._replace(friction_law=KARNOPP, stiction=0.0, coulomb=0.0)
+"""What is linear about the rig's friction; the friction's direction (`friction_state`) is held."""
+
+POSITIONS: Final = (0.01, 0.3, 0.6)
+"""m, from one end of the stroke to the other."""
+OPENINGS: Final = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 1.0, 2.0, 6.0)
+"""V, of the proportional command, of either sign."""
+LOADS: Final = (-0.5, -0.2, 0.0, 0.2, 0.5)
+"""Load pressure as a part of the supply's."""
+
+_PLANT: Final = 6
+"""Spool, its velocity, both pressures, position and velocity: the states that are linearised."""
+_FREQUENCIES: Final = np.geomspace(0.1, 0.99 * np.pi / TICK, 600)
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """Steady motion of a leaking rig under the tolerant controller.
+
+    Attributes:
+        proportional: command of the proportional loop, V.
+        sent: what the controller makes of it, V.
+        pressure_1, pressure_2: Pa, at which both chambers are in balance.
+        position: m.
+        velocity: m/s.
+    """
+
+    proportional: float
+    sent: float
+    pressure_1: float
+    pressure_2: float
+    position: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of one operating point, or the least of several.
+
+    Attributes:
+        gain: factor by which the command may grow before the loop oscillates.
+        phase_deg: least phase margin at any crossover, in degrees.
+        radius: largest magnitude of the loop's poles; stable below 1.
+    """
+
+    gain: float
+    phase_deg: float
+    radius: float
+
+
+def _sent(command: float, told: Coefficients, p1: float, p2: float) -> float:
+    state = np.zeros(TOLERANT_STATE)
+    return tolerant_command(command, told, p1, p2, NOMINAL, COMMAND_LIMIT, BLEND_S, state)
+
+
+def _imbalance(
+    proportional: float, load: float, p2: float, told: Coefficients, leaks: Coefficients
+) -> tuple[float, float]:
+    """Return the oil that the chambers' balances differ by, and the ram's velocity."""
+    p1 = p2 + load
+    sent = _sent(proportional, told, p1, p2)
+    opening = NOMINAL.valve_gain * sent
+    q1, q2 = valve_flows(opening, p1, p2, NOMINAL.supply_pressure, 0.0, valve_conductance(NOMINAL))
+    leak_1, leak_2, across = leak_flows(p1, p2, 0.0, NOMINAL, FaultInput(*leaks, *NO_FAULT[3:]))
+    left, right = q1 - leak_1 - across, q2 + leak_2 - across
+    return left - right, 0.5 * (left + right) / NOMINAL.piston_area
+
+
+def operating_point(
+    proportional: float, position: float, load: float, told: Coefficients, leaks: Coefficients
+) -> OperatingPoint | None:
+    """Return the steady motion at a load pressure (Pa); None if a chamber runs dry or fills up."""
+    low, high = max(0.0, -load), NOMINAL.supply_pressure - max(0.0, load)
+    # More pressure in both chambers: less comes in, more leaves.
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        excess, _ = _imbalance(proportional, load, middle, told, leaks)
+        low, high = (middle, high) if excess > 0.0 else (low, middle)
+    p2 = 0.5 * (low + high)
+    excess, velocity = _imbalance(proportional, load, p2, told, leaks)
+    sent = _sent(proportional, told, p2 + load, p2)
+    if abs(excess) > 1e-9 or min(p2, p2 + load) < 1e5 or abs(sent) >= COMMAND_LIMIT:
+        return None
+    return OperatingPoint(proportional, sent, p2 + load, p2, position, velocity)
+
+
+def _plant_rates(state: Array, sent: float, par: Parameters, leaks: Coefficients) -> Array:
+    s, w, p1, p2, x, v = state
+    fault = FaultInput(*leaks, *NO_FAULT[3:])
+    return np.array(rates(s, w, p1, p2, x, v, 1.0, par.supply_pressure, 0.0, sent, par, fault))[
+        :_PLANT
+    ]
+
+
+def _linearised(point: OperatingPoint, leaks: Coefficients) -> tuple[Array, Array]:
+    """Return the plant's exact transition over a tick: of its states, and of the command held."""
+    state = PlantState(
+        NOMINAL.valve_gain * point.sent, 0.0, point.pressure_1, point.pressure_2,
+        point.position, point.velocity, 1.0, NOMINAL.supply_pressure, 0.0,
+    )[:_PLANT]  # fmt: skip
+    steps = np.array([1e-9, 1e-6, 10.0, 10.0, 1e-7, 1e-6])
+    rate = np.zeros((_PLANT + 1, _PLANT + 1))
+    for j, step in enumerate(steps):
+        ahead, behind = np.array(state), np.array(state)
+        ahead[j] += step
+        behind[j] -= step
+        rate[:_PLANT, j] = (
+            _plant_rates(ahead, point.sent, VISCOUS, leaks)
+            - _plant_rates(behind, point.sent, VISCOUS, leaks)
+        ) / (2.0 * step)  # fmt: skip
+    rate[1, _PLANT] = NOMINAL.valve_natural_frequency**2 * NOMINAL.valve_gain
+    transition = _exponential(rate * TICK)
+    return transition[:_PLANT, :_PLANT], transition[:_PLANT, _PLANT]
+
+
+def _exponential(matrix: Array) -> Array:
+    """Return exp(matrix) by scaling, a Taylor series and squaring (Moler and Van Loan 2003)."""
+    squarings = max(0, int(np.ceil(np.log2(max(np.abs(matrix).sum(axis=1).max(), 1e-300)))) + 4)
+    scaled = matrix / 2.0**squarings
+    result, term = np.eye(matrix.shape[0]), np.eye(matrix.shape[0])
+    for k in range(1, 12):
+        term = term @ scaled / k
+        result = result + term
+    for _ in range(squarings):
+        result = result @ result
+    return result
+
+
+def _controller(point: OperatingPoint, told: Coefficients) -> tuple[float, float, float]:
+    """Return what the command changes by with proportional command, p1 and p2 as low-passed."""
+    u, p1, p2 = point.proportional, point.pressure_1, point.pressure_2
+    volt, pascal = 1e-4, 100.0
+    return (
+        (_sent(u + volt, told, p1, p2) - _sent(u - volt, told, p1, p2)) / (2.0 * volt),
+        (_sent(u, told, p1 + pascal, p2) - _sent(u, told, p1 - pascal, p2)) / (2.0 * pascal),
+        (_sent(u, told, p1, p2 + pascal) - _sent(u, told, p1, p2 - pascal)) / (2.0 * pascal),
+    )
+
+
+def _loop(
+    point: OperatingPoint, told: Coefficients, leaks: Coefficients
+) -> tuple[Array, Array, Array]:
+    """Return the loop opened where the position is fed back: x+ = a x + b e, e = c x.
+
+    States are the plant's and both low-passed pressures, which close their own loop within `a`.
+    """
+    plant, held = _linearised(point, leaks)
+    gain, by_p1, by_p2 = _controller(point, told)
+    kept = 1.0 - TICK / PRESSURE_FILTER_S
+    a = np.zeros((_PLANT + 2, _PLANT + 2))
+    a[:_PLANT, :_PLANT] = plant
+    b = np.concatenate([held, np.zeros(2)])
+    for i in range(2):
+        a[_PLANT + i, _PLANT + i] = kept
+        a[_PLANT + i, 2 + i] = 1.0 - kept
+    fed_back = np.zeros(_PLANT + 2)
+    fed_back[_PLANT], fed_back[_PLANT + 1] = by_p1, by_p2
+    a += np.outer(b, fed_back)
+    c = np.zeros(_PLANT + 2)
+    c[4] = -POSITION_GAIN * gain
+    return a, b, c
+
+
+def _radius(a: Array, b: Array, c: Array, factor: float) -> float:
+    return float(np.abs(np.linalg.eigvals(a + factor * np.outer(b, c))).max())
+
+
+def margins(point: OperatingPoint, told: Coefficients, leaks: Coefficients) -> Margins:
+    """Return the margins at one operating point, up to a gain of 100."""
+    a, b, c = _loop(point, told, leaks)
+    stable, unstable = 1.0, 100.0
+    for _ in range(20):
+        middle = sqrt(stable * unstable)
+        if _radius(a, b, c, middle) < 1.0 + 1e-9:
+            stable = middle
+        else:
+            unstable = middle
+    z = np.exp(1j * _FREQUENCIES * TICK)
+    values, vectors = np.linalg.eig(a)
+    weights = (c @ vectors) * np.linalg.solve(vectors, b.astype(complex))
+    response = -(weights / (z[:, None] - values)).sum(axis=1)
+    size = np.abs(response)
+    crossing = np.flatnonzero((size[:-1] - 1.0) * (size[1:] - 1.0) < 0.0)
+    phase = np.degrees(np.abs(np.angle(-response[crossing])))
+    return Margins(stable, float(phase.min(initial=180.0)), _radius(a, b, c, 1.0))
+
+
+def operating_points(told: Coefficients, leaks: Coefficients) -> Iterator[OperatingPoint]:
+    """Yield the steady motions that there are at all positions, openings and loads."""
+    openings = (*OPENINGS, *(-opening for opening in OPENINGS))
+    for position, opening, load in product(POSITIONS, openings, LOADS):
+        at = operating_point(opening, position, load * NOMINAL.supply_pressure, told, leaks)
+        if at is not None:
+            yield at
+
+
+def least_margins(told: Coefficients, leaks: Coefficients) -> tuple[Margins, int]:
+    """Return the least of each margin over all operating points, and how many these are."""
+    found = [margins(at, told, leaks) for at in operating_points(told, leaks)]
+    least = Margins(
+        min(one.gain for one in found),
+        min(one.phase_deg for one in found),
+        max(one.radius for one in found),
+    )
+    return least, len(found)
+
+
+ESTIMATES: Final = (1.0, 1.5)
+"""What is taken for a leak, as a part of it."""
+FLOWS: Final = (0.5, 1.0, 2.0, 4.0)
+"""L/min of the leaks; those of the chambers are mirror images."""
+
+
+def margins_table() -> str:
+    """Return the least margins by place and size of leak and by how wrong its estimate is."""
+    rows = [_margins_row("none", NO_LEAK, NO_LEAK)]
+    for place, name in ((0, "chamber 1"), (2, "internal")):
+        for flow in FLOWS:
+            leaks = leak_coefficients(place, flow)
+            rows.append(_margins_row(f"{flow:g}, {name}, not made up for", NO_LEAK, leaks))
+            for part in ESTIMATES:
+                told = leak_coefficients(place, part * flow)
+                rows.append(_margins_row(f"{flow:g}, {name}, taken for {part:.0%}", told, leaks))
+    head = ("leak, L/min", "steady motions", "gain margin, dB", "phase margin, deg", "largest pole")
+    return table(head, rows)
+
+
+def _margins_row(name: str, told: Coefficients, leaks: Coefficients) -> list[str]:
+    least, count = least_margins(told, leaks)
+    decibels = 20.0 * log10(least.gain)
+    return [name, str(count), f"{decibels:.1f}", f"{least.phase_deg:.0f}", f"{least.radius:.5f}"]

@@ -1,0 +1,117 @@
+"""Never much worse than proportional control: rigs and motions drawn at random.
+
+Healthy rigs are told of leaks that are not there; leaking ones, of leaks of the wrong size.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from rig.plant import Parameters
+from tools.drawn_rigs import MOTIONS, OPEN_LOOP, drawn_rig, standstill
+from tools.thesis_tables.markdown import fixed, table
+
+from .runs import NO_LEAK, Array, Coefficients, Run, leak_coefficients, run, ticks
+
+FALSE_ALARMS: Final = (0.1, 0.2, 0.3, 0.5)
+"""L/min of a leak that is not there."""
+MISJUDGED: Final = (0.8, 1.0, 1.2)
+"""What is taken for a leak, as a part of it."""
+_DRAWS: Final = {name: draw for name, draw in MOTIONS.items() if name not in OPEN_LOOP}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One rig in one motion.
+
+    Attributes:
+        still: whether the motion is a standstill.
+        healthy: without a leak.
+        detecting: without a leak, by the detector in the loop.
+        alarmed: without a leak, told of one of each of `FALSE_ALARMS`.
+        proportional: with a leak, under proportional control.
+        misjudged: with that leak, told of it times each of `MISJUDGED`.
+    """
+
+    still: bool
+    healthy: Run
+    detecting: Run
+    alarmed: tuple[Run, ...]
+    proportional: Run
+    misjudged: tuple[Run, ...]
+
+
+def _scaled(leak: Coefficients, factor: float) -> Coefficients:
+    return leak[0] * factor, leak[1] * factor, leak[2] * factor
+
+
+def _run(
+    wanted: Array, rig: Parameters, seed: int, leaks: Coefficients, told: Coefficients | None
+) -> Run:
+    return run(wanted, rig=rig, leaks=leaks, told=told, seed=seed)
+
+
+def drawn(seeds: range) -> Iterator[Drawn]:
+    """Yield a rig, a motion and a leak of 0.5 to 4 L/min for each seed."""
+    draws = {**_DRAWS, "standstill": standstill}
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        rig = drawn_rig(rng)
+        kind = tuple(draws)[rng.integers(len(draws))]
+        wanted = np.ascontiguousarray(draws[kind](rng, ticks()))
+        place = int(rng.integers(3))
+        leak = leak_coefficients(place, rng.uniform(0.5, 4.0))
+
+        of = partial(_run, wanted, rig, seed)
+        yield Drawn(
+            kind == "standstill",
+            of(NO_LEAK, NO_LEAK),
+            of(NO_LEAK, None),
+            tuple(of(NO_LEAK, leak_coefficients(place, flow)) for flow in FALSE_ALARMS),
+            of(leak, NO_LEAK),
+            tuple(of(leak, _scaled(leak, factor)) for factor in MISJUDGED),
+        )
+
+
+def _row(name: str, pairs: list[tuple[Run, Run]], still: list[tuple[Run, Run]]) -> list[str]:
+    """Return a row on runs, each beside its reference."""
+    same = sum(np.array_equal(mine.command, other.command) for mine, other in [*pairs, *still])
+    more = [1e3 * (mine.rms_error - other.rms_error) for mine, other in still]
+    return [
+        name,
+        str(len(pairs) + len(still)),
+        str(same),
+        fixed(max(mine.rms_error / other.rms_error for mine, other in pairs), 3),
+        fixed(max(more, default=None), 2),
+    ]
+
+
+def proof_table(found: list[Drawn]) -> str:
+    """Return the table of worst cases beside proportional control."""
+    moving = [one for one in found if not one.still]
+    still = [one for one in found if one.still]
+
+    def row(name: str, way: str, reference: str, index: int | None = None) -> list[str]:
+        def pair(one: Drawn) -> tuple[Run, Run]:
+            mine = getattr(one, way)
+            return (mine if index is None else mine[index]), getattr(one, reference)
+
+        return _row(name, [pair(one) for one in moving], [pair(one) for one in still])
+
+    rows = [row("healthy, detector in the loop", "detecting", "healthy")]
+    rows += [
+        row(f"healthy, false alarm of {flow:g} L/min", "alarmed", "healthy", index)
+        for index, flow in enumerate(FALSE_ALARMS)
+    ]
+    rows += [
+        row(f"leaking, {factor:.0%} of it taken for it", "misjudged", "proportional", index)
+        for index, factor in enumerate(MISJUDGED)
+    ]
+    head = (
+        "rigs", "runs", "identical commands", "worst rms error over proportional control's",
+        "at standstill: most added to the rms error, mm",
+    )  # fmt: skip
+    return table(head, rows)
