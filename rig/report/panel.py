@@ -45,7 +45,7 @@ class TestData:
 
 @dataclass(frozen=True)
 class Panel:
-    """One plot: its traces over time in s, and how its vertical axis reads.
+    """One plot: its traces over time in s, or another quantity, and how its axes read.
 
     Attributes:
         key: tells it from the test's other panels.
@@ -54,6 +54,7 @@ class Panel:
         unit: of the vertical axis.
         traces: from back to front.
         limits: what the vertical axis shows at first; None to fit all.
+        across: quantity and unit of the horizontal axis where that is not time.
     """
 
     key: str
@@ -62,12 +63,14 @@ class Panel:
     unit: str
     traces: tuple[Trace, ...]
     limits: tuple[float, float] | None = None
+    across: tuple[str, str] | None = None
 
     @property
     def figure(self) -> dict[str, Any]:
         """What the page's script needs to draw the panel."""
         traces = [trace.plotly for trace in self.traces]
-        return {"traces": traces, "unit": self.unit, "limits": self.limits}
+        across = self.across and self.across[1]
+        return {"traces": traces, "unit": self.unit, "limits": self.limits, "across": across}
 
 
 def limits_of(shown: Sequence[Array], least: float = 0.0) -> tuple[float, float] | None:

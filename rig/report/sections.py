@@ -16,6 +16,7 @@ from rig.runner.outcome import CampaignOutcome, Status, TestOutcome
 from .accounts import AccountHistory, account_history
 from .conditions import assumed_parameters, conditions_of, loop_conditions
 from .decisions import compensation, probability
+from .friction import friction
 from .leaks import evidence, leak_flows, missing_flow
 from .panel import Panel, TestData
 from .signals import command, innovation, motion, pressures
@@ -24,7 +25,7 @@ from .wording import STATUS_LABELS, story
 
 _ACCOUNT_PANELS: Final = (
     motion, command, compensation, pressures, missing_flow, leak_flows, probability, evidence,
-    innovation,
+    innovation, friction,
 )  # fmt: skip
 _PATTERN_PANELS: Final = (
     motion, command, compensation, pressures, innovation, leak_flows, probability,

@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from estimator.detection import LEAKS, Decision
+from estimator.friction import FrictionCurve
 from faults.campaign import OnFault
 
 from .reactions import FaultAction
@@ -58,6 +59,7 @@ class TestOutcome:
         on_fault: what was asked to be done about a confirmed fault.
         actions: what the loop did about one; a trip is the status.
         thresholds_from: what the thresholds were learnt from, where the detector has to learn them.
+        friction: what the motion showed of it; None without a filter that estimates the load.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -77,6 +79,7 @@ class TestOutcome:
     thresholds_from: str = ""
     on_fault: OnFault = OnFault.IGNORE
     actions: tuple[FaultAction, ...] = ()
+    friction: FrictionCurve | None = None
 
     @property
     def truth(self) -> InjectedFault | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimator.detection import Detector
 from estimator.filters import DEFAULT_FILTER
+from estimator.friction_samples import Spring
 from estimator.pattern import PatternBaseline, PatternDetector
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.campaign import plain
@@ -75,6 +76,15 @@ def sensors_of(recording: Recording) -> SensorParameters:
         return SensorParameters(**{name: float(value) for name, value in dict(told or {}).items()})
     except (TypeError, ValueError):
         return DATA_SHEET
+
+
+def spring_of(recording: Recording) -> Spring | None:
+    """Return the spring of a recorded test; None where the recording tells of none."""
+    try:
+        load = recording.metadata["test"]["load"]
+        return Spring(float(load["stiffness"]), float(load["contact"]))
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def detector_of(

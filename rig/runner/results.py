@@ -12,6 +12,7 @@ from faults.leakage import to_litres_per_minute
 from rig.recording.targets import replacing
 
 from .directory import SCHEMA
+from .friction import friction_figures
 from .outcome import CampaignOutcome, InjectedFault, TestOutcome
 
 SCHEMA_VERSION: Final = 1
@@ -64,6 +65,7 @@ def _test(test: TestOutcome) -> dict[str, Any]:
         "onset_error_s": test.onset_error_s,
         "leak_error_L_per_min": litres_per_minute(test.leak_error_m3_per_s),
         "thresholds_from": test.thresholds_from,
+        "friction": None if test.friction is None else friction_figures(test.friction),
     }
 
 

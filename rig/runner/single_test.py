@@ -20,6 +20,7 @@ from rig.plant.integrator import TICK
 from .bench import Bench, Loop, Writer
 from .decision_rows import DecisionRows
 from .directory import log_error
+from .friction import FrictionWatch
 from .injection import Injection
 from .judging import Judge
 from .observer import Observer
@@ -118,9 +119,10 @@ class _RunningTest:
         self._detector = HealthyInnovations(self._chosen_detector())
         memory = start_memory(campaign.filter_name, campaign.model, setting.rig.sensors)
         self._loop = setting.bench.loop(test, memory, campaign.model)
-        self._judge = Judge(self._detector, memory, self._loop.channels)
         self._decisions = DecisionRows()
         self._reactions = Reactions(self._loop.channels, campaign.model.parameters)
+        self._friction = FrictionWatch(self._detector, test, campaign.model, setting.rig.sensors)
+        self._judge = Judge(self._friction, memory, self._loop.channels)
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
@@ -154,6 +156,7 @@ class _RunningTest:
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,
             actions=self._reactions.actions,
+            friction=self._friction.curve,
         )
 
     def _chosen_detector(self) -> Detector:

@@ -80,19 +80,23 @@
       hoverlabel: { bgcolor: colour("page"), bordercolor: colour("line"), font: { color: colour("ink"), size: 12 } },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("quiet"), activecolor: colour("ink") },
       xaxis: {
-        ...axis, range: [figures.start, figures.end], ticksuffix: " s", hoverformat: ".3f", zeroline: false,
+        ...axis, ...(panel.across
+          ? { ticksuffix: " " + panel.across, hoverformat: ".4~g" }
+          : { range: [figures.start, figures.end], ticksuffix: " s", hoverformat: ".3f", zeroline: false }),
       },
       yaxis: {
         ...axis, fixedrange: touch.matches, nticks: 6,
         title: { text: panel.unit, font: { size: 12, color: colour("quiet") }, standoff: 6 },
         ...(panel.limits ? { range: panel.limits } : {}),
       },
-      shapes: [...unrecorded(figures, colour), ...reactions(figures, first, colour), ...figures.marks.map((mark) => vertical(mark, colour))],
+      shapes: panel.across ? [] : [...unrecorded(figures, colour), ...reactions(figures, first, colour), ...figures.marks.map((mark) => vertical(mark, colour))],
       annotations: first ? labels(figures, colour) : [],
     };
   };
 
   const plotsOf = (section) => [...section.querySelectorAll(".plot")];
+  // Plots over another quantity than time.
+  const apart = (plot) => plot.classList.contains("apart");
 
   // The same stretch of time in all plots of a test.
   const share = (section, source, change) => {
@@ -101,7 +105,7 @@
     if (!changed) return;
     const range = [...source.layout.xaxis.range];
     section.dataset.sharing = "yes";
-    const others = plotsOf(section).filter((plot) => plot !== source);
+    const others = plotsOf(section).filter((plot) => plot !== source && !apart(plot));
     Promise.all(others.map((plot) => Plotly.relayout(plot, { "xaxis.range": [...range] })))
       .finally(() => delete section.dataset.sharing);
   };
@@ -126,7 +130,8 @@
       if (root.dataset.paper) Object.assign(arranged, PAPER);
       Plotly.react(plot, traces, arranged, CONFIG);
       if (drawn) return;
-      plot.on("plotly_relayout", (change) => share(section, plot, change));
+      plot.classList.toggle("apart", Boolean(panel.across));
+      if (!apart(plot)) plot.on("plotly_relayout", (change) => share(section, plot, change));
       keys.forEach((key, number) => key.addEventListener("click", () => {
         const shown = key.getAttribute("aria-pressed") !== "true";
         key.setAttribute("aria-pressed", String(shown));
@@ -141,7 +146,7 @@
     section.addEventListener("pointermove", (event) => {
       const plot = event.target.closest(".plot");
       const at = plot ? event.clientX - plot.getBoundingClientRect().left : -99;
-      const inside = plot && at >= MARGIN.l && at <= plot.clientWidth - MARGIN.r;
+      const inside = plot && !apart(plot) && at >= MARGIN.l && at <= plot.clientWidth - MARGIN.r;
       section.style.setProperty("--cursor", (inside ? at : -99) + "px");
     });
     section.addEventListener("pointerleave", () => section.style.removeProperty("--cursor"));

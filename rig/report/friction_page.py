@@ -1,0 +1,106 @@
+"""The page of `rig identify friction`: one HTML file with the curves and how they change."""
+
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from estimator.friction import model_curve
+from estimator.friction_fit import PARAMETERS
+from rig.plant import Model
+
+from .friction import MM, both_ways
+from .friction_words import FrictionRun, changes_in_words, in_words, needs_in_words, shown
+
+_TEMPLATES: Final = "templates"
+_INTERVAL: Final = 1.96
+_DIGITS: Final = 5
+
+
+def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
+    """Return the HTML page of some recordings' friction, beside the model's.
+
+    Args:
+        runs: at least one, oldest first.
+        model: what the filter assumed.
+    """
+    environment = Environment(
+        loader=PackageLoader("rig.report", _TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    units = {name: each.unit for name, each in runs[0].curve.estimates.items()}
+    return environment.get_template("friction.html.j2").render(
+        runs=runs,
+        model=model.name,
+        parameters=[(name, in_words(name), units[name]) for name in PARAMETERS],
+        shown=shown,
+        changes=list(changes_in_words(runs)),
+        needs=[(run, list(needs_in_words(run.curve))) for run in runs],
+        figures={"curves": _curves(runs, model), "trends": _trends(runs, model)},
+        style=_asset("report.css"),
+        script=_asset("friction.js"),
+        plotly=Markup(get_plotlyjs()),
+    )
+
+
+def _asset(name: str) -> Markup:
+    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))
+
+
+def _curves(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
+    """Return each recording's bins and fitted curve, after the model's curve (run None)."""
+    fastest = max((run.curve.fastest or 0.0 for run in runs), default=0.0) or 0.5
+    over = both_ways(1e-4, fastest)
+    drawn = [_trace("model", None, "lines", over * MM, model_curve(over, model.parameters))]
+    for index, run in enumerate(runs):
+        curve = run.curve
+        velocity = np.array([each.velocity * MM for each in curve.bins])
+        force = np.array([each.force for each in curve.bins])
+        dots = _trace(run.name, index, "markers", velocity, force)
+        spread = [_number(each.spread) for each in curve.bins]
+        drawn.append(dots | {"error_y": {"type": "data", "array": spread, "thickness": 1}})
+        if curve.drawable and curve.slowest is not None and curve.fastest is not None:
+            over = both_ways(curve.slowest, curve.fastest)
+            drawn.append(_trace(run.name, index, "lines", over * MM, curve.force(over)))
+    return drawn
+
+
+def _trace(
+    name: str, run: int | None, mode: str, across: np.ndarray, up: np.ndarray
+) -> dict[str, Any]:
+    return {
+        "name": name,
+        "mode": mode,
+        "x": [_number(x) for x in across],
+        "y": [_number(y) for y in up],
+        "meta": {"run": run},
+    }
+
+
+def _trends(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
+    """Return each parameter over the recordings, with intervals and the model's value."""
+    trends = []
+    for name in PARAMETERS:
+        estimates = [run.curve.estimates[name] for run in runs]
+        halves = [each.standard_error for each in estimates]
+        trends.append(
+            {
+                "title": in_words(name),
+                "unit": estimates[0].unit,
+                "values": [each.value for each in estimates],
+                "halves": [None if half is None else _INTERVAL * half for half in halves],
+                "model": getattr(model.parameters, name),
+            }
+        )
+    return trends
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None
