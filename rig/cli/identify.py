@@ -1,0 +1,130 @@
+"""`rig identify`: learns from recordings what a rig's friction is, and how it changes."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+from estimator.friction import identify_recording
+from estimator.friction_samples import Spring
+from rig.configuration.fields import Physical
+from rig.configuration.model import load_model
+from rig.configuration.quantities import QuantityError
+from rig.plant import Model
+from rig.plant.parameters import quantities
+from rig.recording import Recording, read_recording
+from rig.recording.targets import replacing
+from rig.report.friction_page import friction_page
+from rig.report.friction_words import FrictionRun, changes_in_words, needs_in_words
+from rig.runner.friction import change_figures, friction_figures, model_spring
+from rig.runner.recorded import sensors_of, spring_of
+
+from .friction_table import friction_table
+from .problems import Problems
+from .screen import Screen
+
+
+@click.group()
+def command() -> None:
+    """Learn from recordings what a rig's parameters are."""
+
+
+@command.command()
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
+@click.option("--spring", metavar="STIFFNESS", help="Spring of the recordings, such as '2e4 N/m'.")
+@click.option("--contact", metavar="POSITION", help="Where the ram meets it, such as '0.22 m'.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    default="friction.html",
+    show_default=True,
+    help="The page with the plots.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One object a line instead of a table.")
+def friction(
+    recordings: tuple[str, ...],
+    model: str,
+    spring: str | None,
+    contact: str | None,
+    out: Path,
+    as_json: bool,
+) -> int:
+    """Identify friction from recordings (.mcap, .csv, .csv.gz, .parquet), oldest first.
+
+    Stiction, Coulomb level, Stribeck velocity, viscous friction and asymmetry with 95 % intervals,
+    the change from the first recording to the last, and a page with plots. The spring is the one of
+    the options, else of the recorded test, else of the model. What a motion cannot show is said,
+    with the motion that would. Exit code 0 whatever is found, 2 if any input is bad.
+    """
+    problems = Problems()
+    with problems.collected():
+        assumed = load_model(model)
+    told = _spring(spring, contact, problems)
+    if not out.parent.is_dir():
+        problems.add(f"--out: {out.parent} is no folder; make it first")
+    runs = []
+    for recording in recordings:
+        with problems.collected():
+            content = read_recording(recording)
+            # With bad input nothing else is told: the rest is read for its own problems only.
+            if not problems.found:
+                runs.append(_run(recording, content, assumed, told))
+    if problems.found:
+        return problems.report()
+    with replacing(out) as partial:
+        partial.write_text(friction_page(runs, assumed), encoding="utf-8")
+    if as_json:
+        for run in runs:
+            changes = change_figures(runs[0].curve, run.curve) if run is not runs[0] else {}
+            told_of = {"recording": run.recording, "name": run.name, "started": run.started}
+            figures = told_of | friction_figures(run.curve) | {"change_from_first": changes}
+            click.echo(json.dumps(figures, allow_nan=False))
+        return 0
+    screen = Screen()
+    screen.print(friction_table(runs, plain=not screen.is_terminal))
+    for line in changes_in_words(runs):
+        screen.print(line)
+    for run in runs:
+        for need in needs_in_words(run.curve):
+            screen.print(f"{run.recording}: {need}")
+    screen.print(f"plots: {out}")
+    return 0
+
+
+def _run(name: str, recording: Recording, model: Model, told: Spring | None) -> FrictionRun:
+    spring = told or spring_of(recording) or model_spring(model)
+    curve = identify_recording(recording, model, spring, sensors_of(recording))
+    test = recording.metadata.get("test")
+    start_ns = recording.metadata.get("start_ns")
+    return FrictionRun(
+        name,
+        str(test["name"]) if isinstance(test, dict) and "name" in test else Path(name).name,
+        f"{datetime.fromtimestamp(start_ns / 1e9, UTC):%Y-%m-%d %H:%M}"
+        if isinstance(start_ns, int) and start_ns > 0
+        else None,
+        curve,
+    )
+
+
+def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spring | None:
+    """Return the spring of the options, None where they are not given."""
+    if spring is None and contact is None:
+        return None
+    values = []
+    known = quantities()
+    for option, text, parameter, lower in (
+        ("--spring", spring, "spring_stiffness", 0.0),
+        ("--contact", contact, "spring_contact", known["spring_contact"].lower),
+    ):
+        limits = known[parameter]
+        if text is None:
+            problems.add(f"{option}: a spring has a stiffness and a contact; give both")
+            continue
+        try:
+            values.append(Physical(limits.unit, lower, limits.upper).parse(text))
+        except QuantityError as error:
+            problems.add(f"{option}: {text} {error}")
+    return Spring(*values) if len(values) == 2 else None
