@@ -59,7 +59,7 @@ class Campaign:
     Attributes:
         rig_name: the rig the tests were checked against.
         model: what the detector assumes of the rig.
-        filter_name: `product`, `thesis-6` or `thesis-7`.
+        filter_name: `product`, `thesis-6`, `thesis-7` or `thesis-7-ud`.
         source_files: SHA-256 of every file the campaign was read from, by path.
         resolved: the campaign with its rig and models as plain values, for the recordings.
     """

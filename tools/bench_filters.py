@@ -1,9 +1,9 @@
-"""Time the thesis filters against a C reference compiled on the spot and against filterpy.
+"""Time the filters against C references compiled on the spot, the thesis's against filterpy too.
 
 `python -m tools.bench_filters` runs all contestants in turn, round after round, over the same
-simulated record, and prints medians and the ratio of each round's times. The filters and the C
-reference loop over the whole record in one compiled call. Needs gcc for the C reference; without it
-that line is left out with a word.
+simulated record, and prints medians and the ratio of each round's times: processor time of the
+thread, so that other programs count as little as they can. The filters and the C references loop
+over the whole record in one compiled call. Without gcc the references are left out with a word.
 """
 
 import argparse
@@ -26,9 +26,13 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator import thesis
+from estimator.ud import dense_covariance
 from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate
+
+from . import bench_product
+from .bench_product import product_record
 
 Array = NDArray[np.float64]
 
@@ -82,17 +86,33 @@ def run_thesis7(x, P, command, measured, parameters, out):
         )
 
 
+@njit(cache=True, error_model="numpy")
+def run_thesis7_ud(x, factors, command, measured, parameters, out):
+    """Run thesis-7-ud over a record, as `run_thesis6`."""
+    for k in range(command.size):
+        thesis.thesis7_ud_step(
+            x, factors, command[k], measured[k, 0], measured[k, 1], measured[k, 2], parameters, out
+        )
+
+
+def _as_it_is(covariance: Array) -> Array:
+    return covariance
+
+
 @dataclass(frozen=True)
 class Contest:
-    """One of the two filters in every implementation compared."""
+    """One of the thesis's filters in every implementation compared."""
 
     name: str
     with_load: bool
     compiled: Callable[..., None]
+    reference: str
     predict: Callable[..., Array]
     jacobian: Callable[..., Array]
     process_noise: tuple[float, ...]
     measurement_noise: tuple[float, ...]
+    dense: Callable[[Array], Array] = _as_it_is
+    """P of what the filter keeps of it; a diagonal P is kept as it is by every one of them."""
 
     @property
     def size(self) -> int:
@@ -105,6 +125,7 @@ CONTESTS: Final = (
         "thesis-6",
         False,
         run_thesis6,
+        "thesis6_run",
         thesis.thesis6_predict,
         thesis.thesis6_jacobian,
         thesis.THESIS6_PROCESS_NOISE,
@@ -114,10 +135,22 @@ CONTESTS: Final = (
         "thesis-7",
         True,
         run_thesis7,
+        "thesis7_run",
         thesis.thesis7_predict,
         thesis.thesis7_jacobian,
         thesis.THESIS7_PROCESS_NOISE,
         thesis.THESIS7_MEASUREMENT_NOISE,
+    ),
+    Contest(
+        "thesis-7-ud",
+        True,
+        run_thesis7_ud,
+        "thesis7_ud_run",
+        thesis.thesis7_predict,
+        thesis.thesis7_jacobian,
+        thesis.THESIS7_PROCESS_NOISE,
+        thesis.THESIS7_MEASUREMENT_NOISE,
+        dense_covariance,
     ),
 )
 
@@ -151,12 +184,13 @@ def c_parameters(parameters: Parameters = NOMINAL) -> Array:
 
 
 def compile_reference(folder: Path) -> ctypes.CDLL | None:
-    """Compile the C reference into `folder` and load it; None if there is no gcc."""
+    """Compile the C references into `folder` and load them; None if there is no gcc."""
     gcc = shutil.which("gcc")
     if gcc is None:
         return None
-    target = folder / "thesis_filters.so"
-    subprocess.run([gcc, *C_FLAGS, "-o", str(target), str(C_SOURCE), "-lm"], check=True)
+    target = folder / "filters.so"
+    sources = (str(C_SOURCE), str(bench_product.C_SOURCE))
+    subprocess.run([gcc, *C_FLAGS, "-o", str(target), *sources, "-lm"], check=True)
     return ctypes.CDLL(str(target))
 
 
@@ -164,7 +198,7 @@ def run_reference(
     library: ctypes.CDLL, contest: Contest, x: Array, P: Array, record: Record, out: Array
 ) -> None:
     """Run the C reference over a record in one call; `out` (9,) is that of the last sample."""
-    run = getattr(library, f"thesis{contest.size}_run")
+    run = getattr(library, contest.reference)
     constants = c_parameters()
     arrays = (x, P, record.command, record.measured, constants, out)
     run(ctypes.c_long(record.command.size), *(ctypes.c_void_p(a.ctypes.data) for a in arrays))
@@ -186,6 +220,7 @@ def disagreement(library: ctypes.CDLL, contest: Contest, record: Record, length:
         c_x, covariance, c_out = x.copy(), P.copy(), out.copy()
         contest.compiled(x, P, piece.command, piece.measured, NOMINAL, out)
         run_reference(library, contest, c_x, covariance, piece, c_out)
+        P, covariance = contest.dense(P), contest.dense(covariance)
         deviation, spread = np.sqrt(np.diag(P)), np.sqrt(out[6:9])
         worst = max(
             worst,
@@ -224,9 +259,9 @@ def run_filterpy(contest: Contest, record: Record, samples: int) -> None:
 
 def _timed(run: Callable[[], None], samples: int) -> float:
     """Return nanoseconds a sample."""
-    start = time.perf_counter_ns()
+    start = time.thread_time_ns()
     run()
-    return (time.perf_counter_ns() - start) / samples
+    return (time.thread_time_ns() - start) / samples
 
 
 def _contestants(
@@ -264,6 +299,8 @@ def measure(
 ) -> dict[str, dict[str, Array]]:
     """Return ns a step by filter and implementation, (rounds,) each, all interleaved."""
     runs = {contest.name: _contestants(contest, record, library) for contest in CONTESTS}
+    product = product_record(record.command, record.measured, record.truth)
+    runs["product"] = bench_product.contestants(product, library)
     for contestants in runs.values():
         contestants["ours"]()  # compiles, or loads the cache
     times: dict[str, dict[str, list[float]]] = {
@@ -288,14 +325,14 @@ def table(times: dict[str, dict[str, Array]]) -> Table:
     """Return medians in ns a step, and ratios as median (quartiles of the rounds)."""
     result = Table("filter", "ours ns", "C ns", "filterpy ns", "ours / C", "filterpy / ours")
     for name, by_who in times.items():
-        ours, reference, textbook = by_who["ours"], by_who.get("C"), by_who["filterpy"]
+        ours, reference, textbook = by_who["ours"], by_who.get("C"), by_who.get("filterpy")
         result.add_row(
             name,
             f"{np.median(ours):.1f}",
             "-" if reference is None else f"{np.median(reference):.1f}",
-            f"{np.median(textbook):.0f}",
+            "-" if textbook is None else f"{np.median(textbook):.0f}",
             "-" if reference is None else _spread(ours / reference),
-            _spread(textbook / ours),
+            "-" if textbook is None else _spread(textbook / ours),
         )
     return result
 
@@ -317,6 +354,9 @@ def main() -> None:
                 console.print(
                     f"{contest.name}: C and ours differ by {apart:.1e} at most (relative)"
                 )
+            product = product_record(record.command, record.measured, record.truth)
+            apart = bench_product.disagreement(library, product)
+            console.print(f"product: C and ours differ by {apart:.1e} standard deviations")
         console.print(table(measure(rounds, record, library)))
 
 

@@ -86,7 +86,7 @@ def _p(i: int, j: int) -> str:
     return f"p{min(i, j)}{max(i, j)}"
 
 
-def _sum_of_products(terms: list[tuple[str, str]], constant: str | None = None) -> str:
+def sum_of_products(terms: list[tuple[str, str]], constant: str | None = None) -> str:
     """Nest fused multiply-adds over the terms; factors of one come first, as plain additions."""
     plain = [factor for name, factor in terms if name == ONE]
     products = [(name, factor) for name, factor in terms if name != ONE]
@@ -125,11 +125,11 @@ def _propagation(pattern: Pattern) -> list[str]:
         later = order[position:]
         for k in sorted({k for j in later for k in pattern.rows[j]}):
             terms = [(name, _p(column, k)) for column, name in sorted(pattern.rows[i].items())]
-            lines.append(f"m{i}{k} = {_sum_of_products(terms)}")
+            lines.append(f"m{i}{k} = {sum_of_products(terms)}")
         for j in later:
             terms = [(name, f"m{i}{k}") for k, name in sorted(pattern.rows[j].items())]
             noise = f"process_noise[{i}]" if i == j else None
-            updated.append(f"{_p(i, j)} = {_sum_of_products(terms, noise)}")
+            updated.append(f"{_p(i, j)} = {sum_of_products(terms, noise)}")
     return lines + updated
 
 

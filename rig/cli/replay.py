@@ -30,7 +30,7 @@ from .screen import Screen
     default=DEFAULT_FILTER,
     metavar="NAME",
     show_default=True,
-    help="product, thesis-6 or thesis-7.",
+    help="product, thesis-6, thesis-7 or thesis-7-ud.",
 )
 @click.option(
     "--false-alarms-per-day",

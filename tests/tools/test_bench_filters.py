@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rig.plant import NOMINAL
+from tools import bench_product
 from tools.bench_filters import (
     CONTESTS,
     Contest,
@@ -18,6 +19,7 @@ from tools.bench_filters import (
     simulated_record,
     table,
 )
+from tools.bench_product import product_record
 
 EACH_FILTER = pytest.mark.parametrize("contest", CONTESTS, ids=lambda contest: contest.name)
 
@@ -42,6 +44,13 @@ def test_the_c_reference_computes_the_same_filter(
     assert disagreement(library, contest, record) < 1e-9
 
 
+def test_the_c_reference_computes_the_same_product_filter(
+    record: Record, library: ctypes.CDLL
+) -> None:
+    product = product_record(record.command, record.measured, record.truth)
+    assert bench_product.disagreement(library, product) < 1e-7
+
+
 @EACH_FILTER
 def test_filterpy_computes_the_same_filter(contest: Contest, record: Record) -> None:
     n = contest.size
@@ -54,6 +63,7 @@ def test_filterpy_computes_the_same_filter(contest: Contest, record: Record) -> 
         contest.compiled(x, P, record.command[k : k + 1], record.measured[k : k + 1], NOMINAL, out)
         ekf.predict(record.command[k])
         ekf.update(record.measured[k], lambda _: rows, lambda state: rows @ state)
+    P = contest.dense(P)
     deviation = np.sqrt(np.diag(P))
     assert np.max(np.abs(x - ekf.x) / deviation) < 1e-9
     assert np.max(np.abs(P - ekf.P) / np.outer(deviation, deviation)) < 1e-9
@@ -71,5 +81,7 @@ def test_without_the_reference_filterpy_is_still_compared(record: Record) -> Non
     assert {name: set(by_who) for name, by_who in times.items()} == {
         "thesis-6": {"ours", "filterpy"},
         "thesis-7": {"ours", "filterpy"},
+        "thesis-7-ud": {"ours", "filterpy"},
+        "product": {"ours"},
     }
-    assert list(table(times).columns[2].cells) == ["-", "-"]
+    assert list(table(times).columns[2].cells) == ["-"] * 4
