@@ -13,15 +13,23 @@ from rig.plant import NOMINAL
 from tools.thesis_tables.__main__ import DEFAULT_OUT, main
 from tools.thesis_tables.causes import VELOCITY, empty_chamber, hidden_leak, oil_column
 from tools.thesis_tables.leak_tables import (
+    LOCATIONS,
     columns_of,
     innovation_change,
     leak_table,
     outside_change,
     residual_change,
+    state_change,
     trusted_change,
 )
 from tools.thesis_tables.markdown import arrow, figure, table
-from tools.thesis_tables.measures import Change, metered_coefficient, rise, share_outside
+from tools.thesis_tables.measures import (
+    Change,
+    metered_coefficient,
+    rise,
+    share_outside,
+    true_flow,
+)
 from tools.thesis_tables.printed import TABLE_5_1
 from tools.thesis_tables.trials import Trial, Trials, record, run_trials
 from tools.thesis_tables.trusted import run_trusted
@@ -213,3 +221,14 @@ def test_no_table_of_the_committed_page_is_wider_than_a_screen() -> None:
             continue
         width = width or len(cells(line))
         assert len(cells(line)) == width <= 12
+
+
+def test_the_products_filter_has_the_leak_in_the_state_of_its_place(leaks: list[Trial]) -> None:
+    for trial in leaks:
+        true = true_flow(trial)
+        assert true is not None
+        states = {kind: state_change(trial, kind) for kind in LOCATIONS}
+        assert abs(states[CHAMBER_1].before or 0.0) < 0.1 * true
+        assert states[CHAMBER_1].after == pytest.approx(true, rel=0.15)
+        for kind in set(LOCATIONS) - {CHAMBER_1}:
+            assert abs(states[kind].after or 0.0) < 0.15 * true

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import Decision
+from estimator.detection import SETTLED_AFTER_S, Decision, leak_flow
 from faults.leakage import to_litres_per_minute
 
 from .causes import POSITION
@@ -15,6 +15,7 @@ from .markdown import NOTHING, arrow, fixed, heading_row, spread, table
 from .measures import (
     Change,
     average_change,
+    change,
     meter_flow,
     metered_coefficient,
     share_outside,
@@ -71,6 +72,7 @@ def leak_table(columns: Sequence[Column], exponent: int) -> str:
         ("Leak", _leak_rows(columns)),
         *((f"MAE of chamber {i + 1} (1e{exponent} Pa)", _chamber_rows(i, 10.0**exponent))
           for i in range(2)),
+        ("Leak states of the product's filter (L/min)", _STATE_ROWS),
         ("Verdict", _VERDICT_ROWS),
     ]  # fmt: skip
     width = len(columns) + 1
@@ -91,6 +93,9 @@ def _leak_rows(columns: Sequence[Column]) -> list[Row]:
         ("coefficient, asked", lambda c: fixed(c.trial.leak.coefficient / unit, 2)
          if c.trial.leak else NOTHING),
         ("coefficient, by the meter", lambda c: spread(metered_coefficient(c.trial), unit)),
+        *([] if linear else [
+            ("coefficient, product's detector", lambda c: _found_coefficient(c.trial, unit)),
+        ]),
         ("flow, printed (L/min)", lambda c: arrow(c.printed.flow, decimals=2)),
         ("flow, by the meter", lambda c: arrow(meter_flow(c.trial, c.kind), decimals=2)
          if c.kind else NOTHING),
@@ -104,6 +109,7 @@ def _chamber_rows(i: int, unit: float) -> list[Row]:
         ("innovation", lambda c: arrow(innovation_change(c.trial, i), unit)),
         ("a posteriori", lambda c: arrow(residual_change(c.trial, i), unit)),
         ("innovation, encoder trusted", lambda c: arrow(trusted_change(c.trial, i), unit)),
+        ("innovation, product's filter", lambda c: arrow(product_change(c.trial, i), unit)),
     ]
 
 
@@ -120,6 +126,24 @@ def residual_change(trial: Trial, chamber: int) -> Change:
 def trusted_change(trial: Trial, chamber: int) -> Change:
     """Return the same average of innovations for the thesis filter that trusts the encoder, Pa."""
     return _average(trial.trusted.outputs[:, 1 + chamber], trial)
+
+
+def product_change(trial: Trial, chamber: int) -> Change:
+    """Return the same average of innovations for the product's filter, Pa."""
+    return _average(trial.product.run.innovation[:, 1 + chamber], trial)
+
+
+def state_change(trial: Trial, kind: str) -> Change:
+    """Return the mean flow in L/min that the product's filter has in one of its leak states.
+
+    After the leak: from 2 s on, as the truth. Flows across the piston count from the higher
+    pressure to the lower, whichever that is.
+    """
+    run = trial.product.run
+    flow = to_litres_per_minute(leak_flow(run, trial.model.parameters)[kind])
+    if kind == "internal_leakage":
+        flow = flow * np.sign(run.state("pressure_1_Pa") - run.state("pressure_2_Pa"))
+    return change(flow, trial.recording.time_s, trial.leak, SETTLED_AFTER_S)
 
 
 def _average(error: Array, trial: Trial) -> Change:
@@ -147,6 +171,17 @@ def _found_flow(trial: Trial) -> str:
     half = to_litres_per_minute(1.96 * decision.leak_std_m3_per_s)
     return f"{fixed(flow, 3)} ± {fixed(half, 3)}"
 
+
+def _found_coefficient(trial: Trial, unit: float) -> str:
+    found = trial.product.decision.coefficient
+    return NOTHING if found is None else fixed(found / unit, 2)
+
+
+def _state_row(kind: str) -> Row:
+    return LOCATIONS[kind], lambda c: arrow(state_change(c.trial, kind), decimals=2)
+
+
+_STATE_ROWS: Final = [_state_row(kind) for kind in LOCATIONS]
 
 _VERDICT_ROWS: Final[list[Row]] = [
     ("position estimate outside the stroke (% of time)",

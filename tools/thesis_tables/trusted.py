@@ -46,7 +46,7 @@ def _run_7(x, P, command, measured, par, Q, R, states, outputs):
 
 @dataclass(frozen=True)
 class TrustedRun:
-    """Estimates of a thesis filter, as in `FilterRun`: states (n, 6 or 7), outputs (n, 9)."""
+    """Estimates of a thesis filter, as in `FilterRun`: states (n, 6 or 7), outputs (n, 10)."""
 
     states: Array
     outputs: Array
@@ -71,6 +71,7 @@ def run_trusted(
     )
     states = np.tile(x, (len(recording), 1))
     outputs = np.full((len(recording), len(OUTPUTS)), np.nan)
+    outputs[:, OUTPUTS.index("filter_resets")] = 0.0  # these filters go on, wherever they are
     run(x, P, recording["command_V"], measured, model.parameters, Q,
         (position_variance, *R[1:]), states, outputs)  # fmt: skip
     return TrustedRun(states, outputs)
