@@ -111,9 +111,11 @@ def test_the_bound_has_every_weakness_that_the_detector_allows_for(sine: Course)
 def test_a_sensor_helps_and_a_model_that_may_be_wrong_does_not(sine: Course) -> None:
     budgeted = flow_bound(sine, budgeted_noise(sine), ONSET_S, WINDOWS)
     blind = flow_bound(sine, budgeted_noise(sine), ONSET_S, WINDOWS, spool_sensor=False)
+    poorer = flow_bound(sine, exact_noise(sine), ONSET_S, WINDOWS, supply_sensor=False)
     exact = flow_bound(sine, exact_noise(sine), ONSET_S, WINDOWS)
     assert (exact.flow < budgeted.flow).all()
     assert (budgeted.flow < blind.flow).all()
+    assert (exact.flow < poorer.flow).all()
 
 
 def test_a_rarer_false_alarm_or_a_surer_find_takes_a_larger_leak(sine: Course) -> None:

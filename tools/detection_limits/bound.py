@@ -28,6 +28,7 @@ from .weaknesses import (
     NULL_BIAS,
     OF_PARAMETERS,
     OF_TRANSDUCERS,
+    SUPPLY,
     TOLERANCE,
     inflows,
     known,
@@ -94,6 +95,7 @@ def flow_bound(
     *,
     weaknesses: Collection[str] | None = None,
     spool_sensor: bool = True,
+    supply_sensor: bool = True,
 ) -> Bound:
     """Return the bound for a leak that begins at a known time after healthy running.
 
@@ -104,6 +106,7 @@ def flow_bound(
         windows_s: ascending.
         weaknesses: constants that are unknown within their tolerances; by default all there are.
         spool_sensor: whether the spool is measured.
+        supply_sensor: whether the supply pressure is, by a transducer like the chambers'.
 
     Raises:
         ValueError: the course is too short, or a chamber runs dry, where the model is not linear.
@@ -119,10 +122,14 @@ def flow_bound(
     blocks = np.empty((reports.size, 3, 3))
     roots = _leak_roots(pressures[onset:])
     unknown = _constants(course, names, roots.mean(axis=1))
+    supply = -1, 0.0
+    if supply_sensor and SUPPLY in names:
+        constant = [name for name in names if name in OF_PARAMETERS].index(SUPPLY)
+        supply = STATE_COUNT + constant, noise.pressure / TOLERANCE[SUPPLY] ** 2
     leak_covariances(
         _product_states(course), course.command, course.parameters, unknown.lower, unknown.upper,
-        unknown.columns, unknown.flows, unknown.biases, unknown.covariance, noise, spool_sensor,
-        onset, reports, blocks,
+        unknown.columns, unknown.flows, unknown.biases, supply, unknown.covariance, noise,
+        spool_sensor, onset, reports, blocks,
     )  # fmt: skip
     information = np.linalg.inv(blocks)
     # The inverse's diagonal: each leak beside the others known, whatever was believed of these.

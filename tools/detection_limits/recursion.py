@@ -62,8 +62,8 @@ def observe(covariance, state, bias, variance, gain):
 
 @njit(cache=True, error_model="numpy")
 def leak_covariances(
-    x, command, par, lower, upper, columns, flows, biases, covariance, noise, spool, onset, reports,
-    blocks,
+    x, command, par, lower, upper, columns, flows, biases, supply, covariance, noise, spool, onset,
+    reports, blocks,
 ):  # fmt: skip
     """Run the recursion over a course; write the leaks' covariance (3, 3) at the ticks asked for.
 
@@ -76,6 +76,8 @@ def leak_covariances(
         columns: where these weaknesses' constants stand.
         flows: (ticks - 1, weaknesses, 2), inflows of the others, whose constants come last.
         biases: of the readings of spool, position and pressures 1 and 2, or -1.
+        supply: constant that a supply-pressure transducer reads, or -1, and the variance of its
+            noise in the constant's unit.
         covariance: of all that is unknown beforehand (n, n).
         noise: `ProductNoise`.
         spool: whether the spool is measured.
@@ -125,6 +127,8 @@ def leak_covariances(
         observe(covariance, 3, biases[1], noise.position, gain)
         observe(covariance, 1, biases[2], noise.pressure, gain)
         observe(covariance, 2, biases[3], noise.pressure, gain)
+        if supply[0] >= 0:
+            observe(covariance, supply[0], -1, supply[1], gain)
         if k == reports[report]:
             blocks[report] = covariance[7:10, 7:10]
             report += 1

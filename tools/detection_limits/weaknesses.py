@@ -21,10 +21,11 @@ Array = NDArray[np.float64]
 TOLERANCE: Final = {nuisance.name: nuisance.sigma for nuisance in NUISANCES}
 
 NULL_BIAS: Final = "spool_null_bias"
+SUPPLY: Final = "supply_pressure"
 OF_PARAMETERS: Final = {
     "discharge_coefficient": True,
     "bulk_modulus": True,
-    "supply_pressure": False,
+    SUPPLY: False,
     "return_pressure": False,
 }
 """Weaknesses that are a parameter of the model, and whether their tolerance is a part of it."""

@@ -1,0 +1,134 @@
+"""The tables on limits: the bound by motion, alarms and power by detector, the README's table."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from math import isfinite
+from typing import Final
+
+import numpy as np
+
+from rig.plant.parameters import LITRE_PER_MINUTE
+from tools.leak_trials import Trial
+from tools.marked_tables import markdown
+
+from .bound import Bound
+from .errors import Errors
+from .study import NAMES, POWER, SECONDS, SIZES, named_after, smallest_named
+
+WITHIN_S: Final = (10.0, 60.0)
+PUBLISHED: Final = (
+    ("thesis, unloaded, open loop", "0.154 external"),
+    ("thesis, spring load, closed loop", "0.25 to 0.35"),
+    ("cross-correlation, ASME FPMC 2014", "0.069 internal"),
+    ("Hilbert-Huang transform, Goharrizi and Sepehri, IEEE T-IE 2012",
+     "0.124 internal offline, 0.23 online"),
+    ("wavelets, Goharrizi and Sepehri, IJFP", "0.20 to 0.25 internal, 0.3 external"),
+    ("unscented Kalman filter, Nurmi and Mattila", "0.7 external"),
+)  # fmt: skip
+"""Smallest leaks found, by others, all on real rigs; L/min."""
+
+
+def bounds(exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]) -> str:
+    """Return the smallest leak that any test could find, by motion; worst place."""
+    windows = next(iter(exact.values())).windows_s
+    head = ["motion", *(f"{window:g} s" for window in windows)]
+    rows = []
+    for name, bound in exact.items():
+        least = 1e3 * bound.smallest(1.0, POWER).max(axis=0) / LITRE_PER_MINUTE
+        rows.append([name, *(f"{value:.2g}" for value in least)])
+    for name, bound in budgeted.items():
+        least = 1e3 * bound.smallest(1.0, POWER).max(axis=0) / LITRE_PER_MINUTE
+        rows.append([f"{name}, with budget", *(f"{value:.2g}" for value in least)])
+    return markdown(head, rows)
+
+
+def power(healthy: Sequence[Trial], leaks: Sequence[Trial]) -> str:
+    """Return by detector: false alarms, and the smallest leaks named, by load and place."""
+    hours = len(healthy) * SECONDS / 3600.0
+    head = ["", "healthy rigs alarmed", *(f"{name}, {within:g} s" for name, _ in _groups(leaks)
+                                          for within in WITHIN_S)]  # fmt: skip
+    rows = []
+    for judge, name in NAMES.items():
+        alarms = sum(trial.judged[judge].alarm_s() is not None for trial in healthy)
+        cells = [name, f"{alarms} of {len(healthy)} in {hours:.1f} h"]
+        for _, group in _groups(leaks):
+            cells += [_interval(smallest_named(group, judge, within)) for within in WITHIN_S]
+        rows.append(cells)
+    return markdown(head, rows)
+
+
+def outcomes(leaks: Sequence[Trial]) -> str:
+    """Return by detector and size: named right, wrongly, and how soon."""
+    head = ["leak, L/min", "leaks", *(f"{name}: {what}" for name in NAMES.values() for what in (
+        "right within 10 s", "right at the end", "latency, median / 95 %"))]  # fmt: skip
+    edges = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.2, SIZES[1])
+    rows = []
+    for low, high in pairwise(edges):
+        chosen = [trial for trial in leaks if low <= trial.flow < high]
+        cells = [f"{low:g} to {high:g}", str(len(chosen))]
+        for judge in NAMES:
+            delays = np.array([named_after(trial, judge) for trial in chosen])
+            soon, named = int((delays <= 10.0).sum()), delays[np.isfinite(delays)]
+            right = sum(trial.judged[judge].verdict == trial.plan.fault for trial in chosen)
+            late = np.percentile(named, [50, 95]) if named.size else None
+            cells += [str(soon), str(right),
+                      "–" if late is None else f"{late[0]:.1f} / {late[1]:.1f} s"]  # fmt: skip
+        rows.append(cells)
+    return markdown(head, rows)
+
+
+def error_check(found: Errors, bound: Bound) -> str:
+    """Return the detector's rms error beside the bound, by window."""
+    rms, relative = found.rms()
+    least = np.sqrt((bound.flow**2).mean(axis=0)) / LITRE_PER_MINUTE
+    named = np.isfinite(found.flow).sum(axis=0)
+    head = ["time from onset", *(f"{window:g} s" for window in found.windows_s)]
+    rows = [
+        ["named", *(f"{count} of {found.flow.shape[0]}" for count in named)],
+        ["rms error (L/min)",
+         *(f"{a:.4f} ± {1.96 * a * b:.4f}" for a, b in zip(rms, relative, strict=True))],
+        ["bound (L/min)", *(f"{value:.5f}" for value in least)],
+    ]  # fmt: skip
+    return markdown(head, rows)
+
+
+def smallest(
+    leaks: Sequence[Trial], exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]
+) -> str:
+    """Return the README's table: the smallest leaks found by others, by this detector, by any."""
+    rows = [[name, found] for name, found in PUBLISHED]
+    for name, group in _groups(leaks):
+        found = [smallest_named(group, "product", within) for within in WITHIN_S]
+        texts = [f"{_interval(f)} within {w:g} s" for f, w in zip(found, WITHIN_S, strict=True)]
+        rows.append([f"**this detector**, {name}", ", ".join(texts)])
+    for title, which in (("bound, model wrong within its budget", budgeted),
+                         ("bound, model exactly right", exact)):  # fmt: skip
+        texts = [f"{_range(which, within)} within {within:g} s" for within in WITHIN_S]
+        rows.append([title, ", ".join(texts)])
+    return markdown(["", "smallest leak found, L/min"], rows)
+
+
+def _groups(leaks: Sequence[Trial]) -> list[tuple[str, list[Trial]]]:
+    return [
+        (f"{kind}, {load}",
+         [t for t in leaks if t.loaded == loaded
+          and (t.plan.fault == "internal_leakage") == (kind == "internal")])
+        for kind in ("external", "internal")
+        for load, loaded in (("unloaded", False), ("spring load", True))
+    ]  # fmt: skip
+
+
+def _interval(found: tuple[float, float, float]) -> str:
+    best, low, high = found
+    if not isfinite(best):
+        return f"above {SIZES[1]:g}"
+    return f"{best:.3f} ({low:.3f} to {f'{high:.3f}' if isfinite(high) else 'more'})"
+
+
+def _range(which: Mapping[str, Bound], within: float) -> str:
+    """Return least and greatest over motions and places, L/min."""
+    values = np.concatenate([
+        bound.smallest(1.0, POWER)[:, np.isclose(bound.windows_s, within)].ravel()
+        for bound in which.values()
+    ]) / LITRE_PER_MINUTE  # fmt: skip
+    return f"{values.min():.2g} to {values.max():.2g}"

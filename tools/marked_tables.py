@@ -1,0 +1,40 @@
+"""Tables of a page that a tool writes: between a comment with their name and one that ends them."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+_TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def filled(page: str, tables: Mapping[str, str]) -> str:
+    """Return a page with the given tables, by name; others stay as they are.
+
+    Raises:
+        ValueError: the page has no place for one of them.
+    """
+    missing = set(tables) - {match[2] for match in _TABLE.finditer(page)}
+    if missing:
+        raise ValueError(f"no place for {', '.join(sorted(missing))}: add <!-- table of ... -->")
+
+    def table(match: re.Match[str]) -> str:
+        text = tables.get(match[2])
+        return match[0] if text is None else f"{match[1]}{text.strip()}\n{match[3]}"
+
+    return _TABLE.sub(table, page)
+
+
+def fill(page: Path, tables: Mapping[str, str]) -> None:
+    """Bring the given tables of a file up to date.
+
+    Raises:
+        ValueError: the page has no place for one of them.
+    """
+    page.write_text(filled(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown, first column to the left."""
+    ruler = [":--", *["--:"] * (len(head) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ruler, *rows))
