@@ -5,12 +5,13 @@ Chamber pressures are states of the oil: below zero they stand for the volume of
 cavitates. All pressures are above that of the tank's surface.
 """
 
-from math import exp, sqrt
+from math import copysign, exp, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 
+from .lanes import anywhere, select
 from .parameters import KARNOPP, Parameters
 
 
@@ -49,9 +50,15 @@ def rest_state(parameters: Parameters, position: float) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _excess(value):
+    """Return a value of any unit where it is positive, else zero in that unit."""
+    return select(value > 0.0, value, 0.0 * value)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def signed_root(drop):
     """Return sgn(drop) sqrt(|drop|) in Pa^0.5: turbulent flow runs down the pressure drop."""
-    return sqrt(drop) if drop >= 0.0 else -sqrt(-drop)
+    return copysign(sqrt(abs(drop)), drop)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -63,13 +70,11 @@ def valve_conductance(par):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def valve_flows(opening, p1, p2, supply, back, conductance):
     """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s (eqs. 2.1 and 2.2)."""
-    if opening >= 0.0:
-        q1 = conductance * opening * signed_root(supply - p1)
-        q2 = conductance * opening * signed_root(p2 - back)
-    else:
-        q1 = conductance * opening * signed_root(p1 - back)
-        q2 = conductance * opening * signed_root(supply - p2)
-    return q1, q2
+    extending = opening >= 0.0
+    drop_1 = select(extending, supply - p1, p1 - back)
+    drop_2 = select(extending, p2 - back, supply - p2)
+    flow = conductance * opening
+    return flow * signed_root(drop_1), flow * signed_root(drop_2)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -85,11 +90,11 @@ def leak_flows(p1, p2, back, par, fault):
     l2 = par.external_leakage_2_linear + fault[4]
     l12 = par.internal_leakage_linear + fault[5]
     q1 = q2 = q12 = 0.0
-    if k1 != 0.0 or k2 != 0.0 or k12 != 0.0:
+    if anywhere((k1 != 0.0) | (k2 != 0.0) | (k12 != 0.0)):
         q1 = k1 * signed_root(p1 - back)
         q2 = k2 * signed_root(p2 - back)
         q12 = k12 * signed_root(p1 - p2)
-    if l1 != 0.0 or l2 != 0.0 or l12 != 0.0:
+    if anywhere((l1 != 0.0) | (l2 != 0.0) | (l12 != 0.0)):
         q1 += l1 * (p1 - back)
         q2 += l2 * (p2 - back)
         q12 += l12 * (p1 - p2)
@@ -105,14 +110,16 @@ def line_rates(opening, q1, q2, leak_1, leak_2, ps, pe, par, fault):
     dps = par.supply_pressure - ps
     dpe = par.return_pressure - pe
     restriction = par.return_back_pressure + fault[7]
-    if par.supply_droop != 0.0 or restriction != 0.0:
-        if opening >= 0.0:
-            drawn, returned = q1, q2
-        else:
-            drawn, returned = -q2, -q1
-        supply_leak = (par.supply_leakage + fault[6]) * signed_root(ps - pe)
-        drawn += supply_leak
-        returned += leak_1 + leak_2 + supply_leak
+    if anywhere((par.supply_droop != 0.0) | (restriction != 0.0)):
+        extending = opening >= 0.0
+        drawn = select(extending, q1, -q2)
+        returned = select(extending, q2, -q1)
+        returned += leak_1 + leak_2
+        supply_leakage = par.supply_leakage + fault[6]
+        if anywhere(supply_leakage != 0.0):
+            supply_leak = supply_leakage * signed_root(ps - pe)
+            drawn += supply_leak
+            returned += supply_leak
         dps -= par.supply_droop * drawn * abs(drawn)
         dpe += restriction * returned * abs(returned)
     rate = 1.0 / par.line_time_constant
@@ -128,16 +135,23 @@ def chamber_volumes(position, par):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _aeration(pressure, par):
+    """Return numerator and denominator, in Pa^2, of `aeration_softening`."""
+    air = par.entrained_air
+    absolute = max(pressure, 0.0) + ATMOSPHERE
+    liquid = (1.0 - air) * absolute
+    bubbles = air * ATMOSPHERE
+    return absolute * (liquid + bubbles), absolute * liquid + par.bulk_modulus * bubbles
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def aeration_softening(pressure, par):
     """Return beta_e / beta, what entrained air leaves of the oil's bulk modulus (Merritt, ch. 2).
 
     Bubbles follow the pressure isothermally; below zero the mixture is as soft as at zero.
     """
-    air = par.entrained_air
-    absolute = max(pressure, 0.0) + ATMOSPHERE
-    liquid = (1.0 - air) * absolute
-    bubbles = air * ATMOSPHERE
-    return absolute * (liquid + bubbles) / (absolute * liquid + par.bulk_modulus * bubbles)
+    numerator, denominator = _aeration(pressure, par)
+    return numerator / denominator
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -158,34 +172,32 @@ def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
     """
     v1, v2 = chamber_volumes(x, par)
     swept_1 = swept_2 = par.piston_area * v
-    stiffness = par.bulk_modulus / (v1 * v2)
-    stiffness_1, stiffness_2 = stiffness * v2, stiffness * v1
-    compliance_1 = compliance_2 = 1.0 / par.bulk_modulus
-    if par.entrained_air != 0.0:
-        soft_1, soft_2 = aeration_softening(p1, par), aeration_softening(p2, par)
-        stiffness_1 *= soft_1
-        stiffness_2 *= soft_2
-        compliance_1 /= soft_1
-        compliance_2 /= soft_2
-    if p1 < 0.0:
-        swept_1 *= 1.0 + p1 * compliance_1
-    if p2 < 0.0:
-        swept_2 *= 1.0 + p2 * compliance_2
+    if anywhere(par.entrained_air != 0.0):
+        # One division for both chambers: it takes as long as all the rest.
+        soft_1, hard_1 = _aeration(p1, par)
+        soft_2, hard_2 = _aeration(p2, par)
+        stiffness = par.bulk_modulus / (v1 * hard_1 * v2 * hard_2)
+        stiffness_1 = stiffness * v2 * hard_2 * soft_1
+        stiffness_2 = stiffness * v1 * hard_1 * soft_2
+    else:
+        stiffness = par.bulk_modulus / (v1 * v2)
+        stiffness_1, stiffness_2 = stiffness * v2, stiffness * v1
+    if anywhere((p1 < 0.0) | (p2 < 0.0)):
+        swept_1 *= 1.0 - _excess(-p1) / (stiffness_1 * v1)
+        swept_2 *= 1.0 - _excess(-p2) / (stiffness_2 * v2)
     return stiffness_1 * (inflow_1 - swept_1), stiffness_2 * (inflow_2 + swept_2)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def environment_force(position, velocity, par):
     """Return the force in N of spring and stroke ends against extension (chapter 6; end stops)."""
-    force = 0.0
-    if position > par.spring_contact:
-        force += par.spring_stiffness * (position - par.spring_contact)
-    if position > par.stroke_max:
-        depth = position - par.stroke_max
-        force += par.stop_stiffness * depth * max(0.0, 1.0 + par.stop_damping * velocity)
-    elif position < par.stroke_min:
-        depth = par.stroke_min - position
-        force -= par.stop_stiffness * depth * max(0.0, 1.0 - par.stop_damping * velocity)
+    force = par.spring_stiffness * _excess(position - par.spring_contact)
+    above = position - par.stroke_max
+    below = par.stroke_min - position
+    if anywhere((above > 0.0) | (below > 0.0)):
+        damping = par.stop_damping * velocity
+        force += par.stop_stiffness * _excess(above) * max(0.0, 1.0 + damping)
+        force -= par.stop_stiffness * _excess(below) * max(0.0, 1.0 - damping)
     return force
 
 
@@ -193,10 +205,10 @@ def environment_force(position, velocity, par):
 def slip_friction(speed, direction, par):
     """Return the friction level g in N at a speed, without its viscous part (eq. 2.8)."""
     level = par.coulomb + (par.stiction - par.coulomb) * exp(-speed * (1.0 / par.stribeck_velocity))
-    if direction > 0.0:
-        level += par.friction_asymmetry
-    elif direction < 0.0:
-        level -= par.friction_asymmetry
+    asymmetry = par.friction_asymmetry
+    level += select(
+        direction > 0.0, asymmetry, select(direction < 0.0, -asymmetry, 0.0 * asymmetry)
+    )
     return max(level, LEVEL_FLOOR)
 
 
@@ -212,12 +224,14 @@ def friction(velocity, friction_state, par):
     level = slip_friction(speed, friction_state if karnopp else velocity, par)
     force = par.viscous * velocity
     if karnopp:
-        return 0.0, force + friction_state * level
+        return 0.0 * velocity, force + friction_state * level
     bristle_velocity = velocity - par.bristle_stiffness * speed * friction_state / level
     force += par.bristle_stiffness * friction_state
     ratio = velocity * (1.0 / par.bristle_damping_velocity)
-    if abs(ratio) < _DAMPING_CUTOFF:
-        force += par.bristle_damping * exp(-ratio * ratio) * bristle_velocity
+    damped = abs(ratio) < _DAMPING_CUTOFF
+    if anywhere(damped):
+        bell = select(damped, exp(-ratio * ratio), 0.0)
+        force += par.bristle_damping * bell * bristle_velocity
     return bristle_velocity, force
 
 
@@ -235,10 +249,10 @@ def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
     q1, q2 = valve_flows(opening, oil_1, oil_2, ps, pe, valve_conductance(par))
     leak_1, leak_2, leak_12 = leak_flows(oil_1, oil_2, pe, par, fault)
     dp1, dp2 = pressure_rates(p1, p2, x, v, q1 - leak_12 - leak_1, leak_12 - leak_2 - q2, par)
-    dv = 0.0
-    if z != 0.0 or par.friction_law != KARNOPP:
-        force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
-        dv = (force - drag) * (1.0 / par.moving_mass)
+    force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
+    dv = (force - drag) * (1.0 / par.moving_mass)
+    if par.friction_law == KARNOPP:
+        dv = select(z != 0.0, dv, 0.0 * dv)
     wn = par.valve_natural_frequency
     dw = wn * wn * (par.valve_gain * command - s) - 2.0 * par.valve_damping * wn * w
     dps, dpe = line_rates(opening, q1, q2, leak_1, leak_2, ps, pe, par, fault)

@@ -15,6 +15,7 @@ from numba import njit
 
 from .compiled import inlined
 from .dynamics import environment_force, rates, slip_friction
+from .lanes import anywhere, everywhere, select
 from .parameters import KARNOPP
 from .step_length import SHORTEST, break_away_step, resolving_step, sliding_step, smooth_step
 
@@ -39,7 +40,7 @@ def _net_force(y, par):
 def _mode_at_rest(net_force, par):
     """Return 0 if stiction holds a ram at rest, else the direction it slides in (eq. 2.8)."""
     direction = copysign(1.0, net_force)
-    return direction if abs(net_force) > slip_friction(0.0, direction, par) else 0.0
+    return select(abs(net_force) > slip_friction(0.0, direction, par), direction, 0.0)
 
 
 @inlined
@@ -82,11 +83,13 @@ def _bristle_weights(velocity, acceleration, h, par):
         # The faster end of the step: out of a reversal, bristles stiffen within it.
         fastest = max(abs(velocity), abs(velocity + h * acceleration))
         stiff = par.bristle_stiffness * fastest
-        if h * stiff > _FAST_BRISTLE * par.coulomb:
-            relaxation = stiff / slip_friction(abs(velocity), velocity, par)
-    r = relaxation * h
-    if r < 1.0:
-        return 0.0, 1.0, 0.5 * h, h / 6.0, h / 3.0, h / 6.0
+        fast = h * stiff > _FAST_BRISTLE * par.coulomb
+        if anywhere(fast):
+            relaxation = select(fast, stiff / slip_friction(abs(velocity), velocity, par), 0.0)
+    slow = relaxation * h < 1.0
+    if everywhere(slow):
+        return 0.0 * h, 1.0 + 0.0 * h, 0.5 * h, (1 / 6) * h, (1 / 3) * h, (1 / 6) * h
+    r = select(slow, 1.0, relaxation * h)
     half = exp(-0.5 * r)
     full = half * half
     inverse = 1.0 / r
@@ -94,7 +97,14 @@ def _bristle_weights(velocity, acceleration, h, par):
     first = (4.0 - r - full * (4.0 + 3.0 * r + r * r)) * scale
     middle = 2.0 * (r - 2.0 + full * (2.0 + r)) * scale
     last = (r * r - 3.0 * r + 4.0 - full * (4.0 + r)) * scale
-    return relaxation, half, h * (1.0 - half) * inverse, first, middle, last
+    return (
+        select(slow, 0.0, relaxation),
+        select(slow, 1.0, half),
+        select(slow, 0.5 * h, h * (1.0 - half) * inverse),
+        select(slow, (1 / 6) * h, first),
+        select(slow, (1 / 3) * h, middle),
+        select(slow, (1 / 6) * h, last),
+    )
 
 
 @inlined
@@ -121,7 +131,59 @@ def _runge_kutta(y, k, h, command, par, fault):
                 point = _moved(y, 0.5 * h, k, half * z + reach * drive)
             else:
                 point = _moved(y, h, k, half * z_2 + reach * (2.0 * drive - drive_1))
-    return _moved(y, h / 6.0, total, z_new)
+    return _moved(y, (1 / 6) * h, total, z_new)
+
+
+@inlined
+def _with_mode(y, par):
+    """Return the state `y` of a ram with Karnopp friction, sliding if it moves or breaks away."""
+    stuck = y[6] == 0.0
+    if not anywhere(stuck):
+        return y
+    mode = select(y[5] == 0.0, _mode_at_rest(_net_force(y, par), par), copysign(1.0, y[5]))
+    return _with_friction(y, y[5], select(stuck, mode, y[6]))
+
+
+@inlined
+def _stopped(y, par):
+    """Return the state `y` with Karnopp friction, at rest if the ram has slid to its turn."""
+    turned = y[6] * y[5] < 0.0
+    if not anywhere(turned):
+        return y
+    mode = _mode_at_rest(_net_force(y, par), par)
+    return _with_friction(y, select(turned, 0.0, y[5]), select(turned, mode, y[6]))
+
+
+@inlined
+def _karnopp_step(y, k, h, longest, par):
+    """Return the step in s, at most `h`, to the next change of mode with Karnopp friction."""
+    return select(
+        y[6] == 0.0,
+        break_away_step(y, k, h, _net_force(y, par), par),
+        sliding_step(y, k, h, longest, par),
+    )
+
+
+@inlined
+def next_step(y, remaining, longest, shortest, command, par, fault):
+    """Return the state after one more step, and what then remains of the interval, in s.
+
+    Arguments may be lanes, all of one friction law; where none remains, none is taken.
+    """
+    karnopp = par.friction_law == KARNOPP
+    if karnopp:
+        y = _with_mode(y, par)
+    k = _rates(y, command, par, fault)
+    h = smooth_step(y, k, longest, shortest, par)
+    if karnopp:
+        h = _karnopp_step(y, k, h, longest, par)
+    # Two equal steps rather than a long one and a very short one.
+    even = select(h > 0.5 * remaining, 0.5 * remaining, h)
+    h = select(h > 0.999999 * remaining, remaining, even)
+    y = _runge_kutta(y, k, h, command, par, fault)
+    if karnopp:
+        y = _stopped(y, par)
+    return y, remaining - h
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -143,28 +205,10 @@ def advance(state, command, par, fault, duration=TICK, substeps=SUBSTEPS):
     fault = (
         fault[0], fault[1], fault[2], fault[3], fault[4], fault[5], fault[6], fault[7],
     )  # fmt: skip
-    karnopp = par.friction_law == KARNOPP
     longest = resolving_step(y, duration / substeps, duration, par, fault)
     shortest = SHORTEST * duration / substeps
     remaining = duration
     while remaining > 0.0:
-        if karnopp and y[6] == 0.0:
-            mode = _mode_at_rest(_net_force(y, par), par) if y[5] == 0.0 else copysign(1.0, y[5])
-            y = _with_friction(y, y[5], mode)
-        k = _rates(y, command, par, fault)
-        h = smooth_step(y, k, longest, shortest, par)
-        if karnopp:
-            if y[6] == 0.0:
-                h = break_away_step(y, k, h, _net_force(y, par), par)
-            else:
-                h = sliding_step(y, k, h, longest, par)
-        if h > 0.999999 * remaining:
-            h = remaining
-        elif h > 0.5 * remaining:
-            h = 0.5 * remaining
-        y = _runge_kutta(y, k, h, command, par, fault)
-        remaining -= h
-        if karnopp and y[6] * y[5] < 0.0:
-            y = _with_friction(y, 0.0, _mode_at_rest(_net_force(y, par), par))
+        y, remaining = next_step(y, remaining, longest, shortest, command, par, fault)
     state[0], state[1], state[2], state[3], state[4] = y[0], y[1], y[2], y[3], y[4]
     state[5], state[6], state[7], state[8] = y[5], y[6], y[7], y[8]

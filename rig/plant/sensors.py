@@ -5,7 +5,7 @@ from typing import Annotated, Final, NamedTuple
 
 from numba import njit
 
-from .compiled import inner
+from .compiled import inlined
 from .integrator import TICK
 from .parameters import LITRE_PER_MINUTE
 from .parameters import Quantity as _Quantity
@@ -58,9 +58,31 @@ class Reading(NamedTuple):
 READING_COUNT: Final = len(Reading._fields)
 
 
-@inner
+@inlined
+def encoder_position(position, sensors):
+    """Return what the encoder reads in m: it counts whole increments."""
+    counts = floor(position / sensors.position_resolution + 0.5)
+    return counts * sensors.position_resolution
+
+
+@inlined
 def _clipped(value, lower, upper):
     return min(max(value, lower), upper)
+
+
+@inlined
+def pressure_reading(pressure, deviation, sensors):
+    """Return what a transducer reads of a pressure in Pa, noisy by a `deviation` in Pa.
+
+    It saturates at its range, and never sees below an empty chamber.
+    """
+    return _clipped(max(pressure, 0.0) + deviation, sensors.pressure_min, sensors.pressure_max)
+
+
+@inlined
+def spool_reading(spool, deviation, sensors):
+    """Return what the valve's transducer reads of its spool in m, noisy by a `deviation` in m."""
+    return _clipped(spool + deviation, -sensors.spool_range, sensors.spool_range)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -77,18 +99,14 @@ def read_sensors(state, leaks, load, meters, offsets, noise, sensors, reading):
         sensors: `SensorParameters`.
         reading: float64 (9,), written in the order of `Reading`.
 
-    The encoder counts whole increments; pressures saturate at the transducer's range and never read
-    below an empty chamber; the meters lag, and see no direction (section 7.2.1).
+    The meters lag, and see no direction (section 7.2.1).
     """
-    counts = floor(state[4] / sensors.position_resolution + 0.5)
-    reading[0] = counts * sensors.position_resolution
+    reading[0] = encoder_position(state[4], sensors)
     for i in range(2):
-        pressure = max(state[2 + i], 0.0) + sensors.pressure_noise * noise[1 + i]
-        reading[1 + i] = _clipped(pressure, sensors.pressure_min, sensors.pressure_max)
-    spool = state[0] + sensors.spool_noise * noise[3]
-    reading[3] = _clipped(spool, -sensors.spool_range, sensors.spool_range)
-    supply = state[7] + sensors.supply_pressure_noise * noise[4]
-    reading[4] = _clipped(supply, sensors.pressure_min, sensors.pressure_max)
+        deviation = sensors.pressure_noise * noise[1 + i]
+        reading[1 + i] = pressure_reading(state[2 + i], deviation, sensors)
+    reading[3] = spool_reading(state[0], sensors.spool_noise * noise[3], sensors)
+    reading[4] = pressure_reading(state[7], sensors.supply_pressure_noise * noise[4], sensors)
     reading[5] = _clipped(load + sensors.load_noise * noise[5], 0.0, sensors.load_max)
     kept = exp(-TICK / sensors.flow_time_constant)
     for i in range(3):

@@ -17,6 +17,7 @@ from .dynamics import (
     slip_friction,
     valve_conductance,
 )
+from .lanes import anywhere, everywhere, select
 from .parameters import KARNOPP
 
 # What half a millisecond, the longest step of a default run, resolves.
@@ -64,23 +65,24 @@ _EVENT: Final = 1e-6
 @njit(cache=True, error_model="numpy", forceinline=True)
 def resolving_step(y, longest, duration, par, fault):
     """Return the step in s that resolves oil, lines, spool and bristles over `duration` (s)."""
-    h = longest
     volume = min(*chamber_volumes(y[4], par))
     column = par.piston_area * par.piston_area * par.bulk_modulus / par.moving_mass
-    if column > _COLUMN_RATE * _COLUMN_RATE * volume:
-        h = longest * _COLUMN_RATE * sqrt(volume / column)
+    h = longest * min(1.0, _COLUMN_RATE * sqrt(volume / column))
     opening = y[0] + par.spool_null_bias
     edge = valve_conductance(par) * abs(opening)
     filling = edge * par.bulk_modulus / volume
-    if filling > _EDGE_RATE:
-        drops = (y[7] - y[2], y[3] - y[8]) if opening >= 0.0 else (y[2] - y[8], y[7] - y[3])
+    fast = filling > _EDGE_RATE
+    if anywhere(fast):
+        extending = opening >= 0.0
+        drop_1 = select(extending, y[7] - y[2], y[2] - y[8])
+        drop_2 = select(extending, y[3] - y[8], y[7] - y[3])
         # From a larger drop than this, the chamber is not full before the interval ends.
-        if 4.0 * min(abs(drops[0]), abs(drops[1])) < filling * filling * duration * duration:
-            h = min(h, longest * _EDGE_RATE / filling)
+        full = 4.0 * min(abs(drop_1), abs(drop_2)) < filling * filling * duration * duration
+        h = select(fast & full, min(h, longest * _EDGE_RATE / filling), h)
     restriction = max(par.supply_droop, par.return_back_pressure + fault[7])
     line_rate = (1.0 + restriction * edge * edge) / par.line_time_constant
     valve_rate = par.valve_natural_frequency * max(1.0, 2.0 * par.valve_damping)
-    h = min(h, longest / max(line_rate / _LINE_RATE, valve_rate / _VALVE_RATE, 1.0))
+    h = min(h, longest / max(max(line_rate / _LINE_RATE, valve_rate / _VALVE_RATE), 1.0))
     if par.friction_law != KARNOPP:
         damping = par.bristle_damping / par.moving_mass
         stiffness = sqrt(par.bristle_stiffness / par.moving_mass)
@@ -92,8 +94,9 @@ def resolving_step(y, longest, duration, par, fault):
 def standstill_step(y, k, h):
     """Return the step in s, at most `h`, to where a slowing ram comes to a standstill."""
     velocity, acceleration = y[5], k[5]
-    if velocity * acceleration < 0.0 and abs(velocity) < abs(acceleration) * h:
-        return max(abs(velocity / acceleration), _EVENT)
+    stops = (velocity * acceleration < 0.0) & (abs(velocity) < abs(acceleration) * h)
+    if anywhere(stops):
+        h = select(stops, max(abs(velocity / acceleration), _EVENT), h)
     return h
 
 
@@ -108,10 +111,10 @@ def _aeration_rate(pressure, slope, h, par):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def smooth_step(y, k, longest, shortest, par):
     """Return the step in s over which friction and oil change little, from `y` with rates `k`."""
-    if par.entrained_air != 0.0:
+    if anywhere(par.entrained_air != 0.0):
         rate_1 = _aeration_rate(y[2], k[2], longest, par)
         rate = max(rate_1, _aeration_rate(y[3], k[3], longest, par))
-        longest = max(longest / max(rate / _AERATION_RATE, 1.0), shortest)
+        longest = max(longest * _AERATION_RATE / max(rate, _AERATION_RATE), shortest)
     velocity, acceleration = y[5], abs(k[5])
     speed = abs(velocity)
     width = par.bristle_damping_velocity
@@ -119,13 +122,16 @@ def smooth_step(y, k, longest, shortest, par):
     loading = par.bristle_stiffness * abs(k[6])
     loading_rate = _LOADING_RATE * max(par.coulomb, LEVEL_FLOOR)
     ahead = y[4] + longest * velocity
-    hits = speed > 0.1 * width and not par.stroke_min <= ahead <= par.stroke_max
-    if acceleration <= speed_rate and loading <= loading_rate and not hits:
+    hits = (speed > 0.1 * width) & ((ahead < par.stroke_min) | (ahead > par.stroke_max))
+    smooth = (acceleration <= speed_rate) & (loading <= loading_rate) & ~hits
+    if everywhere(smooth):
         return longest
-    h = longest / max(acceleration / speed_rate, loading / loading_rate, 1.0)
-    if hits:
-        h = min(h, longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness))
-    return standstill_step(y, k, max(h, shortest))
+    loaded = loading * (1.0 / loading_rate) * speed_rate
+    h = longest * speed_rate / max(max(acceleration, loaded), speed_rate)
+    if anywhere(hits):
+        contact = longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness)
+        h = select(hits, min(h, contact), h)
+    return select(smooth, longest, standstill_step(y, k, max(h, shortest)))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -133,15 +139,14 @@ def break_away_step(y, k, h, net_force, par):
     """Return the step in s, at most `h`, to the break-away of a stuck ram."""
     loading = par.piston_area * (k[2] - k[3])
     gap = copysign(slip_friction(0.0, loading, par), loading) - net_force
-    if abs(gap) < abs(loading) * h:
-        return max(gap / loading, _EVENT)
-    return h
+    return select(abs(gap) < abs(loading) * h, max(gap / loading, _EVENT), h)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def sliding_step(y, k, h, longest, par):
     """Return the step in s, at most `h`, that follows a ram down the Stribeck slope or to rest."""
     slope = (par.stiction - par.coulomb) / par.stribeck_velocity
-    if abs(y[5]) < 2.0 * par.stribeck_velocity and slope > _RUNAWAY_RATE * par.moving_mass:
-        h = min(h, longest * _RUNAWAY_RATE * par.moving_mass / slope)
+    runaway = _RUNAWAY_RATE * par.moving_mass
+    runs_away = (abs(y[5]) < 2.0 * par.stribeck_velocity) & (slope > runaway)
+    h = select(runs_away, min(h, longest * runaway / slope), h)
     return standstill_step(y, k, h)

@@ -65,16 +65,21 @@ def in_units(parameters: Parameters) -> Any:
     return with_units(parameters, [known[name].unit for name in Parameters._fields])
 
 
+def with_sign(quantity: Any, other: Any) -> Any:
+    """Return a quantity, which is not negative, with the sign of another of whatever unit."""
+    return quantity if other >= 0.0 else -quantity
+
+
 def uncompiled(source: str = SOURCE) -> dict[str, Any]:
     """Return the names that the source defines, its functions uncompiled and fit for quantities."""
     for old, new in (
         ("from numba import njit", "njit = lambda **options: (lambda function: function)"),
-        ("from math import exp, sqrt", "from numpy import exp, sqrt"),
-        ("from .parameters", "from rig.plant.parameters"),
+        ("from math import copysign, exp, sqrt", "from numpy import exp, sqrt"),
+        ("from .", "from rig.plant."),
     ):
         assert old in source
         source = source.replace(old, new)
-    names: dict[str, Any] = {"__name__": "dynamics_in_units"}
+    names: dict[str, Any] = {"__name__": "dynamics_in_units", "copysign": with_sign}
     exec(compile(source, "dynamics_in_units", "exec"), names)
     names["LEVEL_FLOOR"] = Q(names["LEVEL_FLOOR"], "N")
     names["ATMOSPHERE"] = Q(names["ATMOSPHERE"], "Pa")
@@ -161,13 +166,13 @@ BROKEN: Final = {
         "sqrt(2.0 / par.density)",
         "sqrt(2.0 / par.density) * sqrt(2.0 / par.density)",
     ),
-    "no root of the drop across the edge": ("signed_root(supply - p1)", "(supply - p1)"),
+    "no root of the drop across the edge": ("flow * signed_root(drop_1)", "flow * drop_1"),
     "a turbulent leak with the drop itself": ("k1 * signed_root(p1 - back)", "k1 * (p1 - back)"),
     "a laminar leak with the root": ("l12 * (p1 - p2)", "l12 * signed_root(p1 - p2)"),
     "volume as length": ("par.piston_area * (position", "(position"),
-    "stiffness of one chamber": ("par.bulk_modulus / (v1 * v2)", "par.bulk_modulus / v1"),
+    "stiffness of one chamber": ("(v1 * hard_1 * v2 * hard_2)", "(v1 * hard_1 * hard_2)"),
     "swept volume without velocity": ("= par.piston_area * v\n", "= par.piston_area\n"),
-    "a cavity in pascals": ("1.0 + p1 * compliance_1", "1.0 + p1"),
+    "a cavity in pascals": ("_excess(-p1) / (stiffness_1 * v1)", "_excess(-p1)"),
     "bubbles without their pressure": ("bubbles = air * ATMOSPHERE", "bubbles = air"),
     "bubbles as stiff as oil": ("par.bulk_modulus * bubbles", "bubbles"),
     "valve command in volts (k_sp left out)": ("par.valve_gain * command", "command"),
@@ -177,10 +182,10 @@ BROKEN: Final = {
     "back pressure of the flow's root": ("returned * abs(returned)", "signed_root(returned)"),
     "lines without their time constant": ("dps * rate, dpe * rate", "dps, dpe"),
     "spring force without its way": (
-        "par.spring_stiffness * (position - par.spring_contact)",
+        "par.spring_stiffness * _excess(position - par.spring_contact)",
         "par.spring_stiffness",
     ),
-    "stroke end losing by the way": ("par.stop_damping * velocity", "par.stop_damping * depth"),
+    "stroke end losing by the way": ("par.stop_damping * velocity", "par.stop_damping * above"),
     "Stribeck's velocity left out": ("-speed * (1.0 / par.stribeck_velocity)", "-speed"),
     "bristles relaxing without their level": ("friction_state / level", "friction_state"),
     "viscous friction of nothing": ("= par.viscous * velocity", "= par.viscous"),

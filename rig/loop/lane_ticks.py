@@ -1,0 +1,161 @@
+"""Compiled ticks of simulated rigs in lanes (`rig.plant.lanes`): plants first, then transducers.
+
+Each lane takes as many integration steps as its own motion asks for, and goes on to its next tick
+while others are still at theirs: else all would wait for the one that sticks and slips. What all
+lanes do at once is one row of a log; each lane remembers which rows were its ticks. The position
+loop needs the encoder only, which has no noise, so that the other transducers can follow later,
+tick by tick.
+"""
+
+from typing import Final
+
+from numba import njit
+
+from rig.plant.compiled import inlined
+from rig.plant.dynamics import STATE_COUNT, PlantState
+from rig.plant.integrator import SUBSTEPS, TICK, next_step
+from rig.plant.lanes import anywhere, gather, load, load_fields, scatter, select, store
+from rig.plant.parameters import Parameters
+from rig.plant.sensors import encoder_position, pressure_reading, spool_reading
+from rig.plant.step_length import SHORTEST, resolving_step
+
+LOGGED: Final = STATE_COUNT + 1
+"""What a row of the log holds: the plant's states, and the command."""
+COMMAND: Final = STATE_COUNT
+MOST_STEPS: Final = 80
+"""Rows of log that are enough for a tick: 64 steps of the shortest length, and some that end
+where a ram comes to rest."""
+
+LANE_READINGS: Final = (
+    "position_m",
+    "pressure_1_Pa",
+    "pressure_2_Pa",
+    "spool_m",
+    "supply_pressure_Pa",
+    "command_V",
+)
+"""What a sample of rigs in lanes holds: measured values, and the command from there on."""
+READING_COUNT: Final = len(LANE_READINGS)
+NOISE_COUNT: Final = 4
+
+_FRICTION_LAW: Final = Parameters._fields.index("friction_law")
+_SPOOL: Final = PlantState._fields.index("spool")
+_PRESSURE_1: Final = PlantState._fields.index("pressure_1")
+_PRESSURE_2: Final = PlantState._fields.index("pressure_2")
+_POSITION: Final = PlantState._fields.index("position")
+_SUPPLY: Final = PlantState._fields.index("supply_pressure")
+_LONGEST: Final = TICK / SUBSTEPS
+_SHORTEST: Final = SHORTEST * _LONGEST
+
+
+@inlined
+def _store_states(rows, first, y):
+    """Write the states `y` (lanes) to nine rows of an array (n, LANES)."""
+    store(rows, first, y[0])
+    store(rows, first + 1, y[1])
+    store(rows, first + 2, y[2])
+    store(rows, first + 3, y[3])
+    store(rows, first + 4, y[4])
+    store(rows, first + 5, y[5])
+    store(rows, first + 6, y[6])
+    store(rows, first + 7, y[7])
+    store(rows, first + 8, y[8])
+
+
+@inlined
+def _faults_at(faults, acts):
+    """Return the eight fault coefficients, 0 in lanes where they do not act yet."""
+    return (
+        select(acts, load(faults, 0), 0.0),
+        select(acts, load(faults, 1), 0.0),
+        select(acts, load(faults, 2), 0.0),
+        select(acts, load(faults, 3), 0.0),
+        select(acts, load(faults, 4), 0.0),
+        select(acts, load(faults, 5), 0.0),
+        select(acts, load(faults, 6), 0.0),
+        select(acts, load(faults, 7), 0.0),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def plant_ticks(
+    setpoint, open_loop, gain, limit, faults, onset, plant, parameters, like, sensors, log, rows
+):  # fmt: skip
+    """Advance plants and position loops by as many ticks as there are setpoints.
+
+    Args:
+        setpoint: (ticks, LANES) in m, or in V in open loop.
+        open_loop: (ticks, LANES), not 0 where the setpoint is the command.
+        gain: of the position loop, V/m.
+        limit: greatest command of either sign, V.
+        faults: (8, LANES) coefficients (`rig.plant.faults.FaultInput`).
+        onset: (1, LANES), ticks from now until they act.
+        plant: (9, LANES) true states, `PlantState`; updated.
+        parameters: (fields, LANES), `Parameters` of each rig.
+        like: `Parameters`, of which the friction law is that of all rigs.
+        sensors: `SensorParameters`.
+        log: (steps, 10, LANES), to be filled; `MOST_STEPS` steps a tick are enough.
+        rows: (ticks, LANES), to be filled: which row of the log is a lane's tick.
+
+    Returns:
+        Whether the log was long enough.
+    """
+    par = load_fields(parameters, like, _FRICTION_LAW)
+    ticks = setpoint.shape[0]
+    y = (
+        load(plant, 0), load(plant, 1), load(plant, 2), load(plant, 3), load(plant, 4),
+        load(plant, 5), load(plant, 6), load(plant, 7), load(plant, 8),
+    )  # fmt: skip
+    nothing = 0.0 * load(onset, 0)
+    next_tick, remaining, longest, command = nothing, nothing, nothing, nothing
+    for row in range(log.shape[0]):
+        begins = (remaining <= 0.0) & (next_tick < ticks)
+        tick = min(next_tick, ticks - 1.0)
+        next_tick = select(begins, next_tick + 1.0, next_tick)
+        fault = _faults_at(faults, next_tick > load(onset, 0))
+        if anywhere(begins):
+            position = encoder_position(y[_POSITION], sensors)
+            asked = gather(setpoint, tick)
+            closed = gather(open_loop, tick) == 0.0
+            asked = select(closed, gain * (asked - position), asked)
+            command = select(begins, min(max(asked, -limit), limit), command)
+            longest = select(begins, resolving_step(y, _LONGEST, TICK, par, fault), longest)
+            remaining = select(begins, TICK, remaining)
+            scatter(rows, tick, nothing + row, begins)
+        if not anywhere(remaining > 0.0):
+            _store_states(plant, 0, y)
+            return True
+        _store_states(log, row * LOGGED, y)
+        store(log, row * LOGGED + COMMAND, command)
+        y, remaining = next_step(y, remaining, longest, _SHORTEST, command, par, fault)
+    return False
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def reading_ticks(log, rows, noise, sensors, readings):
+    """Sample the transducers at every tick.
+
+    Args:
+        log: (steps, 10, LANES), of `plant_ticks`.
+        rows: (ticks, LANES), of `plant_ticks`.
+        noise: (ticks, 4, LANES) standard normal numbers: of pressures 1 and 2, spool, supply.
+        sensors: `SensorParameters`.
+        readings: (ticks, 6, LANES), to be filled with `LANE_READINGS`.
+    """
+    for k in range(rows.shape[0]):
+        row = load(rows, k) * LOGGED
+        first, drawn = k * READING_COUNT, k * NOISE_COUNT
+        position = encoder_position(gather(log, row + _POSITION), sensors)
+        deviation_1 = sensors.pressure_noise * load(noise, drawn)
+        deviation_2 = sensors.pressure_noise * load(noise, drawn + 1)
+        deviation_s = sensors.supply_pressure_noise * load(noise, drawn + 3)
+        p1 = pressure_reading(gather(log, row + _PRESSURE_1), deviation_1, sensors)
+        p2 = pressure_reading(gather(log, row + _PRESSURE_2), deviation_2, sensors)
+        supply = pressure_reading(gather(log, row + _SUPPLY), deviation_s, sensors)
+        deviation = sensors.spool_noise * load(noise, drawn + 2)
+        store(readings, first, position)
+        store(readings, first + 1, p1)
+        store(readings, first + 2, p2)
+        store(readings, first + 3, spool_reading(gather(log, row + _SPOOL), deviation, sensors))
+        store(readings, first + 4, supply)
+        store(readings, first + 5, gather(log, row + COMMAND))

@@ -1,0 +1,120 @@
+"""Many independent simulated rigs at once, as samples: parameters, loads, motions, faults, noise.
+
+The physics is that of `SimulatedLoop`, by the same source; each rig comes to the same samples, to
+rounding, whoever is beside it. Campaigns and studies that need thousands of hours run here.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
+from rig.plant import NO_FAULT, FaultInput, Parameters
+from rig.plant.dynamics import rest_state
+from rig.plant.lanes import LANES
+from rig.plant.lanes.normal import fill_normal, start_streams
+from rig.plant.sensors import DATA_SHEET, SensorParameters
+
+from .lane_ticks import (
+    LOGGED,
+    MOST_STEPS,
+    NOISE_COUNT,
+    READING_COUNT,
+    plant_ticks,
+    reading_ticks,
+)
+
+Array = NDArray[np.float64]
+
+_BATCH: Final = 500
+"""Ticks of one batch at most: its log stays in the cache of the processor."""
+
+
+class SimulatedLanes:
+    """Rigs at rest, one in each lane, advanced together any number of ticks at a time.
+
+    Args:
+        rigs: true parameters of each rig, `LANES` of them, of one friction law.
+        seeds: of each rig's noise.
+        positions: where each ram rests at first, m.
+        faults: coefficients of each rig's faults; none if None.
+        onsets: tick from which on they act, of each rig; the first if None.
+        sensors: the transducers' data sheet.
+        gain: of the position loop, V/m.
+        limit: greatest command of either sign, V.
+
+    Raises:
+        ValueError: there are not as many of something as lanes, or rigs differ in friction law.
+    """
+
+    def __init__(
+        self,
+        rigs: Sequence[Parameters],
+        seeds: Sequence[int],
+        positions: Sequence[float],
+        *,
+        faults: Sequence[FaultInput] | None = None,
+        onsets: Sequence[int] | None = None,
+        sensors: SensorParameters = DATA_SHEET,
+        gain: float = POSITION_GAIN,
+        limit: float = COMMAND_LIMIT,
+    ) -> None:
+        faults = [NO_FAULT] * LANES if faults is None else faults
+        onsets = [0] * LANES if onsets is None else onsets
+        for name, given in (("rigs", rigs), ("positions", positions), ("faults", faults),
+                            ("onsets", onsets)):  # fmt: skip
+            if len(given) != LANES:
+                raise ValueError(f"{name}: {len(given)} given for {LANES} lanes")
+        if len({rig.friction_law for rig in rigs}) != 1:
+            raise ValueError("rigs: both friction laws among them; lanes need one")
+        at_rest = [rest_state(rig, x) for rig, x in zip(rigs, positions, strict=True)]
+        self.rigs = tuple(rigs)
+        self.plant = _by_lane(at_rest)
+        self._parameters = _by_lane(rigs)
+        self._faults = _by_lane(faults)
+        self._onset = np.array([onsets], dtype=np.float64)
+        self._sensors = sensors
+        self._gain, self._limit = gain, limit
+        self._streams = start_streams(seeds)
+        self._log = np.empty((_BATCH * MOST_STEPS, LOGGED, LANES))
+
+    def advance(self, setpoint: Array, open_loop: Array) -> Array:
+        """Run as many ticks as there are setpoints.
+
+        Args:
+            setpoint: float64 (ticks, LANES) in m, or in V in open loop.
+            open_loop: float64 (ticks, LANES), 1 where the setpoint is the command, else 0.
+
+        Returns:
+            What was measured, float64 (ticks, 6, LANES), as `LANE_READINGS`.
+        """
+        ticks = setpoint.shape[0]
+        readings = np.empty((ticks, READING_COUNT, LANES))
+        for first in range(0, ticks, _BATCH):
+            part = slice(first, first + _BATCH)
+            self._batch(setpoint[part], open_loop[part], readings[part])
+        return readings
+
+    def _batch(self, setpoint: Array, open_loop: Array, readings: Array) -> None:
+        ticks = setpoint.shape[0]
+        rows = np.empty((ticks, LANES))
+        enough = plant_ticks(
+            np.ascontiguousarray(setpoint), np.ascontiguousarray(open_loop), self._gain,
+            self._limit, self._faults, self._onset, self.plant, self._parameters, self.rigs[0],
+            self._sensors, self._log, rows,
+        )  # fmt: skip
+        if not enough:
+            raise RuntimeError(
+                f"a rig needed more than {MOST_STEPS} steps a millisecond throughout"
+            )
+        self._onset -= ticks
+        noise = np.empty((ticks * NOISE_COUNT, LANES))
+        fill_normal(self._streams, noise)
+        reading_ticks(self._log, rows, noise, self._sensors, readings)
+
+
+def _by_lane(of_rigs: Sequence[Any]) -> Array:
+    """Return values (n,) of each rig as an array (n, LANES)."""
+    return np.ascontiguousarray(np.transpose(np.array(of_rigs, dtype=np.float64)))

@@ -1,0 +1,90 @@
+"""Operators and functions of numbers, taught to the compiler for lanes."""
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin
+
+from .kinds import LANES, NUMBERS, VECTOR, lanes, truths
+
+Emit = Callable[..., Any]
+"""Takes the builder and the arguments' vectors, and returns the result's."""
+
+
+def _teach(function: Any, result: Any, arguments: tuple[Any, ...], emit: Emit) -> None:
+    """Teach the compiler a function on lanes; a number among its arguments is one of all lanes."""
+    kinds = tuple(type(argument) for argument in arguments)
+
+    class Typed(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            if len(args) != len(kinds) or not any(isinstance(given, kinds) for given in args):
+                return None
+            fit = all(isinstance(given, (*kinds, *NUMBERS)) for given in args)
+            return signature(result, *arguments) if fit else None
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return emit(builder, *args)
+
+    infer_global(function)(Typed)
+    lower_builtin(function, *kinds)(lower)
+
+
+def _instruction(name: str) -> Emit:
+    flags = {"flags": ("contract",)} if name in ("fadd", "fsub", "fmul") else {}
+    return lambda builder, *args: getattr(builder, name)(*args, **flags)
+
+
+def _function(name: str) -> Emit:
+    """Return what calls one of LLVM's functions."""
+
+    def emit(builder: Any, *args: Any) -> Any:
+        kind = ir.FunctionType(VECTOR, [VECTOR] * len(args))
+        name_of_vector = f"llvm.{name}.v{LANES}f64"
+        return builder.call(
+            cgutils.get_or_insert_function(builder.module, kind, name_of_vector), args
+        )
+
+    return emit
+
+
+def _comparison(sign: str) -> Emit:
+    """Return what compares as IEEE 754 has it: with NaN nothing but != holds."""
+
+    def emit(builder: Any, a: Any, b: Any) -> Any:
+        compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
+        return compare(sign, a, b)
+
+    return emit
+
+
+def _extreme(sign: str) -> Emit:
+    """Return what takes the second number where it is beyond the first, as on floats."""
+    return lambda builder, a, b: builder.select(builder.fcmp_ordered(sign, b, a), b, a)
+
+
+for _operator, _name in (
+    (operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"),
+    (operator.truediv, "fdiv"), (operator.iadd, "fadd"), (operator.isub, "fsub"),
+    (operator.imul, "fmul"),
+):  # fmt: skip
+    _teach(_operator, lanes, (lanes, lanes), _instruction(_name))
+for _operator, _sign in (
+    (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="),
+    (operator.eq, "=="), (operator.ne, "!="),
+):  # fmt: skip
+    _teach(_operator, truths, (lanes, lanes), _comparison(_sign))
+_teach(operator.and_, truths, (truths, truths), _instruction("and_"))
+_teach(operator.or_, truths, (truths, truths), _instruction("or_"))
+_teach(operator.invert, truths, (truths,), _instruction("not_"))
+_teach(operator.neg, lanes, (lanes,), _instruction("fneg"))
+_teach(abs, lanes, (lanes,), _function("fabs"))
+_teach(min, lanes, (lanes, lanes), _extreme("<"))
+_teach(max, lanes, (lanes, lanes), _extreme(">"))
+_teach(math.sqrt, lanes, (lanes,), _function("sqrt"))
+_teach(math.floor, lanes, (lanes,), _function("floor"))
+_teach(math.copysign, lanes, (lanes, lanes), _function("copysign"))

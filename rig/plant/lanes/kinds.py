@@ -1,0 +1,73 @@
+"""The two types of the compiler that lanes are: numbers and truth values, as vectors of LLVM."""
+
+from typing import Any, Final
+
+import numba.extending
+from llvmlite import ir
+from numba import types
+from numba.core.typeconv.castgraph import Conversion
+from numba.extending import lower_cast, models, register_model
+
+LANES: Final = 8
+"""Rigs computed together: one vector of AVX-512, two of AVX2."""
+
+VECTOR: Final = ir.VectorType(ir.DoubleType(), LANES)
+BITS: Final = ir.VectorType(ir.IntType(64), LANES)
+TRUTHS: Final = ir.VectorType(ir.IntType(1), LANES)
+# As these are declared, their arguments would count the context that numba adds.
+intrinsic: Final[Any] = numba.extending.intrinsic
+overload: Final[Any] = numba.extending.overload
+
+NUMBERS: Final = (types.Float, types.Integer)
+
+
+class LanesType(types.Type):
+    """float64 numbers, one of each lane."""
+
+    def __init__(self) -> None:
+        super().__init__("lanes")
+
+    def can_convert_from(self, typing_context: Any, other: Any) -> Any:
+        """Take any number, the same in all lanes."""
+        return Conversion.safe if isinstance(other, NUMBERS) else None
+
+    def unify(self, typing_context: Any, other: Any) -> Any:
+        """Say that what is lanes on one path is lanes."""
+        return self if isinstance(other, NUMBERS) else None
+
+
+class TruthsType(types.Type):
+    """Truth values, one of each lane."""
+
+    def __init__(self) -> None:
+        super().__init__("truths")
+
+
+lanes: Final = LanesType()
+truths: Final = TruthsType()
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, VECTOR)
+
+
+@register_model(TruthsType)
+class _TruthsModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, TRUTHS)
+
+
+def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
+    """Return a vector of one value."""
+    nothing = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(ir.IntType(32), 0))
+    order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, nothing, order)
+
+
+@lower_cast(types.Float, LanesType)
+@lower_cast(types.Integer, LanesType)
+def _number_in_lanes(context: Any, builder: Any, given: Any, _: Any, value: Any) -> Any:
+    return in_all_lanes(builder, context.cast(builder, value, given, types.float64), VECTOR)

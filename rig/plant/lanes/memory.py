@@ -1,0 +1,111 @@
+"""Lanes in arrays: the lane is the last index, so that the processor loads a row at once."""
+
+from typing import Any, Final
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+
+from .kinds import BITS, LANES, TRUTHS, VECTOR, in_all_lanes, intrinsic, lanes, truths
+
+_ALIGNMENT: Final = 8
+_BYTE_ADDRESS: Final = ir.IntType(64)
+_POINTERS: Final = ir.VectorType(ir.PointerType(), LANES)
+
+
+def _row(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
+    """Return a pointer to row `index` of an array (n, LANES)."""
+    view = context.make_array(kind)(context, builder, array)
+    first = builder.mul(index, ir.Constant(index.type, LANES))
+    return builder.bitcast(builder.gep(view.data, [first]), VECTOR.as_pointer())
+
+
+@intrinsic
+def load(typing_context, array, index):
+    """Return row `index` of a float64 array (n, LANES), C-contiguous."""
+
+    def emit(context, builder, signature, arguments):
+        pointer = _row(context, builder, signature.args[0], *arguments)
+        return builder.load(pointer, align=_ALIGNMENT)
+
+    return lanes(array, types.intp), emit
+
+
+@intrinsic
+def store(typing_context, array, index, value):
+    """Write lanes to row `index` of a float64 array (n, LANES), C-contiguous."""
+
+    def emit(context, builder, signature, arguments):
+        pointer = _row(context, builder, signature.args[0], *arguments[:2])
+        builder.store(arguments[2], pointer, align=_ALIGNMENT)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes), emit
+
+
+def _elements(context: Any, builder: Any, kind: Any, array: Any, rows: Any) -> Any:
+    """Return pointers to each lane's element of a row of its own of an array (n, LANES)."""
+    view = context.make_array(kind)(context, builder, array)
+    first = builder.ptrtoint(view.data, _BYTE_ADDRESS)
+    addresses = in_all_lanes(builder, first, BITS)
+    lane = ir.Constant(BITS, [_ALIGNMENT * i for i in range(LANES)])
+    width = ir.Constant(BITS, [_ALIGNMENT * LANES] * LANES)
+    offsets = builder.add(builder.mul(builder.fptosi(rows, BITS), width), lane)
+    return builder.inttoptr(builder.add(addresses, offsets), _POINTERS)
+
+
+@intrinsic
+def gather(typing_context, array, rows):
+    """Return lane j of row `rows[j]`, whole, of a float64 array (n, LANES), C-contiguous."""
+
+    def emit(context, builder, signature, arguments):
+        pointers = _elements(context, builder, signature.args[0], *arguments)
+        kind = ir.FunctionType(VECTOR, [pointers.type, ir.IntType(32), TRUTHS, VECTOR])
+        name = f"llvm.masked.gather.v{LANES}f64.v{LANES}p0"
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
+        everywhere = ir.Constant(TRUTHS, [1] * LANES)
+        nothing = ir.Constant(VECTOR, ir.Undefined)
+        alignment = ir.Constant(ir.IntType(32), _ALIGNMENT)
+        return builder.call(function, [pointers, alignment, everywhere, nothing])
+
+    return lanes(array, lanes), emit
+
+
+@intrinsic
+def scatter(typing_context, array, rows, values, where):
+    """Write lane j to row `rows[j]` of an array, as `gather` reads it, where so told."""
+
+    def emit(context, builder, signature, arguments):
+        pointers = _elements(context, builder, signature.args[0], *arguments[:2])
+        kind = ir.FunctionType(ir.VoidType(), [VECTOR, pointers.type, ir.IntType(32), TRUTHS])
+        name = f"llvm.masked.scatter.v{LANES}f64.v{LANES}p0"
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
+        alignment = ir.Constant(ir.IntType(32), _ALIGNMENT)
+        builder.call(function, [arguments[2], pointers, alignment, arguments[3]])
+        return context.get_dummy_value()
+
+    return types.void(array, lanes, lanes, truths), emit
+
+
+@intrinsic(prefer_literal=True)
+def load_fields(typing_context, array, like, shared):
+    """Return a named tuple as `like`, of lanes: field i is row i of a float64 array (n, LANES).
+
+    The field of number `shared`, a literal, is one float for all lanes, that of `like`.
+    """
+    kinds: list[Any] = [lanes] * len(like)
+    kinds[shared.literal_value] = types.float64
+    fields = types.NamedTuple(kinds, like.instance_class)
+
+    def emit(context, builder, signature, arguments):
+        rows = []
+        for i, kind in enumerate(kinds):
+            if kind == lanes:
+                index = context.get_constant(types.intp, i)
+                pointer = _row(context, builder, signature.args[0], arguments[0], index)
+                rows.append(builder.load(pointer, align=_ALIGNMENT))
+            else:
+                rows.append(builder.extract_value(arguments[1], i))
+        return context.make_tuple(builder, fields, rows)
+
+    return fields(array, like, shared), emit
