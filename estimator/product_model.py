@@ -14,7 +14,7 @@ from typing import Final
 from numba import njit
 
 from rig.plant.compiled import inlined, inner
-from rig.plant.dynamics import chamber_volumes, valve_conductance
+from rig.plant.dynamics import ATMOSPHERE, chamber_volumes, valve_conductance
 from rig.plant.integrator import TICK
 
 STATES: Final = (
@@ -80,13 +80,30 @@ def _smooth_root(drop):
     return (root if drop > 0.0 else -root), 0.5 / root
 
 
+@inlined
+def _softening(pressure, par):
+    """Return what entrained air leaves of the bulk modulus, and that share's relative slope (1/Pa).
+
+    As `rig.plant.dynamics.aeration_softening`.
+    """
+    air = par.entrained_air
+    if air == 0.0:
+        return 1.0, 0.0
+    absolute = max(pressure, 0.0) + ATMOSPHERE
+    bubbles = air * ATMOSPHERE
+    liquid = (1.0 - air) * absolute
+    above, below = liquid + bubbles, absolute * liquid + par.bulk_modulus * bubbles
+    slope = 1.0 / absolute + (1.0 - air) / above - 2.0 * liquid / below
+    return absolute * above / below, slope if pressure > 0.0 else 0.0
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
 def predict_product(x, command, supply, par, jacobian):
     """Advance the state (11,) by one tick of constant command and fill the Jacobian's rows (6, 11).
 
     The spool follows eq. 2.5 exactly; pressures follow eq. 2.3 with the flows of eqs. 2.1, 2.2 and
-    5.2, at the supply pressure `supply`. Row order is that of `STATES`; rows 6 to 10 would be the
-    identity's.
+    5.2, at the supply pressure `supply`, air in the oil included. Row order is that of `STATES`;
+    rows 6 to 10 would be the identity's.
     """
     h = _SUBSTEP
     valve = _valve_step(par)
@@ -128,8 +145,10 @@ def predict_product(x, command, supply, par, jacobian):
 
         v1, v2 = chamber_volumes(position + 0.5 * h * velocity, par)
         position += h * velocity
-        c1 = h * par.bulk_modulus / v1
-        c2 = h * par.bulk_modulus / v2
+        soft_1, slope_soft_1 = _softening(p1, par)
+        soft_2, slope_soft_2 = _softening(p2, par)
+        c1 = h * par.bulk_modulus * soft_1 / v1
+        c2 = h * par.bulk_modulus * soft_2 / v2
         e1, slope_e1 = _smooth_root(p1 - back)
         e2, slope_e2 = _smooth_root(p2 - back)
         e12, slope_e12 = _smooth_root(p1 - p2)
@@ -145,9 +164,9 @@ def predict_product(x, command, supply, par, jacobian):
         d1 = c1 * (flow * r1 - area * velocity - k1 * e1 - k12 * e12)
         d2 = c2 * (area * velocity - flow * r2 - k2 * e2 + k12 * e12)
 
-        a11 = 1.0 + c1 * (flow * slope_1 - k1 * slope_e1 - k12 * slope_e12)
+        a11 = 1.0 + c1 * (flow * slope_1 - k1 * slope_e1 - k12 * slope_e12) + d1 * slope_soft_1
         a12 = c1 * k12 * slope_e12
-        a22 = 1.0 - c2 * (flow * slope_2 + k2 * slope_e2 + k12 * slope_e12)
+        a22 = 1.0 - c2 * (flow * slope_2 + k2 * slope_e2 + k12 * slope_e12) + d2 * slope_soft_2
         a21 = c2 * k12 * slope_e12
         # The volumes change with the position, which the velocity moves by half a step.
         x1 = -d1 * area / v1

@@ -38,6 +38,7 @@ _PARAMETERS: Final = (
     "valve_gain",
     "valve_natural_frequency",
     "valve_damping",
+    "entrained_air",
 )
 _NOISES: Final = (
     "position",

@@ -111,7 +111,8 @@ def _replay(
         detector=detector,
         sensors=sensors_of(recording),
     )
-    return Replayed(name, filter_name, result.decision, result.detected_at_s)
+    resets = tuple(result.run.reset_times_s.tolist())
+    return Replayed(name, filter_name, result.decision, result.detected_at_s, resets)
 
 
 def json_object(replayed: Replayed) -> dict[str, Any]:
@@ -127,6 +128,7 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         "threshold": decision.threshold,
         "probabilities": dict(decision.probabilities) or None,
         "filter": replayed.filter,
+        "filter_resets_s": list(replayed.filter_resets_s),
     }
     # JSON has no infinity and no NaN.
     return {

@@ -26,6 +26,8 @@ class Replayed:
     filter: str
     decision: Decision
     detected_at_s: float | None
+    filter_resets_s: tuple[float, ...] = ()
+    """When the filter was lost and started anew."""
 
 
 def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
@@ -41,6 +43,8 @@ def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
             verdict.append(f" {probable}", "default")
         if decision.verdict == Verdict.INCONCLUSIVE:
             verdict.append(f": {advice(decision)}", "default")
+        if each.filter_resets_s:
+            verdict.append(f"; {_lost(each)}", "yellow")
         table.add_row(
             Text(each.recording),
             verdict,
@@ -68,6 +72,12 @@ def advice(decision: Decision) -> str:
         f"{worst} up to {flow:.2g} L/min would not have shown; record for longer, "
         "with larger motion both ways"
     )
+
+
+def _lost(replayed: Replayed) -> str:
+    """Return how often the filter was lost, and when first."""
+    first, number = replayed.filter_resets_s[0], len(replayed.filter_resets_s)
+    return f"filter lost at {first:.2f} s" + (f", {number} times" if number > 1 else "")
 
 
 def _style(verdict: str) -> str:

@@ -80,9 +80,10 @@ def test_the_spool_is_predicted_exactly_at_any_damping(damping: float) -> None:
         assert x[0] == pytest.approx(truth["spool"][k], rel=1e-5)
 
 
-def test_the_prediction_follows_the_plant() -> None:
+@pytest.mark.parametrize("air", [0.0, 0.005])
+def test_the_prediction_follows_the_plant(air: float) -> None:
     """A rig that slides without friction needs no load: the filter's model is the plant's."""
-    parameters = NOMINAL._replace(coulomb=0.0, stiction=0.0, viscous=0.0)
+    parameters = NOMINAL._replace(coulomb=0.0, stiction=0.0, viscous=0.0, entrained_air=air)
     command = 3.0 * np.sin(2.0 * np.pi * 0.7 * np.arange(400) * 1e-3)
     truth = simulate(Model(parameters=parameters), command, substeps=64)
     errors = []

@@ -12,7 +12,7 @@ from estimator.filters import FilterRun, run_filter
 from estimator.product_model import STATE_COUNT, STATES, predict_product
 from estimator.product_noise import product_noise
 from rig.io.simulated import simulated_rig
-from rig.plant import NOMINAL, Model
+from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate
 
@@ -24,19 +24,19 @@ SUPPLY = NOMINAL.supply_pressure
 SCALE = np.array([1e-5, 1e6, 1e6, 0.1, 0.1, 1e-2, 1e3, 1e-9, 1e-9, 1e-9, 1e-6])
 
 
-def predicted(x: Array, command: float) -> Array:
+def predicted(x: Array, command: float, par: Parameters = NOMINAL) -> Array:
     moved = x.copy()
-    predict_product(moved, command, SUPPLY, NOMINAL, np.empty((6, STATE_COUNT)))
+    predict_product(moved, command, SUPPLY, par, np.empty((6, STATE_COUNT)))
     return moved
 
 
-def jacobian(x: Array, command: float) -> Array:
+def jacobian(x: Array, command: float, par: Parameters = NOMINAL) -> Array:
     rows = np.empty((6, STATE_COUNT))
-    predict_product(x.copy(), command, SUPPLY, NOMINAL, rows)
+    predict_product(x.copy(), command, SUPPLY, par, rows)
     return np.vstack([rows, np.eye(STATE_COUNT)[6:]])
 
 
-def differences(x: Array, command: float) -> Array:
+def differences(x: Array, command: float, par: Parameters = NOMINAL) -> Array:
     """Return the Jacobian by central differences, extrapolated once (Richardson)."""
     columns = []
     for j in range(STATE_COUNT):
@@ -44,7 +44,7 @@ def differences(x: Array, command: float) -> Array:
         for size in (1e-4, 5e-5):
             step = np.zeros(STATE_COUNT)
             step[j] = size * SCALE[j]
-            ahead, behind = predicted(x + step, command), predicted(x - step, command)
+            ahead, behind = predicted(x + step, command, par), predicted(x - step, command, par)
             estimates.append((ahead - behind) / (2.0 * step[j]))
         columns.append((4.0 * estimates[1] - estimates[0]) / 3.0)
     return np.array(columns).T
@@ -80,10 +80,10 @@ def agrees(found: Array, expected: Array) -> bool:
     return bool(np.allclose(scaled(found), scaled(expected), rtol=2e-4, atol=1e-7))
 
 
-@given(states)
-def test_the_jacobian_is_the_derivative_of_the_prediction(x: Array) -> None:
-    command = holding(np.sign(x[0]))
-    assert agrees(jacobian(x, command), differences(x, command))
+@given(states, st.sampled_from([0.0, 0.005, 0.05]))
+def test_the_jacobian_is_the_derivative_of_the_prediction(x: Array, air: float) -> None:
+    command, par = holding(np.sign(x[0])), NOMINAL._replace(entrained_air=air)
+    assert agrees(jacobian(x, command, par), differences(x, command, par))
 
 
 @given(states, st.data())

@@ -12,7 +12,7 @@
 
 struct constants { /* order: PRODUCT_CONSTANTS in tools/bench_filters.py */
     double area, mass, stroke_min, stroke_max, line_volume_1, line_volume_2, bulk_modulus, density;
-    double supply, back, discharge, gradient, valve_gain, valve_frequency, valve_damping;
+    double supply, back, discharge, gradient, valve_gain, valve_frequency, valve_damping, air;
     double r_position, r_pressure, r_spool;
     double q_spool_velocity, q_pressure, q_velocity, q_load, q_leakage, q_null;
     double position_min, position_max, pressure_min, pressure_max, spool, opening, velocity, load;
@@ -35,6 +35,19 @@ static inline double root(double drop, double *slope)
     const double value = sqrt(fabs(drop));
     *slope = 0.5 / value;
     return copysign(value, drop);
+}
+
+static inline double softening(double p, const struct constants *c, double *slope)
+{
+    *slope = 0.0;
+    if (c->air == 0.0)
+        return 1.0;
+    const double absolute = fmax(p, 0.0) + 101325.0, bubbles = c->air * 101325.0;
+    const double liquid = (1.0 - c->air) * absolute;
+    const double above = liquid + bubbles, below = absolute * liquid + c->bulk_modulus * bubbles;
+    if (p > 0.0)
+        *slope = 1.0 / absolute + (1.0 - c->air) / above - 2.0 * liquid / below;
+    return absolute * above / below;
 }
 
 static void valve_step(const struct constants *c, double *a)
@@ -87,7 +100,9 @@ static inline void predict(double *x, double u, double supply, const struct cons
         const double v1 = c->line_volume_1 + A * (middle - c->stroke_min);
         const double v2 = c->line_volume_2 + A * (c->stroke_max - middle);
         y += h * v;
-        const double c1 = h * c->bulk_modulus / v1, c2 = h * c->bulk_modulus / v2;
+        double b1, b2;
+        const double c1 = h * c->bulk_modulus * softening(p1, c, &b1) / v1;
+        const double c2 = h * c->bulk_modulus * softening(p2, c, &b2) / v2;
         double m1, m2, m12, n1, n2;
         const double e1 = root(p1 - back, &m1), e2 = root(p2 - back, &m2);
         const double e12 = root(p1 - p2, &m12);
@@ -102,8 +117,9 @@ static inline void predict(double *x, double u, double supply, const struct cons
         const double flow = conductance * o;
         const double d1 = c1 * (flow * r1 - A * v - k1 * e1 - k12 * e12);
         const double d2 = c2 * (A * v - flow * r2 - k2 * e2 + k12 * e12);
-        const double a11 = 1.0 + c1 * (flow * n1 - k1 * m1 - k12 * m12), a12 = c1 * k12 * m12;
-        const double a22 = 1.0 - c2 * (flow * n2 + k2 * m2 + k12 * m12), a21 = c2 * k12 * m12;
+        const double a11 = 1.0 + c1 * (flow * n1 - k1 * m1 - k12 * m12) + d1 * b1;
+        const double a22 = 1.0 - c2 * (flow * n2 + k2 * m2 + k12 * m12) + d2 * b2;
+        const double a12 = c1 * k12 * m12, a21 = c2 * k12 * m12;
         const double x1 = -d1 * A / v1, x2 = d2 * A / v2;
         const double u1 = 0.5 * h * x1 - c1 * A, u2 = 0.5 * h * x2 + c2 * A;
         UNROLL for (int j = 0; j < N; j++) {

@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from estimator.detection import Decision
-from rig.cli.replay_table import advice
+from rig.cli.replay import json_object
+from rig.cli.replay_table import Replayed, advice, replay_table
 from rig.recording import Recording, export, read_recording
 
 Invoke = Callable[..., Any]
@@ -86,7 +88,16 @@ def test_the_table_has_a_row_a_recording(invoke: Invoke, recordings: Path) -> No
     assert "/" in row
 
 
-@pytest.mark.parametrize("name", ["thesis-6", "thesis-7"])
+def test_a_filter_that_was_lost_is_reported() -> None:
+    lost = Replayed("one.mcap", "product", Decision("healthy"), None, (1.5, 12.0))
+    console = Console(width=200)
+    with console.capture() as shown:
+        console.print(replay_table([lost], plain=True))
+    assert "healthy; filter lost at 1.50 s, 2 times" in shown.get()
+    assert json_object(lost)["filter_resets_s"] == [1.5, 12.0]
+
+
+@pytest.mark.parametrize("name", ["thesis-6", "thesis-7", "thesis-7-ud"])
 def test_the_thesis_s_filters_replay_too(invoke: Invoke, recordings: Path, name: str) -> None:
     done = invoke("replay", "--json", "--filter", name, recordings / "leak_low.mcap")
     assert done.code == 0
