@@ -34,6 +34,7 @@ def drawn_rig(rng: np.random.Generator) -> Parameters:
         viscous=NOMINAL.viscous * spread(0.7, 1.3),
         friction_asymmetry=spread(-200.0, 200.0),
         spring_stiffness=2e4 if rng.random() < 0.4 else 0.0,
+        entrained_air=spread(0.0, 0.005),
     )
 
 

@@ -25,8 +25,11 @@ from .study import (
 
 Array = NDArray[np.float64]
 
-PUBLISHED: Final = 0.069
-"""L/min, internal: the smallest leak that others found on such an actuator (ASME FPMC 2014)."""
+PUBLISHED: Final = (
+    (0.154, "--", "thesis on its rig, unloaded"),
+    (0.069, ":", "best published, internal (ASME FPMC 2014)"),
+)
+"""Smallest leaks in L/min that others found on such an actuator."""
 WINDOWS_S: Final = (2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 60.0)
 ROC_WINDOW_S: Final = 10.0
 ROC_SIZES: Final = ((0.02, 0.04), (0.04, 0.08), (0.08, 0.16))
@@ -61,10 +64,13 @@ def limits(
         found = np.array([smallest_named(leaks, judge, window) for window in WINDOWS_S])
         if np.isfinite(found[:, 0]).any():
             _draw_smallest(left, found, name, _COLOURS[judge])
+        else:
+            left.plot([], [], color=_COLOURS[judge], label=f"{name}: none to {SIZES[1]:g} L/min")
         for window, style in ((60.0, "-"), (10.0, "--")):
             _draw_power(right, leaks, judge, window, style)
-    left.axhline(PUBLISHED, color="tab:red", lw=1, ls=":", label="best published, internal leaks")
-    left.set(xscale="log", yscale="log", xlabel="time from onset (s)", ylim=(2e-5, 3.0),
+    for flow, style, source in PUBLISHED:
+        left.axhline(flow, color="tab:red", lw=1, ls=style, label=source)
+    left.set(xscale="log", yscale="log", xlabel="time from onset (s)", ylim=(2e-5, 30.0),
              ylabel="smallest leak found (L/min)",
              title="1 false alarm a day, found in 95 of 100")  # fmt: skip
     left.set_xticks([1, 2, 5, 10, 20, 60], labels=["1", "2", "5", "10", "20", "60"], minor=False)
@@ -111,15 +117,18 @@ def outcomes(healthy: Sequence[Trial], leaks: Sequence[Trial], file: Path) -> No
     styles = (":", "--", "-")
     judges = {"product, often": "product", "thesis-6": "thesis-6"}
     for judge, known_as in judges.items():
-        for (low, high), style in zip(ROC_SIZES, styles, strict=True):
+        for (low, high), style, marker in zip(ROC_SIZES, styles, "vso", strict=True):
             chosen = [trial for trial in leaks if low <= trial.flow < high]
             false, true = operating_curve(healthy, chosen, judge, ROC_WINDOW_S)
             left.step(false, true, style, where="post",
                       color=_COLOURS[known_as],
                       label=f"{NAMES[known_as]}, {low:g} to {high:g} L/min")  # fmt: skip
+            if false.size:
+                left.plot(false[-1], true[-1], marker, color=_COLOURS[known_as], ms=6)
     chance = np.geomspace(1e-4, 1.0, 50)
     left.plot(chance, chance, color="0.7", lw=1, label="chance")
     left.set_xscale("symlog", linthresh=1.0 / len(healthy))
+    left.set_xticks([0.0, 0.01, 0.1, 1.0], labels=["0", "0.01", "0.1", "1"])
     left.set(xlim=(-0.2 / len(healthy), 1.1), xlabel="healthy rigs alarmed (part of trials)",
              ylabel="leaks alarmed (part of trials)", ylim=(-0.03, 1.03),
              title=f"threshold swept, {ROC_WINDOW_S:g} s from onset")  # fmt: skip
@@ -135,9 +144,9 @@ def outcomes(healthy: Sequence[Trial], leaks: Sequence[Trial], file: Path) -> No
               title="latency, at 1 false alarm a day")  # fmt: skip
     right.set_xticks([0, 1, 2, 5, 10, 20, 60], labels=["0", "1", "2", "5", "10", "20", "60"])
     right.minorticks_off()
-    for axes in (left, right):
+    for axes, place in ((left, "upper center"), (right, "center right")):
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, loc=place)
     _save(figure, file)
 
 
