@@ -7,12 +7,18 @@ from typing import Any, Final, cast
 from numba import config, float64
 from numba.extending import intrinsic
 
+from rig.plant.lanes import lanes
+from rig.plant.lanes.arithmetic import emit_function
+
 
 def _fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if kind == lanes:
+            return emit_function("fma", builder, *arguments)
         return builder.fma(*arguments)
 
-    return float64(float64, float64, float64), emit
+    kind = lanes if lanes in (a, b, c) else float64
+    return kind(kind, kind, kind), emit
 
 
 def _c_fma() -> Callable[[float, float, float], float]:
@@ -26,4 +32,4 @@ def _c_fma() -> Callable[[float, float, float], float]:
 _INTERPRETED: Final = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 fma = _c_fma() if _INTERPRETED else cast(Callable[[float, float, float], float], intrinsic(_fma))
-"""a*b + c rounded once (IEEE 754 fusedMultiplyAdd)."""
+"""a*b + c rounded once (IEEE 754 fusedMultiplyAdd), of floats or lanes."""

@@ -149,12 +149,24 @@ def _predict_factors(factors, jacobian, noise, rows, weights):
 
 
 @inlined
+def predict(x, factors, command, supply, par, noise, jacobian, rows, vector):
+    """Advance state and factors by a tick; see `product_step` and `_predict_factors`."""
+    predict_product(x, command, supply, par, jacobian)
+    _predict_factors(factors, jacobian, noise, rows, vector)
+    add_noise(factors, 6, noise.load, vector)
+    add_noise(factors, 7, noise.leakage, vector)
+    add_noise(factors, 8, noise.leakage, vector)
+    add_noise(factors, 9, noise.leakage, vector)
+    add_noise(factors, 10, noise.null_bias, vector)
+
+
+@inlined
 def _kept(value, bound):
     return min(max(value, -bound), bound)
 
 
 @inlined
-def _confine(x, ranges):
+def confine(x, ranges):
     """Keep the states within what the rig can be; pressures below zero stand for a cavity."""
     x[0] = _kept(x[0], ranges.opening)
     for i in (1, 2):
@@ -221,14 +233,7 @@ def product_step(x, factors, command, position, p1, p2, spool, supply, par, nois
         return
     if not isfinite(command):
         command = x[0] / par.valve_gain
-    predict_product(x, command, watch[SUPPLY], par, jacobian)
-    _predict_factors(factors, jacobian, noise, rows, vector)
-    add_noise(factors, 6, noise.load, vector)
-    add_noise(factors, 7, noise.leakage, vector)
-    add_noise(factors, 8, noise.leakage, vector)
-    add_noise(factors, 9, noise.leakage, vector)
-    add_noise(factors, 10, noise.null_bias, vector)
-
+    predict(x, factors, command, watch[SUPPLY], par, noise, jacobian, rows, vector)
     out[0] = position - x[3]
     out[1] = p1 - x[1]
     out[2] = p2 - x[2]
@@ -249,7 +254,7 @@ def product_step(x, factors, command, position, p1, p2, spool, supply, par, nois
             take_innovation(watch, square)
     if not is_finite(x, factors) or is_lost(watch, _is_possible(x, ranges)):
         _reset(x, factors, position, p1, p2, spool, command, par, noise, work)
-    _confine(x, ranges)
+    confine(x, ranges)
     out[3] = position - x[3]
     out[4] = p1 - x[1]
     out[5] = p2 - x[2]

@@ -8,7 +8,7 @@ oscillation stays bounded up to omega h = 2 and errs by (omega h)^2 / 24 in freq
 is at most 0.6, at the ends of the stroke.
 """
 
-from math import cos, cosh, exp, sin, sinh, sqrt
+from math import copysign, cos, cosh, exp, sin, sinh, sqrt
 from typing import Final
 
 from numba import njit
@@ -16,6 +16,7 @@ from numba import njit
 from rig.plant.compiled import inlined, inner
 from rig.plant.dynamics import ATMOSPHERE, chamber_volumes, valve_conductance
 from rig.plant.integrator import TICK
+from rig.plant.lanes import anywhere, select
 
 STATES: Final = (
     "spool_m",
@@ -72,12 +73,15 @@ def _smooth_root(drop):
 
     Within 10 kPa of zero a cubic takes over in value and slope, so that the slope stays finite.
     """
-    if abs(drop) < _ROOT_WIDTH:
+    size = sqrt(abs(drop))
+    root, slope = copysign(size, drop), 0.5 / size
+    near = abs(drop) < _ROOT_WIDTH
+    if anywhere(near):
         ratio = drop / _ROOT_WIDTH
         scale = 0.25 / sqrt(_ROOT_WIDTH)
-        return scale * drop * (5.0 - ratio * ratio), scale * (5.0 - 3.0 * ratio * ratio)
-    root = sqrt(abs(drop))
-    return (root if drop > 0.0 else -root), 0.5 / root
+        root = select(near, scale * drop * (5.0 - ratio * ratio), root)
+        slope = select(near, scale * (5.0 - 3.0 * ratio * ratio), slope)
+    return root, slope
 
 
 @inlined
@@ -88,13 +92,14 @@ def _softening(pressure, par):
     """
     air = par.entrained_air
     if air == 0.0:
-        return 1.0, 0.0
+        nothing = 0.0 * pressure
+        return 1.0 + nothing, nothing
     absolute = max(pressure, 0.0) + ATMOSPHERE
     bubbles = air * ATMOSPHERE
     liquid = (1.0 - air) * absolute
     above, below = liquid + bubbles, absolute * liquid + par.bulk_modulus * bubbles
     slope = 1.0 / absolute + (1.0 - air) / above - 2.0 * liquid / below
-    return absolute * above / below, slope if pressure > 0.0 else 0.0
+    return absolute * above / below, select(pressure > 0.0, slope, 0.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -114,7 +119,9 @@ def predict_product(x, command, supply, par, jacobian):
     load, k1, k2, k12, bias = x[6], x[7], x[8], x[9], x[10]
     spool, p1, p2, position, velocity, spool_velocity = x[0], x[1], x[2], x[3], x[4], x[5]
 
-    jacobian[:, :] = 0.0
+    for i in range(DYNAMIC):
+        for j in range(STATE_COUNT):
+            jacobian[i, j] = 0.0
     for i in range(1, 5):
         jacobian[i, i] = 1.0
     # Rows of spool and spool velocity have entries in their own two columns only.
@@ -152,14 +159,10 @@ def predict_product(x, command, supply, par, jacobian):
         e1, slope_e1 = _smooth_root(p1 - back)
         e2, slope_e2 = _smooth_root(p2 - back)
         e12, slope_e12 = _smooth_root(p1 - p2)
-        if opening >= 0.0:
-            r1, slope_1 = _smooth_root(supply - p1)
-            slope_1 = -slope_1
-            r2, slope_2 = e2, slope_e2
-        else:
-            r1, slope_1 = e1, slope_e1
-            r2, slope_2 = _smooth_root(supply - p2)
-            slope_2 = -slope_2
+        extending = opening >= 0.0
+        fed, slope_fed = _smooth_root(supply - select(extending, p1, p2))
+        r1, slope_1 = select(extending, fed, e1), select(extending, -slope_fed, slope_e1)
+        r2, slope_2 = select(extending, e2, fed), select(extending, slope_e2, -slope_fed)
         flow = conductance * opening
         d1 = c1 * (flow * r1 - area * velocity - k1 * e1 - k12 * e12)
         d2 = c2 * (area * velocity - flow * r2 - k2 * e2 + k12 * e12)

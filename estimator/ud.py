@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant.compiled import inlined
+from rig.plant.lanes import select
 
 from .fused import fma
 
@@ -58,16 +59,15 @@ def add_rank_one(factors, size, vector, weight):
         d, a = factors[k, k], vector[k]
         raised = fma(weight * a, a, d)
         # Both zero: a direction without any variance stays without.
-        if raised > 0.0:
-            inverse = 1.0 / raised
-            share = weight * a * inverse
-            weight *= d * inverse
-            factors[k, k] = raised
-            for i in range(k):
-                u = factors[k, i]
-                rest = fma(-a, u, vector[i])
-                vector[i] = rest
-                factors[k, i] = fma(share, rest, u)
+        inverse = select(raised > 0.0, 1.0 / raised, 0.0)
+        share = weight * a * inverse
+        weight = select(raised > 0.0, weight * (d * inverse), weight)
+        factors[k, k] = raised
+        for i in range(k):
+            u = factors[k, i]
+            rest = fma(-a, u, vector[i])
+            vector[i] = rest
+            factors[k, i] = fma(share, rest, u)
 
 
 @inlined
@@ -75,14 +75,13 @@ def add_noise(factors, index, variance, vector):
     """Add the variance of white noise to one state; `vector` is scratch (n,)."""
     d = factors[index, index]
     raised = d + variance
-    if raised > 0.0:
-        kept = d / raised
-        factors[index, index] = raised
-        for i in range(index):
-            u = factors[index, i]
-            vector[i] = u
-            factors[index, i] = u * kept
-        add_rank_one(factors, index, vector, variance * kept)
+    kept = select(raised > 0.0, d / raised, 1.0)
+    factors[index, index] = raised
+    for i in range(index):
+        u = factors[index, i]
+        vector[i] = u
+        factors[index, i] = u * kept
+    add_rank_one(factors, index, vector, variance * kept)
 
 
 @inlined
@@ -160,7 +159,7 @@ def orthogonalise(rows, weights, factors, size):
         for k in range(columns):
             total = fma(rows[j, k] * weights[k], rows[j, k], total)
         factors[j, j] = total
-        inverse = 1.0 / total if total > 0.0 else 0.0
+        inverse = select(total > 0.0, 1.0 / total, 0.0)
         for i in range(j):
             product = 0.0
             for k in range(columns):

@@ -25,7 +25,7 @@ COMPILED_PACKAGES = (
     "estimator",
     "tools",
 )
-COMPILERS = {"njit", "inner", "inlined", "intrinsic", "overload"}
+COMPILERS = {"njit", "inner", "inlined", "intrinsic", "overload", "overload_attribute"}
 SLOW_TO_IMPORT = {"llvmlite", "numba", "pint", "plotly", "pyarrow", "zenoh"}
 
 

@@ -6,6 +6,7 @@ each operation for all rigs at once (SIMD). Every operation but e^x rounds as th
 """
 
 from . import arithmetic, exponential
+from .arrays import in_lanes
 from .choosing import anywhere, everywhere, select
 from .kinds import LANES, lanes, truths
 from .memory import gather, load, load_fields, scatter, store
@@ -17,6 +18,7 @@ __all__ = [
     "everywhere",
     "exponential",
     "gather",
+    "in_lanes",
     "lanes",
     "load",
     "load_fields",

@@ -3,6 +3,7 @@
 import math
 import operator
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
@@ -39,17 +40,15 @@ def _instruction(name: str) -> Emit:
     return lambda builder, *args: getattr(builder, name)(*args, **flags)
 
 
+def emit_function(name: str, builder: Any, *args: Any) -> Any:
+    """Call one of LLVM's functions, `llvm.<name>`, on vectors."""
+    kind = ir.FunctionType(VECTOR, [VECTOR] * len(args))
+    name_of_vector = f"llvm.{name}.v{LANES}f64"
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name_of_vector), args)
+
+
 def _function(name: str) -> Emit:
-    """Return what calls one of LLVM's functions."""
-
-    def emit(builder: Any, *args: Any) -> Any:
-        kind = ir.FunctionType(VECTOR, [VECTOR] * len(args))
-        name_of_vector = f"llvm.{name}.v{LANES}f64"
-        return builder.call(
-            cgutils.get_or_insert_function(builder.module, kind, name_of_vector), args
-        )
-
-    return emit
+    return partial(emit_function, name)
 
 
 def _comparison(sign: str) -> Emit:

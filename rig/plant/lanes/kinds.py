@@ -17,6 +17,7 @@ TRUTHS: Final = ir.VectorType(ir.IntType(1), LANES)
 # As these are declared, their arguments would count the context that numba adds.
 intrinsic: Final[Any] = numba.extending.intrinsic
 overload: Final[Any] = numba.extending.overload
+overload_attribute: Final[Any] = numba.extending.overload_attribute
 
 NUMBERS: Final = (types.Float, types.Integer)
 
@@ -41,6 +42,14 @@ class TruthsType(types.Type):
 
     def __init__(self) -> None:
         super().__init__("truths")
+
+    def can_convert_from(self, typing_context: Any, other: Any) -> Any:
+        """Take what holds or not, in all lanes."""
+        return Conversion.safe if isinstance(other, types.Boolean) else None
+
+    def unify(self, typing_context: Any, other: Any) -> Any:
+        """Say that what is of lanes on one path is of lanes."""
+        return self if isinstance(other, types.Boolean) else None
 
 
 lanes: Final = LanesType()
@@ -71,3 +80,8 @@ def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
 @lower_cast(types.Integer, LanesType)
 def _number_in_lanes(context: Any, builder: Any, given: Any, _: Any, value: Any) -> Any:
     return in_all_lanes(builder, context.cast(builder, value, given, types.float64), VECTOR)
+
+
+@lower_cast(types.Boolean, TruthsType)
+def _truth_in_lanes(context: Any, builder: Any, given: Any, _: Any, value: Any) -> Any:
+    return in_all_lanes(builder, value, TRUTHS)

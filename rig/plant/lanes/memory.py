@@ -8,7 +8,7 @@ from numba.core import cgutils
 
 from .kinds import BITS, LANES, TRUTHS, VECTOR, in_all_lanes, intrinsic, lanes, truths
 
-_ALIGNMENT: Final = 8
+ALIGNMENT: Final = 8
 _BYTE_ADDRESS: Final = ir.IntType(64)
 _POINTERS: Final = ir.VectorType(ir.PointerType(), LANES)
 
@@ -26,7 +26,7 @@ def load(typing_context, array, index):
 
     def emit(context, builder, signature, arguments):
         pointer = _row(context, builder, signature.args[0], *arguments)
-        return builder.load(pointer, align=_ALIGNMENT)
+        return builder.load(pointer, align=ALIGNMENT)
 
     return lanes(array, types.intp), emit
 
@@ -37,7 +37,7 @@ def store(typing_context, array, index, value):
 
     def emit(context, builder, signature, arguments):
         pointer = _row(context, builder, signature.args[0], *arguments[:2])
-        builder.store(arguments[2], pointer, align=_ALIGNMENT)
+        builder.store(arguments[2], pointer, align=ALIGNMENT)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes), emit
@@ -48,8 +48,8 @@ def _elements(context: Any, builder: Any, kind: Any, array: Any, rows: Any) -> A
     view = context.make_array(kind)(context, builder, array)
     first = builder.ptrtoint(view.data, _BYTE_ADDRESS)
     addresses = in_all_lanes(builder, first, BITS)
-    lane = ir.Constant(BITS, [_ALIGNMENT * i for i in range(LANES)])
-    width = ir.Constant(BITS, [_ALIGNMENT * LANES] * LANES)
+    lane = ir.Constant(BITS, [ALIGNMENT * i for i in range(LANES)])
+    width = ir.Constant(BITS, [ALIGNMENT * LANES] * LANES)
     offsets = builder.add(builder.mul(builder.fptosi(rows, BITS), width), lane)
     return builder.inttoptr(builder.add(addresses, offsets), _POINTERS)
 
@@ -65,7 +65,7 @@ def gather(typing_context, array, rows):
         function = cgutils.get_or_insert_function(builder.module, kind, name)
         everywhere = ir.Constant(TRUTHS, [1] * LANES)
         nothing = ir.Constant(VECTOR, ir.Undefined)
-        alignment = ir.Constant(ir.IntType(32), _ALIGNMENT)
+        alignment = ir.Constant(ir.IntType(32), ALIGNMENT)
         return builder.call(function, [pointers, alignment, everywhere, nothing])
 
     return lanes(array, lanes), emit
@@ -80,7 +80,7 @@ def scatter(typing_context, array, rows, values, where):
         kind = ir.FunctionType(ir.VoidType(), [VECTOR, pointers.type, ir.IntType(32), TRUTHS])
         name = f"llvm.masked.scatter.v{LANES}f64.v{LANES}p0"
         function = cgutils.get_or_insert_function(builder.module, kind, name)
-        alignment = ir.Constant(ir.IntType(32), _ALIGNMENT)
+        alignment = ir.Constant(ir.IntType(32), ALIGNMENT)
         builder.call(function, [arguments[2], pointers, alignment, arguments[3]])
         return context.get_dummy_value()
 
@@ -103,7 +103,7 @@ def load_fields(typing_context, array, like, shared):
             if kind == lanes:
                 index = context.get_constant(types.intp, i)
                 pointer = _row(context, builder, signature.args[0], arguments[0], index)
-                rows.append(builder.load(pointer, align=_ALIGNMENT))
+                rows.append(builder.load(pointer, align=ALIGNMENT))
             else:
                 rows.append(builder.extract_value(arguments[1], i))
         return context.make_tuple(builder, fields, rows)
