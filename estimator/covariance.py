@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rig.plant.lanes import everywhere
+
 from .fused import fma
 
 FloatArray = NDArray[np.float64]
@@ -147,10 +149,10 @@ def thesis6_kalman_step(
     out[0] = z_position - x3
     out[1] = z_p1 - x1
     out[2] = z_p2 - x2
-    out[6] = p33 + measurement_noise[0] if z_position == z_position else np.nan
-    out[7] = p11 + measurement_noise[1] if z_p1 == z_p1 else np.nan
-    out[8] = p22 + measurement_noise[2] if z_p2 == z_p2 else np.nan
-    if z_position == z_position:
+    out[6] = p33 + measurement_noise[0] if everywhere(z_position == z_position) else np.nan
+    out[7] = p11 + measurement_noise[1] if everywhere(z_p1 == z_p1) else np.nan
+    out[8] = p22 + measurement_noise[2] if everywhere(z_p2 == z_p2) else np.nan
+    if everywhere(z_position == z_position):
         inverse = 1.0 / (p33 + measurement_noise[0])
         deviation = (z_position - x3) * inverse
         x0 = fma(p03, deviation, x0)
@@ -186,7 +188,7 @@ def thesis6_kalman_step(
         p33 = p33 * kept
         p34 = p34 * kept
         p35 = p35 * kept
-    if z_p1 == z_p1:
+    if everywhere(z_p1 == z_p1):
         inverse = 1.0 / (p11 + measurement_noise[1])
         deviation = (z_p1 - x1) * inverse
         x0 = fma(p01, deviation, x0)
@@ -222,7 +224,7 @@ def thesis6_kalman_step(
         p13 = p13 * kept
         p14 = p14 * kept
         p15 = p15 * kept
-    if z_p2 == z_p2:
+    if everywhere(z_p2 == z_p2):
         inverse = 1.0 / (p22 + measurement_noise[2])
         deviation = (z_p2 - x2) * inverse
         x0 = fma(p02, deviation, x0)
@@ -404,10 +406,10 @@ def thesis7_kalman_step(
     out[0] = z_position - x3
     out[1] = z_p1 - x1
     out[2] = z_p2 - x2
-    out[6] = p33 + measurement_noise[0] if z_position == z_position else np.nan
-    out[7] = p11 + measurement_noise[1] if z_p1 == z_p1 else np.nan
-    out[8] = p22 + measurement_noise[2] if z_p2 == z_p2 else np.nan
-    if z_position == z_position:
+    out[6] = p33 + measurement_noise[0] if everywhere(z_position == z_position) else np.nan
+    out[7] = p11 + measurement_noise[1] if everywhere(z_p1 == z_p1) else np.nan
+    out[8] = p22 + measurement_noise[2] if everywhere(z_p2 == z_p2) else np.nan
+    if everywhere(z_position == z_position):
         inverse = 1.0 / (p33 + measurement_noise[0])
         deviation = (z_position - x3) * inverse
         x0 = fma(p03, deviation, x0)
@@ -452,7 +454,7 @@ def thesis7_kalman_step(
         p34 = p34 * kept
         p35 = p35 * kept
         p36 = p36 * kept
-    if z_p1 == z_p1:
+    if everywhere(z_p1 == z_p1):
         inverse = 1.0 / (p11 + measurement_noise[1])
         deviation = (z_p1 - x1) * inverse
         x0 = fma(p01, deviation, x0)
@@ -497,7 +499,7 @@ def thesis7_kalman_step(
         p14 = p14 * kept
         p15 = p15 * kept
         p16 = p16 * kept
-    if z_p2 == z_p2:
+    if everywhere(z_p2 == z_p2):
         inverse = 1.0 / (p22 + measurement_noise[2])
         deviation = (z_p2 - x2) * inverse
         x0 = fma(p02, deviation, x0)

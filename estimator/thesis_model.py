@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from rig.plant.integrator import TICK
+from rig.plant.lanes import select
 from rig.plant.parameters import Parameters
 
 Vector = tuple[float, ...]
@@ -27,10 +28,10 @@ the drop across an edge is then held at this floor, and its derivative is zero."
 def orifice(pressure_drop: float, density: float) -> Vector:
     """Return sqrt((2/rho) dp) in m/s and its derivative, 1/(rho sqrt((2/rho) dp)) (eq. 4.19)."""
     open_edge = pressure_drop.real > PRESSURE_DROP_FLOOR
-    drop = pressure_drop if open_edge else PRESSURE_DROP_FLOOR
+    drop = select(open_edge, pressure_drop, PRESSURE_DROP_FLOOR)
     velocity = np.sqrt(2.0 / density * drop)
     slope = 1.0 / (density * velocity)
-    return velocity, slope if open_edge else 0.0 * slope
+    return velocity, select(open_edge, slope, 0.0 * slope)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -38,13 +39,15 @@ def valve(spool: float, p1: float, p2: float, parameters: Parameters) -> Vector:
     """Return jet velocities at ports 1 and 2 in m/s, and their derivatives by p1 and p2."""
     supply, drain = parameters.supply_pressure, parameters.return_pressure
     density = parameters.density
-    if spool.real > 0.0:
-        jet_1, slope_1 = orifice(supply - p1, density)
-        jet_2, slope_2 = orifice(p2 - drain, density)
-        return jet_1, jet_2, -slope_1, slope_2
-    jet_1, slope_1 = orifice(p1 - drain, density)
-    jet_2, slope_2 = orifice(supply - p2, density)
-    return jet_1, jet_2, slope_1, -slope_2
+    extending = spool.real > 0.0
+    jet_in, slope_in = orifice(supply - select(extending, p1, p2), density)
+    jet_out, slope_out = orifice(select(extending, p2, p1) - drain, density)
+    return (
+        select(extending, jet_in, jet_out),
+        select(extending, jet_out, jet_in),
+        select(extending, -slope_in, slope_out),
+        select(extending, slope_out, -slope_in),
+    )
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rig.plant.lanes import everywhere
+
 from .fused import fma
 
 FloatArray = NDArray[np.float64]
@@ -594,21 +596,21 @@ def thesis7_ud_step(
     total = fma(u34 * u34, d4, total)
     total = fma(u35 * u35, d5, total)
     total = fma(u36 * u36, d6, total)
-    out[6] = total if z_position == z_position else np.nan
+    out[6] = total if everywhere(z_position == z_position) else np.nan
     total = d1 + measurement_noise[1]
     total = fma(u12 * u12, d2, total)
     total = fma(u13 * u13, d3, total)
     total = fma(u14 * u14, d4, total)
     total = fma(u15 * u15, d5, total)
     total = fma(u16 * u16, d6, total)
-    out[7] = total if z_p1 == z_p1 else np.nan
+    out[7] = total if everywhere(z_p1 == z_p1) else np.nan
     total = d2 + measurement_noise[2]
     total = fma(u23 * u23, d3, total)
     total = fma(u24 * u24, d4, total)
     total = fma(u25 * u25, d5, total)
     total = fma(u26 * u26, d6, total)
-    out[8] = total if z_p2 == z_p2 else np.nan
-    if z_position == z_position:
+    out[8] = total if everywhere(z_p2 == z_p2) else np.nan
+    if everywhere(z_position == z_position):
         before = measurement_noise[0]
         expected = before + d3
         inverse = 1.0 / expected
@@ -694,7 +696,7 @@ def thesis7_ud_step(
         x4 = fma(k4, deviation, x4)
         x5 = fma(k5, deviation, x5)
         x6 = fma(k6, deviation, x6)
-    if z_p1 == z_p1:
+    if everywhere(z_p1 == z_p1):
         before = measurement_noise[1]
         expected = before + d1
         inverse = 1.0 / expected
@@ -809,7 +811,7 @@ def thesis7_ud_step(
         x4 = fma(k4, deviation, x4)
         x5 = fma(k5, deviation, x5)
         x6 = fma(k6, deviation, x6)
-    if z_p2 == z_p2:
+    if everywhere(z_p2 == z_p2):
         before = measurement_noise[2]
         expected = before + d2
         inverse = 1.0 / expected

@@ -2,13 +2,13 @@
 
 import sys
 
-from tools import bench_campaign, bench_filters, bench_plant
+from tools import bench_campaign, bench_filters, bench_lanes, bench_plant
 
 
 def main() -> None:
     """Run every benchmark with its defaults, one after the other."""
     sys.argv = sys.argv[:1]
-    for benchmark in (bench_filters, bench_plant, bench_campaign):
+    for benchmark in (bench_filters, bench_plant, bench_campaign, bench_lanes):
         benchmark.main()
 
 

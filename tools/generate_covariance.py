@@ -139,7 +139,7 @@ def _correction(pattern: Pattern) -> list[str]:
     lines: list[str] = []
     for row, (name, s) in enumerate(zip(MEASUREMENTS, pattern.measured, strict=True)):
         lines += [
-            f"if z_{name} == z_{name}:",
+            f"if everywhere(z_{name} == z_{name}):",
             f"    inverse = 1.0 / ({_p(s, s)} + measurement_noise[{row}])",
             f"    deviation = (z_{name} - x{s}) * inverse",
         ]
@@ -177,7 +177,7 @@ def _kalman_step(pattern: Pattern) -> list[str]:
         body.append(f"out[{row}] = z_{name} - x{s}")
     for row, (name, s) in enumerate(zip(MEASUREMENTS, pattern.measured, strict=True)):
         variance = f"{_p(s, s)} + measurement_noise[{row}]"
-        body.append(f"out[{row + 6}] = {variance} if z_{name} == z_{name} else np.nan")
+        body.append(f"out[{row + 6}] = {variance} if everywhere(z_{name} == z_{name}) else np.nan")
     body += _correction(pattern)
     for row, (name, s) in enumerate(zip(MEASUREMENTS, pattern.measured, strict=True)):
         body.append(f"out[{row + 3}] = z_{name} - x{s}")
@@ -207,6 +207,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from rig.plant.lanes import everywhere
 
 from .fused import fma
 

@@ -113,7 +113,7 @@ def _variance(pattern: Pattern, row: int, name: str) -> list[str]:
     lines = [f"total = d{s} + measurement_noise[{row}]"]
     for j in range(s + 1, pattern.size):
         lines.append(f"total = fma({_u(s, j)} * {_u(s, j)}, d{j}, total)")
-    return [*lines, f"out[{row + 6}] = total if z_{name} == z_{name} else np.nan"]
+    return [*lines, f"out[{row + 6}] = total if everywhere(z_{name} == z_{name}) else np.nan"]
 
 
 def _correction(pattern: Pattern) -> list[str]:
@@ -122,7 +122,7 @@ def _correction(pattern: Pattern) -> list[str]:
     lines: list[str] = []
     for row, (name, s) in enumerate(zip(MEASUREMENTS, pattern.measured, strict=True)):
         lines += [
-            f"if z_{name} == z_{name}:",
+            f"if everywhere(z_{name} == z_{name}):",
             f"    before = measurement_noise[{row}]",
             f"    expected = before + d{s}",
             "    inverse = 1.0 / expected",
@@ -204,6 +204,8 @@ multiply-adds by name, so that no compiler decides about rounding.
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from rig.plant.lanes import everywhere
 
 from .fused import fma
 

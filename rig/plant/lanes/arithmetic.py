@@ -6,12 +6,14 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin
 
-from .kinds import LANES, NUMBERS, VECTOR, lanes, truths
+from .choosing import INLINED
+from .kinds import LANES, NUMBERS, VECTOR, LanesType, lanes, overload, overload_attribute, truths
 
 Emit = Callable[..., Any]
 """Takes the builder and the arguments' vectors, and returns the result's."""
@@ -36,8 +38,7 @@ def _teach(function: Any, result: Any, arguments: tuple[Any, ...], emit: Emit) -
 
 
 def _instruction(name: str) -> Emit:
-    flags = {"flags": ("contract",)} if name in ("fadd", "fsub", "fmul") else {}
-    return lambda builder, *args: getattr(builder, name)(*args, **flags)
+    return lambda builder, *args: getattr(builder, name)(*args)
 
 
 def emit_function(name: str, builder: Any, *args: Any) -> Any:
@@ -87,3 +88,13 @@ _teach(max, lanes, (lanes, lanes), _extreme(">"))
 _teach(math.sqrt, lanes, (lanes,), _function("sqrt"))
 _teach(math.floor, lanes, (lanes,), _function("floor"))
 _teach(math.copysign, lanes, (lanes, lanes), _function("copysign"))
+
+
+@overload(np.sqrt, jit_options=INLINED)
+def _sqrt(number):
+    return (lambda number: math.sqrt(number)) if number == lanes else None
+
+
+@overload_attribute(LanesType, "real", jit_options=INLINED)
+def _real(number):
+    return lambda number: number
