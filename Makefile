@@ -34,7 +34,7 @@ types: $(INSTALLED)
 imports: $(INSTALLED)
 	@$(BIN)/lint-imports --no-logo
 
-bench: $(INSTALLED) ## measure filter, plant, campaign and start-up against their references
+bench: $(INSTALLED) ## measure filter, plant, campaign, lanes and start-up against their references
 	@$(BIN)/python -m tools.bench
 
 bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, and with the whole chain
