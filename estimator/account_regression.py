@@ -17,12 +17,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .account_sums import FaultProducts
+from .nuisances import NULL_SHIFT
 
 Array = NDArray[np.float64]
 
 NOISE_WEIGHT: Final = 8.0
 """How many values' worth of belief stands behind a noise variance of one."""
-LEAST_VARIANCE: Final = 0.05
+LEAST_VARIANCE: Final = 0.25
 """The noise variance is never believed to be less: the sensors' own (docs/detection.md)."""
 _LEAST_INFORMATION: Final = 1e-6
 """Below this part of its raw information a column is all nuisance, up to round-off."""
@@ -71,37 +72,62 @@ def _noise_variance(values, projected, squares, count):
 
 @njit(cache=True, error_model="numpy")
 def _score(rotated, squares, products, values, projected, total, freedom, variance, out):
-    """Fill `out` (4, n) with the fields of `Scores`, for columns u with u'u and u'y as given.
+    """Fill `out` (4, marks, faults) with the fields of `Scores`, beside a shift of unknown size.
 
-    `rotated` (n, m) holds the columns' products with F in the axes of `values`.
+    Args:
+        rotated: products of faults and shift with F, in the axes of `values`, (marks, faults + 1,
+            m).
+        squares: products of faults and shift with each other, (marks, faults + 1, faults + 1).
+        products: those with y, (marks, faults + 1).
+        values: eigenvalues of F'F, (m,).
+        projected: F'y in their axes, (m,).
+        total: y'y.
+        freedom: degrees of freedom of the noise variance that is left.
+        variance: noise variance to weigh with.
+        out: to fill.
     """
     m = values.size
+    faults = products.shape[1] - 1
     weighted = total
     kept = np.empty(m)
     for a in range(m):
         kept[a] = 1.0 / (values[a] + variance)
         weighted -= projected[a] * projected[a] * kept[a]
-    for j in range(squares.size):
-        information = squares[j]
-        projection = products[j]
+    prior = variance / (NULL_SHIFT * NULL_SHIFT)
+    for mark in range(products.shape[0]):
+        shift = rotated[mark, faults]
+        shift_square = squares[mark, faults, faults] + prior
+        shift_product = products[mark, faults]
         for a in range(m):
-            part = rotated[j, a] * kept[a]
-            information -= part * rotated[j, a]
-            projection -= part * projected[a]
-        out[:, j] = 0.0
-        out[3, j] = variance
-        if information > _LEAST_INFORMATION * squares[j]:
-            coefficient = projection / information
-            explained = coefficient * projection
-            nuisances = 0.0
+            shift_square -= kept[a] * shift[a] * shift[a]
+            shift_product -= kept[a] * shift[a] * projected[a]
+        alone = shift_product / shift_square
+        for i in range(faults):
+            information = squares[mark, i, i]
+            projection = products[mark, i]
+            crossed = squares[mark, i, faults]
             for a in range(m):
-                size = (projected[a] - coefficient * rotated[j, a]) * kept[a]
-                nuisances += size * size
-            residual = weighted - explained - variance * nuisances
-            out[0, j] = coefficient
-            out[1, j] = information
-            out[2, j] = explained
-            out[3, j] = max((NOISE_WEIGHT + residual) / freedom, LEAST_VARIANCE)
+                part = rotated[mark, i, a] * kept[a]
+                information -= part * rotated[mark, i, a]
+                projection -= part * projected[a]
+                crossed -= part * shift[a]
+            information -= crossed * crossed / shift_square
+            projection -= crossed * alone
+            out[:, mark, i] = 0.0
+            out[3, mark, i] = variance
+            if information > _LEAST_INFORMATION * squares[mark, i, i]:
+                coefficient = projection / information
+                explained = coefficient * projection
+                shifted = alone - coefficient * crossed / shift_square
+                beliefs = prior / variance * shifted * shifted
+                for a in range(m):
+                    size = projected[a] - coefficient * rotated[mark, i, a] - shifted * shift[a]
+                    beliefs += size * size * kept[a] * kept[a]
+                residual = weighted - alone * shift_product - explained - variance * beliefs
+                out[0, mark, i] = coefficient
+                out[1, mark, i] = information
+                out[2, mark, i] = explained
+                out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, LEAST_VARIANCE)
 
 
 class Regression:
@@ -130,18 +156,19 @@ class Regression:
         """Score every fault from every mark on as a further column.
 
         Args:
-            crossed: the faults' products with the nuisances, float64 (marks, 5, m).
+            crossed: their products with the nuisances, float64 (marks, 6, m).
             products: their other products.
             variance: noise variance to weigh nuisances against noise with.
         """
-        rotated = crossed.reshape(-1, self._values.size) @ self._vectors
-        squares = np.einsum("jii->ji", products.squares)
-        out = np.empty((4, squares.size))
+        rotated = (crossed.reshape(-1, self._values.size) @ self._vectors).reshape(crossed.shape)
+        marks, shapes, _ = crossed.shape
+        out = np.empty((4, marks, shapes - 1))
+        whole = np.ascontiguousarray
         _score(
-            rotated, squares.ravel(), products.products.ravel(), self._values, self._projected,
-            self._total, self.freedom, variance, out,
+            rotated, whole(products.squares), whole(products.products), self._values,
+            self._projected, self._total, self.freedom, variance, out,
         )  # fmt: skip
-        return Scores(*out.reshape(4, *squares.shape))
+        return Scores(*out)
 
     def nuisances(self) -> tuple[Array, Array]:
         """Return the nuisances' most likely sizes (m,) and their covariance (m, m)."""

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from rig.plant.parameters import LITRE_PER_MINUTE
 
-from .flow_account import FAULT_COUNT, NUISANCE_COUNT, AccountBlock
+from .account_row import FAULT_COUNT
+from .flow_account import AccountBlock
+from .nuisances import NUISANCE_COUNT
 
 Array = NDArray[np.float64]
 
@@ -28,8 +30,12 @@ _SHARP: Final = 100
 _PARTS: Final = (32, 16, 8, 4, 2)
 """Parts of its age by which older marks may lie apart, tried in turn until a quarter is free."""
 
+SHIFT: Final = FAULT_COUNT
+"""Index, behind the faults, of a shift of the spool's null: no fault, but it may begin as one."""
+SHAPE_COUNT: Final = FAULT_COUNT + 1
+
 _N: Final = NUISANCE_COUNT
-_M: Final = FAULT_COUNT
+_M: Final = SHAPE_COUNT
 # One row of sums, packed: nuisances with nuisances and missing flow, missing flow squared, faults
 # with faults, nuisances and missing flow, sizes of the faults times seconds, seconds, blocks,
 # measured supply pressure.
@@ -101,7 +107,8 @@ class AccountSums:
 
         Args:
             block: the block.
-            rows: its missing flow (2,), nuisances (2, 15) and faults (2, 5), in units of noise.
+            rows: its missing flow (2,), nuisances (2, n), faults and null shift (2, 6), in units of
+                its noise.
             kept: blocks whose marks are not to be thinned out.
         """
         if self.marks == MARKS:
@@ -115,7 +122,7 @@ class AccountSums:
         self.blocks += 1
         _add_products(*rows, self._total)
         seconds = block.end_s - block.start_s
-        self._total[_SIZE:_SECONDS] += block.sizes * (seconds / LITRE_PER_MINUTE)
+        self._total[_SIZE : _SIZE + FAULT_COUNT] += block.sizes * (seconds / LITRE_PER_MINUTE)
         self._total[_SECONDS] += seconds
         self._total[_BLOCKS] += 1.0
         if np.isfinite(block.supply_pressure):
@@ -162,10 +169,19 @@ class AccountSums:
         since = slice(mark, self.marks)
         return float(self._high[since].max() - self._low[since].min())
 
-    def nuisances(self) -> tuple[Array, Array, float]:
-        """Return products of nuisances (15, 15), with missing flow (15,), and of missing flow."""
+    def nuisances(self, without: tuple[int, int] = (0, 0)) -> tuple[Array, Array, float]:
+        """Return products of nuisances (n, n), with missing flow (n,), and of missing flow.
+
+        Args:
+            without: the blocks from this mark to that one do not count.
+        """
         total = self._total
+        if without[1] > without[0]:
+            total = total - self._at(without[1]) + self._at(without[0])
         return total[_FF:_FY].reshape(_N, _N), total[_FY:_YY], float(total[_YY])
+
+    def _at(self, mark: int) -> Array:
+        return self._total if mark == self.marks else self._before[mark]
 
     def faults_since(self) -> "FaultProducts":
         """Return the sums of the faults' products since each mark."""
@@ -176,7 +192,7 @@ class AccountSums:
             squares.reshape(-1, _M, _M),
             crossed.reshape(-1, _M, _N),
             products,
-            sizes / seconds,
+            sizes[:, :FAULT_COUNT] / seconds,
             blocks[:, 0],
         )
 
@@ -199,7 +215,7 @@ class AccountSums:
     def mean_sizes(self, mark: int) -> Array:
         """Return the faults' mean absolute flows per unit coefficient since a mark (5,), L/min."""
         sums = self._total - self._before[mark]
-        return np.asarray(sums[_SIZE:_SECONDS] / sums[_SECONDS])
+        return np.asarray(sums[_SIZE : _SIZE + FAULT_COUNT] / sums[_SECONDS])
 
     def seconds(self, first: int, last: int | None = None) -> float:
         """Return the seconds that are accounted for from mark to mark, or to now."""
@@ -221,9 +237,9 @@ class FaultProducts:
     """Sums of the faults' products since each mark.
 
     Attributes:
-        squares: with faults, float64 (marks, 5, 5).
-        crossed: with nuisances, float64 (marks, 5, 15).
-        products: with missing flow, float64 (marks, 5).
+        squares: with faults, float64 (marks, 6, 6); last comes a shift of the spool's null.
+        crossed: with nuisances, float64 (marks, 6, n).
+        products: with missing flow, float64 (marks, 6).
         sizes: mean absolute flow per unit coefficient, L/min, float64 (marks, 5).
         blocks: how many blocks, float64 (marks,).
     """
@@ -238,7 +254,7 @@ class FaultProducts:
 def product_weights(left: Array, faults: Sequence[int]) -> Array:
     """Return weights (width,) of the packed sums that add up to left' X'y.
 
-    X has the nuisances and these faults as columns, `left` is float64 (15 + faults,).
+    X has the nuisances and these faults as columns, `left` is float64 (n + faults,).
     """
     weights = np.zeros(_WIDTH)
     weights[_FY:_YY] = left[:_N]

@@ -19,8 +19,8 @@ from rig.recording import Recording
 
 from .detection import Decision, Detector, OilAccountDetector, draw_up
 from .filters import DEFAULT_FILTER, FILTERS
-from .flow_account import NUISANCES
 from .leak_test import LeakTest, NuisanceBelief
+from .nuisances import DRIFT, NUISANCES
 from .oil_account import OilAccount
 from .pattern import STARTED_S, HealthyLevel, PatternDetector, healthy_level
 from .replay import filter_recording, replay, samples_of
@@ -29,9 +29,6 @@ Array = NDArray[np.float64]
 
 _PATTERN_FILTERS: Final = tuple(name for name in FILTERS if name != DEFAULT_FILTER)
 VERSION: Final = 1
-DRIFT: Final = 0.03
-"""Part of its tolerance that a nuisance may wander between the baseline and a later recording:
-0.3 um of spool null (0.03 L/min), 3 kPa of a transducer. More would hide what it is to show."""
 LEVEL: Final = 100.0
 """False alarms a day at which recordings are checked for leaks before they may be a baseline: a
 recording is minutes long, so that one in ten days' worth of them would be refused without cause."""

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .flow_account import FAULT_COUNT, NUISANCE_COUNT
+from .account_sums import SHAPE_COUNT
+from .nuisances import NUISANCE_COUNT
 
 Array = NDArray[np.float64]
 
@@ -24,10 +25,10 @@ class RecentBlocks:
         self._blocks = 0
         self._missing = np.zeros((RECENT, 2))
         self._nuisances = np.zeros((RECENT, 2, NUISANCE_COUNT))
-        self._faults = np.zeros((RECENT, 2, FAULT_COUNT))
+        self._faults = np.zeros((RECENT, 2, SHAPE_COUNT))
 
     def add(self, missing: Array, nuisances: Array, faults: Array) -> None:
-        """Add a block: float64 (2,), (2, 15) and (2, 5); the oldest goes."""
+        """Add a block: float64 (2,), (2, n) and (2, 6); the oldest goes."""
         at = self._blocks % RECENT
         self._missing[at], self._nuisances[at], self._faults[at] = missing, nuisances, faults
         self._blocks += 1
@@ -36,7 +37,7 @@ class RecentBlocks:
         """Return what given nuisances and faults leave of the missing flow, block by block.
 
         Args:
-            nuisances: their sizes, float64 (15,).
+            nuisances: their sizes, float64 (n,).
             faults: index, first block and coefficient of each.
 
         Returns:

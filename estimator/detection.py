@@ -1,8 +1,8 @@
 """From a filter's estimates to a verdict: what a detector is, and the product's own."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from math import hypot, isnan, sqrt
+from dataclasses import dataclass, field, replace
+from math import hypot, inf, isnan, sqrt
 from typing import Final, Protocol
 
 import numpy as np
@@ -12,9 +12,10 @@ from rig.plant import Model, Parameters
 from rig.plant.dynamics import chamber_volumes
 from rig.plant.parameters import LITRE_PER_MINUTE
 
+from .account_row import FAULTS
 from .filters import FilterRun
-from .flow_account import FAULTS, AccountBlock, reference_drop, reference_flow
-from .leak_test import MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
+from .flow_account import AccountBlock, reference_drop, reference_flow
+from .leak_test import DEAD_ZONE, MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
 from .oil_account import OilAccount
 
 Array = NDArray[np.float64]
@@ -25,7 +26,15 @@ INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 LEAST_ACCOUNTED: Final = 0.5
 """With less of the later half accounted for (sensors missing, chamber dry), nothing is claimed."""
 CONFIRMED_AFTER_S: Final = 5.0
-"""An alarm is withdrawn if what raised it passes before that."""
+"""An alarm is withdrawn if it passes before that, and does not come back for as long."""
+GONE_AFTER_S: Final = 2.0
+"""A leak that was confirmed has gone when nothing was found for that long (four blocks)."""
+SIZE_ERROR: Final = 0.02
+"""Part of a leak's flow that it may be off by, one standard deviation: the tolerance of a metering
+edge (`NUISANCES`), by which the accounts measure it."""
+FLOW_ERROR: Final = 0.25
+"""Part of the dead zone that a flow may be off by, one standard deviation: a bound is taken for
+four of them."""
 SETTLED_AFTER_S: Final = 2.0
 """A leak's flow is averaged from this long after its onset (the command-line contract)."""
 
@@ -51,12 +60,12 @@ class Decision:
         verdict: one of the names in `faults.verdict`.
         onset_s: estimated start of the fault; None when healthy or inconclusive.
         leak_m3_per_s: mean absolute leak flow from 2 s after onset, of all leaks found together.
-        leak_std_m3_per_s: its standard error, model-error budget included.
+        leak_std_m3_per_s: its standard error, model error included.
         coefficient: leak coefficient, m^3/(s Pa^0.5); None if there are several faults.
         statistic, threshold: the test statistic and what a healthy rig exceeds at the stated rate.
         details: further figures by name, for reports.
-        probabilities: of `healthy` and each of `FAULTS`, adding up to 1; empty while nothing can be
-            said.
+        probabilities: of `healthy`, each of `FAULTS` alone and `multiple`, adding up to 1; empty
+            while nothing can be said.
         present_leaks: coefficients of the leaks (`LEAKS`) confirmed to be there now,
             m^3/(s Pa^0.5); 0 where there is none, or none any more.
     """
@@ -125,7 +134,8 @@ class OilAccountDetector:
         self._account = OilAccount(model.parameters, self._test)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
-        self._held_since: float | None = None
+        self._found_s = self._held_since = -inf
+        self._present_leaks = (0.0, 0.0, 0.0)
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
@@ -143,17 +153,43 @@ class OilAccountDetector:
         """
         findings = self._test.search()
         threshold = self._test.limit()
+        probabilities = self._probabilities()
         if not findings:
-            self._held_since = None
-            return self._alarm or self._nothing_found(threshold)
-        decision = self._found(findings, threshold)
-        if self._held_since is None:
+            return self._silent(threshold, probabilities)
+        decision = replace(self._found(findings, threshold), probabilities=probabilities)
+        if self._last_s - self._found_s > CONFIRMED_AFTER_S:
             self._held_since = self._last_s
-        if self._last_s - self._held_since >= CONFIRMED_AFTER_S and (
-            self._alarm is None or decision.statistic >= self._alarm.statistic
-        ):
+        self._found_s = self._last_s
+        if self._last_s - self._held_since < CONFIRMED_AFTER_S:
+            return decision
+        self._present_leaks = self._present(findings)
+        decision = replace(decision, present_leaks=self._present_leaks)
+        if self._alarm is None or decision.statistic >= self._alarm.statistic:
             self._alarm = decision
         return decision
+
+    def _silent(self, threshold: float, probabilities: dict[str, float]) -> Decision:
+        """Return the decision where nothing is found at present."""
+        if self._last_s - self._found_s > GONE_AFTER_S:
+            self._present_leaks = (0.0, 0.0, 0.0)
+        if self._alarm is not None:
+            return replace(self._alarm, present_leaks=self._present_leaks)
+        return replace(self._nothing_found(threshold), probabilities=probabilities)
+
+    def _probabilities(self) -> dict[str, float]:
+        """Return the probabilities of no fault and of each; none before anybody is accused."""
+        if self._test.blocks < MINIMUM_BLOCKS:
+            return {}
+        names = ("healthy", *FAULTS, "multiple")
+        return dict(zip(names, map(float, self._test.probabilities()), strict=True))
+
+    def _present(self, findings: list[Finding]) -> tuple[float, float, float]:
+        """Return the coefficients of the leaks that are there now, in the order of `LEAKS`."""
+        present = [0.0, 0.0, 0.0]
+        for finding in findings:
+            if finding.fault < len(LEAKS):
+                present[finding.fault] = self._test.present(finding)
+        return present[0], present[1], present[2]
 
     def _found(self, findings: list[Finding], threshold: float) -> Decision:
         first = findings[0]
@@ -170,7 +206,9 @@ class OilAccountDetector:
         leaks = [finding for finding in findings if FAULTS[finding.fault] in LEAKS]
         sizes = [self._mean_size(leak) for leak in leaks]
         flow = sum(leak.coefficient * size for leak, size in zip(leaks, sizes, strict=True))
-        deviations = (leak.deviation * size for leak, size in zip(leaks, sizes, strict=True))
+        deviations = [leak.deviation * size for leak, size in zip(leaks, sizes, strict=True)]
+        deviations += [FLOW_ERROR * DEAD_ZONE[leak.fault] * LITRE_PER_MINUTE for leak in leaks]
+        deviations += [SIZE_ERROR * flow]
         return Decision(
             verdict,
             min(finding.onset_s for finding in findings),

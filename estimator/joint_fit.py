@@ -1,14 +1,18 @@
 """Nuisances and a few faults of the oil accounts fitted together, and how sure the last one is."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .account_sums import AccountSums, FaultProducts, product_weights, square_weights
-from .flow_account import NUISANCE_COUNT
+from .account_sums import SHIFT, AccountSums, FaultProducts, product_weights, square_weights
+from .nuisances import NUISANCE_COUNT, NULL_SHIFT
 
 Array = NDArray[np.float64]
+
+_MOST_LEVERAGE: Final = 0.999
+"""Leverage of a block that settles a coefficient all alone, but for round-off."""
 
 
 class JointFit:
@@ -17,12 +21,13 @@ class JointFit:
     Args:
         sums: the blocks.
         products: the same blocks' `AccountSums.faults_since`.
-        faults: indices into `FAULTS`.
+        faults: indices into `FAULTS`, or `SHIFT`, whose size is within `NULL_SHIFT`.
         marks: where each begins.
         variance: of the noise.
+        passed_over: marks from the last fault's on whose blocks do not count.
 
     Attributes:
-        nuisances: float64 (15,), in standard deviations.
+        nuisances: float64 (n,), in standard deviations.
         coefficients: of the faults, SI, float64 (faults,).
         error: variance of the last coefficient if noise is the same in all blocks.
     """
@@ -34,38 +39,46 @@ class JointFit:
         faults: Sequence[int],
         marks: Sequence[int],
         variance: float,
+        passed_over: int = 0,
     ) -> None:
         n = NUISANCE_COUNT
         self._sums, self._faults, self._marks = sums, faults, marks
+        self._gap = marks[-1], min(marks[-1] + passed_over, sums.marks)
         normal = np.zeros((n + len(faults), n + len(faults)))
         right = np.zeros(n + len(faults))
-        squares, right[:n], _ = sums.nuisances()
+        squares, right[:n], _ = sums.nuisances(self._gap)
         normal[:n, :n] = squares + variance * np.eye(n)
         columns = list(enumerate(zip(faults, marks, strict=True), start=n))
         for c, (i, mark) in columns:
-            normal[:n, c] = normal[c, :n] = products.crossed[mark, i]
-            right[c] = products.products[mark, i]
+            normal[:n, c] = normal[c, :n] = self._since(products.crossed[:, i], mark)
+            right[c] = self._since(products.products[:, i], mark)
+            prior = variance / NULL_SHIFT**2 if i == SHIFT else 0.0
             for d, (j, other) in columns:
-                normal[c, d] = products.squares[max(mark, other), i, j]
+                normal[c, d] = self._since(products.squares[:, i, j], max(mark, other))
+            normal[c, c] += prior
         inverse = _inverse(normal)
         self._direction = inverse[-1]
         self._fitted = inverse @ right
         self.nuisances, self.coefficients = self._fitted[:n], self._fitted[n:]
         self.error = variance * float(inverse[-1, -1])
 
+    def _since(self, series: Array, mark: int) -> Array:
+        """Return a sum since a mark, of which `series` has all, less what is passed over."""
+        first, last = self._gap
+        after = series[last] if last < len(series) else np.zeros_like(series[0])
+        if mark >= last:
+            return np.asarray(series[mark])
+        return np.asarray(series[min(mark, first)] - series[first] + after)
+
     def _present(self, mark: int) -> Array:
-        """Return which columns there are between a mark and the next: float64 (15 + faults,)."""
+        """Return which columns there are between a mark and the next: float64 (n + faults,)."""
         return np.append(np.ones(NUISANCE_COUNT), [float(m <= mark) for m in self._marks])
 
-    def jackknife(self) -> float:
-        """Return the variance of the last coefficient if noise differs from mark to mark.
-
-        Jackknife form of Eicker, Huber and White. It is large when little speaks for the fault, so
-        that no block can raise an alarm alone.
-        """
+    def _influences(self) -> tuple[Array, Array]:
+        """Return what each block pulled the last coefficient by, and its leverage (marks,) each."""
         last = np.zeros(self._fitted.size)
         last[-1] = 1.0
-        left_out = np.empty(self._sums.marks)
+        forms = np.empty((self._sums.marks, 2))
         for start in sorted({0, *self._marks}):
             present = self._present(start)
             left, right = self._direction * present, self._fitted * present
@@ -73,9 +86,25 @@ class JointFit:
             influence -= square_weights(left, right, self._faults)
             leverage = square_weights(left, last * present, self._faults)
             weights = np.column_stack([influence, leverage])
-            forms = self._sums.weighted(weights, start, self._sums.marks)
-            left_out[start:] = forms[:, 0] / (1.0 - np.minimum(forms[:, 1], 0.999))
-        return float((left_out**2).sum())
+            forms[start:] = self._sums.weighted(weights, start, self._sums.marks)
+        forms[slice(*self._gap)] = 0.0
+        return forms[:, 0], np.clip(forms[:, 1], 0.0, _MOST_LEVERAGE)
+
+    def uneven_error(self) -> float:
+        """Return the variance of the last coefficient if noise differs from block to block.
+
+        After Eicker, Huber and White; residuals grown by their leverage (MacKinnon and White 1985).
+        """
+        influence, leverage = self._influences()
+        return float((influence**2 / (1.0 - leverage)).sum())
+
+    def left_out(self) -> tuple[Array, Array]:
+        """Return the last coefficient without each block, and its variance: (marks,) each."""
+        influence, leverage = self._influences()
+        kept = 1.0 - leverage
+        shares = influence**2 / kept
+        uneven = shares.sum() - shares
+        return self._fitted[-1] - influence / kept, np.maximum(self.error, uneven) / kept
 
     def began_before(self) -> float:
         """Return for what part of the time since the mark before the last fault was there."""
@@ -88,7 +117,7 @@ class JointFit:
         missing = product_weights(own, self._faults) - square_weights(own, known, self._faults)
         weights = np.column_stack([missing, square_weights(own, own, self._faults)])
         left, whole = self._sums.weighted(weights, before, before + 1)[0]
-        return float(np.clip(left / whole, 0.0, 1.0))
+        return float(np.clip(left / whole, 0.0, 1.0)) if whole > 0.0 else 0.0
 
 
 def _inverse(normal: Array) -> Array:

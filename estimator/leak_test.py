@@ -5,13 +5,13 @@ At the end of every block the missing flows of all blocks so far are explained b
     missing = nuisances + coefficient x fault signature from an onset on + noise,
 
 for each fault and each onset (generalised likelihood ratio over the onset, Basseville and Nikiforov
-1993, ch. 7). The coefficient over its standard error follows Student's t; a model-error budget is
-added to the standard error, so that no leak is claimed that a wandering spool null could feign.
-docs/detection.md has the formulae.
+1993, ch. 7). A fault is claimed for what its flow exceeds a dead zone by, the flow that a wandering
+spool null could feign: that surplus over its standard error follows Student's t. docs/detection.md
+has the formulae.
 """
 
 from dataclasses import dataclass, replace
-from math import exp, sqrt
+from math import exp, log, pi, sqrt
 from statistics import NormalDist
 from typing import Final
 
@@ -21,31 +21,43 @@ from numpy.typing import NDArray
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .account_regression import Regression, Scores
-from .account_sums import MARKS, AccountSums, FaultProducts
+from .account_row import FAULT_COUNT
+from .account_sums import MARKS, SHIFT, AccountSums, FaultProducts
 from .block_noise import RecentBlocks, lasting_noise
-from .flow_account import BLOCK_S, FAULT_COUNT, NUISANCE_COUNT, NUISANCES, AccountBlock
+from .flow_account import BLOCK_S, AccountBlock
 from .joint_fit import JointFit
+from .nuisances import NUISANCE_COUNT, NUISANCES, nuisance_index
 
 Array = NDArray[np.float64]
 
-NOISE: Final = 0.03
+NOISE: Final = 0.01
 """Expected noise of one block's missing flow, L/min: twice the sensors' own (docs/detection.md)."""
-FLOW_BUDGET: Final = (0.01, 0.01, 0.01, 0.03, 0.03)
-"""Flow in L/min that the model may still be wrong by after the nuisances, by fault: 0.1 um of spool
-null is 0.01 L/min; supply and return pressures wander by more than a leak would."""
-_FLOW_BUDGET: Final = np.array(FLOW_BUDGET)
-RELATIVE_BUDGET: Final = 0.05
-"""A second fault must exceed this part of the first one's flow: the leak law is not exact."""
+DEAD_ZONE: Final = (0.01, 0.01, 0.015, 0.04, 0.04)
+"""Flow in L/min that no fault is claimed for, by fault: what the model may still be wrong by after
+the nuisances. 0.1 um of metering edge is 0.01 L/min; edges near null, where a ram that is held
+works, look most like an internal leak; supply and return pressures wander by more than leaks."""
+_DEAD_ZONE: Final = np.array(DEAD_ZONE)
+RELATIVE_DEAD_ZONE: Final = 0.05
+"""Beside a fault, another one must exceed this part of its flow too, and a fault that is down to it
+has gone: the leak law is not exact."""
 MINIMUM_BLOCKS: Final = 16
-"""Before that many nobody is accused, 8 s of motion: their 32 values are twice the 15 nuisances and
-one fault, so that as many are left to tell the noise by."""
+"""Before that many nobody is accused, 8 s of motion: their 32 values outnumber the nuisances and a
+fault, so that some are left to tell the noise by."""
+PRIOR: Final = 0.01
+"""Probability before any data, of each fault, that a run has it."""
+GREATEST_FLOW: Final = 4.0
+"""L/min: before any data a fault's flow may be anything up to this (figure 5.1: bypass lines)."""
 WITNESSES: Final = 4
 """Blocks that must speak for a fault: from fewer, their spread cannot be told."""
+GREAT_FLOW: Final = 0.5
+"""L/min: where a greater leak opens, pressures fall by more than straight lines hold for."""
+SETTLING_BLOCKS: Final = 2
+"""Such a leak is sized without the first blocks, once twice the witnesses have spoken."""
 ONSETS: Final = MARKS
 """Onsets that are told apart."""
 _RIVAL_GAIN: Final = 20.0
 """Twice the log likelihood by which a rival cause must win to be preferred: odds of e^10."""
-_NULL_BIAS: Final = [nuisance.name for nuisance in NUISANCES].index("spool_null_bias")
+_NULL_BIAS: Final = nuisance_index("spool_null_bias")
 _SETTLED_PART: Final = 0.8
 """Noise that a fault explains this much of was mostly that fault: it is estimated anew."""
 
@@ -62,7 +74,7 @@ def student_quantile(probability: float, freedom: float) -> float:
 
 @dataclass(frozen=True)
 class NuisanceBelief:
-    """Mean (15,) and covariance (15, 15) of the nuisances, each in units of its tolerance."""
+    """Mean (n,) and covariance (n, n) of the nuisances, each in units of its tolerance."""
 
     mean: Array
     covariance: Array
@@ -81,9 +93,11 @@ class Finding:
         onset: index of the first complete block with the fault.
         onset_fraction: part of the block before that already had it, 0 to 1.
         coefficient, deviation: its coefficient and standard error, SI.
-        statistic: coefficient over its standard error, budget included.
+        statistic: what its flow exceeds the dead zone by, over its standard error, without the
+            block that speaks most for it.
         likelihood: gain in twice the log likelihood, in units of the noise.
         onset_s: time at which it began.
+        lasting: by how much noise that lasts from block to block has raised its variance.
     """
 
     fault: int
@@ -94,6 +108,7 @@ class Finding:
     statistic: float
     likelihood: float
     onset_s: float
+    lasting: float
 
 
 @dataclass(frozen=True)
@@ -106,6 +121,7 @@ class _Candidates:
         scores: what each fault would do for the regression.
         usable: bool (marks, 5), whether it can be told at all.
         gain: float64 (marks, 5), its gain in twice the log likelihood; 0 where it is not usable.
+        change: float64 (marks,), that of a change of the fault beside which these are.
     """
 
     regression: Regression
@@ -113,6 +129,7 @@ class _Candidates:
     scores: Scores
     usable: NDArray[np.bool_]
     gain: Array
+    change: Array
 
 
 class LeakTest:
@@ -170,7 +187,9 @@ class LeakTest:
         noise = np.hypot(NOISE * LITRE_PER_MINUTE, block.doubts)
         nuisances = block.nuisances / noise[:, None]
         missing = block.missing / noise - nuisances @ self._expected.mean
-        rows = missing, nuisances @ self._root, block.faults / noise[:, None]
+        # A null that shifts may begin like a fault: a fault has to explain more than that.
+        shapes = np.column_stack([block.faults, block.nuisances[:, _NULL_BIAS]]) / noise[:, None]
+        rows = missing, nuisances @ self._root, shapes
         self._recent.add(*rows)
         self.sums.add(block, rows, self._kept)
         self._scored.clear()
@@ -193,24 +212,32 @@ class LeakTest:
 
     def _pair(self) -> list[Finding]:
         """Return two faults neither of which stands out while the other passes for noise."""
+        pairs = []
+        for likely in self._likely():
+            second = self._best(likely)
+            first = None if second is None else self._best(second)
+            if first is not None and second is not None:
+                pairs.append([first, second])
+        return max(pairs, key=lambda pair: sum(f.likelihood for f in pair), default=[])
+
+    def _likely(self) -> list[Finding]:
+        """Return each fault that explains much, likeliest first, whether it may be noise or not."""
         candidates = self._candidates()
-        mark, fault = (
-            int(k) for k in np.unravel_index(np.argmax(candidates.gain), candidates.gain.shape)
-        )
-        if candidates.gain[mark, fault] < _RIVAL_GAIN:
-            return []
-        variance = float(candidates.scores.variance[mark, fault])
-        likeliest = self._examined(fault, mark, None, _FLOW_BUDGET[fault], variance)
-        second = self._best(likeliest)
-        first = None if second is None else self._best(second)
-        return [] if first is None or second is None else [first, second]
+        found = []
+        for fault in np.argsort(-candidates.gain.max(axis=0)):
+            mark = int(np.argmax(candidates.gain[:, fault]))
+            if candidates.gain[mark, fault] < _RIVAL_GAIN:
+                break
+            variance = float(candidates.scores.variance[mark, fault])
+            found.append(self._examined(int(fault), mark, None, _DEAD_ZONE[fault], variance))
+        return found
 
     def _beside(self, first: Finding, second: Finding) -> Finding:
         """Return a fault fitted anew beside another that was found after it."""
         at = self._mark(second), second.fault
         variance = float(self._candidates(first).scores.variance[at])
-        budget = _FLOW_BUDGET[first.fault]
-        again = self._examined(first.fault, self._mark(first), second, budget, variance)
+        dead = _DEAD_ZONE[first.fault]
+        again = self._examined(first.fault, self._mark(first), second, dead, variance)
         return replace(again, likelihood=first.likelihood)
 
     def nuisances(self) -> NuisanceBelief:
@@ -245,8 +272,57 @@ class LeakTest:
         visible = (information > 0.0) & (size > 0.0)
         lasting = lasting_noise(self._recent.residuals(regression.nuisances()[0]))
         error = regression.variance * lasting / np.where(visible, information, 1.0)
-        budget = _FLOW_BUDGET / np.where(visible, size, 1.0)
-        return np.where(visible, self.limit() * np.sqrt(error + budget**2), np.inf)
+        dead = _DEAD_ZONE / np.where(visible, size, 1.0)
+        return np.where(visible, self.limit() * np.sqrt(error) + dead, np.inf)
+
+    def present(self, finding: Finding) -> float:
+        """Return a fault's coefficient as it is now, SI: another one if it has changed since.
+
+        0 if it has gone: what is left is within the dead zone, the part of what there was that the
+        leak law may be wrong by, or two standard errors.
+        """
+        candidates = self._candidates(finding)
+        first, fault = self._mark(finding), finding.fault
+        mark = int(np.argmax(candidates.change))
+        if candidates.change[mark] < self.limit() ** 2:
+            return finding.coefficient
+        variance = float(candidates.scores.variance[mark, fault])
+        faults, marks = [SHIFT, fault, fault], [mark, first, mark]
+        fit = JointFit(self.sums, candidates.products, faults, marks, variance)
+        size = float(candidates.products.sizes[mark, fault])
+        left = float(fit.coefficients[1:].sum())
+        dead = max(_DEAD_ZONE[fault] / size, RELATIVE_DEAD_ZONE * finding.coefficient)
+        return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
+
+    def probabilities(self) -> Array:
+        """Return the probabilities (7,) of no fault, of each fault alone, and of two of them.
+
+        By Bayes' rule, with every onset as probable as any other and the coefficient anywhere up to
+        `GREATEST_FLOW`; what a dead zone may hide speaks for no fault.
+        """
+        candidates = self._candidates()
+        scores, usable = candidates.scores, candidates.usable
+        lasting = next((fault.lasting for fault in self._likely()), 1.0)
+        size = np.where(usable, candidates.products.sizes, 1.0)
+        error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
+        surplus = np.maximum(scores.coefficient - _DEAD_ZONE / size, 0.0) / error
+        width = np.log(sqrt(2.0 * pi) / GREATEST_FLOW * size * error)
+        onsets = max(self.sums.marks, 1)
+        logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
+        each = np.logaddexp.reduce(logs, axis=0) + log(PRIOR / onsets)
+        pair = -np.inf
+        if len(findings := self.search()) > 1:
+            flows = [
+                f.deviation * candidates.products.sizes[self._mark(f), f.fault] for f in findings
+            ]
+            pair = sum(
+                0.5 * f.statistic**2 + log(PRIOR / onsets * sqrt(2.0 * pi) / GREATEST_FLOW * flow)
+                for f, flow in zip(findings, flows, strict=True)
+            )
+        healthy = log(1.0 - FAULT_COUNT * PRIOR)
+        weights = np.concatenate([[healthy], each, [pair]])
+        weights = np.exp(weights - weights.max())
+        return np.asarray(weights / weights.sum())
 
     def _candidates(self, beside: Finding | None = None) -> _Candidates:
         """Score every fault from every mark on, beside one that was found."""
@@ -274,32 +350,58 @@ class LeakTest:
             variance = float(left)
         freedom = regression.freedom
         gain = freedom * np.log1p(scores.explained / (freedom * scores.variance))
-        return _Candidates(regression, products, scores, usable, np.where(usable, gain, 0.0))
+        change = np.zeros(products.blocks.size)
+        if beside is not None:
+            later = np.arange(change.size) > self._mark(beside)
+            told = later & (products.blocks >= WITNESSES)
+            change = np.where(told, gain[:, beside.fault], 0.0)
+        return _Candidates(
+            regression, products, scores, usable, np.where(usable, gain, 0.0), change
+        )
 
     def _best(self, beside: Finding | None = None) -> Finding | None:
         """Return the fault that explains most, beside one found, if a healthy rig would not."""
         candidates = self._candidates(beside)
         scores, sizes, usable = candidates.scores, candidates.products.sizes, candidates.usable
-        flow_budget = _FLOW_BUDGET
+        dead_zone = _DEAD_ZONE
         if beside is not None:
             flow = beside.coefficient * sizes[self._mark(beside), beside.fault]
-            flow_budget = np.hypot(flow_budget, RELATIVE_BUDGET * flow)
+            dead_zone = np.maximum(dead_zone, RELATIVE_DEAD_ZONE * flow)
         limit = self.threshold(candidates.regression.freedom)
         error = scores.variance / np.where(usable, scores.information, 1.0)
-        budget = flow_budget / np.where(usable, sizes, 1.0)
-        sure = scores.coefficient > limit * np.sqrt(error + budget**2)
-        # What another cause explains far better is not this one, even if that is below its limit.
-        likely = candidates.gain >= candidates.gain.max() - _RIVAL_GAIN
+        dead = dead_zone / np.where(usable, sizes, 1.0)
+        sure = scores.coefficient > limit * np.sqrt(error) + dead
+        # What another cause explains far better is not this one, even if that is below its limit;
+        # a change of the fault that was found is such a cause.
+        best = max(candidates.gain.max(), candidates.change.max())
+        likely = candidates.gain >= best - _RIVAL_GAIN
         gain = np.where(sure & likely, candidates.gain, 0.0)
         for fault in np.argsort(-gain.max(axis=0)):
             mark = int(np.argmax(gain[:, fault]))
             if gain[mark, fault] <= 0.0:
                 return None
             variance = float(scores.variance[mark, fault])
-            finding = self._examined(int(fault), mark, beside, flow_budget[fault], variance)
+            finding = self._examined(int(fault), mark, beside, dead_zone[fault], variance)
             if finding.statistic > limit:
                 return replace(finding, likelihood=float(gain[mark, fault]))
         return None
+
+    def _lasting(
+        self, faults: list[int], marks: list[int], variance: float, settling: int
+    ) -> float:
+        """Return by how much noise that lasts raises the variance of the last fault's coefficient.
+
+        That the fault grows or shrinks is no noise: it may change at each third of its time.
+        """
+        since, blocks = marks[-1], self.sums.marks - marks[-1]
+        if blocks >= 3 * WITNESSES:
+            changes = [since + blocks // 3, since + 2 * blocks // 3]
+            faults = [faults[-1], faults[-1], *faults]
+            marks = [*changes, *marks]
+        fit = JointFit(self.sums, self._candidates().products, faults, marks, variance, settling)
+        onsets = [int(self.sums.mark_blocks[m]) for m in marks]
+        present = list(zip(faults, onsets, fit.coefficients, strict=True))
+        return lasting_noise(self._recent.residuals(fit.nuisances, present))
 
     def _mark(self, finding: Finding) -> int:
         return self.sums.mark_of(finding.onset)
@@ -309,37 +411,44 @@ class LeakTest:
         fault: int,
         mark: int,
         beside: Finding | None,
-        flow_budget: float,
+        dead_zone: float,
         variance: float,
     ) -> Finding:
         """Return a fault from a mark on as a finding, fitted together with one beside it.
 
-        Its standard error also holds for noise that differs or lasts from block to block.
+        Its standard error also holds for noise that differs or lasts from block to block, and the
+        statistic is that without the block that speaks most for the fault.
         """
         products = self._candidates().products
-        faults, marks = [fault], [mark]
+        faults, marks = [SHIFT, fault], [mark, mark]
         if beside is not None:
-            faults, marks = [beside.fault, fault], [self._mark(beside), mark]
+            faults, marks = [SHIFT, beside.fault, fault], [mark, self._mark(beside), mark]
+        size, settling = float(products.sizes[mark, fault]), 0
         fit = JointFit(self.sums, products, faults, marks, variance)
-        onsets = [int(self.sums.mark_blocks[m]) for m in marks]
-        present = list(zip(faults, onsets, fit.coefficients, strict=True))
-        lasting = lasting_noise(self._recent.residuals(fit.nuisances, present))
-        budget = flow_budget / float(products.sizes[mark, fault])
-        deviation = sqrt(max(fit.error, fit.jackknife()) * lasting + budget**2)
+        if size * fit.coefficients[-1] > GREAT_FLOW and products.blocks[mark] >= 2 * WITNESSES:
+            settling = SETTLING_BLOCKS
+            fit = JointFit(self.sums, products, faults, marks, variance, settling)
+        lasting = self._lasting(faults, marks, variance, settling)
+        dead = dead_zone / size
+        deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)
         coefficient = float(fit.coefficients[-1])
+        # Whatever block is left out, the rest must speak for the fault.
+        rest, error = fit.left_out()
+        statistic = float(((rest - dead) / np.sqrt(error * lasting)).min())
         fraction = fit.began_before()
         onset_s = self.sums.start_s(mark)
         if mark:
             onset_s -= fraction * self.sums.seconds(mark - 1, mark)
         return Finding(
             fault,
-            onsets[-1],
+            int(self.sums.mark_blocks[mark]),
             fraction,
             coefficient,
             deviation,
-            coefficient / deviation,
+            statistic,
             0.0,
             onset_s,
+            lasting,
         )
 
 
@@ -351,7 +460,8 @@ def _fault_as_nuisance(
     Its prior is a hundred times what was found, which is as good as none.
 
     Returns:
-        Its products with nuisances (16, 16), with missing flow (16,), with faults (marks, 5, 16).
+        Its products with n nuisances (n + 1, n + 1), with missing flow (n + 1,), with faults
+        (marks, 5, n + 1).
     """
     i, unit = finding.fault, 100.0 * finding.coefficient
     n = fy.size

@@ -16,8 +16,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.account_row import FAULTS
 from estimator.detection import LEAKS
-from estimator.flow_account import FAULTS
 from tools.leak_trials import Plan, Trial, trials
 from tools.marked_tables import fill, markdown
 

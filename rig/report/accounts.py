@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.flow_account import NUISANCE_COUNT, AccountBlock
+from estimator.flow_account import AccountBlock
 from estimator.leak_test import MINIMUM_BLOCKS, NOISE, Finding, LeakTest
+from estimator.nuisances import NUISANCE_COUNT
 from estimator.oil_account import OilAccount
 from rig.plant import Parameters
 from rig.plant.parameters import LITRE_PER_MINUTE

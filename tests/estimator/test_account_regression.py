@@ -5,9 +5,11 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.account_regression import Regression
-from estimator.account_sums import AccountSums
-from estimator.flow_account import FAULT_COUNT, NUISANCE_COUNT, AccountBlock
+from estimator.account_row import FAULT_COUNT
+from estimator.account_sums import SHAPE_COUNT, SHIFT, AccountSums
+from estimator.flow_account import AccountBlock
 from estimator.joint_fit import JointFit
+from estimator.nuisances import NUISANCE_COUNT, NULL_SHIFT
 
 Array = NDArray[np.float64]
 
@@ -15,13 +17,14 @@ COUNT = 40
 ROOT = 2600.0
 
 
-def rows(seed: int, noise: float = 1.0) -> tuple[Array, Array, Array]:
-    """Return a healthy rig's missing flows (40, 2), nuisances (40, 2, 15) and faults (40, 2, 5)."""
+def rows(seed: int, noise: float = 1.0, count: int = COUNT) -> tuple[Array, Array, Array]:
+    """Return missing flows (count, 2), nuisances (count, 2, n), faults and shift (count, 2, 6)."""
     rng = np.random.default_rng(seed)
-    nuisances = rng.normal(0.0, 5.0, (COUNT, 2, NUISANCE_COUNT))
-    faults = ROOT * rng.uniform(0.5, 1.0, (COUNT, 2, FAULT_COUNT))
+    nuisances = rng.normal(0.0, 5.0, (count, 2, NUISANCE_COUNT))
+    faults = ROOT * rng.uniform(0.5, 1.0, (count, 2, SHAPE_COUNT))
+    faults[:, :, SHIFT] /= 0.1 * ROOT
     missing = nuisances @ rng.standard_normal(NUISANCE_COUNT) + noise * rng.standard_normal(
-        (COUNT, 2)
+        (count, 2)
     )
     return missing, nuisances, faults
 
@@ -30,7 +33,7 @@ def summed(missing: Array, nuisances: Array, faults: Array) -> AccountSums:
     sums = AccountSums()
     for k in range(len(missing)):
         block = AccountBlock(
-            0.5 * k, 0.5 * k + 0.5, missing[k], nuisances[k], faults[k], np.ones(5), True
+            0.5 * k, 0.5 * k + 0.5, missing[k], nuisances[k], faults[k, :, :5], np.ones(5), True
         )
         sums.add(block, (missing[k], nuisances[k], faults[k]))
     return sums
@@ -52,8 +55,9 @@ def test_a_fault_scores_as_generalised_least_squares_has_it(variance: float) -> 
     products = sums.faults_since()
     scores = regression_of(sums).score(products.crossed, products, variance)
     y, f = missing.ravel(), nuisances.reshape(-1, NUISANCE_COUNT)
-    weight = np.linalg.inv(variance * np.eye(y.size) + f @ f.T)
     for mark in (0, 7, 35):
+        shift = NULL_SHIFT * column(faults, SHIFT, mark)[:, None]
+        weight = np.linalg.inv(variance * np.eye(y.size) + f @ f.T + shift @ shift.T)
         for fault in range(FAULT_COUNT):
             u = column(faults, fault, mark)
             precision = u @ weight @ u
@@ -87,7 +91,7 @@ def test_nuisances_lie_within_what_is_said_of_them() -> None:
     for seed in range(30):
         rng = np.random.default_rng(seed)
         rng.normal(0.0, 5.0, (COUNT, 2, NUISANCE_COUNT))
-        rng.uniform(0.5, 1.0, (COUNT, 2, FAULT_COUNT))
+        rng.uniform(0.5, 1.0, (COUNT, 2, SHAPE_COUNT))
         drawn = rng.standard_normal(NUISANCE_COUNT)
         mean, covariance = regression_of(summed(*rows(seed))).nuisances()
         errors.append((mean - drawn) / np.sqrt(np.diag(covariance)))
@@ -112,16 +116,35 @@ def test_faults_fitted_together_are_those_of_one_regression() -> None:
     influence = x @ inverse[-1]
     by_block = (influence * residual).reshape(COUNT, 2).sum(axis=1)
     leverage = (influence * x[:, -1]).reshape(COUNT, 2).sum(axis=1)
-    left_out = ((by_block / (1.0 - leverage)) ** 2).sum()
-    assert fit.jackknife() * ROOT**2 == pytest.approx(left_out, rel=1e-6)
+    kept = 1.0 - np.maximum(leverage, 0.0)
+    shares = by_block**2 / kept
+    assert fit.uneven_error() * ROOT**2 == pytest.approx(shares.sum(), rel=1e-6)
+    without, error = fit.left_out()
+    assert without * ROOT == pytest.approx(expected[-1] - by_block / kept, rel=1e-6)
+    left = np.maximum(inverse[-1, -1], shares.sum() - shares) / kept
+    assert error * ROOT**2 == pytest.approx(left, rel=1e-6)
+
+
+def test_blocks_in_which_a_fault_settles_can_be_passed_over() -> None:
+    missing, nuisances, faults = rows(5)
+    y = missing + 1e-3 * (np.arange(COUNT) >= 20)[:, None] * faults[:, :, 1]
+    wild = y.copy()
+    wild[20:22] += 30.0
+    passing = []
+    for each in (y, wild):
+        sums = summed(each, nuisances, faults)
+        fit = JointFit(sums, sums.faults_since(), [SHIFT, 1], [20, 20], 1.0, passed_over=2)
+        passing.append([*fit.nuisances, *fit.coefficients * ROOT, fit.error * ROOT**2])
+        assert np.all(fit.left_out()[0][20:22] == fit.coefficients[-1])
+    assert passing[0] == pytest.approx(passing[1], rel=1e-9)
 
 
 @pytest.mark.parametrize("part", [0.0, 0.3, 1.0])
 def test_the_block_in_which_a_fault_began_tells_when(part: float) -> None:
-    missing, nuisances, faults = rows(4)
-    present = np.where(np.arange(COUNT) >= 20, 1.0, 0.0)
-    present[19] = part
-    y = missing + 5e-3 * present[:, None] * faults[:, :, 1]
+    missing, nuisances, faults = rows(4, count=200)
+    present = np.where(np.arange(200) >= 100, 1.0, 0.0)
+    present[99] = part
+    y = missing + 2e-2 * present[:, None] * faults[:, :, 1]
     sums = summed(y, nuisances, faults)
-    fit = JointFit(sums, sums.faults_since(), [1], [20], 1.0)
+    fit = JointFit(sums, sums.faults_since(), [1], [100], 1.0)
     assert fit.began_before() == pytest.approx(part, abs=0.2)

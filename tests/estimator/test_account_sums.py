@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from estimator.account_sums import MARKS, AccountSums, product_weights, square_weights
-from estimator.flow_account import FAULT_COUNT, NUISANCE_COUNT, AccountBlock
+from estimator.account_row import FAULT_COUNT
+from estimator.account_sums import MARKS, SHIFT, AccountSums, product_weights, square_weights
+from estimator.flow_account import AccountBlock
+from estimator.nuisances import NUISANCE_COUNT
+
+Array = NDArray[np.float64]
 
 
 def block(k: int) -> AccountBlock:
@@ -22,11 +27,16 @@ def block(k: int) -> AccountBlock:
     )
 
 
+def shapes(each: AccountBlock) -> Array:
+    """Return a block's faults and what a shift of the null would look like: (2, 6)."""
+    return np.column_stack([each.faults, each.nuisances[:, 0]])
+
+
 def summed(count: int, kept: tuple[int, ...] = ()) -> AccountSums:
     sums = AccountSums()
     for k in range(count):
         each = block(k)
-        sums.add(each, (each.missing, each.nuisances, each.faults), kept)
+        sums.add(each, (each.missing, each.nuisances, shapes(each)), kept)
     return sums
 
 
@@ -37,9 +47,9 @@ def test_sums_since_a_mark_are_those_of_the_blocks_after_it(count: int) -> None:
     assert sums.marks == len(sums.mark_blocks) <= MARKS
     for mark in (0, sums.marks // 2, sums.marks - 1):
         later = [block(k) for k in range(int(sums.mark_blocks[mark]), count)]
-        squares = sum(each.faults.T @ each.faults for each in later)
-        crossed = sum(each.faults.T @ each.nuisances for each in later)
-        missing = sum(each.faults.T @ each.missing for each in later)
+        squares = sum(shapes(each).T @ shapes(each) for each in later)
+        crossed = sum(shapes(each).T @ each.nuisances for each in later)
+        missing = sum(shapes(each).T @ each.missing for each in later)
         sizes = 6e4 * np.mean([each.sizes for each in later], axis=0)
         assert products.squares[mark] == pytest.approx(squares, abs=1e-9)
         assert products.crossed[mark] == pytest.approx(crossed, abs=1e-9)
@@ -78,10 +88,19 @@ def test_weighted_sums_are_forms_of_the_blocks() -> None:
     sums = summed(30)
     rng = np.random.default_rng(0)
     left, right = rng.standard_normal((2, NUISANCE_COUNT + 2))
-    faults = [1, 4]
+    faults = [1, SHIFT]
     weights = np.column_stack([product_weights(left, faults), square_weights(left, right, faults)])
     found = sums.weighted(weights, 10, 20)
     for k in range(10, 20):
-        x = np.column_stack([block(k).nuisances, block(k).faults[:, faults]])
+        x = np.column_stack([block(k).nuisances, shapes(block(k))[:, faults]])
         expected = left @ x.T @ block(k).missing, left @ x.T @ x @ right
         assert found[k - 10] == pytest.approx(expected, abs=1e-9)
+
+
+def test_nuisances_can_be_told_without_some_blocks() -> None:
+    sums = summed(30)
+    rest = [block(k) for k in range(30) if not 10 <= k < 12]
+    squares, products, power = sums.nuisances(without=(10, 12))
+    assert squares == pytest.approx(sum(b.nuisances.T @ b.nuisances for b in rest), abs=1e-9)
+    assert products == pytest.approx(sum(b.nuisances.T @ b.missing for b in rest), abs=1e-9)
+    assert power == pytest.approx(sum(b.missing @ b.missing for b in rest), abs=1e-9)

@@ -16,7 +16,7 @@ from estimator.baseline import (
     write_baseline,
 )
 from estimator.filters import start_memory
-from estimator.flow_account import NUISANCES
+from estimator.nuisances import NUISANCES
 from estimator.replay import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.account_sums import SHAPE_COUNT
 from estimator.block_noise import MOST_LASTING, RECENT, RecentBlocks, lasting_noise
-from estimator.flow_account import FAULT_COUNT, NUISANCE_COUNT
+from estimator.nuisances import NUISANCE_COUNT
 
 Array = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ def test_residuals_are_what_nuisances_and_faults_leave() -> None:
     recent = RecentBlocks()
     count = RECENT + 50
     nuisances = rng.standard_normal((count, 2, NUISANCE_COUNT))
-    faults = rng.standard_normal((count, 2, FAULT_COUNT))
+    faults = rng.standard_normal((count, 2, SHAPE_COUNT))
     noise = rng.standard_normal((count, 2))
     sizes = rng.standard_normal(NUISANCE_COUNT)
     onset = count - 20

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.account_row import FAULTS
 from estimator.flow_account import (
     BLOCK_TICKS,
-    FAULTS,
-    NUISANCES,
     AccountBlock,
     FlowAccount,
     reference_drop,
     reference_flow,
 )
+from estimator.nuisances import NUISANCES
 from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.simulation import simulate
@@ -110,7 +110,7 @@ def test_a_rig_unlike_its_model_misses_oil_as_the_signature_says(
     [
         ("pressure_1_bias", 5e4, lambda m, c: {"pressure_1": m["pressure_1"] + c}),
         ("pressure_2_bias", 5e4, lambda m, c: {"pressure_2": m["pressure_2"] + c}),
-        ("valve_overlap", 3e-7, lambda m, c: {"spool": m["spool"] + c * np.sign(m["spool"])}),
+        ("edge_1um", 3e-7, lambda m, c: {"spool": m["spool"] + c * np.sign(m["spool"])}),
         ("spool_delay", 1e-3, lambda m, _: {"spool": np.roll(m["spool"], 1)}),
     ],
 )

@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from estimator.flow_account import FAULT_COUNT, FAULTS, NUISANCE_COUNT, AccountBlock
+from estimator.account_row import FAULT_COUNT, FAULTS
+from estimator.flow_account import AccountBlock
 from estimator.leak_test import (
     MINIMUM_BLOCKS,
     ONSETS,
@@ -14,6 +15,7 @@ from estimator.leak_test import (
     LeakTest,
     student_quantile,
 )
+from estimator.nuisances import NUISANCE_COUNT
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 Array = NDArray[np.float64]

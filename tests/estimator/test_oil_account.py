@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.account_row import FAULTS
 from estimator.account_sums import MARKS
 from estimator.detection import Decision, OilAccountDetector, draw_up
 from estimator.filters import FilterRun, start_memory
-from estimator.flow_account import FAULTS, NUISANCES, AccountBlock
+from estimator.flow_account import AccountBlock
 from estimator.leak_test import LeakTest
+from estimator.nuisances import NUISANCES
 from estimator.oil_account import OilAccount
 from estimator.replay import filter_recording, part_of, samples_of, stretch
 from rig.io.simulated import simulated_rig
@@ -188,9 +190,11 @@ def test_the_detector_needs_no_package_that_is_not_declared() -> None:
         "import numpy as np\n"
         "from estimator.flow_account import AccountBlock\n"
         "from estimator.leak_test import LeakTest\n"
+        "from estimator.nuisances import NUISANCE_COUNT\n"
         "test, rng = LeakTest(1.0), np.random.default_rng(0)\n"
         "for k in range(30):\n"
-        "    y, f = 1e-7 * rng.standard_normal(2), 1e-6 * rng.standard_normal((2, 15))\n"
+        "    y = 1e-7 * rng.standard_normal(2)\n"
+        "    f = 1e-6 * rng.standard_normal((2, NUISANCE_COUNT))\n"
         "    s = rng.uniform(1e3, 2e3, (2, 5))\n"
         "    test.add(AccountBlock(k / 2, k / 2 + 0.5, y, f, s, s[0], True))\n"
         "assert test.search() == []\n"

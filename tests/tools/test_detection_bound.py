@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.flow_account import NUISANCES, FlowAccount
+from estimator.flow_account import FlowAccount
+from estimator.nuisances import NUISANCES
 from estimator.product_model import STATE_COUNT, predict_product
 from rig.plant import NOMINAL
 from rig.plant.integrator import TICK

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.flow_account import NUISANCES
+from estimator.nuisances import EDGE_REACHES, NUISANCES
 from rig.plant import Parameters
 from rig.plant.dynamics import aeration_compliance, valve_conductance
 from rig.plant.integrator import TICK
@@ -60,8 +60,24 @@ def inflows(course: Course) -> dict[str, Array]:
     v1 = par.line_volume_1 + par.piston_area * (x - par.stroke_min)
     v2 = par.line_volume_2 + par.piston_area * (par.stroke_max - x)
     none = np.zeros_like(q1)
+    away = np.abs(spool)
+    ajar = 0.5 * valve_conductance(par) * (np.hypot(1.0, away / 1e-6) - away / 1e-6)
+    through_1 = _root(par.supply_pressure - p1) - _root(p1 - par.return_pressure)
+    through_2 = _root(par.supply_pressure - p2) - _root(p2 - par.return_pressure)
+    closed = par.supply_pressure + par.return_pressure
+
+    def near(reach: int) -> Array:
+        return np.minimum(away / EDGE_REACHES[reach], 1.0)
+
     pairs = {
-        "valve_overlap": (-g1 * side, g2 * side),
+        "edge_1um": (-g1 * side * near(0), g2 * side * near(0)),
+        "edge_2um": (-g1 * side * near(1), g2 * side * near(1)),
+        "edge_4um": (-g1 * side * near(2), g2 * side * near(2)),
+        "edge_radius": (ajar * through_1, ajar * through_2),
+        "land_leakage": (closed - 2.0 * p1, closed - 2.0 * p2),
+        "seal_leakage_1": (-_root(p1 - par.return_pressure), none),
+        "seal_leakage_2": (none, -_root(p2 - par.return_pressure)),
+        "seal_leakage_internal": (-_root(p1 - p2), _root(p1 - p2)),
         "edge_supply_1": (q1 * extending, none),
         "edge_return_1": (q1 * ~extending, none),
         "edge_return_2": (none, -q2 * extending),

@@ -1,7 +1,7 @@
 from math import nan
 
+from estimator.account_row import FAULTS
 from estimator.detection import LEAKS
-from estimator.flow_account import FAULTS
 from faults.verdict import FAULT_KINDS, LEAK_KINDS, Verdict
 from rig.loop.decided import DECIDED, PRESENT, VERDICT_CODES, Decided, no_decision, verdict_of
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estimator.account_row import FAULTS
 from estimator.detection import CONFIRMED_AFTER_S, Decision
-from estimator.flow_account import FAULTS
 from faults.verdict import Verdict
 from rig.loop.decided import DECIDED, verdict_of
 from rig.runner.decision_rows import DecisionRows
