@@ -1,4 +1,4 @@
-"""All benchmarks in one run: filters, plant, campaigns, lanes, start-up, each as ratios or rates."""
+"""All benchmarks in one run: filters, plant, campaigns, lanes and start-up, as ratios or rates."""
 
 import sys
 
