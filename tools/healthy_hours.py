@@ -12,6 +12,7 @@ sources: called again, it goes on where it was stopped.
 
 import argparse
 import json
+import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from math import ceil
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
@@ -89,9 +91,16 @@ class Judge:
         self.verdicts: Counter[str] = Counter()
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
-        """Judge the next block; return the alarm if it is one."""
-        self._detector.update(samples, run)
-        decision = self._detector.decide()
+        """Judge the next block; return the alarm if it is one.
+
+        Raises:
+            RuntimeError: the detector failed; the message says on which rig and when.
+        """
+        try:
+            self._detector.update(samples, run)
+            decision = self._detector.decide()
+        except Exception as error:
+            raise RuntimeError(f"rig {self._seed} at {samples.time_s[-1]:.1f} s") from error
         self.verdicts[decision.verdict] += 1
         if decision.verdict in SILENT:
             return None
@@ -214,9 +223,11 @@ def study(hours: float, rate: float, jobs: int, out: Path, run_s: float = RUN_S)
     numbers = range(ceil(hours * 3600.0 / (run_s * LANES)))
     done = read_groups(kept)
     left = [number for number in numbers if number not in done]
+    # A process for each core: matrices of 20 by 20 gain nothing from threads of their own.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with (
         kept.open("a", encoding="utf-8") as lines,
-        ProcessPoolExecutor(jobs) as pool,
+        ProcessPoolExecutor(jobs, get_context("spawn")) as pool,
         Progress(transient=True) as progress,
     ):
         task = progress.add_task("healthy hours", total=len(numbers), completed=len(done))

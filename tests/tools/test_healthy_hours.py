@@ -76,6 +76,14 @@ def test_an_accused_rig_counts_once_and_is_judged_afresh(monkeypatch: pytest.Mon
     assert judge.verdicts == {"healthy": 4, "multiple": 2}
 
 
+def test_a_detector_that_fails_is_told_with_rig_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(healthy_hours, "OilAccountDetector", lambda *_: None)
+    nothing: Any = None
+    samples = Samples(np.array([12.0]), *[nothing] * 6)
+    with pytest.raises(RuntimeError, match=r"rig 7 at 12\.0 s"):
+        Judge(7, 1.0).take(samples, nothing, "sine")
+
+
 def test_a_study_runs_what_is_asked_once_and_by_its_seed_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
