@@ -30,6 +30,7 @@ class JointFit:
         nuisances: float64 (n,), in standard deviations.
         coefficients: of the faults, SI, float64 (faults,).
         error: variance of the last coefficient if noise is the same in all blocks.
+        explained: drop of the weighted sum of squares by all of them.
     """
 
     def __init__(
@@ -57,8 +58,10 @@ class JointFit:
                 normal[c, d] = self._since(products.squares[:, i, j], max(mark, other))
             normal[c, c] += prior
         inverse = _inverse(normal)
+        self._variance, self._inverse = variance, inverse
         self._direction = inverse[-1]
         self._fitted = inverse @ right
+        self.explained = float(self._fitted @ right)
         self.nuisances, self.coefficients = self._fitted[:n], self._fitted[n:]
         self.error = variance * float(inverse[-1, -1])
 
@@ -89,6 +92,10 @@ class JointFit:
             forms[start:] = self._sums.weighted(weights, start, self._sums.marks)
         forms[slice(*self._gap)] = 0.0
         return forms[:, 0], np.clip(forms[:, 1], 0.0, _MOST_LEVERAGE)
+
+    def error_of_sum(self, count: int) -> float:
+        """Return the variance of the sum of the last coefficients."""
+        return self._variance * float(self._inverse[-count:, -count:].sum())
 
     def uneven_error(self) -> float:
         """Return the variance of the last coefficient if noise differs from block to block.

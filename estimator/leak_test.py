@@ -11,7 +11,7 @@ has the formulae.
 """
 
 from dataclasses import dataclass, replace
-from math import exp, log, pi, sqrt
+from math import exp, inf, log, pi, sqrt
 from statistics import NormalDist
 from typing import Final
 
@@ -25,6 +25,7 @@ from .account_row import FAULT_COUNT
 from .account_sums import MARKS, SHIFT, AccountSums, FaultProducts
 from .block_noise import RecentBlocks, lasting_noise
 from .flow_account import BLOCK_S, AccountBlock
+from .growth import LEAST_BLOCKS, growths
 from .joint_fit import JointFit
 from .nuisances import NUISANCE_COUNT, NUISANCES, nuisance_index
 
@@ -53,6 +54,8 @@ GREAT_FLOW: Final = 0.5
 """L/min: where a greater leak opens, pressures fall by more than straight lines hold for."""
 SETTLING_BLOCKS: Final = 2
 """Such a leak is sized without the first blocks, once twice the witnesses have spoken."""
+GROWTH_BLOCKS: Final = 8
+"""Blocks, 4 s, from one search for leaks that grow slowly to the next."""
 ONSETS: Final = MARKS
 """Onsets that are told apart."""
 _RIVAL_GAIN: Final = 20.0
@@ -98,6 +101,8 @@ class Finding:
         likelihood: gain in twice the log likelihood, in units of the noise.
         onset_s: time at which it began.
         lasting: by how much noise that lasts from block to block has raised its variance.
+        grown: of a leak that grows, its coefficient at last, `coefficient` being the mean since it
+            exceeded the dead zone; else None.
     """
 
     fault: int
@@ -109,6 +114,7 @@ class Finding:
     likelihood: float
     onset_s: float
     lasting: float
+    grown: float | None = None
 
 
 @dataclass(frozen=True)
@@ -156,6 +162,7 @@ class LeakTest:
         self._root = np.linalg.cholesky(expected.covariance)
         self._recent = RecentBlocks()
         self._kept: frozenset[int] = frozenset()
+        self._growing: Finding | None = None
         # As of the last block: by the fault (and its onset) beside which others are looked for.
         self._scored: dict[tuple[int, int] | None, _Candidates] = {}
         self._findings: list[Finding] | None = None
@@ -206,7 +213,7 @@ class LeakTest:
     def _search(self) -> list[Finding]:
         first = self._best()
         if first is None:
-            return self._pair()
+            return self._pair() or self._slow()
         second = self._best(first)
         return [first] if second is None else [self._beside(first, second), second]
 
@@ -219,6 +226,30 @@ class LeakTest:
             if first is not None and second is not None:
                 pairs.append([first, second])
         return max(pairs, key=lambda pair: sum(f.likelihood for f in pair), default=[])
+
+    def _slow(self) -> list[Finding]:
+        """Return a leak that grows over minutes; looked for at some blocks, held in between."""
+        if self.blocks >= LEAST_BLOCKS and self.blocks % GROWTH_BLOCKS == 0:
+            self._growing = self._grown()
+        return [] if self._growing is None else [self._growing]
+
+    def _grown(self) -> Finding | None:
+        products, regression = self._candidates().products, self._candidates().regression
+        likeliest = growths(self.sums, products, self._recent, regression.variance)[0]
+        fault, levels = likeliest.fault, likeliest.levels
+        size = float(products.sizes[likeliest.marks[-1], fault])
+        dead = _DEAD_ZONE[fault] / size if size > 0.0 else inf
+        statistic = (float(levels[-1]) - dead) / likeliest.deviation
+        if not statistic > self.limit():
+            return None
+        below = np.flatnonzero(levels <= dead)
+        first = int(below[-1]) + 1 if below.size else 0
+        mark = int(likeliest.marks[first])
+        return Finding(
+            fault, int(self.sums.mark_blocks[mark]), 0.0, float(levels[first:].mean()),
+            likeliest.deviation, statistic, statistic**2, self.sums.start_s(mark), 1.0,
+            float(levels[-1]),
+        )  # fmt: skip
 
     def _likely(self) -> list[Finding]:
         """Return each fault that explains much, likeliest first, whether it may be noise or not."""
@@ -281,6 +312,8 @@ class LeakTest:
         0 if it has gone: what is left is within the dead zone, the part of what there was that the
         leak law may be wrong by, or two standard errors.
         """
+        if finding.grown is not None:
+            return finding.grown
         candidates = self._candidates(finding)
         first, fault = self._mark(finding), finding.fault
         mark = int(np.argmax(candidates.change))

@@ -251,3 +251,31 @@ def test_a_detector_that_has_seen_too_little_says_so() -> None:
     recording = run(Case(seconds=2.0))
     assert replay(recording, Model()).decision.verdict == "inconclusive"
     assert OilAccountDetector(Model()).decide().verdict == "inconclusive"
+
+
+@pytest.mark.parametrize("leak", LEAKS)
+def test_what_is_there_now_is_told_from_what_was(leak: str) -> None:
+    """A leak of 2 L/min is confirmed 5 s after it was found, and gone when it is shut."""
+    _, result = judged(leaking(leak, 2.0, until_s=22.0, seconds=32.0))
+    which = LEAKS.index(leak)
+    present = {time: decision.present_leaks[which] for time, decision in result.history}
+    true = 2.0 * LITRE_PER_MINUTE / np.sqrt(DROP[leak])
+    assert all(present[time] == 0.0 for time in present if time < ONSET_S + 6.0)
+    assert present[21.0] == pytest.approx(true, rel=0.1)
+    assert all(present[time] == 0.0 for time in present if time > 26.0)
+    assert result.decision.verdict == leak
+    others = [d.present_leaks[i] for _, d in result.history for i in range(3) if i != which]
+    assert not any(others)
+
+
+def test_probabilities_add_up_and_go_with_the_verdict() -> None:
+    _, result = judged(leaking("external_leakage_2", 0.1))
+    for time, decision in result.history:
+        told = decision.probabilities
+        assert bool(told) == (decision.verdict != "inconclusive")
+        assert not told or sum(told.values()) == pytest.approx(1.0)
+        if time < ONSET_S and told:
+            assert told["healthy"] > 0.9
+        if decision.verdict == "external_leakage_2":
+            assert told["external_leakage_2"] > 0.9
+    assert result.decision.probabilities["external_leakage_2"] > 0.99
