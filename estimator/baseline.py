@@ -6,7 +6,7 @@ thesis filters it is the healthy level of the innovations' moving averages.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -32,6 +32,11 @@ VERSION: Final = 1
 LEVEL: Final = 100.0
 """False alarms a day at which recordings are checked for leaks before they may be a baseline: a
 recording is minutes long, so that one in ten days' worth of them would be refused without cause."""
+
+
+GREATEST_SEAL_LEAKAGE: Final = 4.0
+"""Tolerances: a seal that lets more through is leaking, however long it has been (a sound one does
+so by chance once in 30 000)."""
 
 
 class BaselineError(ValueError):
@@ -70,7 +75,7 @@ def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
     """Learn a baseline from healthy recordings of one rig.
 
     Raises:
-        BaselineError: there is no recording, or one does not look healthy.
+        BaselineError: there is no recording, one does not look healthy, or they all have a fault.
     """
     if not recordings:
         raise BaselineError(["baseline: no recording; give healthy recordings of the rig"])
@@ -91,6 +96,8 @@ def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
     if problems:
         raise BaselineError(problems)
     learnt = test.nuisances()
+    if problems := list(_always_leaking(learnt.mean)):
+        raise BaselineError(problems)
     drift = DRIFT**2 * np.eye(len(NUISANCES))
     return Baseline(
         NuisanceBelief(learnt.mean, learnt.covariance + drift),
@@ -105,6 +112,17 @@ def _not_healthy(source: str, decision: Decision) -> str:
     if decision.verdict == "inconclusive":
         remedy = "record a motion of centimetres for some 20 s"
     return f"{source}: the recording is {decision.verdict}, a baseline needs healthy ones; {remedy}"
+
+
+def _always_leaking(mean: Array) -> Iterator[str]:
+    """Yield a problem for each seal past which more leaks than a healthy rig's lets through."""
+    for nuisance, value in zip(NUISANCES, mean, strict=True):
+        if nuisance.name.startswith("seal_leakage") and value > GREATEST_SEAL_LEAKAGE:
+            yield (
+                f"baseline: {nuisance.name}: the recordings say {nuisance.sigma * value:.2g} "
+                f"{nuisance.unit}, {value:.1f} times its tolerance (at most "
+                f"{GREATEST_SEAL_LEAKAGE:g}); they leak from the first sample on: find the leak"
+            )
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:

@@ -13,12 +13,18 @@ from .problems import Problems
 
 @click.command()
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="File to write.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File to write.",
+)
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 def command(recordings: tuple[str, ...], out: Path, model: str) -> int:
     """Learn from healthy recordings of a rig what is normal for it, for `rig replay --baseline`.
 
-    Recordings that do not look healthy are refused.
+    Recordings that do not look healthy are refused, and those that together tell of a leak which
+    was there all the time.
     """
     problems = Problems()
     contents = []
@@ -29,8 +35,14 @@ def command(recordings: tuple[str, ...], out: Path, model: str) -> int:
     for recording in recordings:
         with problems.collected():
             contents.append(read_recording(recording))
+    hashes = [content.content_hash() for content in contents]
+    for content, digest in zip(contents, hashes, strict=True):
+        first = contents[hashes.index(digest)]
+        if content is not first:
+            problems.add(f"{content.source}: the same samples as {first.source}; give them once")
     if problems.found:
         return problems.report()
     write_baseline(learn_baseline(contents, assumed), out)
-    click.echo(f"{out}: learnt from {len(contents)} healthy recordings")
+    number = len(contents)
+    click.echo(f"{out}: learnt from {number} healthy recording{'s' if number > 1 else ''}")
     return 0

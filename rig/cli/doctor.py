@@ -21,6 +21,7 @@ from rig.loop.timing import StageTimes
 from .application import EXIT_CRASHED
 from .machine import Finding, machine
 from .probing import probe
+from .ranges import Range
 from .screen import Screen
 
 STYLES: Final = {"good": "green", "weak": "yellow", "bad": "bold red"}
@@ -35,7 +36,7 @@ _MISSED: Final = 5e-3
 @click.option("--rig", "reference", metavar="RIG", help="Probe this rig's drivers too: open only.")
 @click.option(
     "--seconds",
-    type=click.FloatRange(0.01, 3600.0),
+    type=Range(0.01, 3600.0),
     default=5.0,
     show_default=True,
     help="How long the idle loop is measured.",

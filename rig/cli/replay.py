@@ -17,6 +17,7 @@ from rig.runner.recorded import detector_of, sensors_of
 from rig.runner.results import leak_figures
 
 from .problems import Problems
+from .ranges import Range
 from .replay_table import Replayed, replay_table
 from .screen import Screen
 
@@ -34,7 +35,7 @@ from .screen import Screen
 )
 @click.option(
     "--false-alarms-per-day",
-    type=click.FloatRange(1e-3, 1e3),
+    type=Range(1e-3, 1e3),
     default=1.0,
     show_default=True,
     help="What the verdicts of a healthy rig may cost.",

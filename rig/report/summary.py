@@ -106,10 +106,10 @@ def _chart(test: TestOutcome, scale: float) -> Scale:
     lower, upper = interval or (None, None)
     concerned = test.injected
     if decision is not None and (kinds := leaks_found(decision)):
-        concerned = tuple(fault for fault in test.injected if fault.kind == kinds[0])
-    truth = next(iter(concerned), None)
+        concerned = tuple(fault for fault in test.injected if fault.kind in kinds)
+    flows = [flow for fault in concerned if (flow := fault.mean_flow_m3_per_s) is not None]
     return Scale(
-        place(None if truth is None else truth.mean_flow_m3_per_s),
+        place(sum(flows) if flows else None),
         place(None if decision is None else decision.leak_m3_per_s),
         place(lower),
         place(upper),

@@ -60,7 +60,7 @@ def found_names(decision: Decision) -> str:
 
 
 def leaks_found(decision: Decision) -> list[str]:
-    """Return the leaks in a verdict; the flow found is that of the first."""
+    """Return the leaks in a verdict; the flow found is that of all of them."""
     return [kind for kind in _several(decision) or [decision.verdict] if kind in LEAKS]
 
 
@@ -81,7 +81,7 @@ def found_flow(decision: Decision) -> str:
     if decision.interval_m3_per_s is not None:
         lower, upper = (flow(bound) for bound in decision.interval_m3_per_s)
         found = f"{found} ({lower} to {upper})"
-    return f"{found} L/min" + (" of the first" if decision.verdict == "multiple" else "")
+    return f"{found} L/min" + (" together" if len(leaks_found(decision)) > 1 else "")
 
 
 def injected_size(fault: InjectedFault) -> str:

@@ -30,15 +30,18 @@ _INSTANT_S: Final = 1e-6
 
 @dataclass
 class _MeanFlow:
-    """Running mean of a channel's absolute value from a time on."""
+    """Running mean of a channel's absolute value from one time to another."""
 
     column: int
     from_s: float
+    until_s: float
     total: float = 0.0
     count: int = 0
 
     def add(self, rows: Array) -> None:
-        flow = np.abs(rows[rows[:, 0] >= self.from_s - _INSTANT_S, self.column])
+        time_s = rows[:, 0]
+        there = (time_s >= self.from_s - _INSTANT_S) & (time_s < self.until_s - _INSTANT_S)
+        flow = np.abs(rows[there, self.column])
         flow = flow[np.isfinite(flow)]
         self.total += float(flow.sum())
         self.count += flow.size
@@ -63,7 +66,7 @@ class Injection:
             for kind, (truth, meter) in LEAK_CHANNELS.items()
         }
         self._flows = {
-            index: _MeanFlow(columns[fault.kind], fault.at_s + SETTLED_AFTER_S)
+            index: _MeanFlow(columns[fault.kind], fault.at_s + SETTLED_AFTER_S, fault.until_s)
             for index, fault in enumerate(faults)
             if fault.kind in columns
         }

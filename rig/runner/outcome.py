@@ -33,8 +33,8 @@ class InjectedFault:
         coefficient: what was asked, SI (m^3/(s Pa^0.5), linear leaks m^3/(s Pa), return blockage
             Pa/(m^3/s)^2).
         linear: whether the coefficient is of the linear leak law.
-        mean_flow_m3_per_s: mean absolute flow recorded from 2 s after onset to the end; None where
-            the rig records none (supply and return line).
+        mean_flow_m3_per_s: mean absolute flow recorded from 2 s after onset to the leak's end, or
+            the test's; None where the rig records none (supply and return line).
     """
 
     kind: str

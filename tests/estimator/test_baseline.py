@@ -74,6 +74,13 @@ def test_a_leak_that_was_always_there_is_found_with_it_only(baseline: Baseline) 
     assert decision.coefficient == pytest.approx(3e-9, rel=0.1)
 
 
+def test_a_leak_that_was_always_there_is_not_taken_for_normal() -> None:
+    leaking = [recorded(seed, internal_leakage=6e-9) for seed in (1, 2)]
+    assert replay(leaking[0], Model()).decision.verdict != "internal_leakage"
+    with pytest.raises(BaselineError, match=r"seal_leakage_internal.*from the first sample"):
+        learn_baseline(leaking, Model())
+
+
 def test_the_rig_it_was_learnt_from_stays_healthy(baseline: Baseline) -> None:
     detector = baseline.detector("product", Model(), 1.0)
     assert replay(recorded(4), Model(), detector=detector).decision.verdict == "healthy"

@@ -48,6 +48,19 @@ def test_all_that_is_wrong_is_told_at_once(invoke: Invoke, recordings: Path) -> 
     assert "no_folder" in done.err
 
 
+def test_a_folder_is_no_file_to_write_a_baseline_to(invoke: Invoke, recordings: Path) -> None:
+    done = invoke("baseline", recordings / "healthy.mcap", "--out", recordings)
+    assert done.code == 2
+    assert "is a directory" in done.err
+
+
+def test_the_same_recording_does_not_count_twice(invoke: Invoke, recordings: Path) -> None:
+    healthy = recordings / "healthy.mcap"
+    done = invoke("baseline", healthy, healthy, "--out", "rig.json")
+    assert (done.code, Path("rig.json").exists()) == (2, False)
+    assert done.err == f"{healthy}: the same samples as {healthy}; give them once\n"
+
+
 def test_a_baseline_that_is_none_is_named(invoke: Invoke, recordings: Path) -> None:
     Path("rig.json").write_text("{}")
     done = invoke("replay", "--baseline", "rig.json", recordings / "healthy.mcap")

@@ -162,8 +162,11 @@ def test_of_bad_recordings_every_problem_is_told_and_nothing_else(
     assert "Traceback" not in done.err
 
 
-def test_a_false_alarm_rate_out_of_range_is_bad_input(invoke: Invoke, recordings: Path) -> None:
-    done = invoke("replay", "--false-alarms-per-day", "0", recordings / "healthy.mcap")
+@pytest.mark.parametrize("rate", ["0", "nan", "inf"])
+def test_a_false_alarm_rate_out_of_range_is_bad_input(
+    invoke: Invoke, recordings: Path, rate: str
+) -> None:
+    done = invoke("replay", "--false-alarms-per-day", rate, recordings / "healthy.mcap")
     assert done.code == 2
     assert "0.001<=x<=1000" in done.err
 

@@ -55,10 +55,10 @@ def test_a_found_flow_comes_with_its_interval_and_unit() -> None:
     assert found_flow(Decision("healthy")) == ""
 
 
-def test_of_several_faults_all_are_named_and_the_flow_is_said_to_be_the_first_s() -> None:
+def test_of_several_faults_all_are_named_and_the_flow_is_said_to_be_that_of_all() -> None:
     assert found_names(BOTH) == "internal leak and external leak 2"
     assert leaks_found(BOTH)[0] == "internal_leakage"
-    assert found_flow(BOTH).endswith("L/min of the first")
+    assert found_flow(BOTH).endswith("L/min together")
 
 
 @pytest.mark.parametrize(

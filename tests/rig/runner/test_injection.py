@@ -28,6 +28,12 @@ def test_the_mean_flow_is_absolute_and_counts_from_two_seconds_after_the_onset()
     assert internal.mean_flow_m3_per_s == 3.0
 
 
+def test_the_mean_flow_of_a_leak_that_ends_is_that_while_it_lasted() -> None:
+    injection = Injection((Fault("external_leakage_2", 1e-9, at_s=1.0, until_s=4.0),), CHANNELS)
+    injection.take(rows(0.0, 8.0))
+    assert injection.injected[0].mean_flow_m3_per_s == pytest.approx(3.5, abs=1e-3)
+
+
 def test_a_fault_that_had_not_begun_was_not_injected() -> None:
     injection = Injection((Fault("external_leakage_1", 1e-9, at_s=5.0),), CHANNELS)
     injection.take(rows(0.0, 4.0))
