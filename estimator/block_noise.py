@@ -46,8 +46,10 @@ class RecentBlocks:
         order = np.arange(max(self._blocks - RECENT, 0), self._blocks)
         at = order % RECENT
         left = self._missing[at] - self._nuisances[at] @ nuisances
-        for fault, onset, coefficient in faults:
-            left -= coefficient * self._faults[at, :, fault] * (order >= onset)[:, None]
+        if faults:
+            of, onsets, coefficients = (np.array(each) for each in zip(*faults, strict=True))
+            sizes = (order[:, None] >= onsets) * coefficients
+            left -= (self._faults[at][:, :, of] * sizes[:, None, :]).sum(axis=2)
         return np.asarray(left)
 
 

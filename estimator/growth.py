@@ -71,7 +71,9 @@ def growths(
         fit = JointFit(sums, products, shapes, [*marks, *marks], variance)
         # What is left of the missing flow, beliefs about nuisances included, tells the noise anew.
         left = (total - fit.explained) / (2 * sums.blocks - marks.size)
-        fit = JointFit(sums, products, shapes, [*marks, *marks], max(left, LEAST_VARIANCE))
+        if not 0.5 < left / variance < 2.0:
+            left = max(left, LEAST_VARIANCE)
+            fit = JointFit(sums, products, shapes, [*marks, *marks], left)
         onsets = [int(sums.mark_blocks[mark]) for mark in (*marks, *marks)]
         present = list(zip(shapes, onsets, fit.coefficients, strict=True))
         lasting = lasting_noise(recent.residuals(fit.nuisances, present))

@@ -10,6 +10,7 @@ from .account_sums import SHIFT, AccountSums, FaultProducts, product_weights, sq
 from .nuisances import NUISANCE_COUNT, NULL_SHIFT
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 _MOST_LEVERAGE: Final = 0.999
 """Leverage of a block that settles a coefficient all alone, but for round-off."""
@@ -45,18 +46,17 @@ class JointFit:
         n = NUISANCE_COUNT
         self._sums, self._faults, self._marks = sums, faults, marks
         self._gap = marks[-1], min(marks[-1] + passed_over, sums.marks)
-        normal = np.zeros((n + len(faults), n + len(faults)))
-        right = np.zeros(n + len(faults))
+        of, since = np.asarray(faults), np.asarray(marks)
+        normal = np.empty((n + of.size, n + of.size))
+        right = np.empty(n + of.size)
         squares, right[:n], _ = sums.nuisances(self._gap)
         normal[:n, :n] = squares + variance * np.eye(n)
-        columns = list(enumerate(zip(faults, marks, strict=True), start=n))
-        for c, (i, mark) in columns:
-            normal[:n, c] = normal[c, :n] = self._since(products.crossed[:, i], mark)
-            right[c] = self._since(products.products[:, i], mark)
-            prior = variance / NULL_SHIFT**2 if i == SHIFT else 0.0
-            for d, (j, other) in columns:
-                normal[c, d] = self._since(products.squares[:, i, j], max(mark, other))
-            normal[c, c] += prior
+        normal[n:, :n] = self._since(products.crossed, since, of)
+        normal[:n, n:] = normal[n:, :n].T
+        both = np.maximum.outer(since, since)
+        normal[n:, n:] = self._since(products.squares, both, of[:, None], of)
+        normal[n:, n:] += np.diag(np.where(of == SHIFT, variance / NULL_SHIFT**2, 0.0))
+        right[n:] = self._since(products.products, since, of)
         inverse = _inverse(normal)
         self._variance, self._inverse = variance, inverse
         self._direction = inverse[-1]
@@ -65,13 +65,16 @@ class JointFit:
         self.nuisances, self.coefficients = self._fitted[:n], self._fitted[n:]
         self.error = variance * float(inverse[-1, -1])
 
-    def _since(self, series: Array, mark: int) -> Array:
-        """Return a sum since a mark, of which `series` has all, less what is passed over."""
+    def _since(self, series: Array, marks: Integers, *of: Integers) -> Array:
+        """Return sums since marks, of which `series` has all, less what is passed over."""
         first, last = self._gap
-        after = series[last] if last < len(series) else np.zeros_like(series[0])
-        if mark >= last:
-            return np.asarray(series[mark])
-        return np.asarray(series[min(mark, first)] - series[first] + after)
+        if first == last:
+            return np.asarray(series[marks, *of])
+        passed = series[first] - (series[last] if last < len(series) else 0.0)
+        before = marks < last
+        whole = series[np.where(before, np.minimum(marks, first), marks), *of]
+        less = passed[of[0]] if len(of) == 1 else passed[of[0], of[1]]
+        return np.asarray(whole - np.where(_like(before, whole), less, 0.0))
 
     def _present(self, mark: int) -> Array:
         """Return which columns there are between a mark and the next: float64 (n + faults,)."""
@@ -127,7 +130,18 @@ class JointFit:
         return float(np.clip(left / whole, 0.0, 1.0)) if whole > 0.0 else 0.0
 
 
+def _like(flags: NDArray[np.bool_], values: Array) -> NDArray[np.bool_]:
+    """Return flags with axes added for those that values have more."""
+    return flags.reshape(flags.shape + (1,) * (values.ndim - flags.ndim))
+
+
 def _inverse(normal: Array) -> Array:
-    """Invert a normal matrix whose columns differ by many orders of magnitude."""
-    scale = 1.0 / np.sqrt(np.diagonal(normal))
+    """Invert a normal matrix whose columns differ by many orders of magnitude.
+
+    A fault of which nothing was to be seen has a column of zeros; its coefficient is left at zero.
+    """
+    diagonal = np.diagonal(normal)
+    seen = diagonal > 0.0
+    scale = 1.0 / np.sqrt(np.where(seen, diagonal, 1.0))
+    normal = np.where(np.diag(~seen), 1.0, normal)
     return np.asarray(scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale)

@@ -166,6 +166,7 @@ class LeakTest:
         # As of the last block: by the fault (and its onset) beside which others are looked for.
         self._scored: dict[tuple[int, int] | None, _Candidates] = {}
         self._findings: list[Finding] | None = None
+        self._healthy_noise: float | None = None
 
     @property
     def blocks(self) -> int:
@@ -200,7 +201,7 @@ class LeakTest:
         self._recent.add(*rows)
         self.sums.add(block, rows, self._kept)
         self._scored.clear()
-        self._findings = None
+        self._findings = self._healthy_noise = None
 
     def search(self) -> list[Finding]:
         """Return the faults found in all blocks so far: none, one, or two at once."""
@@ -301,7 +302,10 @@ class LeakTest:
         information = candidates.scores.information[mark]
         size = candidates.products.sizes[mark]
         visible = (information > 0.0) & (size > 0.0)
-        lasting = lasting_noise(self._recent.residuals(regression.nuisances()[0]))
+        if self._healthy_noise is None:
+            residuals = self._recent.residuals(regression.nuisances()[0])
+            self._healthy_noise = lasting_noise(residuals)
+        lasting = self._healthy_noise
         error = regression.variance * lasting / np.where(visible, information, 1.0)
         dead = _DEAD_ZONE / np.where(visible, size, 1.0)
         return np.where(visible, self.limit() * np.sqrt(error) + dead, np.inf)
