@@ -145,6 +145,11 @@ class OilAccountDetector:
         for _ in draw_up(self._account, samples, run):
             pass
 
+    @property
+    def accuses(self) -> bool:
+        """Whether a fault stands out at present; cheaper than a decision."""
+        return bool(self._test.search())
+
     def decide(self) -> Decision:
         """Return the verdict of the sequential test on all complete blocks so far.
 

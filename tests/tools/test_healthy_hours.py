@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimator.detection import Decision, Samples
+from estimator.filters import FILTERS, OUTPUTS, FilterRun
 from rig.plant.lanes import LANES
 from tools import healthy_hours
 from tools.healthy_hours import (
@@ -62,8 +63,12 @@ def test_an_accused_rig_counts_once_and_is_judged_afresh(monkeypatch: pytest.Mon
         def update(self, *_: Any) -> None:
             self.blocks += 1
 
+        @property
+        def accuses(self) -> bool:
+            return self.blocks == 3
+
         def decide(self) -> Decision:
-            return Decision("multiple" if self.blocks == 3 else "healthy", onset_s=1.0)
+            return Decision("multiple" if self.accuses else "healthy", onset_s=1.0)
 
     monkeypatch.setattr(healthy_hours, "OilAccountDetector", Accuser)
     judge = Judge(7, 1.0)
@@ -73,7 +78,20 @@ def test_an_accused_rig_counts_once_and_is_judged_afresh(monkeypatch: pytest.Mon
     alarms = [judge.take(samples, run, "sine") for _ in range(6)]
     assert [alarm is not None for alarm in alarms] == [False, False, True] * 2
     assert len(made) == 3
-    assert judge.verdicts == {"healthy": 4, "multiple": 2}
+    assert judge.verdicts == {"multiple": 2}
+
+
+def test_a_silent_detector_is_asked_for_its_verdict_every_ten_seconds() -> None:
+    judge = Judge(7, 1.0)
+    for k in range(40):
+        time_s = 0.5 * (k + np.arange(2.0))
+        still = np.zeros(2)
+        samples = Samples(time_s, still, still, still, still, still, still)
+        estimates = np.zeros((2, len(FILTERS["product"].states)))
+        outputs = np.zeros((2, len(OUTPUTS)))
+        run = FilterRun(FILTERS["product"], time_s, estimates, outputs, np.eye(11))
+        assert judge.take(samples, run, "still") is None
+    assert judge.verdicts == {"inconclusive": 2}
 
 
 def test_a_detector_that_fails_is_told_with_rig_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
