@@ -5,10 +5,8 @@ pressures, oil), so that a leak that is there from the first sample is told from
 thesis filters it is the healthy level of the innovations' moving averages.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -27,8 +25,8 @@ from .replay import filter_recording, replay, samples_of
 
 Array = NDArray[np.float64]
 
-_PATTERN_FILTERS: Final = tuple(name for name in FILTERS if name != DEFAULT_FILTER)
-VERSION: Final = 1
+PATTERN_FILTERS: Final = tuple(name for name in FILTERS if name != DEFAULT_FILTER)
+"""Filters whose detector takes levels of innovations."""
 LEVEL: Final = 100.0
 """False alarms a day at which recordings are checked for leaks before they may be a baseline: a
 recording is minutes long, so that one in ten days' worth of them would be refused without cause."""
@@ -80,7 +78,7 @@ def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
     if not recordings:
         raise BaselineError(["baseline: no recording; give healthy recordings of the rig"])
     test = LeakTest(LEVEL)
-    innovations: dict[str, list[Array]] = {name: [] for name in _PATTERN_FILTERS}
+    innovations: dict[str, list[Array]] = {name: [] for name in PATTERN_FILTERS}
     problems = []
     for recording in recordings:
         result = replay(recording, model, false_alarms_per_day=LEVEL)
@@ -123,63 +121,3 @@ def _always_leaking(mean: Array) -> Iterator[str]:
                 f"{nuisance.unit}, {value:.1f} times its tolerance (at most "
                 f"{GREATEST_SEAL_LEAKAGE:g}); they leak from the first sample on: find the leak"
             )
-
-
-def write_baseline(baseline: Baseline, path: Path) -> None:
-    """Write a baseline as JSON, whole or not at all."""
-    content = {
-        "baseline_version": VERSION,
-        "model": baseline.model,
-        "recordings": dict(baseline.recordings),
-        "nuisances": {
-            nuisance.name: {"unit": nuisance.unit, "value": nuisance.sigma * float(mean),
-                            "deviation": nuisance.sigma * float(np.sqrt(variance))}
-            for nuisance, mean, variance in zip(
-                NUISANCES, baseline.nuisances.mean, np.diag(baseline.nuisances.covariance),
-                strict=True)
-        },
-        "tolerance_mean": baseline.nuisances.mean.tolist(),
-        "tolerance_covariance": baseline.nuisances.covariance.tolist(),
-        "innovation_levels_Pa": {
-            name: {"mean": level.mean.tolist(), "deviation": level.deviation.tolist(),
-                   "looks": level.looks}
-            for name, level in baseline.levels.items()
-        },
-    }  # fmt: skip
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    partial.replace(path)
-
-
-def load_baseline(path: Path) -> Baseline:
-    """Read a baseline that `write_baseline` wrote.
-
-    Raises:
-        BaselineError: there is no such file, or it is not a baseline of this version.
-    """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["baseline_version"] != VERSION:
-            raise ValueError(f"its version is {content['baseline_version']}, not {VERSION}")
-        count = len(NUISANCES)
-        belief = NuisanceBelief(
-            np.array(content["tolerance_mean"], dtype=np.float64).reshape(count),
-            np.array(content["tolerance_covariance"], dtype=np.float64).reshape(count, count),
-        )
-        np.linalg.cholesky(belief.covariance)
-        levels = {
-            name: HealthyLevel(
-                np.array(level["mean"], dtype=np.float64).reshape(2),
-                np.array(level["deviation"], dtype=np.float64).reshape(2),
-                int(level["looks"]),
-            )
-            for name, level in content["innovation_levels_Pa"].items()
-        }
-        if set(levels) != set(_PATTERN_FILTERS):
-            raise ValueError(f"it has levels of {sorted(levels)}, not {list(_PATTERN_FILTERS)}")
-        return Baseline(belief, levels, dict(content["recordings"]), str(content["model"]))
-    except OSError as error:
-        raise BaselineError([f"{path}: {error.strerror}; make one with rig baseline"]) from None
-    except (ValueError, KeyError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
-        remedy = "make it anew with rig baseline"
-        raise BaselineError([f"{path}: not a baseline: {error}; {remedy}"]) from None

@@ -6,6 +6,9 @@ from enum import StrEnum
 from typing import Any
 
 from control.setpoints import Setpoint
+from estimator.baseline import Baseline
+from estimator.detection import Detector
+from estimator.replay import detector_for
 from rig.plant.model import Model
 
 from .schedule import Fault
@@ -60,6 +63,8 @@ class Campaign:
         rig_name: the rig the tests were checked against.
         model: what the detector assumes of the rig.
         filter_name: `product`, `thesis-6`, `thesis-7` or `thesis-7-ud`.
+        baseline: what the detector may assume of the rig; None if it knows the model only.
+        baseline_file: where that was read from.
         source_files: SHA-256 of every file the campaign was read from, by path.
         resolved: the campaign with its rig and models as plain values, for the recordings.
     """
@@ -71,8 +76,16 @@ class Campaign:
     filter_name: str
     false_alarms_per_day: float
     tests: tuple[CampaignTest, ...]
+    baseline: Baseline | None = None
+    baseline_file: str = ""
     source_files: Mapping[str, str] = field(default_factory=dict)
     resolved: Mapping[str, Any] = field(default_factory=dict)
+
+    def detector(self) -> Detector:
+        """Return a new detector, that knows what the campaign says of the rig."""
+        if self.baseline is None:
+            return detector_for(self.filter_name, self.model, self.false_alarms_per_day)
+        return self.baseline.detector(self.filter_name, self.model, self.false_alarms_per_day)
 
     @property
     def rig_time_s(self) -> float:

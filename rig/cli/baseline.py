@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from estimator.baseline import learn_baseline, write_baseline
+from estimator.baseline import learn_baseline
+from estimator.baseline_file import write_baseline
 from rig.configuration.model import load_model
 from rig.recording import read_recording
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from estimator.baseline import Baseline, load_baseline
+from estimator.baseline import Baseline
+from estimator.baseline_file import load_baseline
 from estimator.filters import DEFAULT_FILTER, filter_named
 from estimator.replay import replay
 from rig.configuration.model import load_model
@@ -61,11 +62,10 @@ def command(
     then every problem of every file is on stderr, and nothing on stdout.
     """
     problems = Problems()
-    with problems.collected():
-        assumed = load_model(model)
     baseline = None
     with problems.collected():
-        baseline = None if baseline_file is None else load_baseline(baseline_file)
+        assumed = load_model(model)
+        baseline = None if baseline_file is None else load_baseline(baseline_file, assumed.name)
     try:
         filter_named(filter_name)
     except ValueError as error:

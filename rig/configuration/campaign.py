@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from estimator.baseline import Baseline, BaselineError
+from estimator.baseline_file import load_baseline
 from estimator.filters import DEFAULT_FILTER, FILTERS
 from faults.campaign import Campaign, CampaignTest, OnFault
 from rig.plant.model import Model
@@ -40,6 +42,7 @@ class DetectorFile(Schema):
 
     filter: str = DEFAULT_FILTER
     false_alarms_per_day: Annotated[float, Physical("", 1e-3, 1e3, 1.0)] = 1.0
+    baseline: str | None = None
 
 
 def load_campaign(
@@ -78,6 +81,7 @@ def read_campaign(
     rig = _read_rig(root, path, rig_path, sources)
     model = _read_model(root, path, sources)
     detector = _read_detector(root, sources)
+    baseline = _read_baseline(root.find(("detector", "baseline")), detector, model, sources)
     tests = _read_tests(root, path, rig, sources)
     if sources.problems.found or file is None or rig is None or model is None or detector is None:
         return None
@@ -89,6 +93,8 @@ def read_campaign(
         filter_name=detector.filter,
         false_alarms_per_day=detector.false_alarms_per_day,
         tests=tests,
+        baseline=baseline,
+        baseline_file=detector.baseline or "",
         source_files={str(source): digest for source, digest in sources.sha256.items()},
         resolved=resolved(file, rig, model, detector, tests),
     )
@@ -125,6 +131,23 @@ def _read_detector(root: Located, sources: Sources) -> DetectorFile | None:
         remedy = suggestion(file.filter, list(FILTERS), "filters")
         sources.problems.add(entry.place, "filter", shown(entry), "is not a known filter", remedy)
     return file
+
+
+def _read_baseline(
+    entry: Located, detector: DetectorFile | None, model: Model | None, sources: Sources
+) -> Baseline | None:
+    """Return the baseline that the detector is given, its path from the campaign's folder."""
+    if detector is None or model is None or not detector.baseline:
+        return None
+    path = (entry.place.path.parent / Path(detector.baseline).expanduser()).resolve()
+    if sources.read_bytes(path, entry) is None:
+        return None
+    try:
+        return load_baseline(path, model.name)
+    except BaselineError as error:
+        for problem in error.problems:
+            sources.problems.add(entry.place, entry.name, "", problem)
+    return None
 
 
 def _read_tests(
@@ -174,7 +197,7 @@ def resolved(
         "description": file.description.strip(),
         "rig": plain(rig),
         "model": plain(model),
-        "detector": detector.model_dump(),
+        "detector": detector.model_dump(exclude_none=True),
         "tests": [plain(test) for test in tests],
     }
 

@@ -5,6 +5,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from faults.campaign import Campaign
 from rig.io.limits import ChannelLimit
 from rig.io.register_map import RegisterMap
 from rig.io.registry import DriverSpec
@@ -198,6 +199,10 @@ def _report_dbc(path: Path, database: "Database") -> CheckReport:
     return CheckReport("dbc", path, path.stem, summary)
 
 
+def _known(campaign: Campaign) -> str:
+    return f" and the baseline {campaign.baseline_file}" if campaign.baseline else ""
+
+
 def _report_campaign(path: Path, sources: Sources, rig_path: Path | None) -> CheckReport | None:
     loaded = read_campaign(path, sources, rig_path)
     if loaded is None:
@@ -207,7 +212,7 @@ def _report_campaign(path: Path, sources: Sources, rig_path: Path | None) -> Che
     summary = (
         f"  {campaign.description}",
         f"  {len(campaign.tests)} tests on the rig {campaign.rig_name}, judged by "
-        f"{campaign.filter_name} with the model {campaign.model.name}",
+        f"{campaign.filter_name} with the model {campaign.model.name}{_known(campaign)}",
         f"  rig time {minutes} min {seconds} s",
     )
     tests = plan_campaign(campaign, rig)

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from estimator.baseline_file import baseline_of, content_of
 from estimator.detection import Detector
 from estimator.filters import DEFAULT_FILTER
 from estimator.friction_samples import Spring
@@ -62,6 +63,7 @@ def metadata_of(
             "false_alarms_per_day": campaign.false_alarms_per_day,
             "baseline_Pa": _plain_baseline(learning.baseline),
             "baseline_from": learning.source,
+            "baseline": None if campaign.baseline is None else content_of(campaign.baseline),
         },
         "verdict_codes": [str(verdict) for verdict in VERDICT_CODES],
         "units": {channel: unit_of(channel) for channel in channels},
@@ -90,23 +92,27 @@ def spring_of(recording: Recording) -> Spring | None:
 def detector_of(
     recording: Recording, model: Model, filter_name: str, false_alarms_per_day: float
 ) -> Detector | None:
-    """Return the thesis's detector with what a recording tells that it knew of the healthy rig.
+    """Return a detector that knows of the healthy rig what a recording tells that it knew.
 
-    None where the recording tells nothing, or what was learnt with another model, filter or
-    false-alarm rate; the detector then learns by itself.
+    None where the recording tells nothing, or what was learnt with another model; thresholds that
+    were learnt from other tests hold for the same filter and false-alarm rate only.
     """
     metadata = recording.metadata
     try:
         told = metadata["detector"]
+        if metadata["provenance"]["model_sha256"] != model_sha256(model):
+            return None
+        if told.get("baseline") is not None:
+            known = baseline_of(told["baseline"])
+            return known.detector(filter_name, model, false_alarms_per_day)
         normal, thresholds = (np.array(told["baseline_Pa"][key], dtype=float) for key in _BASELINE)
         fits = (
             filter_name != DEFAULT_FILTER
             and told["filter"] == filter_name
             and told["false_alarms_per_day"] == false_alarms_per_day
-            and metadata["provenance"]["model_sha256"] == model_sha256(model)
             and normal.shape == thresholds.shape == (2,)
         )
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
         return None
     if not fits:
         return None

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Final
 
 from estimator.filters import start_memory
-from estimator.replay import detector_for
 from faults.campaign import Campaign
 from rig.configuration.rig import Rig
 from rig.loop.decision_post import prepare
@@ -25,8 +24,7 @@ def rehearse(campaign: Campaign, rig: Rig) -> None:
     test = replace(campaign.tests[0], duration_s=REHEARSED_S, settle_s=0.1)
     memory = start_memory(campaign.filter_name, campaign.model, rig.sensors)
     loop = loop_of(rig, test, memory, campaign.model)
-    detector = detector_for(campaign.filter_name, campaign.model, campaign.false_alarms_per_day)
-    judge = Judge(detector, memory, loop.channels)
+    judge = Judge(campaign.detector(), memory, loop.channels)
     while loop.ticks_left:
         judge.take(loop.advance(judge.ticks_due))
     judge.finish()

@@ -10,7 +10,7 @@ from typing import Any
 from estimator.detection import Detector
 from estimator.filters import start_memory
 from estimator.pattern import PatternDetector
-from estimator.replay import DetectorFactory, detector_for
+from estimator.replay import DetectorFactory
 from faults.campaign import Campaign, CampaignTest
 from faults.schedule import FaultSchedule
 from rig.configuration.rig import Rig
@@ -165,7 +165,7 @@ class _RunningTest:
             return self._setting.detector(campaign.model)
         if self._learning.baseline is not None:
             return PatternDetector(campaign.false_alarms_per_day, self._learning.baseline)
-        return detector_for(campaign.filter_name, campaign.model, campaign.false_alarms_per_day)
+        return campaign.detector()
 
     @contextmanager
     def _writer(self) -> Iterator[Writer]:

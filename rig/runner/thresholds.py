@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 class Learning:
     """What a detector is told of the healthy rig, and where that comes from.
 
-    `baseline` is None where the detector learns by itself, or has nothing to learn.
+    `baseline` is None where the detector learns by itself, or has nothing to learn; what the
+    campaign's own baseline says is not in it.
     """
 
     baseline: PatternBaseline | None
@@ -79,6 +80,8 @@ class HealthyReferences:
 
     def learning(self, test: CampaignTest) -> Learning:
         """Return what the healthy tests with the same setpoint and load tell of a test."""
+        if self.campaign.baseline is not None:
+            return Learning(None, f"baseline {self.campaign.baseline_file}")
         if not self._learns:
             return Learning(None, "")
         alike = [kept for kept in self._kept if _are_alike(kept[0], test)]
@@ -90,7 +93,7 @@ class HealthyReferences:
 
     @property
     def _learns(self) -> bool:
-        return self.campaign.filter_name != DEFAULT_FILTER
+        return self.campaign.filter_name != DEFAULT_FILTER and self.campaign.baseline is None
 
 
 def _are_alike(one: CampaignTest, other: CampaignTest) -> bool:

@@ -8,13 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.baseline import (
-    Baseline,
-    BaselineError,
-    learn_baseline,
-    load_baseline,
-    write_baseline,
-)
+from estimator.baseline import Baseline, BaselineError, learn_baseline
+from estimator.baseline_file import load_baseline, write_baseline
 from estimator.filters import start_memory
 from estimator.nuisances import NUISANCES
 from estimator.replay import replay
@@ -96,7 +91,7 @@ def test_the_thesis_filters_judge_by_its_healthy_levels(baseline: Baseline) -> N
 def test_it_survives_a_file_bit_for_bit(baseline: Baseline, tmp_path: Path) -> None:
     path = tmp_path / "rig.json"
     write_baseline(baseline, path)
-    loaded = load_baseline(path)
+    loaded = load_baseline(path, Model().name)
     assert np.array_equal(loaded.nuisances.mean, baseline.nuisances.mean)
     assert np.array_equal(loaded.nuisances.covariance, baseline.nuisances.covariance)
     for name, level in baseline.levels.items():
@@ -130,6 +125,8 @@ def test_no_recording_is_no_baseline() -> None:
         (lambda content: content.update(tolerance_covariance=[[1.0]]), "reshape"),
         (lambda content: content["innovation_levels_Pa"].pop("thesis-6"), "thesis-7"),
         (lambda content: content.update(recordings=3), "iterable"),
+        (lambda content: content["nuisances"].pop("bulk_modulus"), "other weaknesses"),
+        (lambda content: content.update(model="thesis"), "beside the model thesis, not nominal"),
     ],
 )
 def test_a_damaged_file_is_named_with_its_remedy(
@@ -141,11 +138,11 @@ def test_a_damaged_file_is_named_with_its_remedy(
     damage(content)
     path.write_text(json.dumps(content))
     with pytest.raises(BaselineError, match=says) as caught:
-        load_baseline(path)
+        load_baseline(path, Model().name)
     assert str(caught.value).startswith(str(path))
     assert "make it anew with rig baseline" in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(BaselineError, match=r"nothing\.json"):
-        load_baseline(tmp_path / "nothing.json")
+        load_baseline(tmp_path / "nothing.json", Model().name)

@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 
 from control.setpoints import Chirp, Constant, FromFile, Multisine, Pseudorandom, Sine, Steps
+from estimator.baseline import PATTERN_FILTERS, Baseline
+from estimator.baseline_file import write_baseline
+from estimator.leak_test import UNINFORMED
+from estimator.pattern import HealthyLevel
 from faults.campaign import Campaign, CampaignTest, OnFault, SpringLoad
 from faults.verdict import Verdict
 from rig.configuration import ConfigError
@@ -553,3 +557,44 @@ def test_the_thesis_chirp_is_as_printed() -> None:
     chirp = next(test for test in campaign.tests if test.name == "chirp")
     printed = 3.0 * np.sin(pi * (1.0 + time / 4.0) * time)
     np.testing.assert_allclose(chirp.setpoint.sample(time), printed, atol=1e-9)
+
+
+# What the detector knows of the rig
+
+
+def write_some_baseline(path: Path, model: str = "nominal") -> None:
+    level = HealthyLevel(np.full(2, 3e4), np.full(2, 1e3), 10)
+    write_baseline(Baseline(UNINFORMED, dict.fromkeys(PATTERN_FILTERS, level), {}, model), path)
+
+
+@pytest.mark.parametrize("name", ["product", "thesis-7-ud"])
+def test_a_baseline_beside_the_campaign_is_known_to_its_detector(tmp_path: Path, name: str) -> None:
+    write_some_baseline(tmp_path / "rig.json")
+    detector = f"detector: {{filter: {name}, baseline: rig.json}}\n"
+    campaign = load(tmp_path, HEAD + detector + TEST)
+    assert campaign.baseline is not None
+    assert campaign.baseline_file == "rig.json"
+    assert str(tmp_path / "rig.json") in campaign.source_files
+    assert load(tmp_path, HEAD + TEST).baseline is None
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(None, "cannot be read: no such file"), ("{}", "not a baseline"), ("x", "not a baseline")],
+)
+def test_a_baseline_that_is_none_is_told_with_its_place(
+    tmp_path: Path, content: str | None, says: str
+) -> None:
+    if content is not None:
+        (tmp_path / "rig.json").write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, HEAD + "detector:\n  baseline: rig.json\n" + TEST)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field) == (4, "baseline")
+    assert says in str(problem)
+
+
+def test_a_baseline_holds_beside_the_model_it_was_learnt_with(tmp_path: Path) -> None:
+    write_some_baseline(tmp_path / "rig.json", "thesis")
+    with pytest.raises(ConfigError, match="beside the model thesis, not nominal"):
+        load(tmp_path, HEAD + "detector: {baseline: rig.json}\n" + TEST)

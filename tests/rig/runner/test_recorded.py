@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 
 from control.setpoints import Sine
+from estimator.baseline import PATTERN_FILTERS, Baseline
+from estimator.leak_test import UNINFORMED, NuisanceBelief
+from estimator.pattern import HealthyLevel
 from estimator.replay import ReplayResult, replay
 from faults.campaign import Campaign, CampaignTest, SpringLoad
+from faults.schedule import Fault
+from faults.verdict import Verdict
 from rig.configuration.rig import Rig
 from rig.plant import Model
 from rig.plant.sensors import DATA_SHEET
@@ -93,6 +98,27 @@ def test_a_recording_that_went_through_parquet_replays_the_same(
     outcome = run_campaign(campaign, rig, tmp_path)
     export(read_recording(tmp_path / "external_leakage_1.mcap"), tmp_path / "leak.parquet")
     assert_same(read_recording(tmp_path / "leak.parquet"), outcome.tests[1], campaign)
+
+
+@pytest.mark.parametrize("filter_name", ["product", "thesis-6"])
+def test_a_replay_does_so_where_the_campaign_had_a_baseline(
+    tmp_path: Path, rig: Rig, leaking: MakeTest, make_campaign: MakeCampaign, filter_name: str
+) -> None:
+    always = leaking(faults=(Fault(Verdict.EXTERNAL_LEAKAGE_1, 5e-9),))
+    level = HealthyLevel(np.full(2, 3e4), np.full(2, 1e3), 10)
+    well_known = NuisanceBelief(UNINFORMED.mean, 1e-3 * UNINFORMED.covariance)
+    baseline = Baseline(well_known, dict.fromkeys(PATTERN_FILTERS, level), {}, "nominal")
+    campaign = make_campaign(always, filter_name=filter_name)
+    knowing = replace(campaign, baseline=baseline, baseline_file="rig.json")
+    outcome = run_campaign(knowing, rig, tmp_path / "knowing").tests[0]
+    assert outcome.thresholds_from == "baseline rig.json"
+    assert_same(read_recording(tmp_path / "knowing" / "external_leakage_1.mcap"), outcome, knowing)
+    if filter_name == "product":
+        assert outcome.decision is not None
+        assert outcome.decision.verdict == "external_leakage_1"
+        without = run_campaign(campaign, rig, tmp_path / "without").tests[0]
+        assert without.decision is not None
+        assert without.decision.verdict != "external_leakage_1"
 
 
 @pytest.fixture
