@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from math import hypot, inf, isnan, sqrt
+from math import hypot, isnan, sqrt
 from typing import Final, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from rig.plant.dynamics import chamber_volumes
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .account_row import FAULTS
+from .confirmation import Hold, PresentLeaks
 from .filters import FilterRun
 from .flow_account import AccountBlock, reference_drop, reference_flow
 from .leak_test import DEAD_ZONE, MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
@@ -25,10 +26,6 @@ INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
 LEAST_ACCOUNTED: Final = 0.5
 """With less of the later half accounted for (sensors missing, chamber dry), nothing is claimed."""
-CONFIRMED_AFTER_S: Final = 5.0
-"""An alarm is withdrawn if it passes before that, and does not come back for as long."""
-GONE_AFTER_S: Final = 2.0
-"""A leak that was confirmed has gone when nothing was found for that long (four blocks)."""
 SIZE_ERROR: Final = 0.02
 """Part of a leak's flow that it may be off by, one standard deviation: the tolerance of a metering
 edge (`NUISANCES`), by which the accounts measure it."""
@@ -130,12 +127,18 @@ class OilAccountDetector:
         expected: NuisanceBelief = UNINFORMED,
     ) -> None:
         self._parameters = model.parameters
-        self._test = LeakTest(false_alarms_per_day, expected)
+        self._setting = false_alarms_per_day, expected
+        self._test = LeakTest(*self._setting)
         self._account = OilAccount(model.parameters, self._test)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
-        self._found_s = self._held_since = -inf
-        self._present_leaks = (0.0, 0.0, 0.0)
+        self._hold = Hold()
+        self._leaks = PresentLeaks(self._test)
+
+    def _begin_anew(self) -> None:
+        """Leave the blocks so far behind: a leak that came and went fits no fault that stays."""
+        self._test = self._account.test = LeakTest(*self._setting)
+        self._leaks = PresentLeaks(self._test)
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
@@ -156,29 +159,22 @@ class OilAccountDetector:
         An alarm that has been held for 5 s stays: a fault that has gone again is still reported, as
         it stood out most.
         """
+        if self._leaks.ended(self._last_s):
+            self._begin_anew()
         findings = self._test.search()
         threshold = self._test.limit()
         probabilities = self._probabilities()
-        if not findings:
-            return self._silent(threshold, probabilities)
-        decision = replace(self._found(findings, threshold), probabilities=probabilities)
-        if self._last_s - self._found_s > CONFIRMED_AFTER_S:
-            self._held_since = self._last_s
-        self._found_s = self._last_s
-        if self._last_s - self._held_since < CONFIRMED_AFTER_S:
+        present = self._leaks.update(self._last_s, findings, probabilities)
+        if findings:
+            decision = replace(
+                self._found(findings, threshold), probabilities=probabilities, present_leaks=present
+            )
+            confirmed = self._hold.found(self._last_s)
+            if confirmed and (self._alarm is None or decision.statistic >= self._alarm.statistic):
+                self._alarm = decision
             return decision
-        self._present_leaks = self._present(findings)
-        decision = replace(decision, present_leaks=self._present_leaks)
-        if self._alarm is None or decision.statistic >= self._alarm.statistic:
-            self._alarm = decision
-        return decision
-
-    def _silent(self, threshold: float, probabilities: dict[str, float]) -> Decision:
-        """Return the decision where nothing is found at present."""
-        if self._last_s - self._found_s > GONE_AFTER_S:
-            self._present_leaks = (0.0, 0.0, 0.0)
         if self._alarm is not None:
-            return replace(self._alarm, present_leaks=self._present_leaks)
+            return replace(self._alarm, present_leaks=present)
         return replace(self._nothing_found(threshold), probabilities=probabilities)
 
     def _probabilities(self) -> dict[str, float]:
@@ -187,14 +183,6 @@ class OilAccountDetector:
             return {}
         names = ("healthy", *FAULTS, "multiple")
         return dict(zip(names, map(float, self._test.probabilities()), strict=True))
-
-    def _present(self, findings: list[Finding]) -> tuple[float, float, float]:
-        """Return the coefficients of the leaks that are there now, in the order of `LEAKS`."""
-        present = [0.0, 0.0, 0.0]
-        for finding in findings:
-            if finding.fault < len(LEAKS):
-                present[finding.fault] = self._test.present(finding)
-        return present[0], present[1], present[2]
 
     def _found(self, findings: list[Finding], threshold: float) -> Decision:
         first = findings[0]

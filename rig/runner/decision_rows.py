@@ -5,7 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import CONFIRMED_AFTER_S, Decision
+from estimator.confirmation import CONFIRMED_AFTER_S
+from estimator.detection import Decision
 from faults.verdict import FAULT_KINDS, Verdict
 from rig.loop.decided import VERDICT_CODES
 

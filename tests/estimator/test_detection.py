@@ -38,6 +38,8 @@ def setpoint(kind: str, ticks: int, rng: np.random.Generator) -> tuple[Array, bo
     time_s = np.arange(ticks) * TICK
     if kind == "sine":
         return 0.3 + 0.15 * np.sin(np.pi * time_s + 0.1), False
+    if kind == "small sine":
+        return 0.3 + 0.02 * np.sin(2.0 * np.pi * time_s), False
     if kind == "steps":
         return rng.uniform(0.1, 0.5, 100)[(time_s / 1.5).astype(int)], False
     if kind == "multisine":
@@ -59,6 +61,7 @@ class Case:
     supply_sensor: bool = False
     seconds: float = 24.0
     until_s: float = np.inf
+    again_s: float = np.inf
     seed: int = 1
 
 
@@ -66,7 +69,7 @@ def run(case: Case) -> Recording:
     ticks = round(case.seconds / TICK)
     faults = np.zeros((ticks, len(FAULT_COLUMNS)))
     time_s = np.arange(ticks) * TICK
-    acting = (time_s >= ONSET_S) & (time_s < case.until_s)
+    acting = (time_s >= ONSET_S) & (time_s < case.until_s) | (time_s >= case.again_s)
     for name, coefficient in case.faults:
         faults[acting, FAULT_COLUMNS.index(name)] = coefficient
     wanted, open_loop = setpoint(case.motion, ticks, np.random.default_rng(case.seed))
@@ -266,6 +269,32 @@ def test_what_is_there_now_is_told_from_what_was(leak: str) -> None:
     assert result.decision.verdict == leak
     others = [d.present_leaks[i] for _, d in result.history for i in range(3) if i != which]
     assert not any(others)
+
+
+def test_a_leak_that_opens_again_is_there_again() -> None:
+    leak = leaking("external_leakage_1", 1.0, seconds=54.0, until_s=22.0, again_s=36.0)
+    _, result = judged(leak)
+    present = {time: decision.present_leaks[0] for time, decision in result.history}
+    assert not any(coefficient for time, coefficient in present.items() if 25.0 < time < 41.0)
+    true = LITRE_PER_MINUTE / np.sqrt(DROP["external_leakage_1"])
+    assert present[48.0] == pytest.approx(true, rel=0.1)
+    assert present[53.0] == pytest.approx(true, rel=0.1)
+
+
+def test_a_leak_that_has_gone_is_not_taken_for_another_one() -> None:
+    """In a small motion, one that stays and began at the start explains its blocks as well."""
+    case = leaking("external_leakage_1", 2.0, motion="small sine", truth=NOMINAL, seconds=60.0)
+    _, result = judged(replace(case, until_s=32.0))
+    assert result.decision.verdict == "external_leakage_1"
+    present = {time: decision.present_leaks for time, decision in result.history}
+    assert present[31.0][0] > 0.0
+    assert not any(any(leaks) for time, leaks in present.items() if time > 36.0)
+
+
+def test_a_great_leak_stays_confirmed_where_it_drains_a_chamber() -> None:
+    case = leaking("internal_leakage", 4.0, motion="small sine", truth=NOMINAL, seconds=44.0)
+    _, result = judged(case)
+    assert all(d.present_leaks[2] > 0.0 for time, d in result.history if time >= 22.0)
 
 
 def test_probabilities_add_up_and_go_with_the_verdict() -> None:

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator.account_row import FAULTS
-from estimator.detection import CONFIRMED_AFTER_S, Decision
+from estimator.confirmation import CONFIRMED_AFTER_S
+from estimator.detection import Decision
 from faults.verdict import Verdict
 from rig.loop.decided import DECIDED, verdict_of
 from rig.runner.decision_rows import DecisionRows
