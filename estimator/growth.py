@@ -33,8 +33,8 @@ class Growth:
 
     Attributes:
         fault: index into `FAULTS`.
-        marks: first mark of every stretch but the first, int64 (7,).
-        levels: its coefficient in them beside that in the first one, SI, float64 (7,).
+        marks: first mark of every stretch but the first, int64 (stretches - 1,).
+        levels: its coefficient in them beside that in the first one, SI, as many.
         deviation: standard error of the last of them.
         explained: what leak and null explain of the weighted sum of squares.
     """
@@ -47,9 +47,12 @@ class Growth:
 
 
 def stretches(sums: AccountSums) -> NDArray[np.int64]:
-    """Return the marks that part the blocks so far into stretches of like length (7,)."""
+    """Return the marks that part the blocks so far into stretches of like length, at most (7,).
+
+    In a run of more than half an hour early marks are so far apart that stretches have to merge.
+    """
     blocks = np.arange(1, STRETCHES) * sums.blocks // STRETCHES
-    return np.array([sums.mark_of(int(block)) for block in blocks])
+    return np.unique([sums.mark_of(int(block)) for block in blocks])
 
 
 def growths(

@@ -59,3 +59,13 @@ def test_stretches_are_of_like_length() -> None:
     assert marks.size == STRETCHES - 1
     lengths = np.diff([0, *test.sums.mark_blocks[marks], LEAST_BLOCKS])
     assert lengths.tolist() == [LEAST_BLOCKS // STRETCHES] * STRETCHES
+
+
+def test_a_run_of_an_hour_has_no_stretch_twice() -> None:
+    """Marks thin out with age: two eighths of the run may begin at the same one."""
+    test = LeakTest(1.0)
+    for k, block in enumerate(blocks(7200, 2)):
+        test.add(block)
+        if k % 480 == 479:
+            assert test.search() == []
+            assert (np.diff(stretches(test.sums)) > 0).all()
