@@ -44,6 +44,10 @@ CHANGE_PROBABILITY: Final = 0.01
 """Rate at which a pair of runs of unchanged friction is said to differ, all parameters together."""
 
 _GOOD_MOTION: Final = "20 s or more of a sine of 0.5 Hz and 0.2 m, as in the campaign friction_3_1"
+_RIGHT_WAY_ROUND: Final = (
+    "transducers the right way round: what they show drives the ram instead of braking it, as "
+    "where pressure_1_Pa and pressure_2_Pa are swapped, or position_m counts the wrong way"
+)
 
 
 @dataclass(frozen=True)
@@ -193,6 +197,8 @@ def _wanting(samples: FrictionSamples, fit: StribeckFit) -> dict[str, str]:
     if fit.spread > LARGEST_SCATTER * level:
         scatter = f"the force scatters by {fit.spread:.0f} N at one velocity"
         return dict.fromkeys(PARAMETERS, f"the load that was there ({scatter}): --spring")
+    if np.median(np.sign(samples.velocity) * samples.force) < 0.0:
+        return dict.fromkeys(PARAMETERS, _RIGHT_WAY_ROUND)
     coulomb, stiction, alpha, _, _ = fit.values
     errors = np.sqrt(np.diag(fit.covariance))
     fastest = float(speed.max())

@@ -86,6 +86,17 @@ def test_a_motion_without_steady_sliding_shows_nothing_and_says_what_would() -> 
     assert all("sine" in estimate.needs for estimate in curve.estimates.values())
 
 
+def test_pressures_that_are_swapped_are_no_friction() -> None:
+    recording = sine_of(NOMINAL)
+    channels = dict(recording.channels)
+    names = "pressure_1_Pa", "pressure_2_Pa"
+    channels |= dict(zip(names, (channels[name] for name in reversed(names)), strict=True))
+    curve = found(Recording(channels))
+    for estimate in curve.estimates.values():
+        assert (estimate.identified, estimate.value) == (False, None)
+        assert "pressure_1_Pa and pressure_2_Pa are swapped" in estimate.needs
+
+
 def test_worn_seals_differ_and_the_same_rig_does_not() -> None:
     new, worn = found(sine_of(NOMINAL)), found(sine_of(WORN))
     changed = {change.name for change in friction_changes(new, worn) if change.significant}
