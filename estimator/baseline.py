@@ -107,7 +107,9 @@ def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
 
 def _not_healthy(source: str, decision: Decision) -> str:
     remedy = "leave it out, or find the fault first"
-    if decision.verdict == "inconclusive":
+    if decision.suspected is not None:
+        remedy = f"{decision.suspected} is likely: find the leak, or record for longer"
+    elif decision.verdict == "inconclusive":
         remedy = "record a motion of centimetres for some 20 s"
     return f"{source}: the recording is {decision.verdict}, a baseline needs healthy ones; {remedy}"
 

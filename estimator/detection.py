@@ -79,6 +79,17 @@ class Decision:
     present_leaks: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
+    def suspected(self) -> str | None:
+        """The likeliest fault where the verdict is inconclusive and health is less likely than not.
+
+        It is not claimed, as that would raise more false alarms than stated.
+        """
+        if self.verdict != "inconclusive" or self.probabilities.get("healthy", 1.0) >= 0.5:
+            return None
+        faults = {name: share for name, share in self.probabilities.items() if name != "healthy"}
+        return max(faults, key=lambda name: faults[name])
+
+    @property
     def interval_m3_per_s(self) -> tuple[float, float] | None:
         """95 % interval of the leak flow."""
         if self.leak_m3_per_s is None or self.leak_std_m3_per_s is None:
@@ -175,7 +186,11 @@ class OilAccountDetector:
             return decision
         if self._alarm is not None:
             return replace(self._alarm, present_leaks=present)
-        return replace(self._nothing_found(threshold), probabilities=probabilities)
+        decision = replace(self._nothing_found(threshold), probabilities=probabilities)
+        if probabilities.get("healthy", 1.0) < 0.5:
+            # More likely than not there is something, though not at the stated false-alarm rate.
+            return replace(decision, verdict="inconclusive")
+        return decision
 
     def _probabilities(self) -> dict[str, float]:
         """Return the probabilities of no fault and of each; none before anybody is accused."""

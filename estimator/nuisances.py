@@ -17,8 +17,8 @@ class Nuisance(NamedTuple):
 
 _HALF_SUPPLY: Final = 6.9e6
 """Pa, at which a chamber's leak is quoted; internal leaks at 2.5 MPa (`flow_account`)."""
-_BEARING: Final = 0.05 * LITRE_PER_MINUTE / sqrt(_HALF_SUPPLY)
-_SEAL: Final = 0.1 * LITRE_PER_MINUTE / sqrt(2.5e6)
+_BEARING: Final = 0.03 * LITRE_PER_MINUTE / sqrt(_HALF_SUPPLY)
+_SEAL: Final = 0.05 * LITRE_PER_MINUTE / sqrt(2.5e6)
 _LEAK_UNIT: Final = "m^3/(s Pa^0.5)"
 
 EDGE_REACHES: Final = (1e-6, 2e-6, 4e-6)
@@ -46,9 +46,9 @@ NUISANCES: Final = (
     Nuisance("spool_delay", 2e-3, "s", "valve bandwidth or spool sensor lag"),
     Nuisance("bulk_modulus", 0.15, "", "tolerance of 15 % (docs/model.md)"),
     Nuisance("entrained_air", 0.005, "", "half a percent of air at atmospheric pressure"),
-    Nuisance("seal_leakage_1", _BEARING, _LEAK_UNIT, "0.05 L/min past a rod seal or a bypass"),
-    Nuisance("seal_leakage_2", _BEARING, _LEAK_UNIT, "0.05 L/min past a rod seal or a bypass"),
-    Nuisance("seal_leakage_internal", _SEAL, _LEAK_UNIT, "0.1 L/min past the piston's seal"),
+    Nuisance("seal_leakage_1", _BEARING, _LEAK_UNIT, "0.03 L/min past a rod seal or a bypass"),
+    Nuisance("seal_leakage_2", _BEARING, _LEAK_UNIT, "0.03 L/min past a rod seal or a bypass"),
+    Nuisance("seal_leakage_internal", _SEAL, _LEAK_UNIT, "0.05 L/min past the piston's seal"),
 )
 NUISANCE_COUNT: Final = len(NUISANCES)
 DRIFT: Final = 0.03

@@ -11,7 +11,7 @@ from rich.text import Text
 from estimator.detection import LEAKS, Decision
 from faults.leakage import to_litres_per_minute
 from faults.verdict import Verdict
-from rig.runner.in_words import chance
+from rig.runner.in_words import chance, percent
 
 from .verdicts import leak
 
@@ -58,6 +58,12 @@ def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
 
 def advice(decision: Decision) -> str:
     """Return what would let a leak be seen where the recording could not show one."""
+    if decision.suspected is not None:
+        share = percent(decision.probabilities[decision.suspected])
+        return (
+            f"{decision.suspected} is likely ({share}), but not sure at the stated false-alarm "
+            "rate; record for longer, or replay with a baseline of the healthy rig"
+        )
     details = decision.details
     travel, needed = details.get("travel_m"), details.get("travel_needed_m")
     if travel is not None and needed is not None and travel < needed:

@@ -171,6 +171,9 @@ def _reacting(test: TestOutcome) -> str:
 
 
 def _why_not(decision: Decision) -> str:
+    if decision.suspected is not None:
+        name = label(decision.suspected)
+        return f": {name} is likely, but not sure at the stated false-alarm rate"
     travel, needed = (decision.details.get(key, 0.0) for key in ("travel_m", "travel_needed_m"))
     if travel < needed:
         moved, least = travel * 1e3, needed * 1e3
