@@ -28,6 +28,17 @@ def test_a_leak_of_2_litres_a_minute_leaves_the_healthy_loops_error(
     assert tolerant.worst_error < 1.2 * healthy.worst_error
 
 
+@pytest.mark.parametrize("place", range(3))
+@pytest.mark.parametrize("motion", ["sine, 100 mm at 0.5 Hz", STEPS])
+def test_what_the_detector_finds_does_as_well(motion: str, place: int) -> None:
+    wanted, rig = setpoint(motion), LOADS["unloaded"]
+    healthy = run(wanted, rig=rig)
+    tolerant = run(wanted, rig=rig, leaks=leak_coefficients(place, 2.0), told=None)
+    assert tolerant.confirmed_s is not None
+    assert tolerant.rms_error < 1.2 * healthy.rms_error
+    assert tolerant.worst_error < 1.2 * healthy.worst_error
+
+
 def test_a_held_load_is_not_let_go_by_a_leak() -> None:
     wanted, rig = setpoint(HOLD), LOADS["spring"]
     leaks = leak_coefficients(2, 2.0)

@@ -70,6 +70,22 @@ def proportional(recording: Recording) -> Array:
     return np.asarray(np.clip(gain, -10.0, 10.0))
 
 
+def test_the_rigs_own_detector_confirms_a_leak_and_its_end(
+    tmp_path: Path, rig: Rig, leaking: MakeTest, make_campaign: MakeCampaign
+) -> None:
+    test = leaking(duration_s=36.0, on_fault=OnFault.TOLERATE)
+    test = replace(test, faults=(replace(test.faults[0], at_s=12.0, until_s=24.0),))
+    run_campaign(make_campaign(test), rig, tmp_path)
+    recording = read_recording(tmp_path / "external_leakage_1.mcap")
+    (begun_s, what), (ended_s, back) = told(recording)
+    assert what.startswith("tolerating external_leakage_1 ")
+    assert back == "back to proportional"
+    assert 17.0 < begun_s < 21.0
+    assert 24.0 < ended_s < 27.0
+    later = recording.time_s > ended_s + 0.6
+    assert np.array_equal(recording["command_V"][later], proportional(recording)[later])
+
+
 def test_ignored_a_fault_changes_no_command(run: Run) -> None:
     outcome, ignored = run(OnFault.IGNORE, LEAKING)
     _, nothing = run(OnFault.TOLERATE, HEALTHY)
