@@ -14,7 +14,7 @@ from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .account_row import FAULTS
 from .confirmation import Hold, PresentLeaks
-from .filters import FilterRun
+from .filters import OUTPUTS, FilterRun
 from .flow_account import AccountBlock, reference_drop, reference_flow
 from .leak_test import DEAD_ZONE, MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
 from .oil_account import OilAccount
@@ -26,6 +26,11 @@ INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
 LEAST_ACCOUNTED: Final = 0.5
 """With less of the later half accounted for (sensors missing, chamber dry), nothing is claimed."""
+GREATEST_LEAK: Final = 10.0 * LITRE_PER_MINUTE
+"""m^3/s: what would be a greater leak is a sensor that errs (the valve passes 27 L/min, figure 5.1
+has leaks of up to 4)."""
+LOST_OFTEN: Final = 3
+"""A filter that was lost this often was not given this rig: nothing is called healthy by it."""
 SIZE_ERROR: Final = 0.02
 """Part of a leak's flow that it may be off by, one standard deviation: the tolerance of a metering
 edge (`NUISANCES`), by which the accounts measure it."""
@@ -108,12 +113,26 @@ class Detector(Protocol):
         """Return the decision that the samples seen so far support."""
 
 
+_RESETS: Final = OUTPUTS.index("filter_resets")
 _ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
+
+
+_FROZEN_SAMPLES: Final = 40
+"""A pressure that reads the very same for so many samples is not measured any more: noise of 30 kPa
+would not let it (`rig.loop.plausibility` has the loop's rule)."""
+
+
+def _alive(values: Array) -> NDArray[np.bool_]:
+    """Return which samples are not of a stretch of `_FROZEN_SAMPLES` like ones."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    lengths = np.diff([*starts, values.size])
+    return np.repeat(lengths < _FROZEN_SAMPLES, lengths)
 
 
 def draw_up(account: OilAccount, samples: Samples, run: FilterRun) -> Iterator[AccountBlock]:
     """Add samples with the product filter's estimates; yield each block when it is tested."""
     fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
+    fresh &= _alive(samples.pressure_1) & _alive(samples.pressure_2)
     spool, p1, p2, position = (run.state(name) for name in _ESTIMATES)
     return account.add(
         run.time_s, spool, p1, p2, position, fresh.astype(np.float64), samples.supply_pressure
@@ -143,6 +162,7 @@ class OilAccountDetector:
         self._account = OilAccount(model.parameters, self._test)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
+        self._lost = 0
         self._hold = Hold()
         self._leaks = PresentLeaks(self._test)
 
@@ -156,6 +176,8 @@ class OilAccountDetector:
         if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
+        # Rows in which a filter starts have no outputs.
+        self._lost = max(self._lost, int(np.fmax.reduce(run.outputs[:, _RESETS], initial=0.0)))
         for _ in draw_up(self._account, samples, run):
             pass
 
@@ -176,7 +198,7 @@ class OilAccountDetector:
         threshold = self._test.limit()
         probabilities = self._probabilities()
         present = self._leaks.update(self._last_s, findings, probabilities)
-        if findings:
+        if findings and not self._doubtful(findings, probabilities):
             decision = replace(
                 self._found(findings, threshold), probabilities=probabilities, present_leaks=present
             )
@@ -186,11 +208,27 @@ class OilAccountDetector:
             return decision
         if self._alarm is not None:
             return replace(self._alarm, present_leaks=present)
+        if findings:
+            first = findings[0]
+            return Decision("unknown_fault", first.onset_s, statistic=first.statistic,
+                            threshold=threshold, probabilities=probabilities)  # fmt: skip
         decision = replace(self._nothing_found(threshold), probabilities=probabilities)
         if probabilities.get("healthy", 1.0) < 0.5:
             # More likely than not there is something, though not at the stated false-alarm rate.
             return replace(decision, verdict="inconclusive")
         return decision
+
+    def _doubtful(self, findings: list[Finding], probabilities: Mapping[str, float]) -> bool:
+        """Return whether a fault that stands out is likelier to be another one, or none known.
+
+        A leak that grows is not in the probabilities; no bypass line passes more than the pump's
+        share for one.
+        """
+        first = findings[0]
+        if first.fault < len(LEAKS) and first.coefficient * self._mean_size(first) > GREATEST_LEAK:
+            return True
+        alone = len(findings) == 1 and first.grown is None
+        return alone and probabilities.get(FAULTS[first.fault], 1.0) < 0.5
 
     def _probabilities(self) -> dict[str, float]:
         """Return the probabilities of no fault and of each; none before anybody is accused."""
@@ -243,7 +281,8 @@ class OilAccountDetector:
         still = travel < details["travel_needed_m"]
         blind = accounted < LEAST_ACCOUNTED
         details["accounted"] = accounted
-        verdict = "inconclusive" if unseen or still or blind else "healthy"
+        lost = self._lost >= LOST_OFTEN
+        verdict = "inconclusive" if unseen or still or blind or lost else "healthy"
         return Decision(verdict, threshold=threshold, details=details)
 
     def _later_half(self) -> tuple[float, float]:

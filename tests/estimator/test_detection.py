@@ -311,3 +311,33 @@ def test_probabilities_add_up_and_go_with_the_verdict() -> None:
             assert decision.verdict != "healthy"
             assert decision.suspected in ("external_leakage_2", None)
     assert result.decision.probabilities["external_leakage_2"] > 0.99
+
+
+@pytest.mark.parametrize("channel", ["pressure_1_Pa", "pressure_2_Pa"])
+def test_a_frozen_pressure_is_no_measurement(channel: str) -> None:
+    recording = run(Case())
+    frozen = dict(recording.channels)
+    frozen[channel] = np.where(recording.time_s > 8.0, 6.9e6, recording[channel])
+    assert replay(Recording(frozen), Model()).decision.verdict == "inconclusive"
+
+
+def test_a_filter_that_is_lost_calls_nothing_healthy() -> None:
+    """Its pressures are swapped, so that the ram moves against them."""
+    recording = run(Case())
+    swapped = dict(recording.channels)
+    swapped["pressure_1_Pa"] = recording["pressure_2_Pa"]
+    swapped["pressure_2_Pa"] = recording["pressure_1_Pa"]
+    verdicts = {d.verdict for _, d in replay(Recording(swapped), Model()).history[-20:]}
+    assert "healthy" not in verdicts
+    assert not verdicts & set(LEAKS)
+
+
+def test_no_leak_is_greater_than_what_a_bypass_passes() -> None:
+    """The encoder stops, while the valve goes on to feed the chambers."""
+    recording = run(Case(seconds=32.0))
+    stuck = dict(recording.channels)
+    stuck["position_m"] = np.where(
+        recording.time_s > 20.0, recording["position_m"][20000], recording["position_m"]
+    )
+    decision = replay(Recording(stuck), Model()).decision
+    assert decision.verdict in ("unknown_fault", "inconclusive")
