@@ -14,7 +14,7 @@ from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .account_row import FAULTS
 from .confirmation import Hold, PresentLeaks
-from .filters import OUTPUTS, FilterRun
+from .filters import FilterRun
 from .flow_account import AccountBlock, reference_drop, reference_flow
 from .leak_test import DEAD_ZONE, MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
 from .oil_account import OilAccount
@@ -29,8 +29,6 @@ LEAST_ACCOUNTED: Final = 0.5
 GREATEST_LEAK: Final = 10.0 * LITRE_PER_MINUTE
 """m^3/s: what would be a greater leak is a sensor that errs (the valve passes 27 L/min, figure 5.1
 has leaks of up to 4)."""
-LOST_OFTEN: Final = 3
-"""A filter that was lost this often was not given this rig: nothing is called healthy by it."""
 SIZE_ERROR: Final = 0.02
 """Part of a leak's flow that it may be off by, one standard deviation: the tolerance of a metering
 edge (`NUISANCES`), by which the accounts measure it."""
@@ -113,7 +111,6 @@ class Detector(Protocol):
         """Return the decision that the samples seen so far support."""
 
 
-_RESETS: Final = OUTPUTS.index("filter_resets")
 _ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
 
 
@@ -162,7 +159,6 @@ class OilAccountDetector:
         self._account = OilAccount(model.parameters, self._test)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
-        self._lost = 0
         self._hold = Hold()
         self._leaks = PresentLeaks(self._test)
 
@@ -176,8 +172,6 @@ class OilAccountDetector:
         if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
-        # Rows in which a filter starts have no outputs.
-        self._lost = max(self._lost, int(np.fmax.reduce(run.outputs[:, _RESETS], initial=0.0)))
         for _ in draw_up(self._account, samples, run):
             pass
 
@@ -281,8 +275,7 @@ class OilAccountDetector:
         still = travel < details["travel_needed_m"]
         blind = accounted < LEAST_ACCOUNTED
         details["accounted"] = accounted
-        lost = self._lost >= LOST_OFTEN
-        verdict = "inconclusive" if unseen or still or blind or lost else "healthy"
+        verdict = "inconclusive" if unseen or still or blind else "healthy"
         return Decision(verdict, threshold=threshold, details=details)
 
     def _later_half(self) -> tuple[float, float]:

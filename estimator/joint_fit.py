@@ -82,15 +82,13 @@ class JointFit:
 
     def _influences(self) -> tuple[Array, Array]:
         """Return what each block pulled the last coefficient by, and its leverage (marks,) each."""
-        last = np.zeros(self._fitted.size)
-        last[-1] = 1.0
         forms = np.empty((self._sums.marks, 2))
         for start in sorted({0, *self._marks}):
             present = self._present(start)
             left, right = self._direction * present, self._fitted * present
             influence = product_weights(left, self._faults)
             influence -= square_weights(left, right, self._faults)
-            leverage = square_weights(left, last * present, self._faults)
+            leverage = square_weights(left, left, self._faults) / self._direction[-1]
             weights = np.column_stack([influence, leverage])
             forms[start:] = self._sums.weighted(weights, start, self._sums.marks)
         forms[slice(*self._gap)] = 0.0

@@ -115,8 +115,8 @@ def test_faults_fitted_together_are_those_of_one_regression() -> None:
     residual = y.ravel() - x @ expected
     influence = x @ inverse[-1]
     by_block = (influence * residual).reshape(COUNT, 2).sum(axis=1)
-    leverage = (influence * x[:, -1]).reshape(COUNT, 2).sum(axis=1)
-    kept = 1.0 - np.maximum(leverage, 0.0)
+    # Of the column less what the others make up of it (Frisch, Waugh and Lovell).
+    kept = 1.0 - (influence**2).reshape(COUNT, 2).sum(axis=1) / inverse[-1, -1]
     shares = by_block**2 / kept
     assert fit.uneven_error() * ROOT**2 == pytest.approx(shares.sum(), rel=1e-6)
     without, error = fit.left_out()
