@@ -28,7 +28,9 @@ VERDICT_CODES: Final = (
 )
 """A verdict's code is its index here; recordings hold codes, so that none is given to another."""
 
-PROBABILITIES: Final = tuple(f"probability_{name}" for name in (Verdict.HEALTHY, *FAULT_KINDS))
+PROBABLE: Final = (Verdict.HEALTHY, *FAULT_KINDS, Verdict.MULTIPLE)
+"""What probabilities are told of; they add up to 1."""
+PROBABILITIES: Final = tuple(f"probability_{name}" for name in PROBABLE)
 PRESENT: Final = tuple(f"present_{leak}_m3_per_s_sqrtPa" for leak in LEAK_KINDS)
 
 DECIDED: Final = (

@@ -6,8 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from faults.verdict import FAULT_KINDS
-from rig.loop.decided import PROBABILITIES
+from rig.loop.decided import PROBABILITIES, PROBABLE
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .panel import Panel, TestData
@@ -19,15 +18,14 @@ Array = NDArray[np.float64]
 _PERCENT: Final = 100.0
 _WORTH_SHOWING: Final = 0.02
 """A fault that was never more probable than this is not drawn."""
-_ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "bad")
+_ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "bad", "found")
 """Colours of health and of the faults, in the order of `PROBABILITIES`."""
 
 
 def probability(data: TestData) -> Panel | None:
     """Return the panel of the probabilities of health and of each fault, as they were held."""
     traces = []
-    names = ("healthy", *FAULT_KINDS)
-    for name, channel, role in zip(names, PROBABILITIES, _ROLES, strict=True):
+    for name, channel, role in zip(PROBABLE, PROBABILITIES, _ROLES, strict=True):
         values = data.channel(channel)
         if values is None or (name != "healthy" and not np.nanmax(values) > _WORTH_SHOWING):
             continue

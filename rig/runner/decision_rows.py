@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from estimator.confirmation import CONFIRMED_AFTER_S
 from estimator.detection import Decision
-from faults.verdict import FAULT_KINDS, Verdict
-from rig.loop.decided import VERDICT_CODES
+from faults.verdict import Verdict
+from rig.loop.decided import PROBABLE, VERDICT_CODES
 
 Array = NDArray[np.float64]
 
@@ -40,13 +40,12 @@ class DecisionRows:
         is_fault = decision.verdict not in _NO_FAULT
         held = is_fault and time_s - self._held_since_s >= CONFIRMED_AFTER_S
         flow = decision.leak_m3_per_s
-        names = (Verdict.HEALTHY, *FAULT_KINDS)
         return np.array(
             [
                 time_s,
                 _code(decision.verdict),
                 float(held or any(decision.present_leaks)),
-                *(decision.probabilities.get(name, np.nan) for name in names),
+                *(decision.probabilities.get(name, np.nan) for name in PROBABLE),
                 np.nan if flow is None else flow,
                 *(decision.interval_m3_per_s or (np.nan, np.nan)),
                 *decision.present_leaks,
