@@ -1,8 +1,9 @@
 """The columns of a block of the oil account, and what one sample adds to them, compiled.
 
 A row of sums holds, in this order: end time, part of its time bridged, samples, measured supply
-pressure and part of its samples with one, by chamber 1 and 2 the missing flow, the nuisances and
-the faults, then the faults' sizes, the doubts by chamber, and the least and greatest position.
+pressure, number of its samples with one, flow drawn from the supply and its signed square at these,
+by chamber 1 and 2 the missing flow, the nuisances and the faults, then the faults' sizes, the
+doubts by chamber, and the least and greatest position.
 """
 
 from math import sqrt
@@ -30,12 +31,14 @@ FAULTS: Final = (
     "return_blockage",
 )
 FAULT_COUNT: Final = len(FAULTS)
+SUPPLY_LEAKAGE: Final = FAULTS.index("supply_leakage")
+"""Index of the first fault that is no leak of a chamber."""
 
 END: Final = 0
 BRIDGED: Final = 1
 SAMPLES: Final = 2
 SUPPLY: Final = 3
-MISSING: Final = 5
+MISSING: Final = 7
 NUISANCE: Final = MISSING + 2
 FAULT: Final = NUISANCE + 2 * NUISANCE_COUNT
 SIZE: Final = FAULT + 2 * FAULT_COUNT
@@ -205,6 +208,26 @@ def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
     if untold > 0.0:
         row[DOUBT] += untold * abs(through_1)
         row[DOUBT + 1] += untold * abs(through_2)
+
+
+@inlined
+def add_supply(opening, p1, p2, supply, par, row):
+    """Add a measured supply pressure, and what the valve draws at it, to the sums in `row`.
+
+    Args:
+        opening: of the valve, null bias included, m.
+        p1: pressure of chamber 1, Pa.
+        p2: pressure of chamber 2, Pa.
+        supply: measured supply pressure, Pa.
+        par: the `Parameters` assumed.
+        row: (WIDTH,) sums; flow in m^3/s.
+    """
+    drop = supply - (p1 if opening >= 0.0 else p2)
+    drawn = valve_conductance(par) * abs(opening) * signed_root(drop)
+    row[SUPPLY] += supply
+    row[SUPPLY + 1] += 1.0
+    row[SUPPLY + 2] += drawn
+    row[SUPPLY + 3] += drawn * abs(drawn)
 
 
 @njit(cache=True, error_model="numpy")

@@ -18,6 +18,7 @@ from .filters import FilterRun
 from .flow_account import AccountBlock, reference_drop, reference_flow
 from .leak_test import DEAD_ZONE, MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
 from .oil_account import OilAccount
+from .supply_test import SupplyTest
 
 Array = NDArray[np.float64]
 
@@ -157,6 +158,7 @@ class OilAccountDetector:
         self._setting = false_alarms_per_day, expected
         self._test = LeakTest(*self._setting)
         self._account = OilAccount(model.parameters, self._test)
+        self._supply = SupplyTest(model.parameters, false_alarms_per_day)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._hold = Hold()
@@ -172,13 +174,13 @@ class OilAccountDetector:
         if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
-        for _ in draw_up(self._account, samples, run):
-            pass
+        for block in draw_up(self._account, samples, run):
+            self._supply.add(block)
 
     @property
     def accuses(self) -> bool:
         """Whether a fault stands out at present; cheaper than a decision."""
-        return bool(self._test.search())
+        return bool(self._test.search()) or self._supply.search() is not None
 
     def decide(self) -> Decision:
         """Return the verdict of the sequential test on all complete blocks so far.
@@ -188,11 +190,16 @@ class OilAccountDetector:
         """
         if self._leaks.ended(self._last_s):
             self._begin_anew()
-        findings = self._test.search()
-        threshold = self._test.limit()
-        probabilities = self._probabilities()
-        present = self._leaks.update(self._last_s, findings, probabilities)
-        if findings and not self._doubtful(findings, probabilities):
+        dropped = self._supply.search()
+        # What a drop of the supply pressure explains is no leak.
+        findings = self._test.search() if dropped is None else self._test.leaks_beside(dropped)
+        threshold = self._test.limit() if dropped is None or findings else self._supply.limit()
+        accounts = self._probabilities()
+        present = self._leaks.update(self._last_s, findings, accounts)
+        probabilities = _with_supply(accounts, self._supply.odds(), bool(findings))
+        if dropped is not None:
+            findings = [*findings, dropped]
+        if findings and (dropped is not None or not self._doubtful(findings, accounts)):
             decision = replace(
                 self._found(findings, threshold), probabilities=probabilities, present_leaks=present
             )
@@ -307,7 +314,7 @@ class OilAccountDetector:
     def _name(self, finding: Finding) -> str:
         """Name a fault; those of the supply and return lines need a measured supply pressure."""
         name = FAULTS[finding.fault]
-        if name in LEAKS:
+        if name in LEAKS or finding is self._supply.search():
             return name
         sums = self._test.sums
         onset = sums.mark_of(finding.onset)
@@ -319,6 +326,18 @@ class OilAccountDetector:
         if name == "supply_leakage":
             return name if dropped > 3.0 * wander else "unknown_fault"
         return name if dropped <= max(3.0 * wander, 1e5) else "unknown_fault"
+
+
+def _with_supply(
+    probabilities: Mapping[str, float], odds: float, leaking: bool
+) -> dict[str, float]:
+    """Return the accounts' probabilities with the odds that the supply pressure dropped."""
+    share = odds / (1.0 + odds)
+    name = "multiple" if leaking else "supply_leakage"
+    return {
+        each: (1.0 - share) * value + (share if each == name else 0.0)
+        for each, value in probabilities.items()
+    }
 
 
 def leak_flow(run: FilterRun, parameters: Parameters) -> dict[str, Array]:

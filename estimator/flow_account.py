@@ -37,6 +37,7 @@ from .account_row import (
     WIDTH,
     add_motion,
     add_sample,
+    add_supply,
 )
 from .nuisances import NUISANCE_COUNT, NUISANCES
 from .product_noise import DRY
@@ -77,6 +78,8 @@ class AccountBlock:
         doubts: float64 (2,), what nuisances may add to the missing flow beyond these linear terms.
         position_range: least and greatest position of the ram, m.
         supply_pressure: mean measured supply pressure, Pa; NaN if it was not measured.
+        supply_flow: mean flow that the valve drew from the supply meanwhile, and the mean of its
+            signed square (m^6/s^2); NaN likewise.
     """
 
     start_s: float
@@ -89,6 +92,7 @@ class AccountBlock:
     doubts: Array = field(default_factory=lambda: np.zeros(2))
     position_range: tuple[float, float] = (0.0, 0.0)
     supply_pressure: float = float("nan")
+    supply_flow: tuple[float, float] = (float("nan"), float("nan"))
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,8 +128,8 @@ def _accumulate(
             add_motion(middle, moved, oil_1, oil_2, rise_1, rise_2, par, row)
             row[BRIDGED] += bridged
             if not np.isnan(supply[k]):
-                row[SUPPLY] += supply[k]
-                row[SUPPLY + 1] += 1.0
+                opening = 0.5 * (spool[k] + last[1]) + null_bias
+                add_supply(opening, oil_1, oil_2, supply[k], par, row)
             row[LEAST] = min(row[LEAST], position[k])
             row[LEAST + 1] = max(row[LEAST + 1], position[k])
             last[0] += 1.0
@@ -199,7 +203,7 @@ class FlowAccount:
 
 def _block(row: Array) -> AccountBlock:
     nuisances = row[NUISANCE:FAULT].reshape(NUISANCE_COUNT, 2).T
-    measured = row[SUPPLY + 1]
+    measured = row[SUPPLY + 1] or float("nan")
     return AccountBlock(
         start_s=float(row[END] - row[SAMPLES] * TICK),
         end_s=float(row[END]),
@@ -210,7 +214,8 @@ def _block(row: Array) -> AccountBlock:
         complete=bool(row[BRIDGED] >= _BRIDGED_PART and np.isfinite(row).all()),
         doubts=row[DOUBT:LEAST].copy(),
         position_range=(float(row[LEAST]), float(row[LEAST + 1])),
-        supply_pressure=float(row[SUPPLY] / measured) if measured else float("nan"),
+        supply_pressure=float(row[SUPPLY] / measured),
+        supply_flow=(float(row[SUPPLY + 2] / measured), float(row[SUPPLY + 3] / measured)),
     )
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .account_regression import Regression, Scores
-from .account_row import FAULT_COUNT
+from .account_row import FAULT_COUNT, SUPPLY_LEAKAGE
 from .account_sums import MARKS, SHIFT, AccountSums, FaultProducts
 from .block_noise import RecentBlocks, lasting_noise
 from .flow_account import BLOCK_S, AccountBlock
@@ -58,6 +58,9 @@ GROWTH_BLOCKS: Final = 8
 """Blocks, 4 s, from one search for leaks that grow slowly to the next."""
 ONSETS: Final = MARKS
 """Onsets that are told apart."""
+SHARES: Final = FAULT_COUNT + 1
+"""What shares the stated rate where the supply pressure is measured: the faults, and the test of
+that pressure (`supply_test`)."""
 _RIVAL_GAIN: Final = 20.0
 """Twice the log likelihood by which a rival cause must win to be preferred: odds of e^10."""
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
@@ -180,7 +183,8 @@ class LeakTest:
         (Bonferroni's bound, so the true rate is lower), and turned into a quantile of Student's t.
         """
         per_block = self.false_alarms_per_day * BLOCK_S / 86400.0
-        looks = FAULT_COUNT * max(self.sums.marks, 1)
+        shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
+        looks = shares * max(self.sums.marks, 1)
         return student_quantile(min(per_block / looks, 0.25), freedom)
 
     def limit(self) -> float:
@@ -271,6 +275,14 @@ class LeakTest:
         dead = _DEAD_ZONE[first.fault]
         again = self._examined(first.fault, self._mark(first), second, dead, variance)
         return replace(again, likelihood=first.likelihood)
+
+    def leaks_beside(self, dropped: Finding) -> list[Finding]:
+        """Return the leak that stands out beside a measured drop of the supply pressure, if any."""
+        if self.blocks < MINIMUM_BLOCKS:
+            return []
+        mark = min(self.sums.mark_at(dropped.onset_s), self.sums.marks - 1)
+        leak = self._best(replace(dropped, onset=int(self.sums.mark_blocks[mark])))
+        return [] if leak is None or leak.fault >= SUPPLY_LEAKAGE else [leak]
 
     def nuisances(self) -> NuisanceBelief:
         """Return what the blocks so far say of the nuisances, beside the first fault in them."""

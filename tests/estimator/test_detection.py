@@ -176,6 +176,26 @@ def test_line_faults_are_named_if_the_supply_pressure_is_measured_and_never_call
     assert not {decision.verdict for _, decision in result.history} & {*LEAKS, "multiple"}
 
 
+@pytest.mark.parametrize("leak", ["", "external_leakage_2"])
+def test_a_supply_leak_too_small_for_the_accounts_is_named_alone_and_beside_a_leak(
+    leak: str,
+) -> None:
+    faults = [("supply_leakage", 10.0 * LITRE_PER_MINUTE / np.sqrt(13.8e6))]
+    if leak:
+        faults += leaking(leak, 0.4).faults
+    truth = TRUTH._replace(supply_droop=1.5e12)
+    _, result = judged(Case(faults=tuple(faults), truth=truth, supply_sensor=True))
+    decision = result.decision
+    assert decision.verdict == ("multiple" if leak else "supply_leakage")
+    assert decision.probabilities[decision.verdict] > 0.99
+    assert sum(decision.probabilities.values()) == pytest.approx(1.0)
+    assert decision.statistic > decision.threshold
+    assert decision.onset_s == pytest.approx(ONSET_S, abs=0.6)
+    if leak:
+        assert decision.details["supply_leakage_coefficient"] > 2e4
+        assert f"{leak}_coefficient" in decision.details
+
+
 @pytest.mark.parametrize("faults", [(), (("external_leakage_1", 2e-9),)])
 def test_a_ram_that_stands_still_shows_nothing(faults: tuple[tuple[str, float], ...]) -> None:
     _, result = judged(Case("hold", faults))

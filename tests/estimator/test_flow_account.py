@@ -147,6 +147,26 @@ def test_a_lost_supply_pressure_and_a_blocked_return_have_their_nuisance_signatu
         assert block.faults[:, FAULTS.index("return_blockage")] == pytest.approx(blocked)
 
 
+def test_the_supply_droops_by_the_flow_that_its_account_says() -> None:
+    droop = 2e12
+    motion = moved(NOMINAL._replace(supply_droop=droop))
+    account = FlowAccount(NOMINAL)
+    blocks = account.add(
+        1e-3 * np.arange(TICKS, dtype=np.float64),
+        motion["spool"],
+        motion["pressure_1"],
+        motion["pressure_2"],
+        motion["position"],
+        np.ones(TICKS),
+        supply=motion["supply_pressure"],
+    )
+    for block in blocks:
+        lost = NOMINAL.supply_pressure - block.supply_pressure
+        flow, square = block.supply_flow
+        assert lost == pytest.approx(droop * square, rel=0.02)
+        assert 0.0 < flow < np.sqrt(square)
+
+
 @pytest.mark.parametrize("parts", [2, 7, 400])
 def test_how_samples_are_batched_does_not_matter(sound: Motion, parts: int) -> None:
     whole, pieces = accounts(sound), accounts(sound, parts=parts)
