@@ -73,9 +73,9 @@ def _smooth_root(drop):
 
     Within 10 kPa of zero a cubic takes over in value and slope, so that the slope stays finite.
     """
-    size = sqrt(abs(drop))
-    root, slope = copysign(size, drop), 0.5 / size
     near = abs(drop) < _ROOT_WIDTH
+    size = sqrt(select(near, _ROOT_WIDTH, abs(drop)))
+    root, slope = copysign(size, drop), 0.5 / size
     if anywhere(near):
         ratio = drop / _ROOT_WIDTH
         scale = 0.25 / sqrt(_ROOT_WIDTH)

@@ -47,7 +47,7 @@ def test_a_campaign_ends_with_verdict_table_counts_and_report(
     assert test == "leak [low]"
     assert injected.startswith("external_leakage_1 0.")
     assert injected.endswith("L/min at 8 s")
-    assert found.startswith("external_leakage_1 0.")
+    assert found.startswith("external_leakage_1 > 99.9 % 0.")
     assert "±" in found
     assert onset.startswith(("7.", "8."))
     assert latency.endswith(" s")
