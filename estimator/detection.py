@@ -222,8 +222,7 @@ class OilAccountDetector:
     def _doubtful(self, findings: list[Finding], probabilities: Mapping[str, float]) -> bool:
         """Return whether a fault that stands out is likelier to be another one, or none known.
 
-        A leak that grows is not in the probabilities; no bypass line passes more than the pump's
-        share for one.
+        A leak that grows is not in the probabilities, and one above `GREATEST_LEAK` is no leak.
         """
         first = findings[0]
         if first.fault < len(LEAKS) and first.coefficient * self._mean_size(first) > GREATEST_LEAK:
