@@ -1,0 +1,123 @@
+"""The effects of the gap workflow's catalogue, each as this rig has it.
+
+A function takes the rig's values and the effect's parameters, by the names that the catalogue has
+for them, and returns the values of a rig that has it.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from tools.hidden_effects.rig_values import TABLE, RigValues
+
+Parameters = Mapping[str, float]
+Hide = Callable[[RigValues, Parameters], RigValues]
+
+
+def _value(field: str) -> Hide:
+    """Return what sets one value of the rig to the effect's `value`."""
+
+    def hide(rig: RigValues, effect: Parameters) -> RigValues:
+        return rig._replace(**{field: effect["value"]})
+
+    return hide
+
+
+def _sliding_with_break_away(rig: RigValues, effect: Parameters) -> RigValues:
+    level = effect["value"]
+    return rig._replace(sliding=level, break_away=rig.break_away * level / rig.sliding)
+
+
+def _payload(rig: RigValues, effect: Parameters) -> RigValues:
+    return rig._replace(ram_mass=rig.ram_mass + effect["value"])
+
+
+def _ripple(rig: RigValues, effect: Parameters) -> RigValues:
+    return rig._replace(
+        ripple=effect["amplitude"],
+        ripple_frequency=effect["frequency"],
+        ripple_phase=effect["phase"],
+    )
+
+
+def _spring(rig: RigValues, effect: Parameters) -> RigValues:
+    return rig._replace(spring=effect["stiffness"], spring_contact=effect["contact"])
+
+
+def _end_stop(rig: RigValues, effect: Parameters) -> RigValues:
+    return rig._replace(
+        stop_stiffness=effect.get("stiffness", TABLE.stop_stiffness),
+        stroke_low=effect.get("low", TABLE.stroke_low),
+        stroke_high=effect.get("high", TABLE.stroke_high),
+    )
+
+
+MENU: Final[dict[str, Hide]] = {
+    "spool_null_bias": _value("null_shift"),
+    "valve_deadband": _value("overlap"),
+    "valve_underlap_leakage": _value("underlap"),
+    "valve_flow_asymmetry": _value("port_2_loss"),
+    "valve_hysteresis": _value("spool_play"),
+    "valve_bandwidth": _value("spool_frequency"),
+    "valve_rate_limit": _value("spool_speed"),
+    "command_delay": _value("dead_time"),
+    "entrained_air": _value("air"),
+    "bulk_modulus": _value("oil_stiffness"),
+    "supply_pressure": _value("pump_pressure"),
+    "supply_droop": _value("pump_droop"),
+    "supply_ripple": _ripple,
+    "return_back_pressure": _value("tank_rise"),
+    "friction_asymmetry": _value("direction_friction"),
+    "stiction_level": _value("break_away"),
+    "coulomb_level": _sliding_with_break_away,
+    "stribeck_velocity": _value("stribeck"),
+    "viscous_friction": _value("drag"),
+    "presliding_compliance": _value("seal_stiffness"),
+    "internal_leakage": _value("leak_across"),
+    "external_leakage_1": _value("leak_1"),
+    "external_leakage_2": _value("leak_2"),
+    "spring_load": _spring,
+    "constant_force": _value("push_back"),
+    "payload_mass": _payload,
+    "end_stop": _end_stop,
+    "pressure_1_bias": _value("gauge_1_bias"),
+    "pressure_2_bias": _value("gauge_2_bias"),
+    "pressure_1_gain": _value("gauge_1_gain"),
+    "pressure_2_gain": _value("gauge_2_gain"),
+    "pressure_lag": _value("gauge_lag"),
+    "position_gain": _value("encoder_gain"),
+    "position_delay": _value("encoder_delay"),
+    "position_backlash": _value("encoder_play"),
+}
+
+OFF_MENU: Final[dict[str, tuple[str, ...]]] = {
+    "tight_spot": ("tight_spot", "tight_place", "tight_width"),
+    "pilot_resonance": ("pilot_frequency", "pilot_damping"),
+    "warming_oil": ("oil_trend",),
+    "cogging": ("cogging", "cogging_pitch"),
+    "pressed_seal": ("squeeze",),
+    "drifting_null": ("null_trend",),
+    "worn_place": ("worn_leak", "worn_place", "worn_width"),
+    "leaking_relief": ("relief_leak", "relief_pressure"),
+    "square_drag": ("drag_square",),
+    "encoder_wave": ("encoder_wave", "encoder_pitch"),
+    "jittering_command": ("dead_time_jitter",),
+    "fading_valve": ("valve_heat",),
+}
+"""Effects that the catalogue has not: the rig's values that each of them sets."""
+
+
+def with_effects(rig: RigValues, effects: Mapping[str, Parameters]) -> RigValues:
+    """Return a rig with effects on or off the menu.
+
+    Raises:
+        ValueError: an effect has no entry here.
+    """
+    for name, parameters in effects.items():
+        if name in MENU:
+            rig = MENU[name](rig, parameters)
+        elif name in OFF_MENU:
+            rig = rig._replace(**{field: parameters[field] for field in OFF_MENU[name]})
+        else:
+            known = ", ".join([*MENU, *OFF_MENU])
+            raise ValueError(f"effect {name!r} is not known: one of {known}")
+    return rig

@@ -1,0 +1,270 @@
+"""The equations of the independent rig, their integration and its sensors, in one compiled piece.
+
+The steps are short and plain (Kutta's third order, 20 us), where the product's are long and clever.
+One file, because numba's cache notices changes of a function's own file only.
+"""
+
+from math import exp, floor, pi, sin, sqrt
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+TICK: Final = 1e-3
+"""s between samples."""
+STEPS: Final = 50
+"""Steps in a tick, 20 us each."""
+STATES: Final = (
+    "spool", "spool_speed", "pilot", "pilot_speed", "position", "speed", "seal_bend",
+    "pressure_1", "pressure_2", "supply", "tank",
+)  # fmt: skip
+SPOOL, SPOOL_SPEED, PILOT, PILOT_SPEED, POSITION, SPEED, BEND, P1, P2, SUPPLY, TANK = range(11)
+COUNT: Final = 3e-5
+"""m, one count of the encoder."""
+READINGS: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
+
+_ATMOSPHERE: Final = 1.01325e5
+_LONGEST_DELAY: Final = 64
+
+
+@njit(cache=True, error_model="numpy")
+def _root(pressure):
+    """Signed square root."""
+    return sqrt(pressure) if pressure >= 0.0 else -sqrt(-pressure)
+
+
+@njit(cache=True, error_model="numpy")
+def _bump(place, middle, width):
+    """One at `middle`, fading over `width` on either side."""
+    distance = (place - middle) / width
+    return exp(-distance * distance)
+
+
+@njit(cache=True, error_model="numpy")
+def _compliance(r, pressure, clock):
+    """Return the oil's compliance in 1/Pa (Merritt 1967, ch. 1): liquid, and bubbles in it."""
+    liquid = 1.0 / (r.oil_stiffness * (1.0 - r.oil_trend * clock))
+    absolute = pressure + _ATMOSPHERE
+    return liquid + r.air * _ATMOSPHERE / (absolute * absolute)
+
+
+@njit(cache=True, error_model="numpy")
+def _relief(r, pressure):
+    """Return the flow in m^3/s out of a chamber through a relief valve that seats badly."""
+    return r.relief_leak * max(0.0, pressure - r.relief_pressure)
+
+
+@njit(cache=True, error_model="numpy")
+def slip_force(r, position, speed, pressure_1):
+    """Return the friction in N at which the seals slip: Stribeck's curve, with what acts on it."""
+    level = r.sliding + (r.break_away - r.sliding) * exp(-abs(speed) / r.stribeck)
+    if speed > 0.0:
+        level += r.direction_friction
+    elif speed < 0.0:
+        level -= r.direction_friction
+    if r.tight_spot != 0.0:
+        level += r.tight_spot * _bump(position, r.tight_place, r.tight_width)
+    return max(10.0, level + r.squeeze * pressure_1 * pressure_1)
+
+
+@njit(cache=True, error_model="numpy")
+def _outside_force(r, position, speed):
+    """Return the force in N against extension: spring, stroke ends, weight, cogging."""
+    force = r.push_back + r.spring * max(0.0, position - r.spring_contact)
+    beyond = position - r.stroke_high
+    if beyond > 0.0:
+        force += r.stop_stiffness * beyond * max(0.0, 1.0 + r.stop_loss * speed)
+    short = r.stroke_low - position
+    if short > 0.0:
+        force -= r.stop_stiffness * short * max(0.0, 1.0 - r.stop_loss * speed)
+    if r.cogging != 0.0:
+        force += r.cogging * sin(2.0 * pi * position / r.cogging_pitch)
+    return force
+
+
+@njit(cache=True, error_model="numpy")
+def slopes(r, clock, reference, y, out):
+    """Write the time derivatives of the states `y` (see STATES) to `out`.
+
+    Args:
+        r: RigValues.
+        clock: s since the recording began.
+        reference: m, where the spool is asked to be.
+        y: (11,) states, SI.
+        out: (11,) their rates.
+    """
+    position, speed, bend = y[POSITION], y[SPEED], y[BEND]
+    p1, p2 = max(0.0, y[P1]), max(0.0, y[P2])
+    tank = y[TANK]
+    supply = y[SUPPLY]
+    if r.ripple != 0.0:
+        supply += r.ripple * sin(2.0 * pi * r.ripple_frequency * clock + r.ripple_phase)
+
+    # Spool, behind its pilot stage.
+    target = reference
+    if r.pilot_frequency > 0.0:
+        target = y[PILOT]
+        out[PILOT] = y[PILOT_SPEED]
+        out[PILOT_SPEED] = r.pilot_frequency * (
+            r.pilot_frequency * (reference - y[PILOT]) - 2.0 * r.pilot_damping * y[PILOT_SPEED]
+        )
+    else:
+        out[PILOT] = 0.0
+        out[PILOT_SPEED] = 0.0
+    spool_speed = min(max(y[SPOOL_SPEED], -r.spool_speed), r.spool_speed)
+    push = r.spool_frequency * (
+        r.spool_frequency * (target - y[SPOOL]) - 2.0 * r.spool_damping * spool_speed
+    )
+    if (spool_speed >= r.spool_speed and push > 0.0) or (
+        spool_speed <= -r.spool_speed and push < 0.0
+    ):
+        push = 0.0
+    out[SPOOL] = spool_speed
+    out[SPOOL_SPEED] = push
+
+    # Four edges: two that open by moving the spool up, two by moving it down.
+    opening = y[SPOOL] + r.null_shift + r.null_trend * clock
+    if opening > r.overlap:
+        opening -= r.overlap
+    elif opening < -r.overlap:
+        opening += r.overlap
+    else:
+        opening = 0.0
+    conductance = r.edge_coefficient * r.edge_width * sqrt(2.0 / r.oil_density)
+    supply_1 = supply_2 = tank_1 = tank_2 = 0.0
+    if opening > -r.underlap:
+        edge = conductance * (r.underlap + opening)
+        supply_1, tank_2 = edge * _root(supply - p1), edge * _root(p2 - tank)
+    if opening < r.underlap:
+        edge = conductance * (r.underlap - opening)
+        tank_1, supply_2 = edge * _root(p1 - tank), edge * _root(supply - p2)
+    supply_2 *= 1.0 - r.port_2_loss
+    tank_2 *= 1.0 - r.port_2_loss
+
+    # Chambers.
+    across = r.leak_across
+    if r.worn_leak != 0.0:
+        across += r.worn_leak * _bump(position, r.worn_place, r.worn_width)
+    leak = across * _root(p1 - p2) if across != 0.0 else 0.0
+    lost_1, lost_2 = _relief(r, p1), _relief(r, p2)
+    if r.leak_1 != 0.0:
+        lost_1 += r.leak_1 * _root(p1 - tank)
+    if r.leak_2 != 0.0:
+        lost_2 += r.leak_2 * _root(p2 - tank)
+    volume_1 = r.dead_volume + r.ram_area * position
+    volume_2 = r.dead_volume + r.ram_area * (0.6069 - position)
+    out[P1] = (supply_1 - tank_1 - leak - lost_1 - r.ram_area * speed) / (
+        volume_1 * _compliance(r, p1, clock)
+    )
+    out[P2] = (supply_2 - tank_2 + leak - lost_2 + r.ram_area * speed) / (
+        volume_2 * _compliance(r, p2, clock)
+    )
+
+    # Lines.
+    drawn, returned = supply_1 + supply_2, tank_1 + tank_2 + lost_1 + lost_2
+    out[SUPPLY] = (r.pump_pressure - r.pump_droop * drawn * abs(drawn) - y[SUPPLY]) / r.line_lag
+    out[TANK] = (r.tank_rise * returned * abs(returned) - tank) / r.line_lag
+
+    # Ram on its seals (LuGre; Canudas de Wit et al. 1995).
+    bending = speed - abs(speed) * r.seal_stiffness * bend / slip_force(r, position, speed, p1)
+    sliding = speed / r.seal_damping_speed
+    friction = r.seal_stiffness * bend + (r.drag + r.drag_square * abs(speed)) * speed
+    if abs(sliding) < 6.0:
+        friction += r.seal_damping * exp(-sliding * sliding) * bending
+    out[POSITION] = speed
+    out[BEND] = bending
+    out[SPEED] = (
+        r.ram_area * (p1 - p2) - friction - _outside_force(r, position, speed)
+    ) / r.ram_mass
+
+
+@njit(cache=True, error_model="numpy")
+def _held(command, tick, begin, end):
+    """Return the mean command in V between two moments, in ticks from the first row."""
+    first, last = floor(begin), min(floor(end), tick)
+    early = command[first] if first >= 0 else 0.0
+    if last <= first:
+        return early
+    share = (last - begin) / (end - begin)
+    return share * early + (1.0 - share) * (command[last] if last >= 0 else 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(held, moved, slack):
+    """Return where a part with `slack` on each side is, once its partner has moved."""
+    return min(max(held, moved - slack), moved + slack)
+
+
+@njit(cache=True, error_model="numpy")
+def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
+    """Run the rig and read its sensors once a tick.
+
+    Args:
+        r: RigValues.
+        setpoint: (n,) m.
+        feed: (n,) V, added to what the position loop asks for.
+        gain: (n,) V/m of the position loop; 0: open loop.
+        first: the row at which the run begins; of those before it only the commands are used,
+            `feed`, as far as they act later.
+        lead: rows before time zero, for effects that know the time.
+        noise: (n, 3) pressures 1 and 2 in Pa, spool in m.
+        lateness: (n,) numbers from 0 to 1, for what is late at random.
+        y: (11,) states at row `first`; left as they are after the last tick.
+        steps: in a tick.
+
+    Returns:
+        (n, 5) readings (see READINGS), and (n, 11) the states at the same moments; rows before
+        `first` hold no values.
+    """
+    n = setpoint.shape[0]
+    readings, truth = np.empty((n, 5)), np.empty((n, 11))
+    command = np.empty(n)
+    k1, k2, k3, probe = np.empty(11), np.empty(11), np.empty(11), np.empty(11)
+    h = TICK / steps
+    lag = 1.0 - exp(-h / r.gauge_lag) if r.gauge_lag > 0.0 else 1.0
+    kept = _LONGEST_DELAY * steps
+    seen = np.full(kept, y[POSITION])
+    behind = r.encoder_delay / h
+    felt, gauge_1, gauge_2, step = y[POSITION], max(0.0, y[P1]), max(0.0, y[P2]), 0
+    reference = r.spool_per_volt * (feed[first - 1] if first > 0 else 0.0)
+    command[:first] = feed[:first]
+    for tick in range(first, n):
+        # Sensors.
+        whole = floor(behind)
+        later, earlier = seen[(step - whole) % kept], seen[(step - whole - 1) % kept]
+        place = later + (behind - whole) * (earlier - later)
+        place = r.encoder_gain * place + r.encoder_wave * sin(2.0 * pi * place / r.encoder_pitch)
+        readings[tick, 1] = COUNT * np.rint(place / COUNT)
+        readings[tick, 2] = max(0.0, r.gauge_1_gain * gauge_1 + r.gauge_1_bias + noise[tick, 0])
+        readings[tick, 3] = max(0.0, r.gauge_2_gain * gauge_2 + r.gauge_2_bias + noise[tick, 1])
+        readings[tick, 4] = y[SPOOL] + noise[tick, 2]
+        truth[tick] = y
+
+        # Position loop, in microvolts as recordings have it.
+        asked = gain[tick] * (setpoint[tick] - readings[tick, 1]) + feed[tick]
+        command[tick] = np.rint(1e6 * min(max(asked, -r.volts), r.volts)) * 1e-6
+        readings[tick, 0] = command[tick]
+
+        late = (r.dead_time + r.dead_time_jitter * lateness[tick]) / TICK
+        for i in range(steps):
+            clock = (tick - lead + i / steps) * TICK
+            begin = tick + i / steps - late
+            asked = r.spool_per_volt * _held(command, tick, begin, begin + 1.0 / steps)
+            asked *= 1.0 - r.valve_heat * max(0.0, clock)
+            reference = _follow(reference, asked, r.spool_play)
+            slopes(r, clock, reference, y, k1)
+            for j in range(11):
+                probe[j] = y[j] + 0.5 * h * k1[j]
+            slopes(r, clock + 0.5 * h, reference, probe, k2)
+            for j in range(11):
+                probe[j] = y[j] + h * (2.0 * k2[j] - k1[j])
+            slopes(r, clock + h, reference, probe, k3)
+            for j in range(11):
+                y[j] += h / 6.0 * (k1[j] + 4.0 * k2[j] + k3[j])
+            y[SPOOL_SPEED] = min(max(y[SPOOL_SPEED], -r.spool_speed), r.spool_speed)
+            gauge_1 += lag * (max(0.0, y[P1]) - gauge_1)
+            gauge_2 += lag * (max(0.0, y[P2]) - gauge_2)
+            felt = _follow(felt, y[POSITION], 0.5 * r.encoder_play)
+            step += 1
+            seen[step % kept] = felt
+    return readings, truth

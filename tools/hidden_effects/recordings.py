@@ -1,0 +1,82 @@
+"""Recordings of the independent rig: as arrays, and as files that the product reads."""
+
+import gzip
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from tools.hidden_effects import physics
+from tools.hidden_effects.motions import Motion
+from tools.hidden_effects.rig_values import RigValues
+
+PRESSURE_NOISE: Final = 3e4
+"""Pa, standard deviation."""
+SPOOL_NOISE: Final = 1e-6
+"""m, standard deviation."""
+COLUMNS: Final = ("time_s", *physics.READINGS)
+
+_SETTLING: Final = 1000
+"""Rows held in closed loop before the recording begins, as an experimenter would."""
+_HOLD: Final = 30.0
+"""V/m of the position loop meanwhile."""
+_FORMATS: Final = ("%.3f", "%.6f", "%.6f", "%.1f", "%.1f", "%.4e")
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording and what its maker knows.
+
+    Attributes:
+        table: (n, 6), columns as in `COLUMNS`.
+        truth: (n, 11) states, see `physics.STATES`.
+    """
+
+    table: Array
+    truth: Array
+
+
+def record(values: RigValues, motion: Motion, rng: Generator) -> Recorded:
+    """Run a motion on a rig that has settled, and record it.
+
+    Args:
+        values: of the rig.
+        motion: n rows.
+        rng: draws the noise.
+    """
+    n = len(motion.setpoint)
+    rows = n + _SETTLING
+    begin = float(motion.setpoint[0])
+    setpoint = np.concatenate([np.full(_SETTLING, begin), motion.setpoint])
+    feed = np.concatenate([np.zeros(_SETTLING), motion.feed])
+    gain = np.concatenate([np.full(_SETTLING, _HOLD), np.full(n, motion.gain)])
+    noise = rng.normal(size=(rows, 3)) * (PRESSURE_NOISE, PRESSURE_NOISE, SPOOL_NOISE)
+    readings, truth = physics.run(
+        values, setpoint, feed, gain, 0, _SETTLING, noise, rng.random(rows),
+        at_rest(values, min(max(begin, 1e-3), 0.605)), physics.STEPS,
+    )  # fmt: skip
+    time = np.arange(n)[:, None] * physics.TICK
+    return Recorded(np.hstack([time, readings[_SETTLING:]]), truth[_SETTLING:])
+
+
+def at_rest(values: RigValues, position: float) -> Array:
+    """Return the states (11,) of a ram that stands at a position in m, chambers balanced."""
+    states = np.zeros(len(physics.STATES))
+    states[physics.POSITION] = position
+    states[[physics.P1, physics.P2]] = 0.5 * values.pump_pressure
+    states[physics.SUPPLY] = values.pump_pressure
+    return states
+
+
+def write(table: Array, file: Path) -> None:
+    """Write a table (n, 6) as CSV, gzip-compressed; the file is whole or absent."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f".{file.name}.part")
+    with gzip.open(part, "wt", compresslevel=3, encoding="ascii") as out:
+        np.savetxt(out, table, fmt=_FORMATS, delimiter=",", header=",".join(COLUMNS), comments="")
+    part.replace(file)

@@ -1,0 +1,187 @@
+"""How well the independent rig follows recordings made elsewhere, over short horizons.
+
+    python -m tools.hidden_effects.restarts FOLDER...   # each with *.csv.gz
+
+Free runs part in phase wherever the ram sticks, so the rig starts anew from the measurements every
+100 ms and is followed for 50: the states that begin a window are fitted to it, the equations and
+values are not. Where the ram slides at 0.03 to 0.1 m/s friction falls with speed and the least
+difference grows 25-fold in a millisecond, so that no fit of a start follows; hence medians, and the
+share of windows that are followed to within the noise.
+"""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.hidden_effects import physics
+from tools.hidden_effects.rig_values import TABLE, RigValues
+
+EVERY: Final = 100
+"""Rows between restarts."""
+WINDOW: Final = 50
+"""Rows that are followed."""
+WITHIN: Final = 1.4
+"""Residual over noise, as root mean square, up to which a window counts as followed."""
+SENSOR_NOISE: Final = {
+    "position_m": physics.COUNT / np.sqrt(12.0),
+    "pressure_1_Pa": 3e4,
+    "pressure_2_Pa": 3e4,
+    "spool_m": 1e-6,
+}
+"""Standard deviations; an encoder's count is even between its edges."""
+
+_HISTORY: Final = 40
+_FITTED: Final = (physics.POSITION, physics.SPEED, physics.BEND, physics.P1, physics.P2)
+_NUDGE: Final = np.array([1e-6, 1e-5, 1e-7, 1e3, 1e3])
+_ROUNDS: Final = 8
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Following:
+    """What is left between a recording and the rig.
+
+    Attributes:
+        median: by channel, root mean square of a window's residual over the sensor's noise, median
+            of all windows: 1 is perfect.
+        followed: share of the windows in which no channel has more than `WITHIN`.
+        windows: how many.
+    """
+
+    median: Mapping[str, float]
+    followed: float
+    windows: int
+
+
+def _simulated(values: RigValues, command: Array, first: int, lead: int, states: Array) -> Array:
+    n = len(command)
+    quiet = np.zeros((n, 3))
+    readings, truth = physics.run(
+        values,
+        np.zeros(n),
+        command,
+        np.zeros(n),
+        first,
+        lead,
+        quiet,
+        np.zeros(n),
+        states,
+        physics.STEPS,
+    )
+    readings[:, 1] = values.encoder_gain * truth[:, physics.POSITION]
+    return np.asarray(readings[first:, 1:])
+
+
+def _begun(rows: Array, at: int, free: Array, values: RigValues) -> Array:
+    """Return the states (11,) at a row, from smoothed measurements around it."""
+    span = slice(max(0, at - 12), at + 13)
+    time = (np.arange(len(rows))[span] - at) * physics.TICK
+    states = free[at].copy()
+    position = np.polyfit(time, rows[span, 1], 3)
+    states[physics.POSITION], states[physics.SPEED] = position[-1], position[-2]
+    for state, column, bias in (
+        (physics.P1, 2, values.gauge_1_bias),
+        (physics.P2, 3, values.gauge_2_bias),
+    ):
+        states[state] = np.polyfit(time, rows[span, column], 3)[-1] - bias
+    push = values.ram_area * (states[physics.P1] - states[physics.P2]) - values.push_back
+    held = push - values.drag * states[physics.SPEED]
+    level = physics.slip_force(
+        values, states[physics.POSITION], states[physics.SPEED], states[physics.P1]
+    )
+    states[physics.BEND] = np.clip(held, -level, level) / values.seal_stiffness
+    return states
+
+
+def _window(values: RigValues, rows: Array, at: int, free: Array) -> Array:
+    """Return the residuals (WINDOW, 4) over the noise, of the window from a row on."""
+    begin = max(0, at - _HISTORY)
+    command = rows[begin : at + WINDOW, 0]
+    measured = rows[at : at + WINDOW, 1:]
+    noise = np.array(list(SENSOR_NOISE.values()))
+    first = at - begin
+
+    def residual(states: Array) -> Array:
+        found = _simulated(values, command, first, first - at, states.copy())
+        return np.asarray((measured - found) / noise)
+
+    states = _begun(rows, at, free, values)
+    best = residual(states)
+    damping = 1e-3
+    for _ in range(_ROUNDS):
+        columns = []
+        for state, nudge in zip(_FITTED, _NUDGE, strict=True):
+            moved = states.copy()
+            moved[state] += nudge
+            columns.append((residual(moved) - best)[:, :3].ravel() / nudge)
+        jacobian = np.stack(columns, axis=1)
+        scale = np.sqrt((jacobian**2).sum(axis=0)) + 1e-300
+        unit = jacobian / scale
+        normal = unit.T @ unit + damping * np.eye(len(scale))
+        step = np.linalg.solve(normal, -unit.T @ best[:, :3].ravel()) / scale
+        tried = states.copy()
+        tried[list(_FITTED)] += step
+        found = residual(tried)
+        if np.sum(found[:, :3] ** 2) < np.sum(best[:, :3] ** 2):
+            states, best, damping = tried, found, damping * 0.2
+        else:
+            damping = max(damping, 1e-3) * 10.0
+    return best
+
+
+def following(values: RigValues, rows: Array, stride: int = 1) -> Following:
+    """Return how well a rig follows a recording.
+
+    Args:
+        values: of the rig.
+        rows: (n, 5) readings, see `physics.READINGS`.
+        stride: restarts to take one of.
+    """
+    n = len(rows)
+    states = np.zeros(len(physics.STATES))
+    states[physics.POSITION] = rows[0, 1]
+    states[physics.P1], states[physics.P2] = rows[0, 2], rows[0, 3]
+    states[physics.SUPPLY] = values.pump_pressure
+    # The spool and the lines do not hang on the ram's phase: their states are those of a free run.
+    _, free = physics.run(
+        values, np.zeros(n), rows[:, 0], np.zeros(n), 0, 0, np.zeros((n, 3)), np.zeros(n), states,
+        physics.STEPS,
+    )  # fmt: skip
+    begins = range(EVERY, n - WINDOW, EVERY * stride)
+    windows = [_window(values, rows, at, free) for at in begins]
+    rms = np.sqrt(np.stack([np.mean(window**2, axis=0) for window in windows]))
+    return Following(
+        dict(zip(SENSOR_NOISE, np.median(rms, axis=0).tolist(), strict=True)),
+        float(np.mean(rms.max(axis=1) < WITHIN)),
+        len(windows),
+    )
+
+
+def read(file: Path) -> Array:
+    """Return the readings (n, 5) of a recording in CSV, compressed or not."""
+    return np.loadtxt(file, delimiter=",", skiprows=1)[:, 1:]
+
+
+def line(name: str, values: RigValues, file: Path, stride: int = 1) -> str:
+    """Return what is left of a recording, in a line: medians by channel, share followed."""
+    found = following(values, read(file), stride)
+    cells = "  ".join(f"{found.median[channel]:5.2f}" for channel in SENSOR_NOISE)
+    return f"{name:28s} {found.windows:4d}   {cells}   {100.0 * found.followed:3.0f} %"
+
+
+def main() -> None:
+    """Print what is left of recordings in the given folders, with nothing hidden assumed."""
+    print(f"{'':28s} windows    x     p1     p2   spool  within noise")
+    for folder in map(Path, sys.argv[1:]):
+        for file in sorted(folder.glob("*.csv.gz")):
+            print(line(f"{folder.name}/{file.name[:-7]}", TABLE, file), flush=True)
+
+
+if __name__ == "__main__":
+    main()
