@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import create_model
 
-from rig.plant.effects import CATALOGUE, Effect
+from rig.plant.effects import CATALOGUE
 from rig.plant.model import Model
 from rig.plant.parameters import FRICTION_LAWS, NOMINAL, quantities
 
@@ -26,21 +26,13 @@ _EFFECT_OF: Final = {
 }
 
 
-def _shifts(effect: Effect) -> bool:
-    """Tell an effect that only shifts parameters every rig has from one that adds a term.
-
-    An added term is neutral at zero; a shifted parameter (supply_pressure) has no zero, and may be
-    given as a parameter too.
-    """
-    return all(getattr(NOMINAL, parameter.field) != 0.0 for parameter in effect.parameters)
-
-
 SHIFTABLE: Final = frozenset(
     parameter.field
     for effect in CATALOGUE.values()
-    if _shifts(effect)
     for parameter in effect.parameters
+    if parameter.shift
 )
+"""Parameters that every rig has and an effect shifts: they may be given as either."""
 PARAMETERS: Final = tuple(
     name
     for name in _QUANTITIES
@@ -148,6 +140,7 @@ def override(base: Model, item: Located, sources: Sources) -> Model:
         changes.values["friction_law"] = FRICTION_LAWS[law.value]
     if effects is not None:
         changes.apply_effects(effects)
+        changes.let_follow(effects)
     model = Model(
         base.name,
         base.parameters._replace(**changes.values),
@@ -199,6 +192,16 @@ class _Overrides:
             self._set(field, getattr(file, key, None), entry.find((key,)))
         if name not in self.effects:
             self.effects.append(name)
+
+    def let_follow(self, item: Located) -> None:
+        """Keep what follows a parameter that an effect shifts, unless the file gives it too."""
+        for name in item.value if isinstance(item.value, dict) else ():
+            for parameter in CATALOGUE[name].parameters if name in CATALOGUE else ():
+                follower, base = parameter.followed_by, self.base.parameters
+                value = self.values.get(parameter.field)
+                if follower and follower not in self.values and value is not None:
+                    followed = CATALOGUE[name].applied(base, **{parameter.name: value})
+                    self.values[follower] = getattr(followed, follower)
 
     def _switch_off(self, name: str) -> None:
         for parameter in CATALOGUE[name].parameters:

@@ -83,7 +83,7 @@ def _line(indent: str, key: str, field: str, value: float) -> str:
 def _parameters(model: Model) -> Iterator[str]:
     under_effects = {
         parameter.field
-        for name in model.effects
+        for name in _switched_on(model)
         for parameter in CATALOGUE[name].parameters
         if parameter.field in SHIFTABLE
     }
@@ -93,7 +93,8 @@ def _parameters(model: Model) -> Iterator[str]:
             yield _line("  ", field, field, getattr(model.parameters, field))
 
 
-def _effects(model: Model) -> Iterator[str]:
+def _switched_on(model: Model) -> list[str]:
+    """Return the model's effects, and those that act without being switched on."""
     acting = [
         effect.name
         for effect in CATALOGUE.values()
@@ -101,10 +102,14 @@ def _effects(model: Model) -> Iterator[str]:
         and any(
             getattr(model.parameters, p.field) != getattr(NOMINAL, p.field)
             for p in effect.parameters
-            if p.field not in SHIFTABLE
+            if not p.shift
         )
     ]
-    names = [*model.effects, *acting]
+    return [*model.effects, *acting]
+
+
+def _effects(model: Model) -> Iterator[str]:
+    names = _switched_on(model)
     if not names:
         return
     yield "effects:"

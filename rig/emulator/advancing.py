@@ -7,9 +7,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant import Parameters
-from rig.plant.dynamics import environment_force, leak_flows
-from rig.plant.integrator import SUBSTEPS, TICK, advance
+from rig.plant.command_path import drive_undelayed
+from rig.plant.dynamics import leak_flows, spring_force
+from rig.plant.integrator import SUBSTEPS, TICK
 from rig.plant.sensors import SensorParameters, read_sensors
+from rig.plant.transducers import follow, seen_position
 
 Array = NDArray[np.float64]
 
@@ -17,6 +19,8 @@ Array = NDArray[np.float64]
 @njit(cache=True, error_model="numpy", nogil=True)
 def advance_plant(
     state: Array,
+    path: Array,
+    seen: Array,
     flows: Array,
     command: float,
     par: Parameters,
@@ -24,10 +28,12 @@ def advance_plant(
     duration: float,
     flow_time_constant: float,
 ) -> None:
-    """Advance the plant and its flow meters in place over any time, command and faults held.
+    """Advance plant, transducers and flow meters in place over any time, command and faults held.
 
     Args:
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
+        path: between command and plant (`rig.plant.command_path`), but for the delay.
+        seen: the transducers' memory (`rig.plant.transducers`).
         flows: float64 (3,), flow-meter lag states in m^3/s.
         command: what the valve is driven by, V.
         par: the plant's `Parameters`.
@@ -43,13 +49,15 @@ def advance_plant(
         kept = exp(-step / flow_time_constant)
         for i in range(3):
             flows[i] = kept * flows[i] + (1.0 - kept) * abs(leaks[i])
-        advance(state, command, par, fault, step, SUBSTEPS)
+        drive_undelayed(state, path, command, par, fault, step, SUBSTEPS)
+        follow(seen, state, par, step)
         remaining -= step
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def sample_plant(
     state: Array,
+    seen: Array,
     flows: Array,
     offsets: Array,
     noise: Array,
@@ -63,6 +71,7 @@ def sample_plant(
 
     Args:
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
+        seen: the transducers' memory (`rig.plant.transducers`).
         flows: float64 (3,), flow-meter lag states in m^3/s, which `advance_plant` moves.
         offsets: float64 (3,), the meters' fixed errors in m^3/s.
         noise: 9 standard normal numbers.
@@ -73,11 +82,17 @@ def sample_plant(
         sampled: written.
     """
     leaks = leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
-    load = environment_force(min(max(state[4], par.stroke_min), par.stroke_max), 0.0, par)
+    load = spring_force(state[4], par)
     # read_sensors moves the meters' lags by a tick a sample; here time does.
-    read_sensors(state, leaks, load, flows.copy(), offsets, noise, sensors, sampled)
+    read_sensors(state, seen, leaks, load, flows.copy(), offsets, noise, par, sensors, sampled)
     for i in range(3):
         metered = flows[i] + offsets[i] + sensors.flow_noise * noise[6 + i]
         sampled[6 + i] = max(metered, 0.0)
     for i in range(sampled.size):
         sampled[i] *= fitted[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def shown_position(state: Array, seen: Array, par: Parameters) -> float:
+    """Return the position in m that the encoder counts, of the true `state` (9,)."""
+    return par.position_gain * seen_position(seen, state[4], par)

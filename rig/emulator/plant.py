@@ -1,6 +1,7 @@
 """The plant in real time: brought up to the present moment whenever anybody looks at it."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from math import exp
 from typing import Final
@@ -12,10 +13,12 @@ from faults.bypass import BypassValve
 from faults.verdict import Verdict
 from rig.io.signals import BYPASSES
 from rig.plant import FAULT_COLUMNS, Model
+from rig.plant.command_path import command_path, hold_reference
 from rig.plant.dynamics import PlantState, rest_state
 from rig.plant.sensors import DATA_SHEET, READING_COUNT, Reading, SensorParameters
+from rig.plant.transducers import transducers
 
-from .advancing import advance_plant, sample_plant
+from .advancing import advance_plant, sample_plant, shown_position
 
 Clock = Callable[[], int]
 """Returns the present moment in ns, as `time.monotonic_ns`."""
@@ -63,6 +66,7 @@ class EmulatedPlant:
         self.sensors = sensors
         self._par = model.parameters
         self._full_pressure = self._par.supply_pressure
+        self._full_ripple = self._par.supply_ripple
         self._bypass_valves = dict(bypass_valves or {})
         self._return_resistance = return_resistance
         self._fitted = np.ones(READING_COUNT) if fitted is None else fitted
@@ -76,23 +80,36 @@ class EmulatedPlant:
         self._stuck_at: float | None = None
         self._pump_loaded = pump_loaded
         if not pump_loaded:
-            self._par = self._par._replace(supply_pressure=self._par.return_pressure)
+            self._set_supply(self._par.return_pressure)
         middle = 0.5 * (self._par.stroke_min + self._par.stroke_max)
         self._state = rest_state(self._par, middle)
+        self._path = command_path(self._par)
+        self._seen = transducers(self._par, self._state)
+        self._delay_ns = round(1e9 * self._par.command_delay)
+        self._sent: deque[tuple[int, float]] = deque()
         self._compile()
         self._time_ns = clock()
 
     def _compile(self) -> None:
         """Compile, or load from the cache, what runs at every look."""
         advance_plant(
-            self._state.copy(), self._flows.copy(), 0.0, self._par, self._fault, 1e-6,
-            self.sensors.flow_time_constant,
+            self._state.copy(), self._path.copy(), self._seen.copy(), self._flows.copy(), 0.0,
+            self._par, self._fault, 1e-6, self.sensors.flow_time_constant,
         )  # fmt: skip
+        shown_position(self._state, self._seen, self._par)
         self._sample(np.zeros(READING_COUNT))
 
     def catch_up(self, until_ns: int | None = None) -> None:
         """Advance to the present, or to a moment between the last look and now."""
         until_ns = self.clock() if until_ns is None else until_ns
+        while self._sent and self._sent[0][0] <= until_ns:
+            acts_ns, command = self._sent.popleft()
+            self._move(acts_ns)
+            self._command = command
+        self._move(until_ns)
+
+    def _move(self, until_ns: int) -> None:
+        """Advance to a moment up to which the acting command stays."""
         while self._pump_moves and self._time_ns < until_ns:
             step_ns = min(_PUMP_STEP_NS, until_ns - self._time_ns)
             self._move_supply(step_ns * 1e-9)
@@ -103,8 +120,8 @@ class EmulatedPlant:
         if duration_ns <= 0:
             return
         advance_plant(
-            self._state, self._flows, self._acting_command, self._par, self._fault,
-            duration_ns * 1e-9, self.sensors.flow_time_constant,
+            self._state, self._path, self._seen, self._flows, self._acting_command, self._par,
+            self._fault, duration_ns * 1e-9, self.sensors.flow_time_constant,
         )  # fmt: skip
         self._time_ns += duration_ns
 
@@ -125,7 +142,14 @@ class EmulatedPlant:
         target = self._supply_target
         left = (self._par.supply_pressure - target) * exp(-duration / PUMP_TIME_CONSTANT)
         pressure = target + left if abs(left) > _PUMP_SETTLED else target
-        self._par = self._par._replace(supply_pressure=pressure)
+        self._set_supply(pressure)
+
+    def _set_supply(self, pressure: float) -> None:
+        """Let the pump hold a pressure in Pa; what it ripples by is in proportion."""
+        back = self._par.return_pressure
+        share = (pressure - back) / (self._full_pressure - back)
+        ripple = share * self._full_ripple
+        self._par = self._par._replace(supply_pressure=pressure, supply_ripple=ripple)
 
     def drive_valve(self, command_V: float, at_ns: int | None = None) -> None:  # noqa: N803
         """Drive the servovalve from now, or from a moment since the last look, on.
@@ -133,12 +157,18 @@ class EmulatedPlant:
         Beyond `COMMAND_RANGE` its amplifier saturates.
         """
         self.catch_up(at_ns)
-        self._command = min(max(command_V, -COMMAND_RANGE), COMMAND_RANGE)
+        command = min(max(command_V, -COMMAND_RANGE), COMMAND_RANGE)
+        if self._delay_ns:
+            sent_ns = self._time_ns if at_ns is None else max(at_ns, self._time_ns)
+            self._sent.append((sent_ns + self._delay_ns, command))
+        else:
+            self._command = command
 
     def stick_spool(self, stuck: bool) -> None:
         """Jam the spool where it is, or free it."""
         self.catch_up()
         self._stuck_at = float(self._state[0]) if stuck else None
+        hold_reference(self._path, float(self._state[0]))
         self._state[1] = 0.0
 
     def load_pump(self, loaded: bool) -> None:
@@ -193,7 +223,7 @@ class EmulatedPlant:
 
     def _sample(self, noise: NDArray[np.float64]) -> Reading:
         sample_plant(
-            self._state, self._flows, self._flow_offsets, noise, self._par, self._fault,
+            self._state, self._seen, self._flows, self._flow_offsets, noise, self._par, self._fault,
             self.sensors, self._fitted, self._sampled,
         )  # fmt: skip
         return Reading(*self._sampled.tolist())
@@ -201,4 +231,5 @@ class EmulatedPlant:
     def encoder_counts(self) -> int:
         """Return the encoder's increments from position 0 of the plant, whole counts."""
         self.catch_up()
-        return round(float(self._state[4]) / self.sensors.position_resolution)
+        shown = shown_position(self._state, self._seen, self._par)
+        return round(shown / self.sensors.position_resolution)

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.plant import Model, Parameters
+from rig.plant.command_path import command_path, start_clock
 from rig.plant.dynamics import rest_state
 from rig.plant.sensors import DATA_SHEET, READING_COUNT, SensorParameters
+from rig.plant.transducers import transducers
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,8 @@ class SimulatedRig:
         fitted: float64 (9,), 1 where the rig has the transducer of `rig.plant.sensors.Reading`,
             else NaN.
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
+        path: what lies between command and plant (`rig.plant.command_path`).
+        seen: the transducers' memory (`rig.plant.transducers`).
         meters: float64 (3,), flow-meter lag states in m^3/s.
         offsets: float64 (3,), the meters' fixed errors in m^3/s, drawn once.
         generator: source of all noise.
@@ -37,6 +41,8 @@ class SimulatedRig:
     sensors: SensorParameters
     fitted: Array
     state: Array
+    path: Array
+    seen: Array
     meters: Array
     offsets: Array
     generator: np.random.Generator
@@ -44,6 +50,10 @@ class SimulatedRig:
     def noise(self, ticks: int) -> Array:
         """Return standard normal numbers (ticks, 9), one for each transducer and tick."""
         return self.generator.standard_normal((ticks, READING_COUNT))
+
+    def start_clock(self, time_s: float) -> None:
+        """Let the next tick be at `time_s` of the test, from which a supply ripple counts."""
+        start_clock(self.path, time_s)
 
 
 def simulated_rig(
@@ -73,4 +83,7 @@ def simulated_rig(
             fitted[index] = np.nan
     offsets = np.abs(sensors.flow_error * generator.standard_normal(_FLOW_METERS))
     state = rest_state(par, 0.5 * (par.stroke_min + par.stroke_max))
-    return SimulatedRig(par, sensors, fitted, state, np.zeros(_FLOW_METERS), offsets, generator)
+    return SimulatedRig(
+        par, sensors, fitted, state, command_path(par), transducers(par, state),
+        np.zeros(_FLOW_METERS), offsets, generator,
+    )  # fmt: skip

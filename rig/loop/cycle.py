@@ -14,10 +14,11 @@ from numba import njit
 
 from control.position_loop import proportional_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
+from rig.plant.command_path import drive
 from rig.plant.compiled import inlined
-from rig.plant.dynamics import environment_force, leak_flows
-from rig.plant.integrator import advance
-from rig.plant.sensors import READING_COUNT, read_sensors
+from rig.plant.dynamics import leak_flows, spring_force
+from rig.plant.sensors import READING_COUNT, encoder_position, read_sensors
+from rig.plant.transducers import follow, seen_position
 
 from .decided import DECIDED
 from .reaction import ACTED, Reaction, react, tolerating
@@ -127,7 +128,7 @@ def sample_row(
 @njit(cache=True, error_model="numpy", nogil=True)
 def simulated_ticks(
     first, period, setpoint, open_loop, gain, limit, faults,
-    plant, par, sensors, fitted, meters, offsets, noise,
+    plant, path, seen, par, sensors, fitted, meters, offsets, noise,
     code, x, covariance, filter_par, filter_noise, work, on_fault,
     decided, reaction, held, rows,
 ):  # fmt: skip
@@ -142,6 +143,8 @@ def simulated_ticks(
         limit: greatest command of either sign, V.
         faults: (ticks, 8) coefficients (`rig.plant.faults.FaultInput`).
         plant: (9,) true state, `rig.plant.dynamics.PlantState`; updated.
+        path: between command and plant (`rig.plant.command_path`); updated.
+        seen: the transducers' memory (`rig.plant.transducers`); updated.
         par: the rig's true `Parameters`.
         sensors: `SensorParameters`.
         fitted: (9,) 1 or NaN, which transducers there are.
@@ -173,8 +176,10 @@ def simulated_ticks(
             faults[k, 6], faults[k, 7],
         )  # fmt: skip
         leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, fault)
-        load = environment_force(min(max(plant[4], par.stroke_min), par.stroke_max), 0.0, par)
-        read_sensors(plant, leaks, load, meters, offsets, noise[k], sensors, reading)
+        load = spring_force(plant[4], par)
+        read_sensors(
+            plant, seen, leaks, load, meters, offsets, noise[k], par, sensors, reading
+        )  # fmt: skip
         for i in range(READING_COUNT):
             reading[i] *= fitted[i]
         wanted = setpoint[k]
@@ -203,14 +208,17 @@ def simulated_ticks(
         row[truth + 6] = leaks[0]
         row[truth + 7] = leaks[1]
         row[truth + 8] = leaks[2]
-        advance(plant, command, par, fault)
+        drive(plant, path, command, par, fault)
+        follow(seen, plant, par)
     return rows.shape[0]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def position_ticks(setpoint, gain, limit, no_fault, plant, par, resolution, held):
+def position_ticks(setpoint, gain, limit, no_fault, plant, path, seen, par, sensors, held):
     """Hold the ram on `setpoint` (ticks,) in m before a test, with no fault and no filter."""
     for k in range(setpoint.size):
-        measured = np.floor(plant[4] / resolution + 0.5) * resolution
+        shown = par.position_gain * seen_position(seen, plant[4], par)
+        measured = encoder_position(shown, sensors)
         held[0] = proportional_command(setpoint[k], measured, gain, limit)
-        advance(plant, held[0], par, no_fault)
+        drive(plant, path, held[0], par, no_fault)
+        follow(seen, plant, par)

@@ -18,6 +18,7 @@ from rig.plant.lanes import anywhere, gather, load, load_fields, scatter, select
 from rig.plant.parameters import Parameters
 from rig.plant.sensors import encoder_position, pressure_reading, spool_reading
 from rig.plant.step_length import SHORTEST, resolving_step
+from rig.plant.transducers import reading_means
 
 LOGGED: Final = STATE_COUNT + 1
 """What a row of the log holds: the plant's states, and the command."""
@@ -114,7 +115,7 @@ def plant_ticks(
         next_tick = select(begins, next_tick + 1.0, next_tick)
         fault = _faults_at(faults, next_tick > load(onset, 0))
         if anywhere(begins):
-            position = encoder_position(y[_POSITION], sensors)
+            position = encoder_position(par.position_gain * y[_POSITION], sensors)
             asked = gather(setpoint, tick)
             closed = gather(open_loop, tick) == 0.0
             asked = select(closed, gain * (asked - position), asked)
@@ -132,30 +133,38 @@ def plant_ticks(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def reading_ticks(log, rows, noise, sensors, readings):
+def reading_ticks(log, rows, noise, parameters, like, sensors, readings):
     """Sample the transducers at every tick.
 
     Args:
         log: (steps, 10, LANES), of `plant_ticks`.
         rows: (ticks, LANES), of `plant_ticks`.
         noise: (ticks, 4, LANES) standard normal numbers: of pressures 1 and 2, spool, supply.
+        parameters: (fields, LANES), `Parameters` of each rig.
+        like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
         readings: (ticks, 6, LANES), to be filled with `LANE_READINGS`.
     """
+    par = load_fields(parameters, like, _FRICTION_LAW)
     for k in range(rows.shape[0]):
         row = load(rows, k) * LOGGED
         first, drawn = k * READING_COUNT, k * NOISE_COUNT
-        position = encoder_position(gather(log, row + _POSITION), sensors)
+        shown = reading_means(
+            gather(log, row + _POSITION), gather(log, row + _PRESSURE_1),
+            gather(log, row + _PRESSURE_2), gather(log, row + _SPOOL), gather(log, row + _SUPPLY),
+            par,
+        )  # fmt: skip
+        position = encoder_position(shown.position, sensors)
         deviation_1 = sensors.pressure_noise * load(noise, drawn)
         deviation_2 = sensors.pressure_noise * load(noise, drawn + 1)
         deviation_s = sensors.supply_pressure_noise * load(noise, drawn + 3)
-        p1 = pressure_reading(gather(log, row + _PRESSURE_1), deviation_1, sensors)
-        p2 = pressure_reading(gather(log, row + _PRESSURE_2), deviation_2, sensors)
-        supply = pressure_reading(gather(log, row + _SUPPLY), deviation_s, sensors)
+        p1 = pressure_reading(shown.pressure_1, deviation_1, sensors)
+        p2 = pressure_reading(shown.pressure_2, deviation_2, sensors)
+        supply = pressure_reading(shown.supply_pressure, deviation_s, sensors)
         deviation = sensors.spool_noise * load(noise, drawn + 2)
         store(readings, first, position)
         store(readings, first + 1, p1)
         store(readings, first + 2, p2)
-        store(readings, first + 3, spool_reading(gather(log, row + _SPOOL), deviation, sensors))
+        store(readings, first + 3, spool_reading(shown.spool, deviation, sensors))
         store(readings, first + 4, supply)
         store(readings, first + 5, gather(log, row + COMMAND))

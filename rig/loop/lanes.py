@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
-from rig.plant import NO_FAULT, FaultInput, Parameters
+from rig.plant import NO_FAULT, NOMINAL, REMEMBERING, FaultInput, Parameters
 from rig.plant.dynamics import rest_state
 from rig.plant.lanes import LANES
 from rig.plant.lanes.normal import fill_normal, start_streams
@@ -46,7 +46,8 @@ class SimulatedLanes:
         limit: greatest command of either sign, V.
 
     Raises:
-        ValueError: there are not as many of something as lanes, or rigs differ in friction law.
+        ValueError: there are not as many of something as lanes, or rigs differ in friction law,
+            or one has an effect with a memory outside the plant's state (`REMEMBERING`).
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class SimulatedLanes:
                 raise ValueError(f"{name}: {len(given)} given for {LANES} lanes")
         if len({rig.friction_law for rig in rigs}) != 1:
             raise ValueError("rigs: both friction laws among them; lanes need one")
+        _require_no_memory(rigs)
         at_rest = [rest_state(rig, x) for rig, x in zip(rigs, positions, strict=True)]
         self.rigs = tuple(rigs)
         self.plant = _by_lane(at_rest)
@@ -112,7 +114,19 @@ class SimulatedLanes:
         self._onset -= ticks
         noise = np.empty((ticks * NOISE_COUNT, LANES))
         fill_normal(self._streams, noise)
-        reading_ticks(self._log, rows, noise, self._sensors, readings)
+        reading_ticks(
+            self._log, rows, noise, self._parameters, self.rigs[0], self._sensors, readings
+        )  # fmt: skip
+
+
+def _require_no_memory(rigs: Sequence[Parameters]) -> None:
+    for lane, rig in enumerate(rigs):
+        for field in REMEMBERING:
+            if getattr(rig, field) != getattr(NOMINAL, field):
+                raise ValueError(
+                    f"rigs: {field} of rig {lane} is {getattr(rig, field):g}, and lanes keep no "
+                    f"memory of commands and readings; run that rig by SimulatedLoop"
+                )
 
 
 def _by_lane(of_rigs: Sequence[Any]) -> Array:

@@ -103,10 +103,12 @@ class SimulatedLoop:
         setpoint = raised_cosine(
             self._rig.state[4], self._motion.start_position, self._motion.settle_ticks
         )
+        rig = self._rig
+        rig.start_clock(-setpoint.size * TICK)
         # A plain tuple, as in the test's ticks: another type would be another compilation.
-        position_ticks(setpoint, self._gain, self._limit, tuple(NO_FAULT), self._rig.state,
-                       self._rig.parameters, self._rig.sensors.position_resolution,
-                       self._held)  # fmt: skip
+        position_ticks(setpoint, self._gain, self._limit, tuple(NO_FAULT), rig.state, rig.path,
+                       rig.seen, rig.parameters, rig.sensors, self._held)  # fmt: skip
+        rig.start_clock(0.0)
 
     def advance(self, ticks: int) -> Array:
         """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`).
@@ -120,9 +122,9 @@ class SimulatedLoop:
         rows = np.empty((count, len(self.channels)))
         done = simulated_ticks(
             self._tick, TICK, motion.setpoint[part], motion.open_loop, self._gain, self._limit,
-            motion.faults[part], rig.state, rig.parameters, rig.sensors, rig.fitted, rig.meters,
-            rig.offsets, rig.noise(count), memory.filter.code, memory.x, memory.covariance,
-            self._assumed, memory.noise, memory.work, self._on_fault,
+            motion.faults[part], rig.state, rig.path, rig.seen, rig.parameters, rig.sensors,
+            rig.fitted, rig.meters, rig.offsets, rig.noise(count), memory.filter.code, memory.x,
+            memory.covariance, self._assumed, memory.noise, memory.work, self._on_fault,
             self._decided, self._reaction, self._held, rows,
         )  # fmt: skip
         self._tick += done

@@ -3,7 +3,7 @@
 Imports numpy and numba only; everything above shares this one model.
 """
 
-from .effects import CATALOGUE, Effect, EffectParameter
+from .effects import CATALOGUE, REMEMBERING, Effect, EffectParameter
 from .faults import FAULT_COLUMNS, NO_FAULT, FaultInput
 from .model import Model
 from .parameters import BRISTLE, FRICTION_LAWS, KARNOPP, NOMINAL, Parameters, Quantity, quantities
@@ -16,6 +16,7 @@ __all__ = [
     "KARNOPP",
     "NOMINAL",
     "NO_FAULT",
+    "REMEMBERING",
     "Effect",
     "EffectParameter",
     "FaultInput",

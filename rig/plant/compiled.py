@@ -7,7 +7,9 @@ on, they crash the process.
 
 from typing import Any, Final
 
-from numba import njit
+from numba import njit, types
+
+from .lanes.kinds import intrinsic
 
 _OPTIONS: Final[dict[str, Any]] = {
     "cache": True,
@@ -22,3 +24,13 @@ inner: Final[Any] = njit(**_OPTIONS)
 
 inlined: Final[Any] = njit(**_OPTIONS, forceinline=True)
 """As `inner`, and put its code where it is called, whatever its size."""
+
+
+@intrinsic(prefer_literal=True)
+def with_field(typing_context, fields, index, value):
+    """Return a named tuple of floats with the field of a literal number replaced by a float."""
+
+    def emit(context, builder, signature, arguments):
+        return builder.insert_value(arguments[0], arguments[2], index.literal_value)
+
+    return fields(fields, index, types.float64), emit

@@ -5,7 +5,7 @@ Chamber pressures are states of the oil: below zero they stand for the volume of
 cavitates. All pressures are above that of the tank's surface.
 """
 
-from math import copysign, exp, sqrt
+from math import copysign, exp, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -46,7 +46,8 @@ def rest_state(parameters: Parameters, position: float) -> np.ndarray:
     """Return the state of a ram at rest at `position` (m), valve at null, chambers half way."""
     supply, back = parameters.supply_pressure, parameters.return_pressure
     chamber = 0.5 * (supply + back)
-    return np.array([0.0, 0.0, chamber, chamber, position, 0.0, 0.0, supply, back])
+    rippled = supply + parameters.supply_ripple * sin(parameters.supply_ripple_phase)
+    return np.array([0.0, 0.0, chamber, chamber, position, 0.0, 0.0, rippled, back])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -78,6 +79,47 @@ def valve_flows(opening, p1, p2, supply, back, conductance):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def lapped(opening, par):
+    """Return what an overlap leaves of an opening in m: y -> sgn(y) max(0, |y| - d)."""
+    return copysign(_excess(abs(opening) - par.valve_deadband), opening)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def edge_flows(opening, p1, p2, supply, back, par):
+    """Return the flows in m^3/s of the valve's four edges (Merritt 1967, ch. 5).
+
+    They are supply to chamber 1, chamber 1 to return, supply to 2, and 2 to return. Those of
+    an underlapped valve: near null all are open, and oil runs straight to the return.
+    """
+    conductance = valve_conductance(par)
+    forth = conductance * _excess(par.valve_underlap_leakage + opening)
+    back_edge = conductance * _excess(par.valve_underlap_leakage - opening)
+    second = 1.0 - par.valve_flow_asymmetry
+    return (
+        forth * signed_root(supply - p1),
+        back_edge * signed_root(p1 - back),
+        second * back_edge * signed_root(supply - p2),
+        second * forth * signed_root(p2 - back),
+    )
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def is_real_valve(par):
+    """Return whether the valve has laps, or unlike ports."""
+    laps = (par.valve_deadband != 0.0) | (par.valve_underlap_leakage != 0.0)
+    return laps | (par.valve_flow_asymmetry != 0.0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def port_flows(opening, p1, p2, supply, back, par):
+    """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s, laps and asymmetry included."""
+    if anywhere(is_real_valve(par)):
+        edges = edge_flows(lapped(opening, par), p1, p2, supply, back, par)
+        return edges[0] - edges[1], edges[3] - edges[2]
+    return valve_flows(opening, p1, p2, supply, back, valve_conductance(par))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def leak_flows(p1, p2, back, par, fault):
     """Return the leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s (eqs. 5.1, 5.2).
 
@@ -102,7 +144,7 @@ def leak_flows(p1, p2, back, par, fault):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def line_rates(opening, q1, q2, leak_1, leak_2, ps, pe, par, fault):
+def line_rates(opening, p1, p2, q1, q2, leak_1, leak_2, ps, pe, par, fault):
     """Return (dp_s/dt, dp_e/dt) in Pa/s: supply droop and return back pressure (Merritt, ch. 3).
 
     The supply leak runs from the supply line to the return line (figure 2.3).
@@ -114,6 +156,11 @@ def line_rates(opening, q1, q2, leak_1, leak_2, ps, pe, par, fault):
         extending = opening >= 0.0
         drawn = select(extending, q1, -q2)
         returned = select(extending, q2, -q1)
+        if anywhere(par.valve_underlap_leakage != 0.0):
+            fed_1, drained_1, fed_2, drained_2 = edge_flows(
+                lapped(opening, par), p1, p2, ps, pe, par
+            )
+            drawn, returned = fed_1 + fed_2, drained_1 + drained_2
         returned += leak_1 + leak_2
         supply_leakage = par.supply_leakage + fault[6]
         if anywhere(supply_leakage != 0.0):
@@ -189,11 +236,34 @@ def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def stops(par):
+    """Return (lowest, highest) position in m of the ram: a stop inside the stroke, or the end."""
+    return max(par.stroke_min, par.stop_low), min(par.stroke_max, par.stop_high)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def total_mass(par):
+    """Return the mass in kg that the pistons move: the ram and its payload (eq. 2.6)."""
+    return par.moving_mass + par.payload_mass
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def spring_force(position, par):
+    """Return the force in N of the spring against extension, as the load cell sees it (chapter 6).
+
+    A ram on a stop is where the stop is.
+    """
+    low, high = stops(par)
+    return par.spring_stiffness * _excess(min(max(position, low), high) - par.spring_contact)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def environment_force(position, velocity, par):
-    """Return the force in N of spring and stroke ends against extension (chapter 6; end stops)."""
-    force = par.spring_stiffness * _excess(position - par.spring_contact)
-    above = position - par.stroke_max
-    below = par.stroke_min - position
+    """Return the force in N against extension of spring, constant force and stops (chapter 6)."""
+    force = par.spring_stiffness * _excess(position - par.spring_contact) + par.constant_force
+    low, high = stops(par)
+    above = position - high
+    below = low - position
     if anywhere((above > 0.0) | (below > 0.0)):
         damping = par.stop_damping * velocity
         force += par.stop_stiffness * _excess(above) * max(0.0, 1.0 + damping)
@@ -236,6 +306,22 @@ def friction(velocity, friction_state, par):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def spool_rates(spool, velocity, command, par):
+    """Return (dx_sp/dt in m/s, its derivative in m/s^2) of the spool (eq. 2.5).
+
+    At its greatest speed, the pilot stage's flow, it is accelerated no further.
+    """
+    wn = par.valve_natural_frequency
+    pull = wn * wn * (par.valve_gain * command - spool) - 2.0 * par.valve_damping * wn * velocity
+    limit = par.valve_rate_limit
+    if anywhere(abs(velocity) >= limit):
+        faster = ((velocity >= limit) & (pull > 0.0)) | ((velocity <= -limit) & (pull < 0.0))
+        pull = select(faster, 0.0 * pull, pull)
+        velocity = min(max(velocity, -limit), limit)
+    return velocity, pull
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
     """Return the time derivatives of all states, in the order of `PlantState`.
 
@@ -246,14 +332,13 @@ def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
     oil_1 = max(p1, 0.0)
     oil_2 = max(p2, 0.0)
     opening = s + par.spool_null_bias
-    q1, q2 = valve_flows(opening, oil_1, oil_2, ps, pe, valve_conductance(par))
+    q1, q2 = port_flows(opening, oil_1, oil_2, ps, pe, par)
     leak_1, leak_2, leak_12 = leak_flows(oil_1, oil_2, pe, par, fault)
     dp1, dp2 = pressure_rates(p1, p2, x, v, q1 - leak_12 - leak_1, leak_12 - leak_2 - q2, par)
     force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
-    dv = (force - drag) * (1.0 / par.moving_mass)
+    dv = (force - drag) * (1.0 / total_mass(par))
     if par.friction_law == KARNOPP:
         dv = select(z != 0.0, dv, 0.0 * dv)
-    wn = par.valve_natural_frequency
-    dw = wn * wn * (par.valve_gain * command - s) - 2.0 * par.valve_damping * wn * w
-    dps, dpe = line_rates(opening, q1, q2, leak_1, leak_2, ps, pe, par, fault)
-    return w, dw, dp1, dp2, v, dv, dz, dps, dpe
+    ds, dw = spool_rates(s, w, command, par)
+    dps, dpe = line_rates(opening, oil_1, oil_2, q1, q2, leak_1, leak_2, ps, pe, par, fault)
+    return ds, dw, dp1, dp2, v, dv, dz, dps, dpe

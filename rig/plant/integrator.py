@@ -50,6 +50,12 @@ def _with_friction(y, velocity, friction_state):
 
 
 @inlined
+def _with_spool_velocity(y, velocity):
+    """Return the state `y` with another velocity of the spool."""
+    return (y[0], velocity, y[2], y[3], y[4], y[5], y[6], y[7], y[8])
+
+
+@inlined
 def _moved(y, h, k, friction_state):
     """Return y + h k, but for the friction state, which is given."""
     return (
@@ -181,6 +187,9 @@ def next_step(y, remaining, longest, shortest, command, par, fault):
     even = select(h > 0.5 * remaining, 0.5 * remaining, h)
     h = select(h > 0.999999 * remaining, remaining, even)
     y = _runge_kutta(y, k, h, command, par, fault)
+    limit = par.valve_rate_limit
+    if anywhere(abs(y[1]) > limit):
+        y = _with_spool_velocity(y, min(max(y[1], -limit), limit))
     if karnopp:
         y = _stopped(y, par)
     return y, remaining - h

@@ -20,10 +20,13 @@ class Model:
     def with_effect(self, name: str, **values: float) -> "Model":
         """Return this model with one more effect of the catalogue, its parameters given in SI.
 
+        An effect that shifts a parameter which every rig has sets it (`bulk_modulus`: beta itself).
+        `coulomb_level` takes the stiction along in proportion; `stiction_level` is the stiction
+        alone, so that of the two it is to come last.
+
         Raises:
             KeyError: the effect, or one of its parameters, is not in the catalogue.
         """
-        fields = {parameter.name: parameter.field for parameter in CATALOGUE[name].parameters}
-        parameters = self.parameters._replace(**{fields[key]: v for key, v in values.items()})
+        parameters = CATALOGUE[name].applied(self.parameters, **values)
         effects = self.effects if name in self.effects else (*self.effects, name)
         return Model(self.name, parameters, effects, self.provenance)

@@ -55,6 +55,15 @@ class Parameters(NamedTuple):
     return_back_pressure: Annotated[
         float, _q("Pa/(m^3/s)^2", 0.0, 1e14, "R_e", "turbulent line loss, Merritt 1967, ch. 3")
     ] = 0.0
+    supply_ripple: Annotated[
+        float, _q("Pa", 0.0, 3e6, "A_r", "pump ripple at the valve, Merritt 1967, ch. 3")
+    ] = 0.0
+    supply_ripple_frequency: Annotated[
+        float, _q("Hz", 1.0, 450.0, "f_r", "pistons of the pump times its speed")
+    ] = 225.0
+    supply_ripple_phase: Annotated[
+        float, _q("rad", -6.3, 6.3, "phi_r", "at the start of a test; no pump is in step with one")
+    ] = 0.0
     line_time_constant: Annotated[
         float, _q("s", 1e-3, 0.1, "tau_l", "filling of the supply and return lines")
     ] = 2e-3
@@ -72,6 +81,24 @@ class Parameters(NamedTuple):
     valve_damping: Annotated[float, _q("", 0.1, 2.0, "d_m", "table 2.1")] = 0.7
     spool_null_bias: Annotated[
         float, _q("m", -5e-5, 5e-5, "b_sp", "section 3.2.1: the measured spool shows a bias")
+    ] = 0.0
+    valve_deadband: Annotated[
+        float, _q("m", 0.0, 1e-4, "d_o", "overlap of each edge, Merritt 1967, ch. 5")
+    ] = 0.0
+    valve_underlap_leakage: Annotated[
+        float, _q("m", 0.0, 1e-4, "u_o", "underlap of each edge, Merritt 1967, ch. 5")
+    ] = 0.0
+    valve_flow_asymmetry: Annotated[
+        float, _q("", -0.5, 0.5, "a_v", "edges of the two ports unlike, Merritt 1967, ch. 5")
+    ] = 0.0
+    valve_hysteresis: Annotated[
+        float, _q("m", 0.0, 5e-5, "h_v", "play before the spool, Merritt 1967, ch. 6")
+    ] = 0.0
+    valve_rate_limit: Annotated[
+        float, _q("m/s", 1e-3, 1e3, "w_max", "flow of the pilot stage, Merritt 1967, ch. 7")
+    ] = 1e3
+    command_delay: Annotated[
+        float, _q("s", 0.0, 0.02, "tau_u", "transport in amplifier and network")
     ] = 0.0
     # Friction
     friction_law: Annotated[float, _q("", 0.0, 1.0, "", "0 bristle, 1 Karnopp (docs/model.md)")] = (
@@ -100,12 +127,24 @@ class Parameters(NamedTuple):
     spring_stiffness: Annotated[
         float, _q("N/m", 0.0, 5e6, "K_spring", "sections 6.1 and 7.1.1")
     ] = 0.0
+    constant_force: Annotated[
+        float, _q("N", -2e4, 2e4, "F_0", "weight or a load held, against extension; eq. 6.8")
+    ] = 0.0
+    payload_mass: Annotated[
+        float, _q("kg", 0.0, 1000.0, "m_p", "what the ram carries, eq. 2.6")
+    ] = 0.0
     spring_contact: Annotated[float, _q("m", -0.1, 5.0, "x_c", "sections 7.1.1 and 7.2")] = 0.22
     stop_stiffness: Annotated[
         float, _q("N/m", 1e6, 1e9, "K_stop", "stroke end as a stiff contact; docs/model.md")
     ] = 6e7
     stop_damping: Annotated[
         float, _q("s/m", 0.0, 100.0, "chi_stop", "contact losses, Hunt and Crossley 1975")
+    ] = 5.0
+    stop_low: Annotated[
+        float, _q("m", -0.1, 5.0, "x_low", "a stop inside the stroke, else the stroke's end acts")
+    ] = -0.1
+    stop_high: Annotated[
+        float, _q("m", -0.1, 5.0, "x_high", "a stop inside the stroke, else the stroke's end acts")
     ] = 5.0
     # Leaks
     internal_leakage: Annotated[
@@ -122,6 +161,21 @@ class Parameters(NamedTuple):
     )
     supply_leakage: Annotated[
         float, _q("m^3/(s Pa^0.5)", 0.0, 1e-6, "k_sl", "figure 2.3; law of eq. 5.2")
+    ] = 0.0
+    # Transducers
+    pressure_1_bias: Annotated[float, _q("Pa", -2e6, 2e6, "b_1", "offset of a transducer")] = 0.0
+    pressure_2_bias: Annotated[float, _q("Pa", -2e6, 2e6, "b_2", "offset of a transducer")] = 0.0
+    pressure_1_gain: Annotated[float, _q("", 0.5, 1.5, "g_1", "span of a transducer")] = 1.0
+    pressure_2_gain: Annotated[float, _q("", 0.5, 1.5, "g_2", "span of a transducer")] = 1.0
+    pressure_lag: Annotated[
+        float, _q("s", 0.0, 0.05, "tau_p", "snubber or filter of both transducers")
+    ] = 0.0
+    position_gain: Annotated[float, _q("", 0.5, 1.5, "g_x", "scale of the encoder")] = 1.0
+    position_delay: Annotated[
+        float, _q("s", 0.0, 0.02, "tau_x", "transport in encoder and network")
+    ] = 0.0
+    position_backlash: Annotated[
+        float, _q("m", 0.0, 5e-3, "b_x", "play between ram and encoder, its full width")
     ] = 0.0
 
 

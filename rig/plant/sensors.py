@@ -9,6 +9,7 @@ from .compiled import inlined
 from .integrator import TICK
 from .parameters import LITRE_PER_MINUTE
 from .parameters import Quantity as _Quantity
+from .transducers import reading_means, seen_position, seen_pressures
 
 
 class SensorParameters(NamedTuple):
@@ -71,12 +72,12 @@ def _clipped(value, lower, upper):
 
 
 @inlined
-def pressure_reading(pressure, deviation, sensors):
-    """Return what a transducer reads of a pressure in Pa, noisy by a `deviation` in Pa.
+def pressure_reading(shown, deviation, sensors):
+    """Return what a transducer reads that shows a pressure, noisy by a `deviation` (all in Pa).
 
-    It saturates at its range, and never sees below an empty chamber.
+    It saturates at its range.
     """
-    return _clipped(max(pressure, 0.0) + deviation, sensors.pressure_min, sensors.pressure_max)
+    return _clipped(shown + deviation, sensors.pressure_min, sensors.pressure_max)
 
 
 @inlined
@@ -86,27 +87,31 @@ def spool_reading(spool, deviation, sensors):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def read_sensors(state, leaks, load, meters, offsets, noise, sensors, reading):
+def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors, reading):
     """Sample every transducer into `reading`.
 
     Args:
         state: float64 (9,), true state (`PlantState`).
+        seen: float64 (`TRANSDUCERS_SIZE`,), the transducers' memory (`rig.plant.transducers`).
         leaks: true leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s.
         load: true spring force in N.
         meters: float64 (3,), flow-meter lag states in m^3/s, advanced in place by one tick.
         offsets: float64 (3,), the meters' fixed errors in m^3/s.
         noise: 9 standard normal numbers.
+        par: `Parameters`, with the transducers' gains and biases.
         sensors: `SensorParameters`.
         reading: float64 (9,), written in the order of `Reading`.
 
     The meters lag, and see no direction (section 7.2.1).
     """
-    reading[0] = encoder_position(state[4], sensors)
-    for i in range(2):
-        deviation = sensors.pressure_noise * noise[1 + i]
-        reading[1 + i] = pressure_reading(state[2 + i], deviation, sensors)
-    reading[3] = spool_reading(state[0], sensors.spool_noise * noise[3], sensors)
-    reading[4] = pressure_reading(state[7], sensors.supply_pressure_noise * noise[4], sensors)
+    p1, p2 = seen_pressures(seen, state[2], state[3], par)
+    shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)
+    reading[0] = encoder_position(shown.position, sensors)
+    reading[1] = pressure_reading(shown.pressure_1, sensors.pressure_noise * noise[1], sensors)
+    reading[2] = pressure_reading(shown.pressure_2, sensors.pressure_noise * noise[2], sensors)
+    reading[3] = spool_reading(shown.spool, sensors.spool_noise * noise[3], sensors)
+    deviation = sensors.supply_pressure_noise * noise[4]
+    reading[4] = pressure_reading(shown.supply_pressure, deviation, sensors)
     reading[5] = _clipped(load + sensors.load_noise * noise[5], 0.0, sensors.load_max)
     kept = exp(-TICK / sensors.flow_time_constant)
     for i in range(3):

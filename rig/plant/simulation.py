@@ -6,19 +6,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from .command_path import command_path, drive
 from .dynamics import STATE_COUNT, PlantState, rest_state
 from .faults import NO_FAULT
-from .integrator import SUBSTEPS, TICK, advance
+from .integrator import SUBSTEPS
 from .model import Model
 
 Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _simulate(state, command, par, faults, substeps, states):
+def _simulate(state, path, command, par, faults, substeps, states):
     for k in range(command.size):
         states[k] = state
-        advance(state, command[k], par, faults[k % faults.shape[0]], TICK, substeps)
+        drive(state, path, command[k], par, faults[k % faults.shape[0]], substeps)
 
 
 def simulate(
@@ -29,6 +30,7 @@ def simulate(
     position: float = 0.3,
     faults: Array | None = None,
     substeps: int = SUBSTEPS,
+    start_s: float = 0.0,
 ) -> dict[str, Array]:
     """Simulate a rig in open loop at 1 kHz.
 
@@ -39,6 +41,7 @@ def simulate(
         position: where the ram rests at the start, in m, unless `initial` is given.
         faults: float64 (n, 8), fault coefficients (`rig.plant.faults.FAULT_COLUMNS`); none if None.
         substeps: longest integration steps per millisecond.
+        start_s: time of the first sample, which the phase of a supply ripple counts from 0.
 
     Returns:
         Each state's trajectory, float64 (n,), SI, by its name in `PlantState`.
@@ -57,5 +60,6 @@ def simulate(
     if start.shape != (STATE_COUNT,):
         raise ValueError(f"initial: shape {start.shape}; the plant has {STATE_COUNT} states")
     states = np.empty((command.size, STATE_COUNT))
-    _simulate(start.astype(np.float64), command, model.parameters, table, substeps, states)
+    path = command_path(model.parameters, spool=float(start[0]), time_s=start_s)
+    _simulate(start.astype(np.float64), path, command, model.parameters, table, substeps, states)
     return dict(zip(PlantState._fields, np.ascontiguousarray(states.T), strict=True))

@@ -9,12 +9,17 @@ from typing import Final
 
 from numba import njit
 
+from .compiled import inlined
 from .dynamics import (
     ATMOSPHERE,
     LEVEL_FLOOR,
     aeration_softening,
     chamber_volumes,
+    is_real_valve,
+    lapped,
     slip_friction,
+    stops,
+    total_mass,
     valve_conductance,
 )
 from .lanes import anywhere, everywhere, select
@@ -66,28 +71,57 @@ _EVENT: Final = 1e-6
 def resolving_step(y, longest, duration, par, fault):
     """Return the step in s that resolves oil, lines, spool and bristles over `duration` (s)."""
     volume = min(*chamber_volumes(y[4], par))
-    column = par.piston_area * par.piston_area * par.bulk_modulus / par.moving_mass
+    mass = total_mass(par)
+    column = par.piston_area * par.piston_area * par.bulk_modulus / mass
     h = longest * min(1.0, _COLUMN_RATE * sqrt(volume / column))
-    opening = y[0] + par.spool_null_bias
-    edge = valve_conductance(par) * abs(opening)
+    opening = lapped(y[0] + par.spool_null_bias, par)
+    underlap = par.valve_underlap_leakage
+    edge = valve_conductance(par) * (abs(opening) + underlap)
+    edge *= max(1.0, 1.0 - par.valve_flow_asymmetry)
     filling = edge * par.bulk_modulus / volume
     fast = filling > _EDGE_RATE
     if anywhere(fast):
         extending = opening >= 0.0
         drop_1 = select(extending, y[7] - y[2], y[2] - y[8])
         drop_2 = select(extending, y[3] - y[8], y[7] - y[3])
+        least = min(abs(drop_1), abs(drop_2))
+        if anywhere(underlap != 0.0):
+            # The opposite edges may be open too.
+            other_1 = select(extending, y[2] - y[8], y[7] - y[2])
+            other_2 = select(extending, y[7] - y[3], y[3] - y[8])
+            closing = abs(opening) < underlap
+            least = select(closing, min(least, min(abs(other_1), abs(other_2))), least)
         # From a larger drop than this, the chamber is not full before the interval ends.
-        full = 4.0 * min(abs(drop_1), abs(drop_2)) < filling * filling * duration * duration
+        full = 4.0 * least < filling * filling * duration * duration
         h = select(fast & full, min(h, longest * _EDGE_RATE / filling), h)
     restriction = max(par.supply_droop, par.return_back_pressure + fault[7])
     line_rate = (1.0 + restriction * edge * edge) / par.line_time_constant
     valve_rate = par.valve_natural_frequency * max(1.0, 2.0 * par.valve_damping)
     h = min(h, longest / max(max(line_rate / _LINE_RATE, valve_rate / _VALVE_RATE), 1.0))
     if par.friction_law != KARNOPP:
-        damping = par.bristle_damping / par.moving_mass
-        stiffness = sqrt(par.bristle_stiffness / par.moving_mass)
+        damping = par.bristle_damping / mass
+        stiffness = sqrt(par.bristle_stiffness / mass)
         h = min(h, longest * _BRISTLE_RATE / max(damping, stiffness))
     return max(h, SHORTEST * longest)
+
+
+@inlined
+def _kink_step(opening, speed, kink, h):
+    """Return the step in s, at most `h`, to where an opening (m) that moves passes a kink."""
+    ahead = (kink - opening) / select(speed == 0.0, 1e-30, speed)
+    return select((ahead > _EVENT) & (ahead < h), ahead, h)
+
+
+@inlined
+def _edge_step(y, k, h, par):
+    """Return the step in s, at most `h`, to where an over- or underlapped edge begins to open."""
+    spool, speed = y[0] + par.spool_null_bias, k[0]
+    lap = par.valve_deadband
+    outer = lap + par.valve_underlap_leakage
+    h = _kink_step(spool, speed, outer, h)
+    h = _kink_step(spool, speed, -outer, h)
+    h = _kink_step(spool, speed, lap, h)
+    return _kink_step(spool, speed, -lap, h)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -115,6 +149,8 @@ def smooth_step(y, k, longest, shortest, par):
         rate_1 = _aeration_rate(y[2], k[2], longest, par)
         rate = max(rate_1, _aeration_rate(y[3], k[3], longest, par))
         longest = max(longest * _AERATION_RATE / max(rate, _AERATION_RATE), shortest)
+    if anywhere(is_real_valve(par)):
+        longest = _edge_step(y, k, longest, par)
     velocity, acceleration = y[5], abs(k[5])
     speed = abs(velocity)
     width = par.bristle_damping_velocity
@@ -122,14 +158,15 @@ def smooth_step(y, k, longest, shortest, par):
     loading = par.bristle_stiffness * abs(k[6])
     loading_rate = _LOADING_RATE * max(par.coulomb, LEVEL_FLOOR)
     ahead = y[4] + longest * velocity
-    hits = (speed > 0.1 * width) & ((ahead < par.stroke_min) | (ahead > par.stroke_max))
+    low, high = stops(par)
+    hits = (speed > 0.1 * width) & ((ahead < low) | (ahead > high))
     smooth = (acceleration <= speed_rate) & (loading <= loading_rate) & ~hits
     if everywhere(smooth):
         return longest
     loaded = loading * (1.0 / loading_rate) * speed_rate
     h = longest * speed_rate / max(max(acceleration, loaded), speed_rate)
     if anywhere(hits):
-        contact = longest * _CONTACT_RATE * sqrt(par.moving_mass / par.stop_stiffness)
+        contact = longest * _CONTACT_RATE * sqrt(total_mass(par) / par.stop_stiffness)
         h = select(hits, min(h, contact), h)
     return select(smooth, longest, standstill_step(y, k, max(h, shortest)))
 
@@ -146,7 +183,7 @@ def break_away_step(y, k, h, net_force, par):
 def sliding_step(y, k, h, longest, par):
     """Return the step in s, at most `h`, that follows a ram down the Stribeck slope or to rest."""
     slope = (par.stiction - par.coulomb) / par.stribeck_velocity
-    runaway = _RUNAWAY_RATE * par.moving_mass
+    runaway = _RUNAWAY_RATE * total_mass(par)
     runs_away = (abs(y[5]) < 2.0 * par.stribeck_velocity) & (slope > runaway)
     h = select(runs_away, min(h, longest * runaway / slope), h)
     return standstill_step(y, k, h)

@@ -21,9 +21,10 @@ from rig.loop.ladder import Cause, LimitTable, limit_table
 from rig.loop.plausibility import Evidence
 from rig.loop.tolerances import Tolerances, frozen_samples, sigmas, tolerances
 from rig.plant import NOMINAL, Parameters
-from rig.plant.dynamics import environment_force, leak_flows
+from rig.plant.dynamics import leak_flows, spring_force
 from rig.plant.integrator import TICK, advance
 from rig.plant.sensors import DATA_SHEET, READING_COUNT, SensorParameters, read_sensors
+from rig.plant.transducers import TRANSDUCERS_SIZE
 from rig.runner.simulated_bench import motion_of, truth_of
 
 Array = NDArray[np.float64]
@@ -75,6 +76,7 @@ def _interlocked(
     """Run until the ram is stopped; return (tick, cause, channel), tick -1 if it never was."""
     reading, inputs, held_inputs = np.empty(READING_COUNT), np.ones(17), np.ones(17)
     meters, offsets = np.zeros(3), np.zeros(3)
+    seen = np.zeros(TRANSDUCERS_SIZE)
     command = last = 0.0
     age, position = 0, 0.0
     elapsed = owed = 0
@@ -87,8 +89,10 @@ def _interlocked(
             faults[k, 5], faults[k, 6], faults[k, 7],
         )  # fmt: skip
         leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, fault)
-        load = environment_force(min(max(plant[4], par.stroke_min), par.stroke_max), 0.0, par)
-        read_sensors(plant, leaks, load, meters, offsets, noise[k], sensors, reading)
+        load = spring_force(plant[4], par)
+        read_sensors(
+            plant, seen, leaks, load, meters, offsets, noise[k], par, sensors, reading
+        )  # fmt: skip
         for i in range(6):
             inputs[i] = reading[i]
         inputs[6:9] = np.nan

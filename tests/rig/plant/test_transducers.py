@@ -6,10 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from rig.plant import NOMINAL
 from rig.plant.dynamics import PlantState
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import DATA_SHEET, READING_COUNT, Reading, SensorParameters, read_sensors
+from rig.plant.transducers import transducers
 
 Array = NDArray[np.float64]
 
@@ -28,7 +30,10 @@ def sample(
 ) -> Reading:
     reading = np.empty(READING_COUNT)
     lag = np.zeros(3) if meters is None else meters
-    read_sensors(np.array(state), leaks, load, lag, np.array(offsets), noise, sensors, reading)
+    read_sensors(
+        np.array(state), transducers(NOMINAL, np.array(state)), leaks, load, lag,
+        np.array(offsets), noise, NOMINAL, sensors, reading,
+    )  # fmt: skip
     return Reading(*reading)
 
 

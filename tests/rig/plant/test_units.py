@@ -6,6 +6,7 @@ metres, or leaves a rate in another unit than its state's per second, raises.
 
 import inspect
 from collections.abc import Callable
+from itertools import product
 from typing import Any, Final
 
 import pint
@@ -39,6 +40,14 @@ SITUATIONS: Final = {
 }
 WITH_EVERYTHING: Final = NOMINAL._replace(
     entrained_air=0.01,
+    valve_deadband=1e-6,
+    valve_underlap_leakage=2e-6,
+    valve_flow_asymmetry=0.1,
+    valve_rate_limit=5e-3,
+    constant_force=500.0,
+    payload_mass=20.0,
+    stop_low=0.001,
+    stop_high=0.6,
     supply_droop=5e12,
     return_back_pressure=5e12,
     friction_asymmetry=100.0,
@@ -50,6 +59,9 @@ WITH_EVERYTHING: Final = NOMINAL._replace(
     external_leakage_2_linear=1e-12,
     internal_leakage_linear=1e-12,
     supply_leakage=1e-9,
+)
+WITH_PLAIN_EDGES: Final = WITH_EVERYTHING._replace(
+    valve_deadband=0.0, valve_underlap_leakage=0.0, valve_flow_asymmetry=0.0
 )
 LEAKING: Final = (Q(9, "MPa"), Q(4, "MPa"), Q(0, "MPa"))
 FAULT: Final = FaultInput(*(1e-9,) * 3, *(1e-12,) * 3, 1e-9, 1e12)
@@ -74,7 +86,7 @@ def uncompiled(source: str = SOURCE) -> dict[str, Any]:
     """Return the names that the source defines, its functions uncompiled and fit for quantities."""
     for old, new in (
         ("from numba import njit", "njit = lambda **options: (lambda function: function)"),
-        ("from math import copysign, exp, sqrt", "from numpy import exp, sqrt"),
+        ("from math import copysign, exp, sin, sqrt", "from numpy import exp, sin, sqrt"),
         ("from .", "from rig.plant."),
     ):
         assert old in source
@@ -88,8 +100,8 @@ def uncompiled(source: str = SOURCE) -> dict[str, Any]:
 
 def check_rates(names: dict[str, Any]) -> None:
     """Raise unless every rate is its state's unit per second, in every situation and law."""
-    for law in (0.0, KARNOPP):
-        par = in_units(WITH_EVERYTHING._replace(friction_law=law))
+    for law, rig in product((0.0, KARNOPP), (WITH_EVERYTHING, WITH_PLAIN_EDGES)):
+        par = in_units(rig._replace(friction_law=law))
         units = KARNOPP_UNITS if law == KARNOPP else STATE_UNITS
         for situation in SITUATIONS.values():
             state = situation._replace(friction_state=1.0) if law == KARNOPP else situation
@@ -130,11 +142,22 @@ def test_uncompiled_quantities_and_compiled_numbers_agree() -> None:
         ("aeration_compliance", lambda par: (Q(0.2, "MPa"), par), "1/Pa"),
         ("chamber_volumes", lambda par: (Q(30.0, "cm"), par), "m^3"),
         ("slip_friction", lambda par: (Q(1.0, "m/s"), Q(1.0, "m/s"), par), "N"),
+        ("spring_force", lambda par: (Q(61.0, "cm"), par), "N"),
+        ("stops", lambda par: (par,), "m"),
+        ("total_mass", lambda par: (par,), "kg"),
+        ("lapped", lambda par: (Q(0.1, "mm"), par), "m"),
         ("environment_force", lambda par: (Q(61.0, "cm"), Q(1.0, "m/s"), par), "N"),
         (
             "leak_flows",
             lambda par: (*LEAKING, par, with_units(FAULT, FAULT_UNITS)),
             "m^3/s",
+        ),
+        (
+            "edge_flows",
+            lambda par: (
+                Q(0.1, "mm"), Q(9, "MPa"), Q(4, "MPa"), Q(13, "MPa"), Q(0, "MPa"), par,
+            ),
+            "L/min",
         ),
         (
             "valve_flows",
@@ -177,7 +200,10 @@ BROKEN: Final = {
     "bubbles as stiff as oil": ("par.bulk_modulus * bubbles", "bubbles"),
     "valve command in volts (k_sp left out)": ("par.valve_gain * command", "command"),
     "the natural frequency once": ("wn * wn * (", "wn * ("),
-    "damping without it": ("2.0 * par.valve_damping * wn * w", "2.0 * par.valve_damping * w"),
+    "damping without it": (
+        "2.0 * par.valve_damping * wn * velocity",
+        "2.0 * par.valve_damping * velocity",
+    ),
     "droop linear in the flow": ("drawn * abs(drawn)", "drawn"),
     "back pressure of the flow's root": ("returned * abs(returned)", "signed_root(returned)"),
     "lines without their time constant": ("dps * rate, dpe * rate", "dps, dpe"),
@@ -190,7 +216,17 @@ BROKEN: Final = {
     "bristles relaxing without their level": ("friction_state / level", "friction_state"),
     "viscous friction of nothing": ("= par.viscous * velocity", "= par.viscous"),
     "bristle damping of the deflection": ("* bristle_velocity\n", "* friction_state\n"),
-    "force for acceleration": ("(force - drag) * (1.0 / par.moving_mass)", "force - drag"),
+    "force for acceleration": ("(force - drag) * (1.0 / total_mass(par))", "force - drag"),
+    "an overlap in proportion": ("abs(opening) - par.valve_deadband", "abs(opening) - 1.0"),
+    "an underlap of pressure": (
+        "_excess(par.valve_underlap_leakage + opening)",
+        "_excess(par.supply_pressure + opening)",
+    ),
+    "an edge without its drop": ("forth * signed_root(supply - p1)", "forth"),
+    "a spool limited by its way": ("limit = par.valve_rate_limit", "limit = par.valve_deadband"),
+    "a force held as a mass": ("+ par.constant_force", "+ par.payload_mass"),
+    "a payload in newtons": ("moving_mass + par.payload_mass", "moving_mass + par.constant_force"),
+    "a stop in newtons": ("par.stop_high)", "par.stop_stiffness)"),
 }
 
 
