@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help demo test check lint format types imports bench bench-loop chaos lock clean
+.PHONY: help demo test check lint format types imports bench bench-loop chaos trials lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -42,6 +42,9 @@ bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, and with 
 
 chaos: $(INSTALLED) ## let everything fail that can, on the emulated rig; write the table of docs/safety.md
 	@$(BIN)/python -m tools.chaos
+
+trials: $(INSTALLED) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
+	@$(BIN)/python -m tools.hidden_effect_trials
 
 lock: ## resolve the dependencies of pyproject.toml anew into requirements-lock.txt (needs uv)
 	@command -v uv >/dev/null || { \

@@ -123,9 +123,8 @@ def _parameters(
         if place in found:
             found[place] = float(rng.uniform(reach[1], reach[2]))
     if name == "end_stop":
-        below = bool(rng.random() < 0.5)
-        found["low"] = float(rng.uniform(*reach[:2])) if below else TABLE.stroke_low
-        found["high"] = TABLE.stroke_high if below else float(rng.uniform(*reach[2:]))
+        side, ends = [("low", reach[:2]), ("high", reach[2:])][int(rng.integers(2))]
+        found[side] = float(rng.uniform(*ends))
     return found
 
 

@@ -1,6 +1,6 @@
 """How well the independent rig follows recordings made elsewhere, over short horizons.
 
-    python -m tools.hidden_effects.restarts FOLDER...   # each with *.csv.gz
+    python -m tools.hidden_effects.restarts FOLDER... [--effects JSON]   # each with *.csv.gz
 
 Free runs part in phase wherever the ram sticks, so the rig starts anew from the measurements every
 100 ms and is followed for 50: the states that begin a window are fitted to it, the equations and
@@ -9,8 +9,9 @@ difference grows 25-fold in a millisecond, so that no fit of a start follows; he
 share of windows that are followed to within the noise.
 """
 
-import sys
-from collections.abc import Mapping
+import argparse
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tools.hidden_effects import physics
+from tools.hidden_effects.menu import with_effects
 from tools.hidden_effects.rig_values import TABLE, RigValues
 
 EVERY: Final = 100
@@ -175,12 +177,26 @@ def line(name: str, values: RigValues, file: Path, stride: int = 1) -> str:
     return f"{name:28s} {found.windows:4d}   {cells}   {100.0 * found.followed:3.0f} %"
 
 
-def main() -> None:
-    """Print what is left of recordings in the given folders, with nothing hidden assumed."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print what is left of recordings in the given folders, on a rig with given effects."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.hidden_effects.restarts",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
+    example = '{"command_delay": {"value": 0.004}}'
+    parser.add_argument(
+        "--effects", type=json.loads, default={}, help=f"such as {example}; default none"
+    )
+    parser.add_argument("--stride", type=int, default=3, help="take one restart of; default 3")
+    options = parser.parse_args(arguments)
+    values = with_effects(TABLE, options.effects)
     print(f"{'':28s} windows    x     p1     p2   spool  within noise")
-    for folder in map(Path, sys.argv[1:]):
+    for folder in options.folders:
         for file in sorted(folder.glob("*.csv.gz")):
-            print(line(f"{folder.name}/{file.name[:-7]}", TABLE, file), flush=True)
+            name = f"{folder.name}/{file.name[:-7]}"
+            print(line(name, values, file, options.stride), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,56 @@
+"""Tries the gap workflow on rigs with hidden effects, blind, and says how often it was right.
+
+    python -m tools.hidden_effect_trials --trials 200 --seed 1 --jobs 2 --out runs/hidden_effects
+
+The rigs are those of `tools.hidden_effects`, which shares no code with the model. Every trial is
+kept as a line of JSON; the same command goes on where it was stopped.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from tools.hidden_effects.drawn_trials import KINDS, SECONDS
+from tools.hidden_effects.tables import by_effect, summary
+from tools.hidden_effects.trials import kept_file, plans, run_trials
+from tools.hidden_effects.workflow import Workflow, rig_gap
+from tools.marked_tables import fill
+
+
+def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -> None:
+    """Run what is not kept from before and print the tables."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.hidden_effect_trials",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--trials", type=int, default=200, help="default 200")
+    parser.add_argument("--seed", type=int, default=1, help="draws everything; default 1")
+    parser.add_argument("--jobs", type=int, default=2, help="processes; default 2")
+    parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"), metavar="DIR")
+    parser.add_argument("--kind", choices=KINDS, help="all trials of one kind; default a mixture")
+    parser.add_argument(
+        "--seconds", type=float, default=SECONDS, help=f"of each recording; default {SECONDS:g}"
+    )
+    parser.add_argument(
+        "--limits",
+        type=Path,
+        metavar="JSON",
+        help="object: effect, smallest distance from its neutral value (such as three times its "
+        "detection limit); default the table of tools/hidden_effects/sizes.py",
+    )
+    parser.add_argument("--keep", action="store_true", help="leave recordings and reports in DIR")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page whose tables to bring up")
+    options = parser.parse_args(arguments)
+    limits = json.loads(options.limits.read_text(encoding="utf-8")) if options.limits else {}
+    planned = plans(options.trials, options.seed, options.kind, options.seconds, limits)
+    found = run_trials(planned, options.out, options.jobs, options.keep, workflow)
+    tables = {"hidden_effects": summary(found), "hidden_by_effect": by_effect(found)}
+    if options.page:
+        fill(options.page, tables)
+    print("\n\n".join([*tables.values(), f"Trials: {kept_file(options.out)}"]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""What a workflow's answer is worth, once the envelope is open."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from math import isfinite, pi, tau
+from typing import Any, Final
+
+from tools.hidden_effects.drawn_trials import Envelope
+
+VERDICTS: Final = ("adequate", "missing_effect", "unknown_effect", "inconclusive")
+OUTCOMES: Final = (
+    "right",
+    "right and more",
+    "half",
+    "wrong",
+    "unknown",
+    "missed",
+    "inconclusive",
+    "failed",
+)
+"""`right`: every hidden effect is named or in an honest set, and nothing else is; where none can be
+named, the verdict says so. `right and more`: sets without a hidden effect beside. `half`: one of
+two. `wrong`: names, none of them hidden, or a set too large to be honest. `unknown`,
+`inconclusive`: that verdict where another was due. `missed`: adequate, though something is hidden.
+`failed`: no answer."""
+LARGEST_SET: Final = 3
+VISIBLE_GAP: Final = 0.05
+"""Held-out excess, in noise variances, from which it is asked whether it shrank."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter of a hidden effect that was named itself.
+
+    Attributes:
+        effect, parameter: whose.
+        truth, value: SI.
+        interval: that of 95 %, None where the answer has none.
+        inside: whether the truth lies in it.
+    """
+
+    effect: str
+    parameter: str
+    truth: float
+    value: float
+    interval: tuple[float, float] | None
+    inside: bool | None
+
+
+@dataclass(frozen=True)
+class Score:
+    """What an answer is worth.
+
+    Attributes:
+        outcome: one of `OUTCOMES`.
+        verdict: as answered; "" where it failed.
+        sets: the names that were answered, each with those it may be as well.
+        false_names: of sets without a hidden effect.
+        estimates: of what was named and is hidden.
+        gap: held-out excess in noise variances, before and after; None where not answered.
+        why: it failed.
+    """
+
+    outcome: str
+    verdict: str
+    sets: tuple[tuple[str, ...], ...] = ()
+    false_names: tuple[str, ...] = ()
+    estimates: tuple[Estimate, ...] = ()
+    gap: tuple[float, float] | None = None
+    why: str = ""
+
+    @property
+    def shrinkage(self) -> float | None:
+        """Share of the held-out excess that is gone; None where there was none to see."""
+        if self.gap is None or self.gap[0] < VISIBLE_GAP:
+            return None
+        return 1.0 - max(self.gap[1], 0.0) / self.gap[0]
+
+
+def failed(why: str) -> Score:
+    """Return the score of a workflow that gave no answer."""
+    return Score("failed", "", why=why)
+
+
+def scored(envelope: Envelope, answer: Mapping[str, Any]) -> Score:
+    """Hold an answer, in the shape of `rig gap --json`, against what was hidden.
+
+    A parameter is a number, or an object with `value` and `interval` (two numbers) or `low` and
+    `high`.
+    """
+    verdict = answer.get("verdict")
+    if verdict not in VERDICTS:
+        return failed(f"verdict {verdict!r} is not one of {', '.join(VERDICTS)}")
+    named = answer.get("effects") or []
+    sets = tuple((entry["name"], *(entry.get("indistinguishable_from") or ())) for entry in named)
+    hidden = tuple(envelope.effects)
+    false = tuple(names[0] for names in sets if not set(names) & set(hidden))
+    return Score(
+        _outcome(envelope, verdict, sets, false),
+        verdict,
+        sets,
+        false,
+        tuple(_estimates(envelope, named)),
+        _gap(answer),
+    )
+
+
+def _outcome(
+    envelope: Envelope, verdict: str, sets: Sequence[Sequence[str]], false: Sequence[str]
+) -> str:
+    hidden = tuple(envelope.effects)
+    if envelope.kind == "off_menu":
+        return _among(verdict, {"unknown_effect": "right", "adequate": "missed"})
+    if not hidden:
+        return _among(verdict, {"adequate": "right", "unknown_effect": "unknown"})
+    if envelope.kind == "unexcited" and not sets:
+        return "unknown" if verdict == "unknown_effect" else "right"
+    if not sets:
+        return _among(verdict, {"adequate": "missed", "unknown_effect": "unknown"})
+    if any(len(names) > LARGEST_SET for names in sets):
+        return "wrong"
+    covered = _covered(hidden, sets)
+    if covered == len(hidden):
+        return "right and more" if false else "right"
+    return "half" if covered else "wrong"
+
+
+def _among(verdict: str, outcomes: Mapping[str, str]) -> str:
+    return {"missing_effect": "wrong", "inconclusive": "inconclusive", **outcomes}[verdict]
+
+
+def _covered(hidden: Sequence[str], sets: Sequence[Sequence[str]]) -> int:
+    """Return how many hidden effects lie each in a set of its own."""
+    slots = [*sets, *[()] * len(hidden)]
+    return max(
+        sum(name in names for name, names in zip(hidden, chosen, strict=True))
+        for chosen in permutations(slots, len(hidden))
+    )
+
+
+def _estimates(envelope: Envelope, named: Sequence[Mapping[str, Any]]) -> list[Estimate]:
+    found = []
+    for entry in named:
+        truth = envelope.effects.get(entry["name"], {})
+        answered = entry.get("parameters") or {}
+        for parameter in truth.keys() & answered.keys():
+            value, interval = _number(answered[parameter])
+            if value is None:
+                continue
+            true = float(truth[parameter])
+            if parameter == "phase":
+                true = value + (true - value + pi) % tau - pi
+            inside = None if interval is None else interval[0] <= true <= interval[1]
+            found.append(Estimate(entry["name"], parameter, true, value, interval, inside))
+    return sorted(found, key=lambda estimate: (estimate.effect, estimate.parameter))
+
+
+def _number(answered: Any) -> tuple[float | None, tuple[float, float] | None]:
+    if isinstance(answered, (int, float)):
+        return float(answered), None
+    if not isinstance(answered, Mapping) or answered.get("value") is None:
+        return None, None
+    ends = answered.get("interval") or (answered.get("low"), answered.get("high"))
+    if len(ends) != 2 or any(end is None for end in ends):
+        return float(answered["value"]), None
+    low, high = sorted(map(float, ends))
+    return float(answered["value"]), (low, high)
+
+
+def _gap(answer: Mapping[str, Any]) -> tuple[float, float] | None:
+    gap = answer.get("gap") or {}
+    before, after = gap.get("before"), gap.get("after")
+    if before is None or after is None or not isfinite(before) or not isfinite(after):
+        return None
+    return float(before), float(after)

@@ -1,0 +1,206 @@
+"""Trials of the gap workflow: planned, run on all cores, kept, gone on with after a kill."""
+
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from multiprocessing import get_context
+from pathlib import Path
+from shutil import rmtree
+from time import monotonic
+from typing import Any, Final
+
+from rich.progress import Progress
+
+from rig.compile_cache import source_key
+from tools.hidden_effects.drawn_trials import (
+    SECONDS,
+    Envelope,
+    drawn_trial,
+    read_envelope,
+    write_recordings,
+)
+from tools.hidden_effects.score import Estimate, Score, failed, scored
+from tools.hidden_effects.workflow import Workflow, WorkflowFailedError, rig_gap
+
+MIXTURE: Final = (
+    "single", "none", "single", "double", "single", "off_menu", "single", "none", "single",
+    "single", "double", "single", "unexcited", "single", "off_menu", "single", "none", "single",
+)  # fmt: skip
+"""Kinds of trials in turn, where none is asked for."""
+
+_ROOT: Final = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One trial.
+
+    Attributes:
+        kind, seed, number, seconds, limits: see `drawn_trial`; limits as pairs.
+    """
+
+    kind: str
+    seed: int
+    number: int
+    seconds: float = SECONDS
+    limits: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def key(self) -> str:
+        """What tells this plan from others."""
+        return json.dumps(asdict(self))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A plan, what was hidden and what came of it; the answer as the workflow gave it."""
+
+    plan: Plan
+    envelope: Envelope
+    score: Score
+    answer: Mapping[str, Any]
+    took_s: float
+
+
+def plans(
+    trials: int,
+    seed: int,
+    kind: str | None = None,
+    seconds: float = SECONDS,
+    limits: Mapping[str, float] | None = None,
+) -> list[Plan]:
+    """Return so many plans of one kind, or of all kinds in turn."""
+    counted: dict[str, int] = {}
+    found = []
+    for place in range(trials):
+        chosen = kind or MIXTURE[place % len(MIXTURE)]
+        number = counted.setdefault(chosen, 0)
+        counted[chosen] += 1
+        found.append(Plan(chosen, seed, number, seconds, tuple(sorted((limits or {}).items()))))
+    return found
+
+
+def trial(plan: Plan, folder: Path, keep: bool = False, workflow: Workflow = rig_gap) -> Trial:
+    """Draw and record a plan, let the workflow judge it blind, and open the envelope.
+
+    Args:
+        plan: of the trial.
+        folder: for its files; what it hides is written there once the workflow has answered.
+        keep: leave the recordings and what the workflow wrote; otherwise only where it failed.
+        workflow: to try.
+    """
+    drawn = drawn_trial(plan.kind, plan.seed, plan.number, dict(plan.limits), plan.seconds)
+    rmtree(folder, ignore_errors=True)
+    files = write_recordings(drawn, folder / "recordings")
+    begun = monotonic()
+    answer: Mapping[str, Any] = {}
+    try:
+        identify = [file for name, file in files.items() if name != "holdout"]
+        answer = workflow(identify, files["holdout"], folder / "out")
+        score = scored(drawn.envelope, answer)
+    except WorkflowFailedError as error:
+        score = failed(str(error))
+        if error.refused and plan.kind == "unexcited":
+            answer = {"verdict": "inconclusive", "why": str(error)}
+            score = scored(drawn.envelope, answer)
+    took = monotonic() - begun
+    if keep or score.outcome == "failed":
+        drawn.envelope.write(folder / "envelope.json")
+    else:
+        rmtree(folder)
+    return Trial(plan, drawn.envelope, score, answer, round(took, 2))
+
+
+def kept_file(out: Path) -> Path:
+    """Return where trials with the present sources are kept: other states have other files."""
+    digest = sha256(source_key(_ROOT).encode())
+    for path in sorted((_ROOT / "tools/hidden_effects").glob("*.py")):
+        digest.update(path.read_bytes())
+    return out / f"trials-{digest.hexdigest()[:12]}.jsonl"
+
+
+def run_trials(
+    planned: Sequence[Plan],
+    out: Path,
+    jobs: int,
+    keep: bool = False,
+    workflow: Workflow = rig_gap,
+) -> list[Trial]:
+    """Return the trials of all plans, running those that are not kept from before or failed.
+
+    Args:
+        planned: no two alike.
+        out: folder for what was found and, while they run, for the recordings.
+        jobs: processes; 1 runs them here.
+        keep: leave the recordings.
+        workflow: to try; with more than one process, one that another can import.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    file = kept_file(out)
+    kept = read_trials(file)
+    done = {key: found for key, found in kept.items() if found.score.outcome != "failed"}
+    # Named by their place in the plan: a folder's name must not tell what is hidden.
+    left = {
+        plan: out / f"trial-{place:04d}"
+        for place, plan in enumerate(planned)
+        if plan.key not in done
+    }
+    with file.open("a", encoding="utf-8") as lines, Progress(transient=True) as progress:
+        task = progress.add_task("hidden effects", total=len(left))
+
+        def keep_line(found: Trial) -> None:
+            lines.write(json.dumps(asdict(found)) + "\n")
+            lines.flush()
+            done[found.plan.key] = found
+            progress.advance(task)
+
+        if jobs == 1:
+            for plan, folder in left.items():
+                keep_line(trial(plan, folder, keep, workflow))
+        elif left:
+            with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+                running = [
+                    pool.submit(trial, plan, folder, keep, workflow)
+                    for plan, folder in left.items()
+                ]
+                for future in as_completed(running):
+                    keep_line(future.result())
+    return [done[plan.key] for plan in planned]
+
+
+def read_trials(file: Path) -> dict[str, Trial]:
+    """Return the trials kept in a file, by their plan's key; a line cut off at its end is none."""
+    found = {}
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+        try:
+            entry = _trial_of(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+        found[entry.plan.key] = entry
+    return found
+
+
+def _trial_of(fields: Mapping[str, Any]) -> Trial:
+    plan, score = fields["plan"], fields["score"]
+    limits = tuple((name, float(smallest)) for name, smallest in plan["limits"])
+    estimates = tuple(
+        Estimate(**{**entry, "interval": entry["interval"] and tuple(entry["interval"])})
+        for entry in score["estimates"]
+    )
+    return Trial(
+        Plan(**{**plan, "limits": limits}),
+        read_envelope(fields["envelope"]),
+        Score(
+            score["outcome"],
+            score["verdict"],
+            tuple(map(tuple, score["sets"])),
+            tuple(score["false_names"]),
+            estimates,
+            score["gap"] and tuple(score["gap"]),
+            score["why"],
+        ),
+        fields["answer"],
+        fields["took_s"],
+    )

@@ -1,0 +1,61 @@
+"""The one function by which trials run the gap workflow: recordings in, its JSON out."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+Result = Mapping[str, Any]
+Workflow = Callable[[Sequence[Path], Path, Path], Result]
+"""From the recordings to identify with, that to hold out, and a folder for what is written, to the
+object that `rig gap --json` prints."""
+
+LONGEST_S: Final = 900.0
+"""A workflow that takes longer has failed."""
+
+_REFUSED: Final = 2
+
+
+class WorkflowFailedError(Exception):
+    """The workflow ended without a result; the message says how.
+
+    Attributes:
+        refused: whether it would not have the recordings, for a reason it gave.
+    """
+
+    def __init__(self, message: str, refused: bool = False) -> None:
+        super().__init__(message)
+        self.refused = refused
+
+
+def rig_gap(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
+    """Run `rig gap` on recordings with the nominal model and return what it printed.
+
+    Raises:
+        WorkflowFailedError: it left with a status other than 0, printed no object or took too long.
+    """
+    command = [
+        sys.executable, "-m", "rig.cli", "gap", *map(str, identify), "--holdout", str(holdout),
+        "--model", "nominal", "--out", str(out), "--json",
+    ]  # fmt: skip
+    try:
+        ended = subprocess.run(
+            command, capture_output=True, text=True, timeout=LONGEST_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise WorkflowFailedError(f"rig gap took longer than {LONGEST_S:g} s") from None
+    lines = ended.stdout.strip().splitlines()
+    if ended.returncode != 0:
+        said = (ended.stderr.strip().splitlines() or lines or ["nothing"])[-1]
+        raise WorkflowFailedError(
+            f"rig gap left with status {ended.returncode}: {said}", ended.returncode == _REFUSED
+        )
+    try:
+        found = json.loads(lines[-1])
+    except (IndexError, json.JSONDecodeError):
+        raise WorkflowFailedError("the last line that rig gap printed is no JSON") from None
+    if not isinstance(found, dict):
+        raise WorkflowFailedError("the last line that rig gap printed is no JSON object")
+    return found
