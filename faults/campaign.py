@@ -11,6 +11,7 @@ from estimator.detection import Detector
 from estimator.replay import detector_for
 from rig.plant.model import Model
 
+from .conditions import Condition
 from .schedule import Fault
 from .verdict import Verdict
 
@@ -67,6 +68,7 @@ class Campaign:
         baseline_file: where that was read from.
         source_files: SHA-256 of every file the campaign was read from, by path.
         resolved: the campaign with its rig and models as plain values, for the recordings.
+        conditions: what must hold of the rig, lest the campaign be held.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Campaign:
     baseline_file: str = ""
     source_files: Mapping[str, str] = field(default_factory=dict)
     resolved: Mapping[str, Any] = field(default_factory=dict)
+    conditions: tuple[Condition, ...] = ()
 
     def detector(self) -> Detector:
         """Return a new detector, that knows what the campaign says of the rig."""

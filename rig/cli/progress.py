@@ -20,6 +20,8 @@ STYLES: Final = {
     Status.ERROR: "bold red",
     Status.ABORTED: "yellow",
     Status.TRIPPED: "bold red",
+    Status.SKIPPED: "dim",
+    Status.INTERRUPTED: "yellow",
     Status.NOT_RUN: "dim",
 }
 

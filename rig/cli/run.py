@@ -1,5 +1,6 @@
 """`rig run`: runs a campaign, shows it, and reports it."""
 
+import os
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +13,7 @@ from rig.loop.trip import TripError
 from rig.runner import CampaignOutcome, StopFlag, run_campaign, stop_on_signals
 from rig.runner.directory import default_directory, log_error
 from rig.runner.pacing import Pace
+from rig.runner.resuming import begun_in, unfinished_run
 
 from .application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, one_line
 from .progress import CampaignProgress
@@ -34,17 +36,39 @@ from .verdicts import summary, verdict_table
     help="Folder for the results: new, empty, or of an earlier run, which is replaced. "
     "Default: runs/CAMPAIGN-TIME.",
 )
-def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Path | None) -> int:
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the run in --out (else the newest unfinished one below runs): no test that "
+    "it finished is run again. CAMPAIGN may then be the run's folder itself.",
+)
+def command(
+    campaign: str, rig_reference: str | None, pace: Pace | None, out: Path | None, resume: bool
+) -> int:
     """Run the fault-injection campaign CAMPAIGN, a file or a shipped name.
 
-    Writes report.html, results.json, junit.xml and a recording a test. Ctrl-C ends it with what
-    there is. Exit code: 0 all as expected, 1 a test failed, 2 bad input, 3 stopped before the end.
+    Writes report.html, results.json, junit.xml, a journal and a recording a test. Ctrl-C ends it
+    with what there is, `rig control` asks it for a pause and more; stopped or killed, it goes on
+    with --resume. Exit code: 0 all as expected, 1 a test failed or was skipped, 2 bad input, 3
+    stopped before the end.
     """
-    loaded, rig = load_campaign(campaign, rig_reference)
+    given: dict[str, str | None] = {
+        "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd())
+    }  # fmt: skip
+    if resume and Path(campaign).is_dir():
+        out = out or Path(campaign)
+        given |= begun_in(Path(campaign))["given"] or {}
+        pace = pace or ("fast" if given["pace"] == "fast" else None)
+    reference = str(given["reference"])
+    loaded, rig = load_campaign(
+        reference, rig_reference or given["rig"], Path(str(given["folder"]))
+    )
     if rig.backend == "hardware" and pace == "fast":
         limit = f"the rig {rig.name} is hardware, which runs at the wall clock"
         click.echo(f"--pace fast: {limit}; leave the option out", err=True)
         return EXIT_BAD_INPUT
+    if resume and out is None:
+        out = unfinished_run(loaded.name, Path("runs"))
     directory = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
@@ -60,7 +84,10 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
                     pace=pace,
                     observer=progress,
                     stop=stop,
-                    command=_again(campaign, rig_reference),
+                    command=_again(reference, rig_reference or given["rig"]),
+                    resume=resume,
+                    overdue=_give_up,
+                    given=given,
                 )
             except DriverError as error:
                 click.echo(str(error), err=True)
@@ -80,6 +107,12 @@ def command(campaign: str, rig_reference: str | None, pace: Pace | None, out: Pa
     if report is not None:
         screen.print(f"report: {report}", soft_wrap=True)
     return outcome.exit_code if report is not None else max(outcome.exit_code, EXIT_CRASHED)
+
+
+def _give_up() -> None:
+    """End at once: this process hangs, and who hears no more of it makes the rig safe."""
+    os.write(2, b"rig: cleaning up takes too long; ended. Go on with rig run --resume\n")
+    os._exit(EXIT_STOPPED)
 
 
 def _again(campaign: str, rig_reference: str | None) -> list[str]:

@@ -15,6 +15,7 @@ from faults.campaign import Campaign, CampaignTest, OnFault
 from rig.plant.model import Model
 
 from .campaign_tests import read_tests
+from .conditions import read_conditions
 from .document import Located, Sources
 from .fields import Physical
 from .lookup import reference_in, resolve
@@ -33,6 +34,7 @@ class CampaignFile(Schema):
     model: str = "nominal"
     detector: Any = None
     on_fault: OnFault = OnFault.IGNORE
+    conditions: Any = None
     defaults: Any = None
     tests: Any
 
@@ -82,6 +84,7 @@ def read_campaign(
     model = _read_model(root, path, sources)
     detector = _read_detector(root, sources)
     baseline = _read_baseline(root.find(("detector", "baseline")), detector, model, sources)
+    conditions = read_conditions(root.get("conditions"), rig, sources.problems)
     tests = _read_tests(root, path, rig, sources)
     if sources.problems.found or file is None or rig is None or model is None or detector is None:
         return None
@@ -97,6 +100,7 @@ def read_campaign(
         baseline_file=detector.baseline or "",
         source_files={str(source): digest for source, digest in sources.sha256.items()},
         resolved=resolved(file, rig, model, detector, tests),
+        conditions=conditions,
     )
     return campaign, rig
 

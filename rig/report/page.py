@@ -60,6 +60,7 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
         rows=rows,
         full_scale=full_scale(outcome),
         sections=sections,
+        attempted=[test for test in outcome.tests if test.attempts],
         false_alarms=false_alarm_words(outcome),
         smallest=smallest_rows(sections),
         intervals=any(row.chart.lower is not None for row in rows),

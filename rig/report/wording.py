@@ -32,6 +32,8 @@ STATUS_LABELS: Final = {
     Status.ERROR: ("!", "error"),
     Status.ABORTED: ("■", "aborted"),
     Status.TRIPPED: ("⏻", "tripped"),
+    Status.SKIPPED: ("»", "skipped"),
+    Status.INTERRUPTED: ("↺", "interrupted"),
     Status.NOT_RUN: ("–", "not run"),
 }
 """Symbol and word of how a test ended; neither needs the colour."""

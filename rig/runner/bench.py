@@ -35,6 +35,13 @@ class Loop(Protocol):
             TripError: the rig tripped.
         """
 
+    def inject(self) -> None:
+        """Get the valves that make the test's faults ready, and schedule its faults.
+
+        Raises:
+            TripError: the rig tripped.
+        """
+
     def advance(self, ticks: int) -> Array:
         """Return the rows of the next `ticks` ticks, float64 (n, columns); fewer at the end.
 
@@ -47,6 +54,9 @@ class Loop(Protocol):
 
         Rows that the loop writes from then on carry it. Nobody waits.
         """
+
+    def end_early(self) -> None:
+        """Have `safe_state` leave the rig ready for the next test, as at the end of a test."""
 
     def safe_state(self) -> None:
         """End the test, wherever it is: every injected fault away, and no motion."""
@@ -78,6 +88,17 @@ class Bench(Protocol):
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> AbstractContextManager[Writer]:
         """Return what records a test, to a new file, once it is entered."""
+
+    def reading(self, channel: str) -> float | None:
+        """Return the newest value of a channel, NaN if it has none; None if there is no telling."""
+
+    def idle(self) -> None:
+        """Look after the rig while it waits between two tests; called every 50 ms or so.
+
+        Raises:
+            TripError: the rig tripped.
+            StopRequestedError: somebody asked for an end.
+        """
 
     def __enter__(self) -> "Bench":
         """Get the rig ready for its first test."""

@@ -9,6 +9,9 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Final
 
+from .control_port import SOCKET
+from .journal import JOURNAL, JournalError, is_written, read_journal
+
 RESULTS: Final = "results.json"
 JUNIT: Final = "junit.xml"
 REPORT: Final = "report.html"
@@ -16,11 +19,13 @@ ERRORS: Final = "errors.log"
 SCHEMA: Final = "rig-results"
 """What `results.json` says it is."""
 
-_OTHERS: Final = (JUNIT, REPORT, ERRORS, RESULTS)
+_OTHERS: Final = (SOCKET, JUNIT, REPORT, ERRORS, RESULTS)
 _SESSION_FILES: Final = ("session.log", "trip-[0-9]*.json", "trip-[0-9]*.txt", "trip-[0-9]*.csv")
 """What a session with a rig on hardware leaves besides (`rig.supervisor`)."""
 _LIBRARY: Final = b"rig.recording "
 """In the header of every recording that `McapWriter` wrote."""
+ATTEMPT: Final = "~"
+"""Before the number of an earlier attempt in its recording's name; in no other recording's."""
 _LONGEST_NAME: Final = 100
 
 
@@ -58,6 +63,9 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
         DirectoryError: it is no folder, holds what no run has written, or cannot be written to.
     """
     try:
+        if is_written(path):
+            line = f"{path}: a campaign is running in it; choose another --out"
+            raise DirectoryError([f"{line}, or stop it: rig control {path} abort"])
         earlier = _files_of_earlier_run(path)
         _refuse_others(path, earlier, recordings)
         for file in earlier:
@@ -94,6 +102,23 @@ def recording_names(tests: Iterable[str]) -> list[str]:
     return names
 
 
+def attempt_path(recording: Path, number: int) -> Path:
+    """Return where the recording of an earlier attempt is kept."""
+    return recording.with_name(f"{recording.stem}{ATTEMPT}{number}{recording.suffix}")
+
+
+def attempts_of(recordings: Iterable[Path]) -> list[Path]:
+    """Return the recordings of earlier attempts that are there, of recordings in one folder."""
+    stems = {recording.stem: recording.parent for recording in recordings}
+    found = []
+    for folder in {*stems.values()}:
+        for file in folder.glob(f"*{ATTEMPT}*.mcap"):
+            stem, _, number = file.stem.rpartition(ATTEMPT)
+            if stem in stems and number.isdigit():
+                found.append(file)
+    return sorted(found)
+
+
 def file_stem(name: str) -> str:
     """Return a name as the stem of a file: letters, digits, `.`, `_` and `-`, no hidden file."""
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:_LONGEST_NAME].strip("._-")
@@ -113,7 +138,7 @@ def _refuse_others(path: Path, earlier: list[Path], recordings: Iterable[str]) -
                 "replaced; give --out a new or empty folder"
             ]
         )
-    names = {RESULTS, JUNIT, REPORT, ERRORS, *recordings}
+    names = {JOURNAL, RESULTS, JUNIT, REPORT, ERRORS, *recordings}
     in_the_way = [file for file in others if file.name in names]
     if in_the_way:
         raise DirectoryError(
@@ -128,12 +153,16 @@ def _files_of_earlier_run(path: Path) -> list[Path]:
     """
     tests = _tests_of(path / RESULTS)
     if tests is None:
+        tests = _tests_begun(path)
+    if tests is None:
         return []
     # Also of a run that was killed before it could list its last recording.
     recordings = [path / name for name in recording_names(tests)]
-    found = [file for file in recordings if file.is_file() and _is_ours(file)]
+    attempts = attempts_of(recordings)
+    found = [path / JOURNAL] if (path / JOURNAL).is_file() else []
+    found += [file for file in (*recordings, *attempts) if file.is_file() and _is_ours(file)]
     found += [file for pattern in _SESSION_FILES for file in sorted(path.glob(pattern))]
-    return found + [path / name for name in _OTHERS if (path / name).is_file()]
+    return found + [path / name for name in _OTHERS if (path / name).exists()]
 
 
 def _tests_of(results: Path) -> list[str] | None:
@@ -143,6 +172,15 @@ def _tests_of(results: Path) -> list[str] | None:
         names = [str(test["name"]) for test in content["tests"]]
         return names if content["schema"] == SCHEMA else None
     except (FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _tests_begun(folder: Path) -> list[str] | None:
+    """Return the names of the tests in a journal, none where it was only begun; None without."""
+    try:
+        entries = read_journal(folder / JOURNAL)
+        return [str(test) for test in entries[0]["tests"]] if entries else []
+    except (JournalError, TypeError):
         return None
 
 

@@ -46,8 +46,8 @@ def _result(test: TestOutcome) -> FinalResult | None:
         return None
     if test.status == Status.FAILED:
         return Failure(_text(_injected_against_found(test)), "verdict")
-    if test.status == Status.NOT_RUN:
-        return Skipped(_text(test.message or "not run"), "not_run")
+    if test.status in (Status.NOT_RUN, Status.SKIPPED):
+        return Skipped(_text(test.message or "not run"), str(test.status))
     return Error(_text(test.message), str(test.status))
 
 

@@ -20,6 +20,10 @@ class Status(StrEnum):
     ERROR = "error"
     ABORTED = "aborted"
     TRIPPED = "tripped"
+    SKIPPED = "skipped"
+    """By an operator."""
+    INTERRUPTED = "interrupted"
+    """By a kill, a condition or an operator, and to be run again."""
     NOT_RUN = "not_run"
 
 
@@ -46,6 +50,42 @@ class InjectedFault:
 
 
 @dataclass(frozen=True)
+class Attempt:
+    """An earlier run of a test, that does not count.
+
+    Attributes:
+        number: from 1 on.
+        status: how it ended.
+        phase: in which it ended, a `rig.runner.phases.Phase`; empty where it came to its end.
+        message: why.
+        at: when it was begun, UTC.
+        recording: file name of what was recorded of it, if anything was.
+    """
+
+    number: int
+    status: Status
+    phase: str
+    message: str
+    at: str
+    recording: str | None = None
+
+
+@dataclass(frozen=True)
+class Happening:
+    """What happened to a campaign beside its tests: to a report's reader.
+
+    Attributes:
+        at: when, UTC.
+        who: an operator, or `campaign`.
+        what: a sentence.
+    """
+
+    at: str
+    who: str
+    what: str
+
+
+@dataclass(frozen=True)
 class TestOutcome:
     """One test: what was expected, injected and found.
 
@@ -60,6 +100,7 @@ class TestOutcome:
         actions: what the loop did about one; a trip is the status.
         thresholds_from: what the thresholds were learnt from, where the detector has to learn them.
         friction: what the motion showed of it; None without a filter that estimates the load.
+        attempts: earlier runs of it that do not count.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -80,6 +121,17 @@ class TestOutcome:
     on_fault: OnFault = OnFault.IGNORE
     actions: tuple[FaultAction, ...] = ()
     friction: FrictionCurve | None = None
+    attempts: tuple[Attempt, ...] = ()
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether it is not to be run again when its campaign is resumed.
+
+        A test that asks to trip on a fault did what it was to do.
+        """
+        if self.status is Status.TRIPPED:
+            return self.on_fault is OnFault.TRIP
+        return self.status in (Status.PASSED, Status.FAILED, Status.ERROR, Status.SKIPPED)
 
     @property
     def truth(self) -> InjectedFault | None:
@@ -139,14 +191,16 @@ class CampaignOutcome:
     tests: tuple[TestOutcome, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Versions, git state, hashes of every file read."""
+    history: tuple[Happening, ...] = ()
+    """What happened beside the tests: holds, interruptions, what operators asked and noted."""
 
     @property
     def exit_code(self) -> int:
-        """0 all as expected, 1 a test failed or crashed, 3 tripped or stopped before the end."""
+        """0 all as expected, 1 a test failed, crashed or was skipped, 3 tripped or stopped."""
         statuses = {test.status for test in self.tests}
-        if statuses & {Status.ABORTED, Status.TRIPPED, Status.NOT_RUN}:
+        if statuses & {Status.ABORTED, Status.TRIPPED, Status.INTERRUPTED, Status.NOT_RUN}:
             return EXIT_STOPPED
-        if statuses & {Status.FAILED, Status.ERROR}:
+        if statuses & {Status.FAILED, Status.ERROR, Status.SKIPPED}:
             return EXIT_FAILED
         return EXIT_PASSED
 

@@ -40,6 +40,7 @@ def results(outcome: CampaignOutcome) -> dict[str, Any]:
         "exit_code": outcome.exit_code,
         "counts": {str(status): count for status, count in outcome.counts.items()},
         "tests": [_test(test) for test in outcome.tests],
+        "history": [asdict(each) for each in outcome.history],
         "provenance": outcome.provenance,
     }
     return dict(_finite(content))
@@ -66,6 +67,7 @@ def _test(test: TestOutcome) -> dict[str, Any]:
         "leak_error_L_per_min": litres_per_minute(test.leak_error_m3_per_s),
         "thresholds_from": test.thresholds_from,
         "friction": None if test.friction is None else friction_figures(test.friction),
+        "attempts": [asdict(each) for each in test.attempts],
     }
 
 

@@ -34,6 +34,7 @@ class SimulatedBench:
     def __init__(self, rig: Rig, directory: Path) -> None:
         self._rig = rig
         self._directory = directory
+        self._test: SimulatedTest | None = None
 
     def __enter__(self) -> "SimulatedBench":
         return self
@@ -43,7 +44,16 @@ class SimulatedBench:
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
         """Return the loop of a test, on a rig of its own."""
-        return SimulatedTest(loop_of(self._rig, test, memory, assumed), self._directory)
+        self._test = SimulatedTest(loop_of(self._rig, test, memory, assumed), self._directory)
+        return self._test
+
+    def reading(self, channel: str) -> float | None:
+        """Return the newest value of a channel in the present test; None outside of one."""
+        return None if self._test is None else self._test.latest(channel)
+
+    def idle(self) -> None:
+        """Do nothing: between tests there is no rig."""
+        self._test = None
 
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]

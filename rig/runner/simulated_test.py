@@ -46,6 +46,20 @@ class SimulatedTest:
         """Bring the ram to its start."""
         self._loop.position()
 
+    def inject(self) -> None:
+        """Do nothing: the faults are in the loop's table."""
+
+    def end_early(self) -> None:
+        """Do nothing: the next test has a rig of its own."""
+
+    def latest(self, channel: str) -> float | None:
+        """Return the newest value of a channel, NaN if the rig has none; None before any row."""
+        if not len(self._last):
+            return None
+        if channel not in self.channels:
+            return float("nan")
+        return float(self._last[-1, self.channels.index(channel)])
+
     def advance(self, ticks: int) -> Array:
         """Return the rows of the next ticks; see `rig.runner.bench.Loop`.
 

@@ -1,9 +1,9 @@
 """Runs one test of a campaign on a bench, to its recording and verdict."""
 
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from rig.plant.integrator import TICK
 
 from .bench import Bench, Loop, Writer
 from .decision_rows import DecisionRows
+from .desk import Desk, Request
 from .directory import log_error
 from .friction import FrictionWatch
 from .injection import Injection
@@ -26,9 +27,11 @@ from .judging import Judge
 from .observer import Observer
 from .outcome import Status, TestOutcome
 from .pacing import LIVE_TICKS, Pacer
+from .phases import CLEANUP_S, Deadline, Phase
 from .reactions import Reactions
 from .recorded import metadata_of
 from .stopping import StopFlag
+from .suspending import Suspenders
 from .thresholds import HealthyInnovations, HealthyReferences
 
 
@@ -40,6 +43,10 @@ class Setting:
         bench: what the tests are run on, entered.
         directory: where recordings and tracebacks go.
         detector: makes the detector instead of the filter's own.
+        desk: what operators ask for.
+        suspenders: what may hold the campaign.
+        deadline: of cleaning up.
+        enters: is told of each phase that a test enters, and of its recording once there is one.
     """
 
     campaign: Campaign
@@ -51,7 +58,23 @@ class Setting:
     stop: StopFlag
     references: HealthyReferences
     provenance: Mapping[str, Any]
+    desk: Desk
+    suspenders: Suspenders
     detector: DetectorFactory | None = None
+    deadline: Deadline = field(default_factory=lambda: Deadline(CLEANUP_S, lambda: None))
+    enters: Callable[[Phase, str | None], None] = lambda phase, recording: None
+
+
+class _InterruptedError(Exception):
+    """The present test is to be ended, and the campaign goes on.
+
+    Attributes:
+        status: how it ended.
+    """
+
+    def __init__(self, status: Status, reason: str) -> None:
+        self.status = status
+        super().__init__(reason)
 
 
 def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcome:
@@ -70,6 +93,8 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
     try:
         running = _RunningTest(setting, test, recording)
         status = running.run()
+    except _InterruptedError as error:
+        status, message = error.status, str(error)
     except KeyboardInterrupt:
         setting.stop.request("KeyboardInterrupt")
         status = Status.ABORTED
@@ -81,6 +106,8 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
     except Exception as error:
         where = log_error(setting.directory, f"test {test.name}")
         message = f"{type(error).__name__}: {error} (traceback in {where})"
+    finally:
+        setting.deadline.cancel()
     if status == Status.ABORTED:
         message = f"stopped by {setting.stop.reason}"
     outcome = TestOutcome(
@@ -97,10 +124,18 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
 
 
 @contextmanager
-def _left_safe(loop: Loop) -> Iterator[None]:
+def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
     try:
         yield
+    except _InterruptedError:
+        # Somebody goes on with the next test: the ram is held, as at the end of any test.
+        loop.end_early()
+        raise
     finally:
+        setting.deadline.start()
+        # A full disk must not keep the rig from being made safe.
+        with suppress(OSError):
+            setting.enters(Phase.CLEANUP, None)
         loop.safe_state()
 
 
@@ -128,14 +163,20 @@ class _RunningTest:
     def run(self) -> Status:
         """Run to the end, or to a stop."""
         setting, test = self._setting, self._test
-        with _left_safe(self._loop):
+        with _left_safe(setting, self._loop):
             setting.pacer.start()
+            setting.enters(Phase.POSITIONING, None)
             self._loop.position()
+            setting.enters(Phase.SETTLE, None)
             setting.pacer.wait_until(test.settle_s)
             if setting.stop.requested:
                 return Status.ABORTED
+            self._go_on()
+            setting.enters(Phase.INJECT, None)
+            self._loop.inject()
+            setting.enters(Phase.MAIN, self._recording)
             # Left from right to left: the valve is at null before the recording is closed.
-            with self._writer() as writer, _left_safe(self._loop):
+            with self._writer() as writer, _left_safe(setting, self._loop):
                 self._drive(writer)
         if self._loop.ticks_left:
             return Status.ABORTED
@@ -144,6 +185,22 @@ class _RunningTest:
         decision = self._judge.decision
         expected = decision is not None and decision.verdict == test.expect
         return Status.PASSED if expected else Status.FAILED
+
+    def _go_on(self) -> None:
+        """Look whether the test is to be ended.
+
+        Raises:
+            _InterruptedError: it is.
+        """
+        setting = self._setting
+        interruption = setting.desk.interruption
+        if interruption is Request.SKIP:
+            raise _InterruptedError(Status.SKIPPED, "skipped by an operator")
+        if interruption is Request.RETRY:
+            raise _InterruptedError(Status.INTERRUPTED, "an operator has it run again")
+        setting.suspenders.look()
+        if setting.suspenders.interrupts:
+            raise _InterruptedError(Status.INTERRUPTED, "; ".join(setting.suspenders.reasons))
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
         """Return an outcome with all that is known of the test."""
@@ -182,11 +239,15 @@ class _RunningTest:
         writer.event(0.0, "test_begin", self._test.name)
         try:
             while self._loop.ticks_left and not self._setting.stop.requested:
+                self._go_on()
                 self._run_batch(writer)
             self._judge.finish()
             self._note_verdict(writer)
         except TripError as error:
             writer.event(self._last_s, "trip", str(error))
+            raise
+        except _InterruptedError as error:
+            writer.event(self._last_s, str(error.status), str(error))
             raise
         except Exception as error:
             writer.event(self._last_s, "error", f"{type(error).__name__}: {error}")
@@ -208,6 +269,8 @@ class _RunningTest:
         if self._judge.take(rows):
             self._tell_loop()
             self._note_verdict(writer)
+        for note in self._setting.desk.take_notes():
+            writer.event(self._last_s, "note", f"{note.who}: {note.text}")
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
 

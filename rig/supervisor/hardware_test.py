@@ -40,7 +40,7 @@ class _Session(Protocol):
         """Note what the detector found."""
 
     def end_test(self, *, completed: bool) -> None:
-        """Take every fault away; bring the ram to rest unless the test came to its end."""
+        """Take every fault away; bring the ram to rest unless the loop holds it already."""
 
     def stopped(self, error: LoopStoppedError) -> TripError:
         """Return the error for a test that the loop ended by itself."""
@@ -59,6 +59,7 @@ class HardwareTest:
         self._wire = wire
         self._test = test
         self._begun = False
+        self._early = False
         self._found = ""
         self._ended = False
 
@@ -73,7 +74,7 @@ class HardwareTest:
         return self._wire.ticks_left
 
     def position(self) -> None:
-        """Bring the ram to its start and the bypass valves to theirs.
+        """Bring the ram to its start.
 
         Raises:
             TripError: the rig tripped, or cannot be brought there.
@@ -81,6 +82,18 @@ class HardwareTest:
         try:
             self._session.begin(Event.POSITION)
             self._wire.position()
+        except LoopStoppedError as error:
+            raise self._session.stopped(error) from None
+        except IllegalTransition as error:
+            raise TripError(str(error)) from None
+
+    def inject(self) -> None:
+        """Bring the bypass valves to where the test begins, and schedule its faults.
+
+        Raises:
+            TripError: the rig tripped, or cannot be brought there.
+        """
+        try:
             self._session.prepare(self._test, self.number)
             self._session.begin(Event.POSITIONED)
         except LoopStoppedError as error:
@@ -111,12 +124,16 @@ class HardwareTest:
         self._found = found
         self._wire.decided(row)
 
+    def end_early(self) -> None:
+        """Have the ram held when the test is ended, instead of the valve disabled."""
+        self._early = True
+
     def safe_state(self) -> None:
         """End the test: every fault away; a ram that is still under way is brought to rest."""
         if self._ended:
             return
         self._ended = True
-        completed = self._begun and not self._wire.ticks_left
+        completed = self._early or (self._begun and not self._wire.ticks_left)
         if completed:
             self._wire.safe_state()
         self._session.end_test(completed=completed)

@@ -12,6 +12,7 @@ import numpy as np
 from estimator.filters import FilterMemory
 from faults.campaign import CampaignTest
 from rig.configuration.rig import Rig
+from rig.io.signals import METERS, SLOW_INPUTS
 from rig.loop.reaction import Reaction
 from rig.loop.timing import Timing
 from rig.loop.trip import LoopStoppedError, TripError
@@ -26,7 +27,7 @@ from .child import ChildError
 from .connected_rig import ANSWER_S, ConnectedRig, Stop
 from .hardware_test import HardwareTest, TestRecord
 from .moves import moves, preparing_moves
-from .states import Event
+from .states import Event, State
 
 
 class Session:
@@ -70,6 +71,16 @@ class Session:
     def rig(self) -> ConnectedRig:
         """The rig, armed and homed, for what is no test."""
         return self._rig
+
+    def reading(self, channel: str) -> float:
+        """Return the newest value of a channel, fast or slow; NaN if it has none."""
+        if channel in SLOW_INPUTS and channel not in METERS:
+            return self._rig.slow(channel)
+        return self._rig.latest(channel)
+
+    def idle(self) -> None:
+        """Look after the rig while its ram is held between two tests."""
+        self._rig.check()
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> "HardwareTest":
         """Return the loop of a test, before the ram is brought to its start."""
@@ -156,12 +167,15 @@ class Session:
         self._rig.note("detector", what)
 
     def end_test(self, *, completed: bool) -> None:
-        """Take every fault away; bring the ram to rest unless the test came to its end."""
+        """Take every fault away; bring the ram to rest unless the loop holds it already."""
         if self._rig.has_tripped:
             return
         self._rig.write(preparing_moves(self._rig.configured, ()))
         if completed:
-            self._rig.handle(Event.DONE)
+            # A test that is ended before its first tick never ran.
+            to_armed = {State.POSITIONING: Event.POSITIONED, State.RUNNING: Event.DONE}
+            if self._rig.state in to_armed:
+                self._rig.handle(to_armed[self._rig.state])
         else:
             self._rig.ramp_down()
 

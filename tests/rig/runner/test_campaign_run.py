@@ -107,7 +107,8 @@ def test_the_folder_holds_results_junit_and_a_readable_recording_a_test(
 ) -> None:
     run_campaign(make_campaign(make_test("a/b"), leaking()), rig, tmp_path)
     names = {file.name for file in tmp_path.iterdir()}
-    assert names == {"results.json", "junit.xml", "a_b.mcap", "external_leakage_1.mcap"}
+    written = {"journal.jsonl", "results.json", "junit.xml"}
+    assert names == written | {"a_b.mcap", "external_leakage_1.mcap"}
     recording = read_recording(tmp_path / "external_leakage_1.mcap")
     assert len(recording) == 14000
     verdicts = [event.text for event in recording.events if event.kind == "verdict"]

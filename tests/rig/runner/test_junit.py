@@ -26,8 +26,8 @@ def written(*tests: TestOutcome) -> tuple[JUnitXml, list[TestCase]]:
 def test_every_way_to_end_has_its_place_in_junit() -> None:
     document, cases = written(*(replace(TEST, status=status, message="why") for status in Status))
     kinds = [type(case.result[0]) if case.result else None for case in cases]
-    assert kinds == [None, Failure, Error, Error, Error, Skipped]
-    assert (document.tests, document.failures, document.errors, document.skipped) == (6, 1, 3, 1)
+    assert kinds == [None, Failure, Error, Error, Error, Skipped, Error, Skipped]
+    assert (document.tests, document.failures, document.errors, document.skipped) == (8, 1, 4, 2)
 
 
 def test_a_failure_tells_injected_against_found() -> None:

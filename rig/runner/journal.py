@@ -1,0 +1,214 @@
+"""The journal of a campaign: a line of JSON for all that happens, on disk before it counts.
+
+Only ever appended to. A line ends with a checksum of the rest of it, so that whatever a kill or a
+power cut leaves of the last line is known for what it is; all lines before it stand.
+"""
+
+import fcntl
+import json
+import os
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+JOURNAL: Final = "journal.jsonl"
+"""Its name in a run's folder."""
+JOURNAL_SCHEMA: Final = 1
+
+_CHECKED: Final = b', "crc": "'
+_TAIL: Final = len(_CHECKED) + len('00000000"}')
+
+
+class JournalError(ValueError):
+    """A journal that cannot be used.
+
+    Attributes:
+        problems: every reason, one line each.
+    """
+
+    def __init__(self, problem: str) -> None:
+        self.problems = [problem]
+        super().__init__(problem)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the journal.
+
+    Attributes:
+        number: from 0 on, without a gap.
+        at: UTC, ISO 8601.
+        kind: what happened: `begin`, `resume`, `phase`, `outcome`, `operator`, `held`, `released`,
+            `overdue` or `end`.
+        told: the rest of it, by name.
+    """
+
+    number: int
+    at: str
+    kind: str
+    told: Mapping[str, Any]
+
+    def __getitem__(self, name: str) -> Any:
+        """Return something told; None where it was not."""
+        return self.told.get(name)
+
+
+def read_journal(path: Path) -> list[Entry]:
+    """Return the whole lines of a journal; what a kill left of the last one is passed over.
+
+    Raises:
+        JournalError: there is none, or it is damaged before its last line.
+    """
+    entries, _ = _read(path)
+    return entries
+
+
+def _read(path: Path) -> tuple[list[Entry], int]:
+    """Return the whole lines, and how many bytes they take."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise JournalError(f"{path}: cannot be read: {reason}; give the folder of a run") from None
+    entries: list[Entry] = []
+    whole = 0
+    for line in content.splitlines(keepends=True):
+        entry = _entry(line)
+        if entry is None or entry.number != len(entries):
+            break
+        entries.append(entry)
+        whole += len(line)
+    for line in content[whole:].splitlines(keepends=True):
+        if _entry(line) is not None:
+            raise JournalError(
+                f"{path}:{len(entries) + 1}: is damaged, and lines follow it, so that it was not a "
+                "kill; restore the file, or run anew with another --out"
+            )
+    return entries, whole
+
+
+def _entry(line: bytes) -> Entry | None:
+    """Return a line as an entry; None if it is not whole."""
+    text = line.rstrip(b"\n")
+    if not line.endswith(b"\n") or text[-_TAIL:-10] != _CHECKED:
+        return None
+    try:
+        content = json.loads(text)
+        if zlib.crc32(text[:-_TAIL] + b"}") != int(content.pop("crc"), 16):
+            return None
+        return Entry(content.pop("n"), content.pop("at"), content.pop("kind"), content)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _utc_now() -> datetime:
+    return datetime.now(UTC)
+
+
+class Journal:
+    """A journal that is written; a context manager, which holds its lock meanwhile.
+
+    Args:
+        folder: of the run; it exists.
+        resume: go on with the journal that is there, instead of beginning one.
+        now: the wall clock, UTC.
+
+    Attributes:
+        entries: what was in it, with `resume`.
+
+    Raises:
+        JournalError: on entering: another process writes it, or it is damaged.
+        OSError: on entering: it cannot be written.
+    """
+
+    def __init__(
+        self, folder: Path, *, resume: bool = False, now: Callable[[], datetime] = _utc_now
+    ) -> None:
+        self._path = folder / JOURNAL
+        self._resume = resume
+        self._now = now
+        self._number = 0
+        self.entries: list[Entry] = []
+
+    def __enter__(self) -> "Journal":
+        self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        try:
+            _lock(self._file, self._path)
+            if self._resume:
+                self.entries, whole = _read(self._path)
+                self._number = len(self.entries)
+                os.ftruncate(self._file, whole)
+            else:
+                os.ftruncate(self._file, 0)
+            os.fsync(self._file)
+            sync(self._path.parent)
+        except BaseException:
+            os.close(self._file)
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._file)
+
+    def write(self, kind: str, *, durable: bool = True, **told: Any) -> Entry:
+        """Add a line; a `durable` one is on disk when this returns, whatever happens then.
+
+        Any other outlives a kill of this process, and is on disk with the next durable one.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        at = self._now().isoformat(timespec="milliseconds")
+        content = {"n": self._number, "at": at, "kind": kind, **told}
+        text = json.dumps(content, allow_nan=False, ensure_ascii=False).encode()
+        line = text[:-1] + _CHECKED + b'%08x"}\n' % zlib.crc32(text)
+        if os.write(self._file, line) != len(line):
+            raise OSError(f"{self._path}: the disk is full")
+        if durable:
+            os.fsync(self._file)
+        self._number += 1
+        return Entry(content.pop("n"), at, kind, told)
+
+
+def is_written(folder: Path) -> bool:
+    """Tell whether a process writes the journal of a folder at present."""
+    try:
+        file = os.open(folder / JOURNAL, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
+
+def sync(path: Path) -> None:
+    """Have a file, or the names in a folder, on disk; what cannot be synced (a FUSE) is not."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    except OSError:
+        return
+    finally:
+        os.close(file)
+
+
+def of_kind(entries: list[Entry], *kinds: str) -> Iterator[Entry]:
+    """Yield the entries of some kinds."""
+    return (entry for entry in entries if entry.kind in kinds)
+
+
+def _lock(file: int, path: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        raise JournalError(
+            f"{path.parent}: a campaign is running in it; wait for its end, or stop it: "
+            f"rig control {path.parent} abort"
+        ) from None

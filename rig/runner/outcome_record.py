@@ -1,0 +1,73 @@
+"""An outcome as the journal keeps it: JSON from which the very same outcome is made again."""
+
+import types
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from math import isfinite
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from .outcome import TestOutcome
+
+
+def record_of(outcome: TestOutcome) -> dict[str, Any]:
+    """Return an outcome as JSON holds it, every float bit for bit; NaN and infinity as text."""
+    content: dict[str, Any] = _plain(outcome)
+    return content
+
+
+def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
+    """Return the outcome that `record_of` was given.
+
+    Raises:
+        ValueError, TypeError, KeyError: it is none.
+    """
+    outcome: TestOutcome = _made(TestOutcome, record)
+    return outcome
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return value.value
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(value) if isfinite(value) else repr(float(value))
+    return value
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def _made(kind: Any, value: Any) -> Any:
+    """Return a plain value as an object of a type, or of a tuple, mapping or union of types."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        if value is None:
+            return None
+        (kind,) = (each for each in arguments if each is not type(None))
+        return _made(kind, value)
+    if origin is tuple:
+        kinds = [arguments[0]] * len(value) if arguments[1:] == (...,) else arguments
+        return tuple(_made(each, item) for each, item in zip(kinds, value, strict=True))
+    if origin is np.ndarray:
+        return np.array(value, dtype=np.float64)
+    if origin is not None and issubclass(origin, Mapping):
+        return {key: _made(arguments[1], item) for key, item in value.items()}
+    if isinstance(kind, type) and is_dataclass(kind):
+        hints = _hints(kind)
+        return kind(**{name: _made(hints[name], item) for name, item in value.items()})
+    if isinstance(kind, type) and issubclass(kind, tuple):
+        return kind(*value)
+    return kind(value) if kind in (float, bool, int, str) or isinstance(kind, type) else value
