@@ -1,0 +1,4 @@
+"""The model-gap workflow: where a model and its recordings disagree, what is missing, what it adds.
+
+A plant is seen through `plant.Plant` only; `servo_actuator` is the rig's own.
+"""

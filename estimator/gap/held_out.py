@@ -1,0 +1,66 @@
+"""The gap on recordings that nothing was fitted to: prediction error above the noise floor."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .linear import SETTLING_S
+from .plant import Array
+from .predictor import Predictor
+from .records import Record
+from .results import ChannelGap
+from .variables import Values
+
+
+def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array]:
+    """Return mean squares of predictions over the horizon, SI, and the innovations' whiteness."""
+    settled = slice(round(SETTLING_S / predictor.plant.period), None)
+    predictor.filter(record, values)
+    innovations, states = predictor.innovations(record, values)
+    errors = predictor.ahead(record, values, states)[settled]
+    e = innovations[settled]
+    products = (e[1:] * e[:-1]).sum(0)
+    with np.errstate(all="ignore"):
+        return np.nanmean(errors**2, axis=0), products / (e**2).sum(0)
+
+
+def channel_gaps(
+    predictor: Predictor, records: Sequence[Record], before: Values, after: Values, seed: int = 7
+) -> list[ChannelGap]:
+    """Return each channel's gap, of the model as given and as written, over all records."""
+    outputs = predictor.plant.outputs
+    variances = np.array([output.variance for output in outputs])
+    mean = {}
+    for name, values, twin in (
+        ("before", before, False), ("after", after, False), ("floor", after, True)
+    ):  # fmt: skip
+        parts = []
+        for index, record in enumerate(records):
+            used = predictor.twin(record, values, seed + index) if twin else record
+            parts.append(_errors(predictor, used, values))
+        weights = np.array([len(record) for record in records], dtype=np.float64)
+        mean[name] = tuple(
+            np.average([part[k] for part in parts], axis=0, weights=weights) for k in (0, 1)
+        )
+    gaps = []
+    for k, output in enumerate(outputs):
+        square = {name: float(mean[name][0][k]) for name in mean}
+        gaps.append(
+            ChannelGap(
+                output.channel,
+                square["before"] / variances[k], square["after"] / variances[k],
+                square["floor"] / variances[k],
+                max(square["before"] - square["floor"], 0.0) ** 0.5,
+                max(square["after"] - square["floor"], 0.0) ** 0.5,
+                output.unit, output.shown or (output.unit, 1.0),
+                *(float(mean[name][1][k]) for name in ("before", "after", "floor")),
+            )
+        )  # fmt: skip
+    return gaps
+
+
+def mean_gap(gaps: Sequence[ChannelGap]) -> tuple[float, float]:
+    """Return the mean over channels of the excess over the floor, before and after."""
+    before = float(np.mean([max(gap.before - gap.floor, 0.0) for gap in gaps]))
+    after = float(np.mean([max(gap.after - gap.floor, 0.0) for gap in gaps]))
+    return before, after

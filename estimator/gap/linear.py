@@ -1,0 +1,165 @@
+"""How innovations change with parameters, to first order: block by block, for all at once.
+
+Innovations e(theta) of given gains are linearised about the present values. From their products,
+summed in blocks, every nested least-squares fit follows without another run: its gain in the sum of
+squares, and standard errors that hold for innovations which are correlated in time, as long as the
+blocks are not (sandwich of block scores).
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from .plant import Array
+from .predictor import Predictor
+from .records import Record
+from .variables import Values
+
+BLOCK_S: Final = 0.5
+"""s. The ram's slowest mode of its own, the settling of the position loop, is shorter."""
+SETTLING_S: Final = 0.5
+"""s at the start of a record, in which the filter settles."""
+HUBER: Final = 5.0
+"""Innovations beyond so many standard deviations count in proportion, not squared: breaking away,
+the ram is nowhere near linear."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One direction in which parameters may change.
+
+    Attributes:
+        name: of it.
+        values: of all parameters at the end of the change.
+        size: of the change, in the units in which steps along it are given.
+        lower: least step.
+        upper: greatest step.
+        kicks: disturbance instead of a change of parameters: (states (n, count)) -> (n, count).
+    """
+
+    name: str
+    values: Values
+    size: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    kicks: Callable[[Record, Array], Array] | None = None
+
+
+def slices_of(record: Record, period: float) -> list[slice]:
+    """Return the blocks of a record, the settling left out."""
+    first, length = round(SETTLING_S / period), round(BLOCK_S / period)
+    return [slice(k, k + length) for k in range(first, len(record) - length + 1, length)]
+
+
+def cost_of(innovations: Array) -> Array:
+    """Return Huber's cost, twice, of innovations: their square where they are not outliers."""
+    size = np.abs(innovations)
+    return np.where(size < HUBER, size * size, HUBER * (2.0 * size - HUBER))
+
+
+class Linear:
+    """Block sums of a linearisation.
+
+    Attributes:
+        columns: the directions.
+        products: float64 (blocks, columns, columns), of the columns with each other.
+        slopes: float64 (blocks, columns), of the columns with the innovations.
+        squares: float64 (blocks,), of the innovations.
+        quartics: float64 (columns,), of the columns' fourth powers.
+        samples: readings used.
+    """
+
+    def __init__(self, columns, products, slopes, squares, quartics, samples) -> None:
+        self.columns = tuple(columns)
+        self.products, self.slopes, self.squares = products, slopes, squares
+        self.quartics, self.samples = quartics, samples
+        self._index = {column.name: i for i, column in enumerate(columns)}
+
+    def indices(self, names: Sequence[str]) -> list[int]:
+        return [self._index[name] for name in names]
+
+    def solve(self, names: Sequence[str]) -> tuple[Array, float]:
+        """Return steps along columns within their bounds, and what the sum of squares gains."""
+        index = self.indices(names)
+        matrix = self.products.sum(0)[np.ix_(index, index)]
+        slope = self.slopes.sum(0)[index]
+        lower = np.array([self.columns[i].lower for i in index])
+        upper = np.array([self.columns[i].upper for i in index])
+        steps = bounded_least_squares(matrix, slope, lower, upper)
+        return steps, float(-(2.0 * slope @ steps + steps @ matrix @ steps))
+
+    def errors(self, names: Sequence[str], steps: Array) -> Array:
+        """Return standard errors of steps, from the scatter of the blocks' scores."""
+        index = self.indices(names)
+        matrix = self.products[:, index][:, :, index]
+        scores = self.slopes[:, index] + matrix @ steps
+        total = matrix.sum(0)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-300))
+        inverse = np.linalg.pinv(total * np.outer(scale, scale), rcond=1e-10) * np.outer(
+            scale, scale
+        )
+        scatter = scores.T @ scores * len(scores) / max(len(scores) - len(index), 1)
+        return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ scatter @ inverse), 0.0)))
+
+
+def bounded_least_squares(matrix: Array, slope: Array, lower: Array, upper: Array) -> Array:
+    """Return x within bounds that minimises x' matrix x + 2 slope' x, by cyclic descent."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    m = matrix * np.outer(scale, scale)
+    s, low, high = slope * scale, lower / scale, upper / scale
+    free = np.linalg.lstsq(m + 1e-10 * np.eye(len(s)), -s, rcond=None)[0]
+    if np.all((free >= low) & (free <= high)):
+        return np.asarray(free * scale)
+    x = np.clip(free, low, high)
+    for _ in range(500):
+        before = x.copy()
+        for i in range(len(x)):
+            rest = s[i] + m[i] @ x - m[i, i] * x[i]
+            x[i] = min(max(-rest / max(m[i, i], 1e-12), low[i]), high[i])
+        # On the face that the bounds leave, the solution is exact.
+        inner = (x > low) & (x < high)
+        if inner.any():
+            rest = -(s[inner] + m[np.ix_(inner, ~inner)] @ x[~inner])
+            face = np.linalg.lstsq(
+                m[np.ix_(inner, inner)] + 1e-10 * np.eye(inner.sum()), rest, rcond=None
+            )[0]
+            if np.all((face >= low[inner]) & (face <= high[inner])):
+                x[inner] = face
+        if np.max(np.abs(x - before)) < 1e-9 * (1.0 + np.max(np.abs(x))):
+            break
+    return np.asarray(x * scale)
+
+
+def linearise(
+    predictor: Predictor, records: Sequence[Record], values: Values, columns: Sequence[Column],
+    pool: ThreadPoolExecutor,
+) -> Linear:  # fmt: skip
+    """Return the linearisation about `values`, with the records' present gains."""
+    products, slopes, squares = [], [], []
+    quartics, samples = np.zeros(len(columns)), 0
+    for record in records:
+        base, states = predictor.innovations(record, values)
+
+        def run(column: Column, record=record, base=base, states=states) -> Array:
+            kicks = None if column.kicks is None else column.kicks(record, states)
+            changed = predictor.innovations(record, column.values, kicks)[0]
+            return np.asarray((changed - base) / column.size)
+
+        changes = np.stack(list(pool.map(run, columns)), axis=-1)
+        weights = np.minimum(1.0, HUBER / np.maximum(np.abs(base), 1e-12))
+        used = np.isfinite(record.innovation_variances)
+        for block in slices_of(record, predictor.plant.period):
+            root = np.sqrt(weights[block])
+            jacobian = (changes[block] * root[..., None]).reshape(-1, len(columns))
+            residual = (base[block] * root).ravel()
+            products.append(jacobian.T @ jacobian)
+            slopes.append(jacobian.T @ residual)
+            squares.append(float(residual @ residual))
+            quartics += (jacobian**4).sum(0)
+            samples += int(used[block].sum())
+    return Linear(
+        columns, np.array(products), np.array(slopes), np.array(squares), quartics, samples
+    )

@@ -1,0 +1,261 @@
+"""What the workflow needs to know of a plant; docs/another_plant.md walks through a second one.
+
+A plant is a discrete-time model, one sample a step, in four compiled functions. Between its states,
+which the filter estimates, and what is commanded and read there may be a memory, which it does not:
+the play of a spool, the lag of a transducer. Each sample, in this order:
+
+    drive(inputs, memory, parameters)              what reaches the plant of the inputs
+    step(state, memory, parameters)                the state one sample later, in place
+    remember(state, memory, parameters)            what the sensors make of the state over time
+    read(state, memory, parameters, readings)      the readings, without noise
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numba import float64, njit, void
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_VECTOR: Final = float64[::1]
+DRIVE: Final = void(_VECTOR, _VECTOR, _VECTOR)
+STEP: Final = void(_VECTOR, _VECTOR, _VECTOR)
+REMEMBER: Final = void(_VECTOR, _VECTOR, _VECTOR)
+READ: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
+"""Signatures to compile the four functions with: `njit(STEP, cache=True, error_model="numpy")`."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """One state of a plant.
+
+    Attributes:
+        name: as in reports.
+        unit: SI.
+        change: a small change of it, for derivatives by differences.
+        noise: standard deviation of the model's own error over one sample.
+    """
+
+    name: str
+    unit: str
+    change: float
+    noise: float
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """One measured channel of a recording.
+
+    Attributes:
+        channel: column of the recording.
+        unit: SI.
+        noise: standard deviation of a reading.
+        resolution: step of a counting sensor, 0 if it has none.
+        lower: least reading; at or below it a reading is saturated.
+        upper: greatest reading.
+        shown: unit in reports, and how many of it are one SI unit.
+    """
+
+    channel: str
+    unit: str
+    noise: float
+    resolution: float = 0.0
+    lower: float = -np.inf
+    upper: float = np.inf
+    shown: tuple[str, float] | None = None
+
+    @property
+    def variance(self) -> float:
+        """Variance of a reading, rounding included."""
+        return self.noise**2 + self.resolution**2 / 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of a plant: its name, unit and bounds; its value is the model's."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, slots=True)
+class Knob:
+    """A parameter that an effect moves off its neutral value.
+
+    Attributes:
+        key: its name in the effect, as in a model file.
+        parameter: of the plant.
+        probe: a small but visible change, for derivatives by differences.
+        lower: least plausible value.
+        upper: greatest plausible value.
+        follows: other parameters that change in proportion, relative to their own values.
+    """
+
+    key: str
+    parameter: str
+    probe: float
+    lower: float
+    upper: float
+    follows: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A physical effect that a model may lack.
+
+    Attributes:
+        name: in reports and model files.
+        equation: what it adds, in symbols.
+        where: name of the equation it enters (`Equation.name`) or the channel it is read in.
+        knobs: what is fitted.
+        starts: values of the knobs, by key, to start a fit from where the neutral ones are no
+            start (no slope there); empty for those that can be reached from the neutral values.
+        unseen: what of it cannot be told on principle, for the report.
+    """
+
+    name: str
+    equation: str
+    where: str
+    knobs: tuple[Knob, ...]
+    starts: tuple[Mapping[str, float], ...] = ()
+    unseen: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Nuisance:
+    """A parameter that differs from rig to rig: refitted within a tolerance first.
+
+    Attributes:
+        parameter: of the plant.
+        probe: as of `Knob`.
+        tolerance: greatest deviation, as a fraction of the nominal value.
+        nominal: that value.
+        effect: name of the effect it is beyond the tolerance, None if it has none.
+    """
+
+    parameter: str
+    probe: float
+    tolerance: float
+    nominal: float
+    effect: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Equation:
+    """An equation that a disturbance may enter.
+
+    Attributes:
+        name: as in reports: "force balance", "chamber 1".
+        unit: of the disturbance, SI.
+        state: index of the state whose rate it drives.
+        rate: (states (n, count), parameters by name) -> float64 (n,), change of that state in one
+            sample by one unit of disturbance.
+        shown: unit in reports, and how many of it are one SI unit.
+        of: what it is drawn against, names of `Region`.
+    """
+
+    name: str
+    unit: str
+    state: int
+    rate: Callable[[Array, Mapping[str, float]], Array]
+    shown: tuple[str, float]
+    of: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A quantity that says where in its range a plant is working.
+
+    Attributes:
+        name: as in reports: "velocity".
+        unit: SI.
+        value: (states (n, count), inputs (n, inputs)) -> float64 (n,).
+        shown: unit in reports, and how many of it are one SI unit.
+    """
+
+    name: str
+    unit: str
+    value: Callable[[Array, Array], Array]
+    shown: tuple[str, float]
+
+
+@njit(DRIVE, cache=True, error_model="numpy")
+def hold(inputs, memory, parameters):  # type: ignore[no-untyped-def]
+    """Drive of a plant that its inputs reach as they are: they are kept in the memory."""
+    for i in range(inputs.size):
+        memory[i] = inputs[i]
+
+
+@njit(REMEMBER, cache=True, error_model="numpy")
+def forget(state, memory, parameters):  # type: ignore[no-untyped-def]
+    """Remember nothing: the readings of such a plant follow from its state."""
+
+
+def begin_held(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
+    """Return the memory of a plant that keeps nothing but its inputs (inputs,)."""
+    return np.array(inputs[0], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A plant as the workflow sees it.
+
+    Attributes:
+        name: of the plant.
+        states: what the filter estimates.
+        inputs: columns of a recording that drive it.
+        outputs: columns of a recording that are measured.
+        parameters: in the order of the array that the compiled functions take.
+        nominal: their values by name: the model to be tested, SI.
+        step: compiled with STEP.
+        read: compiled with READ.
+        start: (readings (m, outputs) of the first samples, inputs (m, inputs), parameters by name)
+            -> (state (count,), its standard deviations (count,)).
+        effects: what it may lack, by name.
+        nuisances: what is refitted first.
+        equations: where disturbances enter.
+        regions: what these are drawn against, by name.
+        drive: compiled with DRIVE.
+        remember: compiled with REMEMBER.
+        begin: (start state (count,), inputs (m, inputs), parameters by name) -> memory (length,)
+            at the first sample; at least as long as there are inputs.
+        input_delay: parameter by which the inputs act later, in s, if there is one.
+        period: one sample, s.
+        horizon: how far ahead predictions are judged, s.
+        steering: input, output and gain that keep a simulation on the course of a recording.
+        write: (values of all parameters by name, names of effects, provenance, path): writes the
+            model file.
+        not_told_apart: reasons, by pair of effects, why these are the same on principle.
+    """
+
+    name: str
+    states: tuple[State, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[Output, ...]
+    parameters: tuple[Parameter, ...]
+    nominal: Mapping[str, float]
+    step: Any
+    read: Any
+    start: Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]
+    effects: Mapping[str, Effect]
+    nuisances: tuple[Nuisance, ...]
+    equations: tuple[Equation, ...]
+    regions: Mapping[str, Region]
+    steering: tuple[tuple[int, int, float], ...]
+    write: Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None]
+    drive: Any = hold
+    remember: Any = forget
+    begin: Callable[[Array, Array, Mapping[str, float]], Array] = begin_held
+    input_delay: str | None = None
+    period: float = 1e-3
+    horizon: float = 0.02
+    not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """Return the values of all parameters as the compiled functions take them."""
+        return np.array([values[parameter.name] for parameter in self.parameters])

@@ -1,0 +1,105 @@
+"""Predictions of one plant over records, for given values of its parameters."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from .plant import Array, Plant
+from .prediction import predict_ahead, run_filter, run_free, run_frozen
+from .records import Record, inputs_of, made_of
+
+_FIRST = 20
+"""Samples at the start of a record that the state is started from."""
+
+
+class Predictor:
+    """Filters records with a plant whose parameters have given values (by name, SI)."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        self._functions = (plant.drive, plant.step, plant.remember, plant.read)
+        self._changes = np.array([state.change for state in plant.states])
+        self._noises = np.array([state.noise for state in plant.states]) ** 2
+
+    def _memory(self, start: Array, record: Record, values: Mapping[str, float]) -> Array:
+        return self.plant.begin(start, record.inputs[:_FIRST], values)[None, :].copy()
+
+    def _start(self, record: Record, values: Mapping[str, float]) -> tuple[Array, Array]:
+        first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
+        first[0] = record.readings[0]
+        return self.plant.start(first, record.inputs[:_FIRST], values)
+
+    def filter(self, record: Record, values: Mapping[str, float]) -> None:
+        """Estimate the gains of a record anew."""
+        count, outputs = len(self._changes), record.readings.shape[1]
+        start, spread = self._start(record, values)
+        record.gains = np.empty((len(record), outputs, count))
+        record.innovation_variances = np.empty((len(record), outputs))
+        run_filter(
+            *self._functions, inputs_of(record, self.plant, values), record.readings,
+            record.variances, self.plant.vector(values), start, spread, self._changes,
+            self._noises, self._memory(start, record, values), record.gains, record.innovation_variances,
+        )  # fmt: skip
+
+    def innovations(
+        self, record: Record, values: Mapping[str, float], kicks: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return innovations (n, outputs) over their standard deviations and filtered states.
+
+        With the gains of the last `filter`. `kicks` (n, states) are added to the state each sample.
+        """
+        count = len(self._changes)
+        start = self._start(record, values)[0]
+        innovations = np.empty_like(record.readings)
+        states = np.empty((len(record), count))
+        run_frozen(
+            *self._functions, inputs_of(record, self.plant, values), record.readings,
+            record.innovation_variances, record.gains, self.plant.vector(values),
+            start, self._memory(start, record, values),
+            np.empty((0, count)) if kicks is None else kicks, self._changes, innovations, states,
+        )  # fmt: skip
+        return innovations, states
+
+    def ahead(self, record: Record, values: Mapping[str, float], states: Array) -> Array:
+        """Return readings less predictions (n, outputs) over the plant's horizon, NaN at starts."""
+        errors = np.empty_like(record.readings)
+        memory = self._memory(states[0], record, values)
+        predict_ahead(
+            *self._functions, inputs_of(record, self.plant, values), record.readings, states,
+            self.plant.vector(values), memory, memory.copy(),
+            round(self.plant.horizon / self.plant.period), errors,
+        )  # fmt: skip
+        errors[~np.isfinite(record.variances)] = np.nan
+        return errors
+
+    def simulate(
+        self, record: Record, values: Mapping[str, float], *, steered: bool
+    ) -> tuple[Array, Array]:
+        """Return inputs (n, inputs) and noise-free readings of a simulation along a record."""
+        steering = np.zeros((len(self.plant.inputs), len(self.plant.outputs)))
+        if steered:
+            for index, output, gain in self.plant.steering:
+                steering[index, output] = gain
+        start = self._start(record, values)[0]
+        driven, simulated = np.empty_like(record.inputs), np.empty_like(record.readings)
+        run_free(
+            *self._functions, inputs_of(record, self.plant, values), record.readings,
+            self.plant.vector(values), start, self._memory(start, record, values), steering,
+            driven, simulated,
+        )  # fmt: skip
+        return driven, simulated
+
+    def twin(self, record: Record, values: Mapping[str, float], seed: int) -> Record:
+        """Return what a rig that is exactly this model would have recorded on the same course.
+
+        Its sensors have the noise and rounding that the plant states; steering keeps it near.
+        """
+        driven, simulated = self.simulate(record, values, steered=True)
+        generator = np.random.default_rng(seed)
+        for index, output in enumerate(self.plant.outputs):
+            noisy = simulated[:, index] + output.noise * generator.standard_normal(len(record))
+            if output.resolution > 0.0:
+                noisy = np.round(noisy / output.resolution) * output.resolution
+            simulated[:, index] = np.clip(noisy, output.lower, output.upper)
+        # The delay is in the inputs already; the twin's model has it once more.
+        return made_of(f"twin of {record.source}", driven, simulated, self.plant)

@@ -1,0 +1,228 @@
+"""What the workflow finds, as the report, `gap.json` and the model file tell it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from .plant import Array
+
+Verdict = Literal["adequate", "missing_effect", "unknown_effect", "inconclusive"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter with its 95 % interval, SI.
+
+    Attributes:
+        key: in the effect, or the parameter's name for a nuisance.
+        parameter: of the plant.
+        value: fitted.
+        lower: end of the interval.
+        upper: end of the interval.
+        unit: SI.
+        before: value in the model as given.
+    """
+
+    key: str
+    parameter: str
+    value: float
+    lower: float
+    upper: float
+    unit: str
+    before: float
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect that could be the cause as well, or was excluded.
+
+    Attributes:
+        effect: its name.
+        share: part of the named effect's gain that it reaches.
+        z: normal deviate of what it explains less.
+        cosine: of the two signatures, nuisances projected out.
+        why: on principle, if there is a reason.
+    """
+
+    effect: str
+    share: float
+    z: float
+    cosine: float
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that the model lacked.
+
+    Attributes:
+        name: of the catalogue.
+        equation: what it adds.
+        where: equation or channel it enters.
+        parameters: its estimates.
+        gain: of the cost, by which it was named.
+        bar: what the gain had to pass.
+        z: of the gain, by the scatter of blocks of half a second.
+        indistinguishable: at most two others that this data cannot exclude.
+        excluded: others that were tried and are worse.
+        unseen: what of it cannot be told on principle.
+    """
+
+    name: str
+    equation: str
+    where: str
+    parameters: tuple[Estimate, ...]
+    gain: float
+    bar: float
+    z: float
+    indistinguishable: tuple[Rival, ...] = ()
+    excluded: tuple[Rival, ...] = ()
+    unseen: str = ""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What disturbance of an equation would explain the rest, against a region.
+
+    Attributes:
+        equation: name.
+        region: name.
+        at: float64 (m,), of the region, SI.
+        values: float64 (m,), disturbance, SI.
+        errors: float64 (m,), standard errors.
+        unit: of the values, SI.
+        region_unit: SI.
+        shown: unit shown and factor, of the values; `region_shown` likewise.
+        gain: in cost.
+        share: of the excess over the noise floor that it explains.
+    """
+
+    equation: str
+    region: str
+    at: Array
+    values: Array
+    errors: Array
+    unit: str
+    region_unit: str
+    shown: tuple[str, float]
+    region_shown: tuple[str, float]
+    gain: float
+    share: float
+
+
+@dataclass(frozen=True)
+class ChannelGap:
+    """Prediction error of a channel over the horizon, held out.
+
+    Attributes:
+        channel: column.
+        before: mean square over the noise variance, of the model as given.
+        after: of the model as written.
+        floor: of a rig that is exactly the model, on the same course.
+        rms_before: excess over the floor, SI.
+        rms_after: likewise.
+        unit: SI; `shown`: unit shown and factor.
+        whiteness_before: autocorrelation of the innovations at one sample.
+        whiteness_after: likewise.
+        whiteness_floor: likewise, of the twin.
+    """
+
+    channel: str
+    before: float
+    after: float
+    floor: float
+    rms_before: float
+    rms_after: float
+    unit: str
+    shown: tuple[str, float]
+    whiteness_before: float
+    whiteness_after: float
+    whiteness_floor: float
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """A few seconds in free simulation beside the recording, float64 (m,) each."""
+
+    source: str
+    time_s: Array
+    channel: str
+    unit: str
+    shown: tuple[str, float]
+    measured: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Separation:
+    """An experiment that would settle which of several effects it is.
+
+    Attributes:
+        effects: not told apart so far.
+        motion: in words.
+        campaign: of a campaign file ready to run, as nested mappings.
+        cosine: of the signatures in that motion, nuisances projected out.
+        z: normal deviate by which the right one would be better, predicted.
+    """
+
+    effects: tuple[str, ...]
+    motion: str
+    campaign: Mapping[str, Any]
+    cosine: float
+    z: float
+
+
+@dataclass(frozen=True)
+class DetectionLimit:
+    """The smallest size of an effect that these motions would show."""
+
+    effect: str
+    key: str
+    size: float
+    unit: str
+
+
+@dataclass
+class GapResult:
+    """What the workflow found.
+
+    Attributes:
+        verdict: adequate, missing_effect, unknown_effect or inconclusive.
+        reasons: of the verdict, in words.
+        effects: named, most important first.
+        refitted: nuisances, with their intervals.
+        channels: gap on the held-out recordings by channel.
+        gap_before: mean of the channels' excess over the floor, in units of the noise variance.
+        gap_after: likewise, of the model as written.
+        explained: part of the excess over the floor in the identification data that was explained.
+        where: disturbances that explain the disagreement, largest first, before anything was added.
+        rest: the same after all that was named was added.
+        limits: smallest sizes that these motions would show, by effect.
+        experiments: what to run to settle ambiguities.
+        free_runs: short free runs, for the eye.
+        values: of all parameters, as written.
+        names: effects switched on in the model written.
+        identification: sources and content hashes of the recordings fitted to.
+        holdout: of those held out.
+        seconds: of recordings used: identification, holdout.
+    """
+
+    verdict: Verdict
+    reasons: list[str]
+    effects: list[NamedEffect] = field(default_factory=list)
+    refitted: list[Estimate] = field(default_factory=list)
+    channels: list[ChannelGap] = field(default_factory=list)
+    gap_before: float = float("nan")
+    gap_after: float = float("nan")
+    explained: float = float("nan")
+    where: list[Curve] = field(default_factory=list)
+    rest: list[Curve] = field(default_factory=list)
+    limits: list[DetectionLimit] = field(default_factory=list)
+    experiments: list[Separation] = field(default_factory=list)
+    free_runs: list[FreeRun] = field(default_factory=list)
+    values: dict[str, float] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    identification: list[tuple[str, str]] = field(default_factory=list)
+    holdout: list[tuple[str, str]] = field(default_factory=list)
+    seconds: tuple[float, float] = (0.0, 0.0)

@@ -1,0 +1,338 @@
+"""Searches the catalogue for what a model lacks: adds effects while they earn their place.
+
+Every candidate is fitted together with the nuisances and with what was found before (nested
+extension, prediction error). It is judged by what the cost gains, against two bars:
+
+- It must matter: where it acts it must move the predictions by a tenth of their standard deviation
+  or more (`MATERIAL`), on average.
+- It must be more than chance and the filter's own imperfection would give: records of a twin, a rig
+  that is exactly the present model on the same course (`Predictor.twin`), are searched likewise,
+  and the gain must be well above what the candidate gains there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from .fit import Fitted, Fitter
+from .linear import Column, Linear
+from .plant import Array, Effect
+from .variables import (
+    Values,
+    Variable,
+    effect_variables,
+    freed,
+    nuisance_variable,
+    started,
+)
+
+MATERIAL: Final = 0.01
+"""Squared shift of predictions, over their variance, that an effect must cause where it acts."""
+CHANCE: Final = 25.0
+"""Least gain in cost: a normal deviate of five, beyond chance for any number of candidates."""
+OVER_TWIN: Final = 5.0
+"""Times the greatest gain among twins that a gain must be."""
+FORM: Final = 0.01
+"""Part of what an effect explains that its form may be wrong by: a tenth in amplitude, squared.
+Another effect that explains all but this much may be the cause as well."""
+MOST_EFFECTS: Final = 4
+_TRIED: Final = 5
+_TWINS: Final = 2
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate as the linearisation sees it: which start it is, and what it would gain."""
+
+    effect: str
+    start: Mapping[str, float]
+    gain: float
+    acting: float
+    """Share of the readings that it moves."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another effect in the place of one: the part of its gain that it reaches, and how surely less."""
+
+    effect: str
+    share: float
+    z: float
+    fitted: Fitted
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that earned its place.
+
+    Attributes:
+        effect: of the catalogue.
+        gain: in cost, against the model without it.
+        per_reading: that over the readings used.
+        bar: what the gain had to pass.
+        z: of the gain, by the scatter of its blocks.
+        alternatives: other effects in its place, best first.
+    """
+
+    effect: str
+    gain: float
+    per_reading: float
+    bar: float
+    z: float
+    alternatives: tuple[Alternative, ...] = ()
+
+    @property
+    def indistinguishable(self) -> tuple[Alternative, ...]:
+        """Alternatives that may be the cause as well, at most two."""
+        return tuple(a for a in self.alternatives if a.share >= 1.0 - FORM or a.z < 3.0)[:2]
+
+
+@dataclass
+class Found:
+    """What a search ends with.
+
+    Attributes:
+        given: cost of each block with the model as given.
+        refitted: with its nuisances refitted.
+        fitted: with all that was found.
+        variables: that were fitted.
+        named: effects, in the order in which they were found.
+        floor: cost of a twin of the final model, per reading.
+        samples: readings used.
+    """
+
+    given: Fitted
+    refitted: Fitted
+    fitted: Fitted
+    variables: tuple[Variable, ...]
+    named: list[Named]
+    floor: float = 0.0
+    samples: int = 0
+    errors: dict[str, float] = field(default_factory=dict)
+    rejected: list[Screened] = field(default_factory=list)
+    linear: Linear | None = None
+
+    @property
+    def explained(self) -> float:
+        """Part of the excess over the floor that the named effects take away."""
+        before = self.refitted.cost / self.samples - self.floor
+        after = self.fitted.cost / self.samples - self.floor
+        return 1.0 - after / before if before > 0.0 else 0.0
+
+
+def deviate(differences: Array) -> float:
+    """Return the normal deviate of the sum of differences (blocks,) by their scatter."""
+    scatter = float(np.sqrt(len(differences)) * np.std(differences, ddof=1))
+    return float(differences.sum()) / scatter if scatter > 0.0 else 0.0
+
+
+class Search:
+    """Searches the records of a fitter for effects of its plant's catalogue."""
+
+    def __init__(self, fitter: Fitter, seed: int = 1) -> None:
+        self.fitter = fitter
+        self.plant = fitter.predictor.plant
+        self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
+        self._seed = seed
+
+    def run(self) -> Found:
+        """Return what the model lacks, as far as the records tell."""
+        values = {**self.plant.nominal}
+        self.fitter.refresh(values)
+        given = Fitted(dict(values), self.fitter.costs(values))
+        present = self._settled(given.values, self.nuisances)
+        found = Found(given, present, present, self.nuisances, [])
+        while len(found.named) < MOST_EFFECTS:
+            added = self._next(found)
+            if added is None:
+                break
+            effect, fitted, bar, before = added
+            found.variables = freed(found.variables, effect)
+            found.fitted = self._settled(fitted.values, found.variables)
+            gain = before.cost - fitted.cost
+            found.named.append(
+                Named(
+                    effect.name,
+                    gain,
+                    gain / found.samples,
+                    bar,
+                    deviate(before.costs - fitted.costs),
+                )
+            )
+        self._eliminate(found)
+        self._alternatives(found)
+        return found
+
+    # One stage
+
+    def _settled(self, values: Values, variables: Sequence[Variable]) -> Fitted:
+        """Return the fit of variables whose gains are its own."""
+        for steps in (3, 3):
+            self.fitter.refresh(values)
+            fitted = self.fitter.fit(values, variables, steps)
+            values = fitted.values
+        return fitted
+
+    def _next(self, found: Found) -> tuple[Effect, Fitted, float, Fitted] | None:
+        """Return the effect to add, its fit, the bar it passed and the fit without it."""
+        before = found.fitted
+        linear, screened = self.screen(self.fitter, before.values, found.variables)
+        found.samples, found.linear = linear.samples, linear
+        taken = {named.effect for named in found.named}
+        hopeful = [
+            candidate
+            for candidate in screened
+            if candidate.effect not in taken
+            and candidate.gain > 0.5 * max(CHANCE, MATERIAL * candidate.acting * linear.samples)
+        ]
+        hopeful = hopeful[:_TRIED]
+        chance = self._chance(found, [c.effect for c in hopeful]) if hopeful else {}
+        best: tuple[Effect, Fitted, float, Fitted] | None = None
+        for candidate in hopeful:
+            effect = self.plant.effects[candidate.effect]
+            fitted = self._with(before, found.variables, candidate)
+            bar = max(
+                CHANCE,
+                MATERIAL * candidate.acting * linear.samples,
+                OVER_TWIN * chance.get(effect.name, 0.0),
+            )
+            gains = before.costs - fitted.costs
+            acting_blocks = gains.sum() ** 2 / max(float((gains**2).sum()), 1e-300)
+            if (
+                gains.sum() > bar
+                and acting_blocks > 2.0
+                and (best is None or fitted.cost < best[1].cost)
+            ):
+                best = (effect, fitted, bar, before)
+        found.rejected = [] if best else screened
+        return best
+
+    def _with(self, present: Fitted, variables: Sequence[Variable], candidate: Screened) -> Fitted:
+        """Return the fit with a candidate added."""
+        effect = self.plant.effects[candidate.effect]
+        values = started(self.plant, present.values, effect, candidate.start)
+        return self.fitter.fit(values, freed(tuple(variables), effect), 4, 1e-3)
+
+    def screen(
+        self,
+        fitter: Fitter,
+        values: Values,
+        variables: tuple[Variable, ...],
+        effects: Sequence[str] | None = None,
+    ) -> tuple[Linear, list[Screened]]:
+        """Return a linearisation and all candidates that it says gain something, best first."""
+        columns = fitter.columns(values, variables)
+        base = [column.name for column in columns]
+        starts: dict[str, tuple[str, Mapping[str, float], list[str]]] = {}
+        fitted = {variable.parameter for variable in variables if variable.key}
+        for effect in self.plant.effects.values():
+            if all(knob.parameter in fitted for knob in effect.knobs):
+                continue
+            if effects is not None and effect.name not in effects:
+                continue
+            for number, start in enumerate(effect.starts):
+                column = Column(
+                    f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
+                )
+                columns.append(column)
+                starts[column.name] = (effect.name, start, [column.name])
+            if not effect.starts:
+                added = fitter.columns(values, effect_variables(effect))
+                columns += added
+                starts[added[0].name] = (effect.name, {}, [column.name for column in added])
+        linear = fitter.linearise(values, columns)
+        without = linear.solve(base)[1]
+        best: dict[str, Screened] = {}
+        for name, (effect, start, names) in starts.items():
+            parameters = {v.parameter for v in effect_variables(self.plant.effects[effect])}
+            kept = [
+                c for c, v in zip(base, variables, strict=True) if v.parameter not in parameters
+            ]
+            gain = linear.solve([*kept, *names])[1] - without
+            column = linear.indices([name])[0]
+            square = float(linear.products[:, column, column].sum())
+            acting = min(
+                1.0, 3.0 * square**2 / max(linear.quartics[column], 1e-300) / linear.samples
+            )
+            if gain > 0.0 and (effect not in best or gain > best[effect].gain):
+                best[effect] = Screened(effect, start, gain, acting)
+        return linear, sorted(best.values(), key=lambda candidate: -candidate.gain)
+
+    def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
+        """Return what each of some effects gains at most on twins of the present model."""
+        most: dict[str, float] = {}
+        for fitter in self.twins(found.fitted.values):
+            screened = self.screen(fitter, found.fitted.values, found.variables, effects)[1]
+            for candidate in screened:
+                most[candidate.effect] = max(most.get(candidate.effect, 0.0), candidate.gain)
+        return most
+
+    def twins(self, values: Values, count: int = _TWINS) -> list[Fitter]:
+        """Return fitters of records that a rig exactly like the model would have made."""
+        fitters = []
+        predictor, pool = self.fitter.predictor, self.fitter.pool
+        for twin in range(count):
+            records = [
+                predictor.twin(record, values, self._seed + 1000 * twin + index)
+                for index, record in enumerate(self.fitter.records)
+            ]
+            fitter = Fitter(predictor, records, pool)
+            fitter.refresh(values)
+            fitters.append(fitter)
+        return fitters
+
+    # After the search
+
+    def _eliminate(self, found: Found) -> None:
+        """Drop effects that no longer earn their place."""
+        for named in list(found.named):
+            if len(found.named) < 2:
+                return
+            without = self._without(found, named.effect)
+            loss = without[1].cost - found.fitted.cost
+            if loss < named.bar:
+                found.named.remove(named)
+                found.variables, found.fitted = (
+                    without[0],
+                    self._settled(without[1].values, without[0]),
+                )
+
+    def _without(self, found: Found, name: str) -> tuple[tuple[Variable, ...], Fitted]:
+        """Return variables and fit without an effect, with the gains of the fit with it."""
+        kept = [v for v in found.variables if not (v.name == name and v.key)]
+        values = dict(found.fitted.values)
+        for variable in effect_variables(self.plant.effects[name]):
+            values = variable.put(values, self.plant.nominal[variable.parameter])
+        present = {variable.parameter for variable in kept}
+        back = [v for v in self.nuisances if v.parameter not in present]
+        back = [v for v in back if v.parameter in {w.parameter for w in found.variables}]
+        variables = (*back, *kept)
+        return variables, self.fitter.fit(values, variables, 4, 1e-3)
+
+    def _alternatives(self, found: Found) -> None:
+        """Try other effects in the place of each that was named."""
+        taken = {named.effect for named in found.named}
+        for position, named in enumerate(found.named):
+            variables, without = self._without(found, named.effect)
+            gain = without.cost - found.fitted.cost
+            screened = self.screen(self.fitter, without.values, variables)[1]
+            alternatives = []
+            for candidate in screened[: _TRIED + 2]:
+                if candidate.effect in taken or candidate.gain < 0.5 * gain:
+                    continue
+                fitted = self._with(without, variables, candidate)
+                alternatives.append(
+                    Alternative(
+                        candidate.effect,
+                        (without.cost - fitted.cost) / gain,
+                        deviate(fitted.costs - found.fitted.costs),
+                        fitted,
+                    )
+                )
+            alternatives.sort(key=lambda alternative: -alternative.share)
+            found.named[position] = Named(
+                named.effect, gain, gain / found.samples, named.bar,
+                deviate(without.costs - found.fitted.costs), tuple(alternatives),
+            )  # fmt: skip

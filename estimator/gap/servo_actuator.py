@@ -1,0 +1,249 @@
+"""The rig's own plant as the workflow sees it: `rig.plant`, its transducers and its effects."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numba.extending
+import numpy as np
+from numba import njit, types
+from numba.core import cgutils
+
+from rig.plant import NO_FAULT, Model, Parameters, quantities
+from rig.plant.command_path import PATH_SIZE, command_path, drive
+from rig.plant.dynamics import chamber_volumes
+from rig.plant.integrator import TICK
+from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.plant.sensors import DATA_SHEET, SensorParameters
+from rig.plant.transducers import (
+    TRANSDUCERS_SIZE,
+    follow,
+    reading_means,
+    seen_position,
+    seen_pressures,
+    transducers,
+)
+
+from .plant import (
+    DRIVE,
+    READ,
+    REMEMBER,
+    STEP,
+    Array,
+    Equation,
+    Output,
+    Parameter,
+    Plant,
+    Region,
+    State,
+)
+from .servo_effects import EFFECTS, NOT_TOLD_APART, nuisances
+
+STATES: Final = (
+    "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
+    "friction_state", "supply_pressure", "return_pressure",
+)  # fmt: skip
+
+# The memory: the command, its path as it is and as it is after the step, the transducers', and how
+# far what they see is behind the state.
+_COMMAND: Final = 0
+_PATH: Final = 1
+_NEXT: Final = _PATH + PATH_SIZE
+_SEEN: Final = _NEXT + PATH_SIZE
+_BEHIND: Final = _SEEN + TRANSDUCERS_SIZE
+_BELOW_1: Final = _BEHIND + 1
+_BELOW_2: Final = _BEHIND + 2
+_MEMORY: Final = _BEHIND + 3
+_FAULT: Final = tuple(NO_FAULT)
+_PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
+# As it is declared, its arguments would count the context that numba adds.
+_intrinsic: Final[Any] = numba.extending.intrinsic
+
+
+@_intrinsic
+def _parameters(typing_context, values):  # type: ignore[no-untyped-def]
+    """Return `Parameters` of an array (count,)."""
+
+    def emit(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        fields = [
+            builder.load(cgutils.gep_inbounds(builder, data, index))
+            for index in range(len(Parameters._fields))
+        ]
+        return context.make_tuple(builder, signature.return_type, fields)
+
+    return _PARAMETERS_TYPE(values), emit
+
+
+@njit(DRIVE, cache=True, error_model="numpy")
+def _drive(inputs, memory, parameters):  # type: ignore[no-untyped-def]
+    memory[_COMMAND] = inputs[0]
+
+
+@njit(STEP, cache=True, error_model="numpy")
+def _step(state, memory, parameters):  # type: ignore[no-untyped-def]
+    path = memory[_NEXT : _NEXT + PATH_SIZE]
+    path[:] = memory[_PATH : _PATH + PATH_SIZE]
+    drive(state, path, memory[_COMMAND], _parameters(parameters), _FAULT)
+
+
+@njit(REMEMBER, cache=True, error_model="numpy")
+def _remember(state, memory, parameters):  # type: ignore[no-untyped-def]
+    """Keep how far the sensors are behind the state: that much less is read of it."""
+    par = _parameters(parameters)
+    memory[_PATH : _PATH + PATH_SIZE] = memory[_NEXT : _NEXT + PATH_SIZE]
+    seen = memory[_SEEN : _SEEN + TRANSDUCERS_SIZE]
+    follow(seen, state, par)
+    memory[_BEHIND] = state[4] - seen_position(seen, state[4], par)
+    p1, p2 = seen_pressures(seen, state[2], state[3], par)
+    memory[_BELOW_1], memory[_BELOW_2] = state[2] - p1, state[3] - p2
+
+
+@njit(READ, cache=True, error_model="numpy")
+def _read(state, memory, parameters, readings):  # type: ignore[no-untyped-def]
+    means = reading_means(
+        state[4] - memory[_BEHIND],
+        state[2] - memory[_BELOW_1],
+        state[3] - memory[_BELOW_2],
+        state[0],
+        state[7],
+        _parameters(parameters),
+    )
+    readings[0], readings[1], readings[2] = means.position, means.pressure_1, means.pressure_2
+    readings[3] = means.spool
+
+
+def _begin(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
+    """Return the memory (length,) of a rig long in `state` under its first command."""
+    par = Parameters(**{name: values[name] for name in Parameters._fields})
+    memory = np.zeros(_MEMORY)
+    memory[_PATH:_NEXT] = command_path(par, spool=state[0], command=inputs[0, 0])
+    memory[_SEEN:_BEHIND] = transducers(par, state)
+    return memory
+
+
+def _start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple[Array, Array]:
+    """Return state and spread at the first sample: as read, the bristles bent by the load."""
+    mean = np.nanmean(readings, axis=0)
+    p1 = max((mean[1] - values["pressure_1_bias"]) / values["pressure_1_gain"], 0.0)
+    p2 = max((mean[2] - values["pressure_2_bias"]) / values["pressure_2_gain"], 0.0)
+    spool = mean[3] if np.isfinite(mean[3]) else values["valve_gain"] * inputs[0, 0]
+    load = values["piston_area"] * (p1 - p2) - values["constant_force"]
+    bend = np.clip(load, -values["stiction"], values["stiction"]) / values["bristle_stiffness"]
+    state = np.array(
+        [spool, 0.0, p1, p2, readings[0, 0] / values["position_gain"], 0.0, bend,
+         values["supply_pressure"], values["return_pressure"]]
+    )  # fmt: skip
+    spread = np.array(
+        [1e-6, 1e-3, 3e4, 3e4, 1e-5, 1e-2, values["stiction"] / values["bristle_stiffness"] / 4.0,
+         1.0, 1.0]
+    )  # fmt: skip
+    return state, spread
+
+
+_MPA: Final = ("MPa", 1e-6)
+_LITRES: Final = ("L/min", 1.0 / LITRE_PER_MINUTE)
+
+REGIONS: Final = {
+    region.name: region
+    for region in (
+        Region("velocity", "m/s", lambda x, u: x[:, 5], ("mm/s", 1e3)),
+        Region("position", "m", lambda x, u: x[:, 4], ("mm", 1e3)),
+        Region("spool opening", "m", lambda x, u: x[:, 0], ("um", 1e6)),
+        Region("pressure 1", "Pa", lambda x, u: x[:, 2], _MPA),
+        Region("pressure 2", "Pa", lambda x, u: x[:, 3], _MPA),
+        Region("pressure difference", "Pa", lambda x, u: x[:, 2] - x[:, 3], _MPA),
+        Region("command", "V", lambda x, u: u[:, 0], ("V", 1.0)),
+    )
+}
+
+
+def _chamber_rate(states: Array, values: Mapping[str, float], chamber: int) -> Array:
+    par = Parameters(**{name: values[name] for name in Parameters._fields})
+    volumes = chamber_volumes(states[:, 4], par)
+    return np.asarray(par.bulk_modulus * TICK / volumes[chamber])
+
+
+def _force_rate(states: Array, values: Mapping[str, float]) -> Array:
+    mass = values["moving_mass"] + values["payload_mass"]
+    return np.full(len(states), -TICK / mass)
+
+
+def _spool_rate(states: Array, values: Mapping[str, float]) -> Array:
+    return np.full(len(states), values["valve_natural_frequency"] ** 2 * TICK)
+
+
+EQUATIONS: Final = (
+    Equation(
+        "force balance", "N", 5, _force_rate, ("N", 1.0),
+        ("velocity", "position", "pressure difference"),
+    ),
+    Equation(
+        "flow, chamber 1", "m^3/s", 2, lambda x, v: _chamber_rate(x, v, 0), _LITRES,
+        ("spool opening", "pressure 1", "velocity", "position"),
+    ),
+    Equation(
+        "flow, chamber 2", "m^3/s", 3, lambda x, v: _chamber_rate(x, v, 1), _LITRES,
+        ("spool opening", "pressure 2", "velocity", "position"),
+    ),
+    Equation("spool", "m", 1, _spool_rate, ("um", 1e6), ("command", "spool opening")),
+)  # fmt: skip
+
+
+def _states(par: Parameters) -> tuple[State, ...]:
+    """Return the states and the filter's stated model error (docs/gap.md)."""
+    middle = par.line_volume_1 + 0.5 * par.piston_area * (par.stroke_max - par.stroke_min)
+    flow_error = 0.07 * LITRE_PER_MINUTE * par.bulk_modulus / middle * TICK
+    return (
+        State("spool", "m", 1e-7, 1e-9),
+        State("spool velocity", "m/s", 1e-4, 3e-4),
+        State("pressure 1", "Pa", 1e3, flow_error),
+        State("pressure 2", "Pa", 1e3, flow_error),
+        State("position", "m", 1e-6, 1e-9),
+        State("velocity", "m/s", 1e-5, 20.0 * TICK / par.moving_mass),
+        State("bristle deflection", "m", 1e-7, 0.0),
+        State("supply pressure", "Pa", 1e3, 0.0),
+        State("return pressure", "Pa", 1e3, 0.0),
+    )
+
+
+def _write(
+    values: Mapping[str, float], effects: tuple[str, ...], provenance: Any, path: Any
+) -> None:
+    raise NotImplementedError
+
+
+def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plant:
+    """Return the rig with a model as the workflow sees it."""
+    known = quantities()
+    return Plant(
+        name=model.name,
+        states=_states(model.parameters),
+        inputs=("command_V",),
+        outputs=(
+            Output("position_m", "m", 1e-7, sensors.position_resolution, shown=("um", 1e6)),
+            Output("pressure_1_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
+                   sensors.pressure_max, ("kPa", 1e-3)),
+            Output("pressure_2_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
+                   sensors.pressure_max, ("kPa", 1e-3)),
+            Output("spool_m", "m", sensors.spool_noise, 0.0, -sensors.spool_range,
+                   sensors.spool_range, ("um", 1e6)),
+        ),
+        parameters=tuple(
+            Parameter(name, known[name].unit, known[name].lower, known[name].upper)
+            for name in Parameters._fields
+        ),
+        nominal=model.parameters._asdict(),
+        step=_step,
+        read=_read,
+        start=_start,
+        effects=EFFECTS,
+        nuisances=nuisances(model.parameters),
+        equations=EQUATIONS,
+        regions=REGIONS,
+        steering=((0, 0, 200.0),),
+        write=_write,
+        drive=_drive,
+        remember=_remember,
+        begin=_begin,
+        not_told_apart=NOT_TOLD_APART,
+    )  # fmt: skip
