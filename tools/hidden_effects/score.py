@@ -86,8 +86,8 @@ def failed(why: str) -> Score:
 def scored(envelope: Envelope, answer: Mapping[str, Any]) -> Score:
     """Hold an answer, in the shape of `rig gap --json`, against what was hidden.
 
-    A parameter is a number, or an object with `value` and `interval` (two numbers) or `low` and
-    `high`.
+    A parameter is a number, or an object with `value` and `interval` (two numbers), `low` and
+    `high`, or `lower` and `upper`.
     """
     verdict = answer.get("verdict")
     if verdict not in VERDICTS:
@@ -161,11 +161,17 @@ def _number(answered: Any) -> tuple[float | None, tuple[float, float] | None]:
         return float(answered), None
     if not isinstance(answered, Mapping) or answered.get("value") is None:
         return None, None
-    ends = answered.get("interval") or (answered.get("low"), answered.get("high"))
-    if len(ends) != 2 or any(end is None for end in ends):
-        return float(answered["value"]), None
-    low, high = sorted(map(float, ends))
-    return float(answered["value"]), (low, high)
+    value = float(answered["value"])
+    written = (
+        answered.get("interval"),
+        (answered.get("low"), answered.get("high")),
+        (answered.get("lower"), answered.get("upper")),
+    )
+    for ends in written:
+        if ends and len(ends) == 2 and None not in ends:
+            low, high = sorted(map(float, ends))
+            return value, (low, high)
+    return value, None
 
 
 def _gap(answer: Mapping[str, Any]) -> tuple[float, float] | None:

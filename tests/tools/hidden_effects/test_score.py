@@ -121,6 +121,7 @@ def test_a_verdict_that_is_none_is_a_failure_with_its_reason() -> None:
         ({"value": 1.1, "interval": [0.9, 1.3]}, True),
         ({"value": 1.1, "interval": [1.3, 0.9]}, True),
         ({"value": 1.2, "low": 1.05, "high": 1.3}, False),
+        ({"value": 1.2, "lower": 1.05, "upper": 1.3}, False),
         ({"value": 1.2}, None),
         (1.2, None),
     ],
