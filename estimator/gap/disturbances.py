@@ -19,9 +19,6 @@ from .variables import Values, Variable
 
 HATS: Final = 9
 """Hat functions of a curve; the outermost are constant beyond their middles."""
-_SMALL: Final = 0.02
-"""Of a disturbance that changes an equation's state by its own stated error in one sample: the size
-to take differences with."""
 
 
 def _middles(values: Array) -> Array:
@@ -50,24 +47,18 @@ def disturbance_columns(
     if not middles[1] > middles[0]:
         return [], middles
     state = predictor.plant.states[equation.state]
+    states = predictor.innovations(fitter.records[0], values)[1]
+    rate = float(np.median(np.abs(equation.rate(states, values))))
+    amplitude = max(state.noise, 1e-12) / rate
     columns = []
     for number in range(HATS):
 
         def kicks(record: Record, states: Array, number: int = number) -> Array:
             shape = hats(region.value(states, record.inputs), middles)[:, number]
             kick = np.zeros_like(states)
-            kick[:, equation.state] = shape * size(states) * equation.rate(states, values)
+            kick[:, equation.state] = shape * amplitude * equation.rate(states, values)
             return kick
 
-        def size(states: Array) -> float:
-            return amplitude
-
-        rate = float(
-            np.median(
-                np.abs(equation.rate(predictor.innovations(fitter.records[0], values)[1], values))
-            )
-        )
-        amplitude = _SMALL * max(state.noise, 1e-12) / rate * 50.0
         columns.append(
             Column(f"{equation.name}|{region.name}#{number}", values, amplitude, kicks=kicks)
         )
@@ -77,7 +68,7 @@ def disturbance_columns(
 def curves(
     fitter: Fitter, values: Values, variables: Sequence[Variable], floor: float
 ) -> list[Curve]:
-    """Return the disturbances that would explain the cost above a floor (per reading), best first."""
+    """Return disturbances that would explain the cost above a floor (per reading), best first."""
     plant = fitter.predictor.plant
     base_columns = fitter.columns(values, variables)
     base = [column.name for column in base_columns]

@@ -22,6 +22,7 @@ class Fitted:
 
     @property
     def cost(self) -> float:
+        """Cost of all blocks."""
         return float(self.costs.sum())
 
 
@@ -70,6 +71,7 @@ class Fitter:
         return columns
 
     def linearise(self, values: Values, columns: Sequence[Column]) -> Linear:
+        """Return the linearisation of the innovations about some values, with present gains."""
         return linearise(self.predictor, self.records, values, columns, self.pool)
 
     def fit(

@@ -72,13 +72,17 @@ class Linear:
         samples: readings used.
     """
 
-    def __init__(self, columns, products, slopes, squares, quartics, samples) -> None:
+    def __init__(
+        self, columns: Sequence[Column], products: Array, slopes: Array, squares: Array,
+        quartics: Array, samples: int,
+    ) -> None:  # fmt: skip
         self.columns = tuple(columns)
         self.products, self.slopes, self.squares = products, slopes, squares
         self.quartics, self.samples = quartics, samples
         self._index = {column.name: i for i, column in enumerate(columns)}
 
     def indices(self, names: Sequence[str]) -> list[int]:
+        """Return the places of columns by their names."""
         return [self._index[name] for name in names]
 
     def solve(self, names: Sequence[str]) -> tuple[Array, float]:
@@ -143,7 +147,9 @@ def linearise(
     for record in records:
         base, states = predictor.innovations(record, values)
 
-        def run(column: Column, record=record, base=base, states=states) -> Array:
+        def run(
+            column: Column, record: Record = record, base: Array = base, states: Array = states
+        ) -> Array:
             kicks = None if column.kicks is None else column.kicks(record, states)
             changed = predictor.innovations(record, column.values, kicks)[0]
             return np.asarray((changed - base) / column.size)

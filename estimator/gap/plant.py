@@ -185,14 +185,14 @@ class Region:
 
 
 @njit(DRIVE, cache=True, error_model="numpy")
-def hold(inputs, memory, parameters):  # type: ignore[no-untyped-def]
+def hold(inputs, memory, parameters):
     """Drive of a plant that its inputs reach as they are: they are kept in the memory."""
     for i in range(inputs.size):
         memory[i] = inputs[i]
 
 
 @njit(REMEMBER, cache=True, error_model="numpy")
-def forget(state, memory, parameters):  # type: ignore[no-untyped-def]
+def forget(state, memory, parameters):
     """Remember nothing: the readings of such a plant follow from its state."""
 
 

@@ -1,4 +1,4 @@
-"""Predicts a recording one sample ahead by an extended Kalman filter of any plant, in compiled code.
+"""Predicts a recording one sample ahead by an extended Kalman filter of any plant, compiled.
 
 A first run estimates how strongly each measurement corrects each state (`run_filter`). Further runs
 keep these gains (`run_frozen`): they predict as functions of the parameters alone, at a fiftieth of
@@ -23,13 +23,12 @@ _PLANT: Final = (_DRIVE, _STEP, _REMEMBER, _READ)
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
 _CUBE: Final = float64[:, :, ::1]
-_OPTIONS: Final = {"cache": True, "error_model": "numpy", "nogil": True}
 
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR,
          _MATRIX, _CUBE, _MATRIX),
-    **_OPTIONS,
+    cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter(
     drive, step, remember, read, inputs, readings, variances, parameters, start, spread, changes,
@@ -38,7 +37,10 @@ def run_filter(
     """Run the filter over a recording and keep its gains.
 
     Args:
-        drive: of the plant; `step`, `remember`, `read` likewise.
+        drive: of the plant, compiled with DRIVE.
+        step: of the plant, compiled with STEP.
+        remember: of the plant, compiled with REMEMBER.
+        read: of the plant, compiled with READ.
         inputs: float64 (n, inputs).
         readings: float64 (n, outputs).
         variances: float64 (n, outputs), of the readings; infinite where one is not to be used.
@@ -119,7 +121,7 @@ def run_filter(
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _CUBE, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _VECTOR,
          _MATRIX, _MATRIX),
-    **_OPTIONS,
+    cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_frozen(
     drive, step, remember, read, inputs, readings, innovation_variances, gains, parameters, start,
@@ -128,9 +130,15 @@ def run_frozen(
     """Predict a recording one sample ahead with given gains.
 
     Args:
-        drive: as of `run_filter`, to `parameters`.
+        drive: as of `run_filter`.
+        step: likewise.
+        remember: likewise.
+        read: likewise.
+        inputs: float64 (n, inputs).
+        readings: float64 (n, outputs).
         innovation_variances: float64 (n, outputs), of `run_filter`.
         gains: float64 (n, outputs, states), of `run_filter`.
+        parameters: of the plant.
         start: float64 (states,).
         memory: float64 (1, length), zeros.
         kicks: float64 (n, states) added to the state after each step; (0, states) for none.
@@ -172,16 +180,21 @@ def run_frozen(
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _MATRIX, _MATRIX, int64, _MATRIX),
-    **_OPTIONS,
+    cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def predict_ahead(
     drive, step, remember, read, inputs, readings, states, parameters, memory, memories, horizon,
     errors,
 ):  # fmt: skip
-    """Predict from each `horizon`-th filtered state to the next, and write what the readings differ.
+    """Predict from each `horizon`-th filtered state to the next, and write the errors.
 
     Args:
-        drive: as of `run_filter`, to `readings`.
+        drive: as of `run_filter`.
+        step: likewise.
+        remember: likewise.
+        read: likewise.
+        inputs: float64 (n, inputs).
+        readings: float64 (n, outputs).
         states: float64 (n, states), filtered, of `run_frozen`.
         parameters: of the plant.
         memory: float64 (1, length), zeros.
@@ -213,7 +226,7 @@ def predict_ahead(
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _MATRIX, _MATRIX),
-    **_OPTIONS,
+    cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_free(
     drive, step, remember, read, inputs, readings, parameters, start, memory, steering, driven,
@@ -222,7 +235,12 @@ def run_free(
     """Simulate a plant that follows a recording: inputs are changed to keep it on its course.
 
     Args:
-        drive: as of `run_filter`, to `readings`.
+        drive: as of `run_filter`.
+        step: likewise.
+        remember: likewise.
+        read: likewise.
+        inputs: float64 (n, inputs).
+        readings: float64 (n, outputs).
         parameters: of the plant.
         start: float64 (states,).
         memory: float64 (1, length), zeros.

@@ -38,7 +38,8 @@ class Predictor:
         run_filter(
             *self._functions, inputs_of(record, self.plant, values), record.readings,
             record.variances, self.plant.vector(values), start, spread, self._changes,
-            self._noises, self._memory(start, record, values), record.gains, record.innovation_variances,
+            self._noises, self._memory(start, record, values), record.gains,
+            record.innovation_variances,
         )  # fmt: skip
 
     def innovations(

@@ -55,7 +55,14 @@ class Screened:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another effect in the place of one: the part of its gain that it reaches, and how surely less."""
+    """Another effect in the place of one.
+
+    Attributes:
+        effect: its name.
+        share: part of the named effect's gain that it reaches.
+        z: normal deviate of what it explains less, by the scatter of the blocks.
+        fitted: the fit with it.
+    """
 
     effect: str
     share: float
@@ -245,19 +252,19 @@ class Search:
         linear = fitter.linearise(values, columns)
         without = linear.solve(base)[1]
         best: dict[str, Screened] = {}
-        for name, (effect, start, names) in starts.items():
-            parameters = {v.parameter for v in effect_variables(self.plant.effects[effect])}
+        for name, (added_effect, start, names) in starts.items():
+            parameters = {v.parameter for v in effect_variables(self.plant.effects[added_effect])}
             kept = [
                 c for c, v in zip(base, variables, strict=True) if v.parameter not in parameters
             ]
             gain = linear.solve([*kept, *names])[1] - without
-            column = linear.indices([name])[0]
-            square = float(linear.products[:, column, column].sum())
+            index = linear.indices([name])[0]
+            square = float(linear.products[:, index, index].sum())
             acting = min(
-                1.0, 3.0 * square**2 / max(linear.quartics[column], 1e-300) / linear.samples
+                1.0, 3.0 * square**2 / max(linear.quartics[index], 1e-300) / linear.samples
             )
-            if gain > 0.0 and (effect not in best or gain > best[effect].gain):
-                best[effect] = Screened(effect, start, gain, acting)
+            if gain > 0.0 and (added_effect not in best or gain > best[added_effect].gain):
+                best[added_effect] = Screened(added_effect, start, gain, acting)
         return linear, sorted(best.values(), key=lambda candidate: -candidate.gain)
 
     def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:

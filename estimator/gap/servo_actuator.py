@@ -60,10 +60,10 @@ _intrinsic: Final[Any] = numba.extending.intrinsic
 
 
 @_intrinsic
-def _parameters(typing_context, values):  # type: ignore[no-untyped-def]
+def _parameters(typing_context, values):
     """Return `Parameters` of an array (count,)."""
 
-    def emit(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def emit(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         fields = [
             builder.load(cgutils.gep_inbounds(builder, data, index))
@@ -75,19 +75,19 @@ def _parameters(typing_context, values):  # type: ignore[no-untyped-def]
 
 
 @njit(DRIVE, cache=True, error_model="numpy")
-def _drive(inputs, memory, parameters):  # type: ignore[no-untyped-def]
+def _drive(inputs, memory, parameters):
     memory[_COMMAND] = inputs[0]
 
 
 @njit(STEP, cache=True, error_model="numpy")
-def _step(state, memory, parameters):  # type: ignore[no-untyped-def]
+def _step(state, memory, parameters):
     path = memory[_NEXT : _NEXT + PATH_SIZE]
     path[:] = memory[_PATH : _PATH + PATH_SIZE]
     drive(state, path, memory[_COMMAND], _parameters(parameters), _FAULT)
 
 
 @njit(REMEMBER, cache=True, error_model="numpy")
-def _remember(state, memory, parameters):  # type: ignore[no-untyped-def]
+def _remember(state, memory, parameters):
     """Keep how far the sensors are behind the state: that much less is read of it."""
     par = _parameters(parameters)
     memory[_PATH : _PATH + PATH_SIZE] = memory[_NEXT : _NEXT + PATH_SIZE]
@@ -99,7 +99,7 @@ def _remember(state, memory, parameters):  # type: ignore[no-untyped-def]
 
 
 @njit(READ, cache=True, error_model="numpy")
-def _read(state, memory, parameters, readings):  # type: ignore[no-untyped-def]
+def _read(state, memory, parameters, readings):
     means = reading_means(
         state[4] - memory[_BEHIND],
         state[2] - memory[_BELOW_1],

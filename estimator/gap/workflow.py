@@ -16,7 +16,7 @@ from .plant import Plant
 from .predictor import Predictor
 from .records import record_of
 from .results import Estimate, GapResult, NamedEffect, Rival
-from .search import MATERIAL, Found, Search
+from .search import MATERIAL, Found, Named, Search
 from .variables import Variable
 
 EXPLAINED: Final = 0.8
@@ -108,7 +108,7 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
     )  # fmt: skip
 
 
-def _named(plant: Plant, found: Found, named, errors: dict[str, float]) -> NamedEffect:
+def _named(plant: Plant, found: Found, named: Named, errors: dict[str, float]) -> NamedEffect:
     effect = plant.effects[named.effect]
     possible = {a.effect for a in named.indistinguishable}
     rivals = [
