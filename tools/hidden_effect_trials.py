@@ -14,7 +14,7 @@ from pathlib import Path
 from tools.hidden_effects.drawn_trials import KINDS, SECONDS
 from tools.hidden_effects.tables import by_effect, summary
 from tools.hidden_effects.trials import kept_file, plans, run_trials
-from tools.hidden_effects.workflow import Workflow, rig_gap
+from tools.hidden_effects.workflow import Workflow, in_process, rig_gap
 from tools.marked_tables import fill
 
 
@@ -40,12 +40,16 @@ def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -
         help="object: effect, smallest distance from its neutral value (such as three times its "
         "detection limit); default the table of tools/hidden_effects/sizes.py",
     )
+    parser.add_argument(
+        "--in-process", action="store_true", help="without the command rig gap and its report"
+    )
     parser.add_argument("--keep", action="store_true", help="leave recordings and reports in DIR")
     parser.add_argument("--page", type=Path, metavar="FILE", help="page whose tables to bring up")
     options = parser.parse_args(arguments)
     limits = json.loads(options.limits.read_text(encoding="utf-8")) if options.limits else {}
     planned = plans(options.trials, options.seed, options.kind, options.seconds, limits)
-    found = run_trials(planned, options.out, options.jobs, options.keep, workflow)
+    tried = in_process if options.in_process else workflow
+    found = run_trials(planned, options.out, options.jobs, options.keep, tried)
     tables = {"hidden_effects": summary(found), "hidden_by_effect": by_effect(found)}
     if options.page:
         fill(options.page, tables)

@@ -59,3 +59,37 @@ def rig_gap(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
     if not isinstance(found, dict):
         raise WorkflowFailedError("the last line that rig gap printed is no JSON object")
     return found
+
+
+def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
+    """Run the workflow behind `rig gap` here, without its report and files.
+
+    Raises:
+        WorkflowFailedError: it raised an error.
+    """
+    from estimator.gap.servo_actuator import servo_actuator
+    from estimator.gap.workflow import find_gap
+    from rig.plant import Model
+    from rig.recording import read_recording
+
+    recordings = [read_recording(path) for path in (*identify, holdout)]
+    try:
+        found = find_gap(recordings[:-1], recordings[-1:], servo_actuator(Model()))
+    except Exception as error:  # whatever it is, this trial has failed and the next goes on
+        raise WorkflowFailedError(f"{type(error).__name__}: {error}") from error
+    effects = [
+        {
+            "name": effect.name,
+            "parameters": {
+                estimate.key: {
+                    "value": estimate.value,
+                    "interval": [estimate.lower, estimate.upper],
+                }
+                for estimate in effect.parameters
+            },
+            "indistinguishable_from": [rival.effect for rival in effect.indistinguishable],
+        }
+        for effect in found.effects
+    ]
+    gap = {"before": found.gap_before, "after": found.gap_after}
+    return {"verdict": found.verdict, "effects": effects, "gap": gap}
