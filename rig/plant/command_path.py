@@ -71,7 +71,7 @@ def play(follower, leader, half_width):
 
 
 @inner
-def _delayed(path, command, delay):
+def delayed_command(path, command, delay):
     """Take a command (V); return those that act before and after a moment (s) of this tick."""
     newest = (int(path[_NEWEST]) + 1) % _HISTORY
     path[_NEWEST] = newest
@@ -124,7 +124,7 @@ def _drive_for(state, path, command, par, fault, duration, substeps):
 @inner
 def _drive_delayed(state, path, command, par, fault, substeps):
     """Advance plant and path by a tick in which the command before may act at first."""
-    before, following, late = _delayed(path, command, par.command_delay)
+    before, following, late = delayed_command(path, command, par.command_delay)
     if late > 0.0:
         _drive_for(state, path, before, par, fault, late, substeps)
     _drive_for(state, path, following, par, fault, TICK - late, substeps)

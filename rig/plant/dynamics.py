@@ -251,10 +251,10 @@ def total_mass(par):
 def spring_force(position, par):
     """Return the force in N of the spring against extension, as the load cell sees it (chapter 6).
 
-    A ram on a stop is where the stop is.
+    A ram pressed into a stroke end is where the end is.
     """
-    low, high = stops(par)
-    return par.spring_stiffness * _excess(min(max(position, low), high) - par.spring_contact)
+    within = min(max(position, par.stroke_min), par.stroke_max)
+    return par.spring_stiffness * _excess(within - par.spring_contact)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

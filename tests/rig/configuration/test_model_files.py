@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rig.configuration import ConfigError
 from rig.configuration.model import SHIFTABLE, load_model
 from rig.configuration.model_writing import dump_model
-from rig.plant.effects import CATALOGUE
+from rig.plant.effects import CATALOGUE, Effect
 from rig.plant.model import Model
 from rig.plant.parameters import FRICTION_LAWS, KARNOPP, NOMINAL, quantities
 
@@ -173,6 +173,39 @@ def test_a_written_model_reads_back_without_a_bit_lost(
     assert [math.copysign(1.0, value) for value in read.parameters] == [
         math.copysign(1.0, value) for value in model.parameters
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "coulomb", "stiction"),
+    [
+        ("effects: {coulomb_level: 2.2 kN}", 2200.0, 4800.0),
+        ("effects: {coulomb_level: 2.2 kN}\nparameters: {stiction: 3 kN}", 2200.0, 3000.0),
+        ("effects: {coulomb_level: 2.2 kN, stiction_level: 3 kN}", 2200.0, 3000.0),
+        ("effects: {stiction_level: 3 kN, coulomb_level: 2.2 kN}", 2200.0, 3000.0),
+        ("effects: {stiction_level: 3 kN}", 1100.0, 3000.0),
+        ("parameters: {coulomb: 2 kN}", 2000.0, 2400.0),
+    ],
+)
+def test_a_coulomb_level_takes_the_stiction_along_unless_the_file_gives_it(
+    tmp_path: Path, text: str, coulomb: float, stiction: float
+) -> None:
+    parameters = load_model(write(tmp_path, f"name: x\n{text}\n")).parameters
+    assert (parameters.coulomb, parameters.stiction) == (coulomb, stiction)
+
+
+@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE)
+def test_every_effect_is_written_and_read(tmp_path: Path, effect: Effect) -> None:
+    values = {
+        knob.name: 0.75 * knob.neutral + 0.25 * (knob.upper if knob.upper > knob.neutral
+                                                 else knob.lower)
+        for knob in effect.parameters
+    }  # fmt: skip
+    model = Model("x").with_effect(effect.name, **values)
+    if effect.name == "coulomb_level":
+        model = model.with_effect("coulomb_level", value=1200.0)
+    dump_model(model, tmp_path / "written.yaml")
+    assert load_model(tmp_path / "written.yaml") == model
+    assert model.parameters != NOMINAL
 
 
 def test_an_effect_that_acts_unannounced_is_written_as_switched_on(tmp_path: Path) -> None:

@@ -36,6 +36,13 @@ def unlike_rigs(law: float = 0.0) -> list[Parameters]:
             spring_stiffness=2e4 * (lane % 3 == 0),
             supply_droop=1e12 * (lane % 4 == 1),
             return_back_pressure=1e12 * (lane % 4 == 2),
+            valve_deadband=3e-6 * (lane % 4 == 3),
+            valve_underlap_leakage=3e-6 * (lane % 5 == 1),
+            valve_flow_asymmetry=0.1 * (lane % 3 == 1),
+            valve_rate_limit=0.05 if lane % 4 == 1 else 1e3,
+            constant_force=500.0 * (lane % 2),
+            payload_mass=50.0 * (lane % 3 == 2),
+            stop_high=0.5 if lane % 5 == 2 else 5.0,
         )
         for lane in range(LANES)
     ]

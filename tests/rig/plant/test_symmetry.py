@@ -26,6 +26,16 @@ def rigs(draw: st.DrawFn) -> Parameters:
         entrained_air=draw(st.sampled_from([0.0, 0.005])),
         friction_asymmetry=draw(st.floats(-300.0, 300.0)),
         spool_null_bias=draw(st.floats(-2e-5, 2e-5)),
+        valve_deadband=draw(st.sampled_from([0.0, 1e-5])),
+        valve_underlap_leakage=draw(st.sampled_from([0.0, 5e-6])),
+        valve_flow_asymmetry=draw(st.sampled_from([0.0, 0.2])),
+        valve_hysteresis=draw(st.sampled_from([0.0, 5e-6])),
+        valve_rate_limit=draw(st.sampled_from([1e3, 0.02])),
+        command_delay=draw(st.sampled_from([0.0, 0.0024])),
+        constant_force=draw(st.floats(-2e3, 2e3)),
+        payload_mass=draw(st.sampled_from([0.0, 100.0])),
+        stop_low=draw(st.sampled_from([-0.1, 0.05])),
+        stop_high=draw(st.sampled_from([5.0, 0.5])),
         external_leakage_1=draw(LEAKS),
         external_leakage_2=draw(LEAKS),
         internal_leakage=draw(LEAKS),
@@ -40,7 +50,14 @@ def rigs(draw: st.DrawFn) -> Parameters:
 
 
 def mirrored_rig(rig: Parameters) -> Parameters:
+    """Return the rig in the mirror: 1 - a of port 2 is that of port 1, which C_d takes on."""
+    second = 1.0 - rig.valve_flow_asymmetry
     return rig._replace(
+        discharge_coefficient=rig.discharge_coefficient * second,
+        valve_flow_asymmetry=1.0 - 1.0 / second,
+        constant_force=-rig.constant_force,
+        stop_low=rig.stroke_min + rig.stroke_max - rig.stop_high,
+        stop_high=rig.stroke_min + rig.stroke_max - rig.stop_low,
         line_volume_1=rig.line_volume_2,
         line_volume_2=rig.line_volume_1,
         friction_asymmetry=-rig.friction_asymmetry,
@@ -69,6 +86,8 @@ def mirrored(run: dict[str, Array], rig: Parameters) -> dict[str, Array]:
 def test_exchanging_the_chambers_mirrors_the_run(
     rig: Parameters, command: list[float], position: float, leak: float
 ) -> None:
+    # A ram inside a stop would be shot out of it.
+    position = min(max(position, rig.stop_low + 1e-3), rig.stop_high - 1e-3)
     voltage = np.repeat(command, TICKS // 4)
     fault = np.array([FaultInput(leak, 0.0, 0.5 * leak, 0.0, 0.0, 0.0, leak, 1e12)])
     swapped = fault[:, [1, 0, 2, 4, 3, 5, 6, 7]]
