@@ -43,6 +43,8 @@ lag would err by up to 0.2 / e = 7 % of f_st - f_sl; corrected, by what the lag 
 STEADY_BLOCKS: Final = 5
 """A stretch shorter than this is an instant of a stick-slip oscillation that happens to be calm:
 the oil column's slowest period on the thesis's rig is 12 ms (docs/model.md)."""
+LEAST_KNOWN: Final = 0.9
+"""Share of samples below which a stretch is not filled in: missed ticks are some in a hundred."""
 
 _SLEW: Final = 1.0
 """N/ms, of the ramp that the lag is measured with: any will do, as the filter is nearly linear."""
@@ -237,6 +239,20 @@ def friction_samples(
         correction[steady],
         stroke[steady].astype(np.int64),
     )
+
+
+def filled(values: Array) -> Array | None:
+    """Return values (n,) with missed samples filled in from their neighbours.
+
+    None where more than one in ten is missing, as from a transducer that failed.
+    """
+    known = np.isfinite(values)
+    if known.all():
+        return values
+    if known.mean() < LEAST_KNOWN:
+        return None
+    ticks = np.arange(values.size)
+    return np.interp(ticks, ticks[known], values[known])
 
 
 def _bristle_lag(velocity: Array, force: Array, parameters: Parameters) -> Array:

@@ -9,6 +9,7 @@ order, is the same signal; the loop receives it as a table.
 from .csv_table import SetpointFileError
 from .held import Constant, Pseudorandom, Steps
 from .periodic import Chirp, Multisine, Sine
+from .polyline import Polyline
 from .protocol import Quantity, Samples, Setpoint, SetpointError, Times
 from .tabulated import FromFile
 
@@ -17,6 +18,7 @@ __all__ = [
     "Constant",
     "FromFile",
     "Multisine",
+    "Polyline",
     "Pseudorandom",
     "Quantity",
     "Samples",

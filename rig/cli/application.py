@@ -26,7 +26,7 @@ COMMANDS: Final = {
     "check": "Validate configurations; dry-run campaigns.",
     "replay": "Run filter and detector over recordings.",
     "baseline": "Learn from healthy recordings what is normal for a rig.",
-    "identify": "Identify a rig's friction from recordings, and its wear.",
+    "identify": "Identify a rig's friction, by an experiment or from recordings.",
     "export": "Write a recording to another format.",
     "recover": "Save what is left of a cut or damaged recording.",
     "home": "Home a rig's encoder, to see that it can be homed.",

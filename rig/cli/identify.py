@@ -1,8 +1,9 @@
-"""`rig identify`: learns from recordings what a rig's friction is, and how it changes."""
+"""`rig identify`: learns from recordings, or an experiment, what a rig's friction is."""
 
 import json
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Final
 
 import click
 
@@ -11,6 +12,7 @@ from estimator.friction_samples import Spring
 from rig.configuration.fields import Physical
 from rig.configuration.model import load_model
 from rig.configuration.quantities import QuantityError
+from rig.configuration.rig import load_rig
 from rig.plant import Model
 from rig.plant.parameters import quantities
 from rig.recording import Recording, read_recording
@@ -18,51 +20,86 @@ from rig.recording.targets import replacing
 from rig.report.friction_page import friction_page
 from rig.report.friction_words import FrictionRun, changes_in_words, needs_in_words
 from rig.runner.friction import change_figures, friction_figures, model_spring
+from rig.runner.pacing import Pace
 from rig.runner.recorded import sensors_of, spring_of
 
 from .friction_table import friction_table
+from .identify_rig import run_on_rig, show_motions
 from .problems import Problems
 from .screen import Screen
+
+_PAGE: Final = Path("friction.html")
 
 
 @click.group()
 def command() -> None:
-    """Learn from recordings what a rig's parameters are."""
+    """Learn from recordings, or from an experiment, what a rig's parameters are."""
 
 
 @command.command()
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.argument("recordings", nargs=-1, metavar="[RECORDING...]")
+@click.option("--rig", "rig_reference", metavar="RIG", help="Run the experiment on this rig.")
+@click.option(
+    "--pace",
+    type=click.Choice(["real", "fast"]),
+    help="Of the experiment: at the wall clock, or as fast as it can; the rig's own if not given.",
+)
+@click.option("--dry-run", is_flag=True, help="Tell the experiment's motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
-@click.option("--spring", metavar="STIFFNESS", help="Spring of the recordings, such as '2e4 N/m'.")
+@click.option("--spring", metavar="STIFFNESS", help="Spring that was there, such as '2e4 N/m'.")
 @click.option("--contact", metavar="POSITION", help="Where the ram meets it, such as '0.22 m'.")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    default="friction.html",
-    show_default=True,
-    help="The page with the plots.",
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="Of recordings: the page with the plots, friction.html if not given. Of an experiment: a "
+    "new or empty folder; runs/friction-RIG-TIME if not given.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One object a line instead of a table.")
 def friction(
     recordings: tuple[str, ...],
+    rig_reference: str | None,
+    pace: Pace | None,
+    dry_run: bool,
     model: str,
     spring: str | None,
     contact: str | None,
-    out: Path,
+    out: Path | None,
     as_json: bool,
 ) -> int:
-    """Identify friction from recordings (.mcap, .csv, .csv.gz, .parquet), oldest first.
+    """Identify friction from recordings, oldest first, or by an experiment on a rig.
 
-    Stiction, Coulomb level, Stribeck velocity, viscous friction and asymmetry with 95 % intervals,
-    the change from the first recording to the last, and a page with plots. The spring is the one of
-    the options, else of the recorded test, else of the model. What a motion cannot show is said,
-    with the motion that would. Exit code 0 whatever is found, 2 if any input is bad.
+    Stiction, Coulomb level, Stribeck velocity, viscous friction and asymmetry with 95 % intervals.
+
+    From recordings (.mcap, .csv, .csv.gz, .parquet): also the change from the first to the last,
+    and a page with plots. The spring is the one of the options, else of the recorded test, else of
+    the model. What a motion cannot show is said, with the motion that would. Exit code 0 whatever
+    is found, 2 if any input is bad.
+
+    With --rig: the ram, unloaded, slows down from fast strokes, goes at constant speeds, and breaks
+    away at ten places of the stroke under a slow ramp, 9 minutes in all, within the rig's limits.
+    Writes model.yaml, friction.html, friction.json and the recordings. Exit code 0 identified, 1
+    not, 2 bad input, 3 stopped or tripped.
     """
     problems = Problems()
+    if bool(recordings) == (rig_reference is not None):
+        problems.add("give either recordings or --rig, whose friction to identify")
+    if rig_reference is None and (pace or dry_run):
+        problems.add("--pace, --dry-run: are of the experiment on a rig; give --rig")
     with problems.collected():
         assumed = load_model(model)
     told = _spring(spring, contact, problems)
+    if rig_reference is not None:
+        with problems.collected():
+            rig = load_rig(rig_reference)
+        if problems.found:
+            return problems.report()
+        if dry_run:
+            return show_motions(rig, assumed)
+        return run_on_rig(rig, assumed, told or model_spring(assumed), pace, out, as_json=as_json)
+    out = out or _PAGE
+    if out.is_dir():
+        problems.add(f"--out: {out} is a folder; name the page's file")
     if not out.parent.is_dir():
         problems.add(f"--out: {out.parent} is no folder; make it first")
     runs = []

@@ -105,7 +105,7 @@ def run_campaign(
         standing = Standing()
         if journal.entries:
             standing = resumable(journal.entries, directory, campaign, rig)
-        bench = bench or _bench_of(campaign, rig, directory, observer, stop)
+        bench = bench or bench_of(campaign, rig, directory, observer, stop)
         setting = Setting(
             campaign=campaign,
             rig=rig,
@@ -129,9 +129,10 @@ def run_campaign(
     return run.outcome
 
 
-def _bench_of(
+def bench_of(
     campaign: Campaign, rig: Rig, directory: Path, observer: Observer, stop: StopFlag
 ) -> Bench:
+    """Return what a campaign is run on, not entered yet; on hardware all it needs is compiled."""
     if rig.backend == "simulated":
         return SimulatedBench(rig, directory)
     # Its drivers' libraries are of no use to a simulation.

@@ -15,6 +15,7 @@ from control.setpoints import (
     Constant,
     FromFile,
     Multisine,
+    Polyline,
     Pseudorandom,
     Setpoint,
     SetpointError,
@@ -59,6 +60,32 @@ def test_a_constant_stands_still() -> None:
     setpoint = Constant(0.3)
     assert setpoint.sample(TICKS).tolist() == [0.3] * TICKS.size
     assert setpoint.peak_rate(40.0) == 0.0
+
+
+def test_a_polyline_is_straight_between_its_corners_and_holds_beyond_them() -> None:
+    setpoint = Polyline((1.0, 2.0, 4.0), (0.1, 0.3, 0.2))
+    assert setpoint.sample(np.array([0.0, 1.5, 3.0, 9.0])).tolist() == pytest.approx(
+        [0.1, 0.2, 0.25, 0.2]
+    )
+    assert setpoint.peak_rate(0.5) == 0.0
+    assert setpoint.peak_rate(9.0) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "field"),
+    [
+        ((0.0, 1.0), (0.1,), "values"),
+        ((0.0,), (0.1,), "values"),
+        ((0.0, 0.0), (0.1, 0.2), "times_s"),
+        ((0.0, 1.0), (0.1, inf), "values[1]"),
+    ],
+)
+def test_a_polyline_without_corners_in_order_is_refused(
+    times: tuple[float, ...], values: tuple[float, ...], field: str
+) -> None:
+    with pytest.raises(SetpointError) as error:
+        Polyline(times, values)
+    assert field in problems_of(error)
 
 
 def test_the_open_loop_sine_of_section_5_1_is_reproduced() -> None:

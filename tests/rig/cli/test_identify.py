@@ -60,3 +60,50 @@ def test_all_that_is_wrong_is_told_at_once(invoke: Invoke) -> None:
     assert done.out == ""
     for told in ("nowhere.csv", "nominal", "--spring: 2e4 N", "--contact", "no_folder"):
         assert told in done.err
+
+
+def test_a_dry_run_tells_every_motion_and_moves_nothing(invoke: Invoke, tmp_path: Path) -> None:
+    done = invoke("identify", "friction", "--rig", "simulated", "--dry-run")
+    assert (done.code, done.err) == (0, "")
+    assert done.out.count("break-away at") == 10
+    assert "slowing down: 60 s" in done.out
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_rig_is_identified_by_itself_and_its_model_written(invoke: Invoke) -> None:
+    done = invoke("identify", "friction", "--rig", "simulated", "--out", "found")
+    assert (done.code, done.err) == (0, "")
+    assert "stiction measured" in done.out
+    figures = json.loads(Path("found/friction.json").read_text())
+    assert figures["parameters"]["friction_asymmetry"]["value"] == pytest.approx(120.0, abs=2.0)
+    assert figures["parameters"]["stiction"]["value"] == pytest.approx(2400.0, abs=15.0)
+    assert invoke("check", "found/model.yaml").code == 0
+    page = Path("found/friction.html").read_text()
+    assert "<script src" not in page
+    assert 'class="plot places"' in page
+    again = invoke("identify", "friction", "--rig", "simulated", "--out", "found")
+    assert again.code == 2
+    assert "found: is not empty" in again.err
+    # The experiment's recordings are recordings like any other.
+    sine = "found/friction_sliding/slowing_down.mcap"
+    assert invoke("identify", "friction", sine, "--model", "found/model.yaml").code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((), "give either recordings or --rig"),
+        (("some.mcap", "--rig", "simulated"), "give either recordings or --rig"),
+        (("some.mcap", "--dry-run"), "give --rig"),
+        (("--rig", "simulatd"), "simulatd"),
+        (("--rig", "emulated", "--pace", "fast"), "runs at the wall clock"),
+        (("--rig", "simulated", "--spring", "2e4 N/m"), "--contact"),
+    ],
+)
+def test_an_experiment_that_is_asked_for_wrongly_is_refused(
+    invoke: Invoke, arguments: tuple[str, ...], told: str, tmp_path: Path
+) -> None:
+    done = invoke("identify", "friction", *arguments)
+    assert done.code == 2
+    assert told in done.err
+    assert not list(tmp_path.iterdir())

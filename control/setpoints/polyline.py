@@ -1,0 +1,61 @@
+"""A setpoint of straight pieces, for experiments that work out their own motion."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..request import Checks
+from .protocol import Quantity, Samples, Times, checks_of, require_finite, unit_of
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """Straight from corner to corner, in metres or volts; the first and last value hold.
+
+    Attributes:
+        times_s: of the corners, increasing.
+        values: at the corners.
+    """
+
+    times_s: tuple[float, ...]
+    values: tuple[float, ...]
+    quantity: Quantity = "position"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times_s", tuple(float(time) for time in self.times_s))
+        object.__setattr__(self, "values", tuple(float(value) for value in self.values))
+        checks = checks_of(self)
+        _require_corners(checks, self.times_s, self.values)
+        for index, (time, value) in enumerate(zip(self.times_s, self.values, strict=False)):
+            require_finite(checks, "s", **{f"times_s[{index}]": time})
+            require_finite(checks, unit_of(self.quantity), **{f"values[{index}]": value})
+        checks.finish()
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        return np.interp(np.asarray(time_s, dtype=np.float64), self.times_s, self.values)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return the steepest slope of the pieces that the duration reaches, in m/s or V/s."""
+        times = np.asarray(self.times_s)
+        slopes = np.abs(np.diff(self.values) / np.diff(times))
+        reached = (times[:-1] < duration_s) & (times[1:] > 0.0)
+        return float(np.max(slopes, where=reached, initial=0.0))
+
+
+def _require_corners(checks: Checks, times: tuple[float, ...], values: tuple[float, ...]) -> None:
+    checks.require(
+        len(times) == len(values) >= 2,
+        "values",
+        len(values),
+        f"do not fit {len(times)} times, or are fewer than two",
+        "give a value for each of at least two times",
+    )
+    checks.require(
+        all(later > earlier for earlier, later in pairwise(times)),
+        "times_s",
+        times,
+        "do not increase",
+        "give the corners in the order of time",
+    )
