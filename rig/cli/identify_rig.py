@@ -43,7 +43,7 @@ def show_motions(rig: Rig, assumed: Model) -> int:
     null_V = -par.spool_null_bias / par.valve_gain  # noqa: N806
     campaigns = (
         sliding_campaign(rig, assumed),
-        break_away_campaign(rig, assumed, null_V, places_of(rig)),
+        break_away_campaign(rig, assumed, null_V, places_of(rig, null_V)),
     )
     minutes, seconds = divmod(round(sum(each.rig_time_s for each in campaigns)), 60)
     click.echo(

@@ -128,7 +128,7 @@ def run_friction_experiment(
     with bench:
         slid = parts.run(sliding)
         null_V = _null_command(slid[NULL])  # noqa: N806
-        where = places_of(rig, places)
+        where = places_of(rig, null_V, places)
         broke = parts.run(break_away_campaign(rig, assumed, null_V, where, seed=seed))
         found = [break_aways(each, spring, area) for each in broke.values()]
         stuck = [place for place, each in zip(where, found, strict=True) if not _moved(each)]

@@ -99,9 +99,15 @@ def strokes_of(rig: Rig, assumed: Model, share: float) -> tuple[Stroke, ...]:
     return strokes_at(share * fastest, *_room(rig))[1]
 
 
-def places_of(rig: Rig, count: int = PLACES) -> tuple[float, ...]:
-    """Return where break-aways are measured, m: evenly along the stroke."""
-    return tuple(float(place) for place in np.linspace(*_room(rig), count))
+def places_of(rig: Rig, null_V: float, count: int = PLACES) -> tuple[float, ...]:  # noqa: N803
+    """Return where break-aways are measured, m: evenly along the stroke.
+
+    A loop without an integral part rests off its setpoint by null over gain; both keep to the room.
+    """
+    low, high = _room(rig)
+    off = null_V / rig.gain_V_per_m
+    ends = low + max(-off, 0.0), high - max(off, 0.0)
+    return tuple(float(place) for place in np.linspace(*ends, count))
 
 
 def break_away_campaign(
@@ -126,7 +132,8 @@ def break_away_campaign(
     # A ram that does move in a wide ramp goes further: both grow, speed and time.
     low, high = _room(rig)
     reach = 0.25 * CREEP_SPEED * RAMP_S * (wider**2 - 1.0)
-    starts = sorted({min(max(place, low + reach), high - reach) for place in places})
+    kept = sorted({min(max(place, low + reach), high - reach) for place in places})
+    off = null_V / rig.gain_V_per_m
     top = wider * CREEP_SPEED / valve_speed(assumed.parameters, 1.0)
     period = wider * RAMP_S
     corners = tuple(share * period for share in (0.0, 0.25, 0.75, 1.0))
@@ -134,7 +141,8 @@ def break_away_campaign(
     ramp = Polyline(corners, levels, "command")
     again = "" if wider == 1.0 else ", wider"
     tests = [
-        _test(f"break-away at {1e3 * place:.0f} mm{again}", ramp, period, place) for place in starts
+        _test(f"break-away at {1e3 * place:.0f} mm{again}", ramp, period, place + off)
+        for place in kept
     ]
     told = "Break-away force along the stroke (section 3.1)."
     name = "break_away" if wider == 1.0 else "break_away_wider"

@@ -85,6 +85,14 @@ def test_ramps_that_do_not_move_the_ram_are_repeated_wider(tmp_path: Path) -> No
     )
 
 
+def test_a_valve_far_off_null_does_not_push_the_ram_into_the_ends(tmp_path: Path) -> None:
+    plant = Model().with_effect("spool_null_bias", value=-5e-5)
+    found = run(replace(load_rig("simulated"), plant=plant), tmp_path)
+    assert found.null_V == pytest.approx(1.79, abs=5e-3)
+    assert found.level.places == 4
+    assert found.level.level == pytest.approx(2395.0, abs=10.0)
+
+
 def test_a_stop_ends_it_and_nothing_is_said_to_be_identified(tmp_path: Path) -> None:
     stop = StopFlag()
     stop.request("the operator")
@@ -106,8 +114,8 @@ def test_every_motion_keeps_to_the_limits_and_to_what_the_valve_delivers() -> No
     null = -par.spool_null_bias / par.valve_gain
     campaigns = (
         sliding_campaign(rig, Model()),
-        break_away_campaign(rig, Model(), null, places_of(rig)),
-        break_away_campaign(rig, Model(), null, places_of(rig), wider=3.0),
+        break_away_campaign(rig, Model(), null, places_of(rig, null)),
+        break_away_campaign(rig, Model(), null, places_of(rig, null), wider=3.0),
     )
     plans = [plan for campaign in campaigns for plan in plan_campaign(campaign, rig)]
     assert len(plans) == 12 + 10 + 10
