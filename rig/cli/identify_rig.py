@@ -58,7 +58,7 @@ def show_motions(rig: Rig, assumed: Model) -> int:
     click.echo(
         "break-away ramps go around the command at which the ram is found to rest; here, by the "
         f"rig's own model, {1e3 * null_V:.1f} mV. Where one does not move the ram it is repeated, "
-        "three times wider"
+        "in closed loop"
     )
     return 0
 

@@ -2,7 +2,7 @@
 
 First the ram slides: it slows down from fast strokes, and goes at constant speeds. A hold shows the
 command at which it rests, around which slow ramps then make it break away at ten places. Ramps that
-did not move it are repeated, wider. The rig is armed once for all of it.
+did not move it are repeated in closed loop. The rig is armed once for all of it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,8 +34,8 @@ from .friction_plan import (
     PLACES,
     SLOWING_DOWN,
     SPEEDS,
-    WIDER,
     break_away_campaign,
+    closed_loop_campaign,
     places_of,
     ramp_slope,
     sliding_campaign,
@@ -133,7 +133,7 @@ def run_friction_experiment(
         found = [break_aways(each, spring, area) for each in broke.values()]
         stuck = [place for place, each in zip(where, found, strict=True) if not _moved(each)]
         if stuck:
-            again = break_away_campaign(rig, assumed, null_V, tuple(stuck), wider=WIDER, seed=seed)
+            again = closed_loop_campaign(rig, assumed, null_V, tuple(stuck), seed=seed)
             repeated = [break_aways(each, spring, area) for each in parts.run(again).values()]
             found = [each for each in found if _moved(each)] + repeated
     steady = [
@@ -154,7 +154,13 @@ def run_friction_experiment(
         speeds=tuple(steady),
         places=tuple(found),
         level=level,
-        fit=joint_fit(curve, level, steady, assumed.parameters, ramp_slope(assumed)),
+        fit=joint_fit(
+            curve,
+            level,
+            steady,
+            assumed.parameters,
+            ramp_slope(rig, assumed, closed_loop=bool(stuck)),
+        ),
         recordings=tuple(parts.recordings),
     )
 

@@ -18,6 +18,7 @@ from rig.runner.friction_experiment import (
 )
 from rig.runner.friction_plan import (
     break_away_campaign,
+    closed_loop_campaign,
     places_of,
     sliding_campaign,
     strokes_at,
@@ -74,11 +75,17 @@ def test_the_model_it_writes_has_the_friction_and_says_where_it_is_from(tmp_path
     assert len(figures["break_away"]["all"]) == 8
 
 
-def test_ramps_that_do_not_move_the_ram_are_repeated_wider(tmp_path: Path) -> None:
-    # The valve passes a third of what is assumed, so that ramps let in a third of the oil.
-    plant = replace(Model(), parameters=NOMINAL._replace(valve_gain=NOMINAL.valve_gain / 3.0))
+OVERLAP = Model().with_effect("valve_deadband", value=2e-6)
+UNDERLAP = Model().with_effect("valve_underlap_leakage", value=2e-6)
+A_THIRD = Model(parameters=NOMINAL._replace(valve_gain=NOMINAL.valve_gain / 3.0))
+
+
+@pytest.mark.parametrize("plant", [OVERLAP, UNDERLAP, A_THIRD], ids=["over", "under", "third"])
+def test_ramps_that_do_not_move_the_ram_are_repeated_in_closed_loop(
+    plant: Model, tmp_path: Path
+) -> None:
     found = run(replace(load_rig("simulated"), plant=plant), tmp_path)
-    assert any("friction_break_away_wider" in name for name in found.recordings)
+    assert any("friction_break_away_closed_loop" in name for name in found.recordings)
     assert found.level.places == 4
     assert 0.5 * (found.places[-1][1].force - found.places[-1][0].force) == pytest.approx(
         2400.0, abs=25.0
@@ -115,7 +122,7 @@ def test_every_motion_keeps_to_the_limits_and_to_what_the_valve_delivers() -> No
     campaigns = (
         sliding_campaign(rig, Model()),
         break_away_campaign(rig, Model(), null, places_of(rig, null)),
-        break_away_campaign(rig, Model(), null, places_of(rig, null), wider=3.0),
+        closed_loop_campaign(rig, Model(), null, places_of(rig, null)),
     )
     plans = [plan for campaign in campaigns for plan in plan_campaign(campaign, rig)]
     assert len(plans) == 12 + 10 + 10
