@@ -204,9 +204,13 @@ class _Parts:
             stop=self._stop, detector=_Undecided, bench=self._bench,
         )  # fmt: skip
         _require_complete(outcome)
-        files = {test.name: folder / str(test.recording) for test in outcome.tests}
-        self.recordings += [str(file.relative_to(self._directory)) for file in files.values()]
-        return {name: read_recording(file) for name, file in files.items()}
+        found = {}
+        for test in outcome.tests:
+            file = folder / str(test.recording)
+            self.recordings.append(str(file.relative_to(self._directory)))
+            found[test.name] = read_recording(file)
+            self._bench.idle()
+        return found
 
 
 def _require_complete(outcome: CampaignOutcome) -> None:
@@ -246,6 +250,12 @@ class _Kept:
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> AbstractContextManager[Writer]:
         return self._bench.writer(path, channels, metadata)
+
+    def reading(self, channel: str) -> float | None:
+        return self._bench.reading(channel)
+
+    def idle(self) -> None:
+        self._bench.idle()
 
     def __enter__(self) -> "_Kept":
         return self
