@@ -16,12 +16,16 @@ from rig.plant.compiled import inlined
 from rig.plant.dynamics import (
     aeration_compliance,
     chamber_volumes,
+    is_real_valve,
+    lapped,
     leak_flows,
+    port_flows,
     signed_root,
     valve_conductance,
 )
 
 from .nuisances import EDGE_REACHES, NUISANCE_COUNT, nuisance_index
+from .readings import settled_return, settled_supply
 
 FAULTS: Final = (
     "external_leakage_1",
@@ -100,6 +104,18 @@ def _doubt(conductance, drop):
     return abs(conductance) * sqrt(_DROP_ERROR) / (1.0 + 8.0 * ratio * sqrt(ratio))
 
 
+@inlined
+def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
+    """Return flows per opening of edges with laps, or of unlike ports; `g1`, `g2` of plain ones."""
+    if abs(opening) < par.valve_deadband:
+        g1 = g2 = 0.0
+    elif abs(lapped(opening, par)) < par.valve_underlap_leakage:
+        conductance = valve_conductance(par)
+        g1 = conductance * (signed_root(supply - p1) + signed_root(p1 - back))
+        g2 = conductance * (signed_root(p2 - back) + signed_root(supply - p2))
+    return g1, (1.0 - par.valve_flow_asymmetry) * g2
+
+
 @njit(cache=True, error_model="numpy")
 def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
     """Add one sample's flows and signatures to the sums in `row`.
@@ -119,16 +135,23 @@ def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
         par: the `Parameters` assumed.
         row: (WIDTH,) sums; flows in m^3/s.
     """
-    supply, back = par.supply_pressure, par.return_pressure
     conductance = valve_conductance(par)
     opening = spool + par.spool_null_bias
     true_opening = spool + null_bias
+    supply = settled_supply(true_opening, p1, p2, par)
+    back = settled_return(true_opening, p1, p2, par)
     extending = true_opening >= 0.0
     drop_1 = supply - p1 if extending else p1 - back
     drop_2 = p2 - back if extending else supply - p2
     # Flow per opening into chamber 1 and out of chamber 2.
     g1, g2 = conductance * signed_root(drop_1), conductance * signed_root(drop_2)
     q1, q2 = g1 * opening, g2 * opening
+    if is_real_valve(par):
+        g1, g2 = _real_gains(true_opening, g1, g2, p1, p2, supply, back, par)
+        q1, q2 = port_flows(true_opening, p1, p2, supply, back, par)
+        # As with plain edges, what the null bias adds is left to the nuisance.
+        q1 -= g1 * (true_opening - opening)
+        q2 -= g2 * (true_opening - opening)
     slope_1 = 0.5 * q1 / max(drop_1, _LEAST_DROP)
     slope_2 = 0.5 * q2 / max(drop_2, _LEAST_DROP)
     leak_1, leak_2, leak_12 = leak_flows(p1, p2, back, par, NO_FAULT)
@@ -223,7 +246,7 @@ def add_supply(opening, p1, p2, supply, par, row):
         row: (WIDTH,) sums; flow in m^3/s.
     """
     drop = supply - (p1 if opening >= 0.0 else p2)
-    drawn = valve_conductance(par) * abs(opening) * signed_root(drop)
+    drawn = valve_conductance(par) * abs(lapped(opening, par)) * signed_root(drop)
     row[SUPPLY] += supply
     row[SUPPLY + 1] += 1.0
     row[SUPPLY + 2] += drawn

@@ -27,11 +27,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rig.plant.command_path import PATH_SIZE
 from rig.plant.compiled import inlined, inner
 
 from .fused import fma
 from .product_model import DYNAMIC, STATE_COUNT, predict_product
 from .product_noise import DRY
+from .readings import acting_command, settled_supply, true_position, true_pressures
 from .ud import add_noise, correct, forget, orthogonalise, variance_of
 from .watch import (
     PATIENCE,
@@ -49,9 +51,11 @@ Array = NDArray[np.float64]
 _NOISES: Final = 4
 """Dynamic states with process noise of their own: both pressures, velocity, spool velocity."""
 
-WORK_SHAPE: Final = (2 + 2 * DYNAMIC, STATE_COUNT)
+_PATH_ROWS: Final = -(-PATH_SIZE // STATE_COUNT)
+_SCRATCH_ROWS: Final = 2 + 2 * DYNAMIC
+WORK_SHAPE: Final = (_SCRATCH_ROWS + _PATH_ROWS, STATE_COUNT)
 """Shape of the array `work` of `product_step`: what `estimator.watch` keeps, a vector, the
-Jacobian, and the rows to orthogonalise."""
+Jacobian, the rows to orthogonalise, and the command path's memory (`estimator.readings`)."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -65,7 +69,9 @@ def start_product(x, factors, position, p1, p2, spool, command, par, noise, work
     work[0, SUPPLY] = par.supply_pressure
     work[0, RESETS] = work[0, PATIENCE] = 0.0
     clear_window(work[0])
-    position, p1, p2, spool = _in_range(position, p1, p2, spool, noise.ranges)
+    path = work[_SCRATCH_ROWS:].reshape(_PATH_ROWS * STATE_COUNT)
+    path[:] = 0.0
+    position, p1, p2, spool = _in_range(position, p1, p2, spool, par, noise.ranges)
     if np.isnan(position + p1 + p2):
         x[:] = np.nan
         return
@@ -79,12 +85,16 @@ def _between(reading, lower, upper):
 
 
 @inlined
-def _in_range(position, p1, p2, spool, ranges):
-    """Return the readings, those out of range as NaN."""
+def _in_range(position, p1, p2, spool, par, ranges):
+    """Return what the readings show (`estimator.readings`), of those out of range NaN."""
+    p1 = _between(p1, ranges.pressure_min, ranges.pressure_max)
+    p2 = _between(p2, ranges.pressure_min, ranges.pressure_max)
+    p1, p2 = true_pressures(p1, p2, par)
+    position = true_position(position, par)
     return (
         _between(position, ranges.position_min, ranges.position_max),
-        _between(p1, ranges.pressure_min, ranges.pressure_max),
-        _between(p2, ranges.pressure_min, ranges.pressure_max),
+        p1,
+        p2,
         _between(spool, -ranges.spool, ranges.spool),
     )
 
@@ -223,7 +233,7 @@ def product_step(x, factors, command, position, p1, p2, spool, supply, par, nois
     ranges = noise.ranges
     watch, vector = work[0], work[1]
     jacobian, rows = work[2 : 2 + DYNAMIC], work[2 + DYNAMIC : 2 + 2 * DYNAMIC, :10]
-    position, p1, p2, spool = _in_range(position, p1, p2, spool, ranges)
+    position, p1, p2, spool = _in_range(position, p1, p2, spool, par, ranges)
     if ranges.pressure_min < supply < ranges.pressure_max:
         watch[SUPPLY] = supply
     if np.isnan(x[3]):
@@ -233,7 +243,14 @@ def product_step(x, factors, command, position, p1, p2, spool, supply, par, nois
         return
     if not isfinite(command):
         command = x[0] / par.valve_gain
-    predict(x, factors, command, watch[SUPPLY], par, noise, jacobian, rows, vector)
+    if (par.command_delay != 0.0) | (par.valve_hysteresis != 0.0):
+        path = work[_SCRATCH_ROWS:].reshape(_PATH_ROWS * STATE_COUNT)
+        command = acting_command(path, command, par)
+    fed = watch[SUPPLY]
+    if (par.supply_droop != 0.0) & (fed == par.supply_pressure):
+        # Never measured: what the model says that its line leaves of it.
+        fed = settled_supply(x[0] + x[10], x[1], x[2], par)
+    predict(x, factors, command, fed, par, noise, jacobian, rows, vector)
     out[0] = position - x[3]
     out[1] = p1 - x[1]
     out[2] = p2 - x[2]

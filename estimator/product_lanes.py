@@ -20,6 +20,7 @@ from .filters import OUTPUTS
 from .product import WORK_SHAPE, confine, predict, product_step, start_product
 from .product_model import DYNAMIC, STATE_COUNT
 from .product_noise import DRY, ProductNoise, product_noise
+from .readings import true_position, true_pressures
 from .ud import correct
 from .watch import SUPPLY, TICKS, WINDOW, take_innovation
 
@@ -47,12 +48,18 @@ def _is_ordinary(x, watch, position, p1, p2, spool, ranges):
     wet = max(ranges.pressure_min, DRY)
     return (
         _within(position, ranges.position_min, ranges.position_max)
-        & (p1 >= wet) & (p1 > ranges.pressure_min) & (p1 < ranges.pressure_max)
-        & (p2 >= wet) & (p2 > ranges.pressure_min) & (p2 < ranges.pressure_max)
+        & (p1 >= wet) & (p2 >= wet)
         & _within(spool, -ranges.spool, ranges.spool)
         & (watch[TICKS] + 1.0 < WINDOW)
         & (x[3] == x[3])
     )  # fmt: skip
+
+
+@inlined
+def _in_transducers_range(p1, p2, ranges):
+    """Return where both pressures, as read, are within their transducers' range."""
+    lower, upper = ranges.pressure_min, ranges.pressure_max
+    return _within(p1, lower, upper) & _within(p2, lower, upper)
 
 
 @inlined
@@ -119,9 +126,11 @@ def product_lane_ticks(
     all_held = held.reshape((1, LANES))
     for k in range(readings.shape[0]):
         z = readings[k]
-        position, p1, p2 = load(z, _POSITION), load(z, _P1), load(z, _P2)
+        position = true_position(load(z, _POSITION), par)
+        p1, p2 = true_pressures(load(z, _P1), load(z, _P2), par)
         spool, supply = load(z, _SPOOL), load(z, _SUPPLY)
         usual = _is_ordinary(all_x, all_watch, position, p1, p2, spool, noise.ranges)
+        usual = usual & _in_transducers_range(load(z, _P1), load(z, _P2), noise.ranges)
         alone = not everywhere(usual)
         if alone:
             store(ordinary, 0, select(usual, 1.0, 0.0))
@@ -151,9 +160,18 @@ class ProductLanes:
     Args:
         model: what the filters assume.
         sensors: data sheet of the transducers.
+
+    Raises:
+        ValueError: the model has a delay or a play of the command, or a supply droop: each filter
+            would need a memory of its own.
     """
 
     def __init__(self, model: Model, sensors: SensorParameters = DATA_SHEET) -> None:
+        for field in ("command_delay", "valve_hysteresis", "supply_droop"):
+            if getattr(model.parameters, field) != 0.0:
+                raise ValueError(
+                    f"model: filters in lanes do not take {field}; run them one by one"
+                )
         self._parameters: Parameters = model.parameters
         self._noise: ProductNoise = product_noise(sensors, model.parameters)
         self._x = np.zeros((STATE_COUNT, LANES))

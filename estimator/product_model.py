@@ -14,9 +14,19 @@ from typing import Final
 from numba import njit
 
 from rig.plant.compiled import inlined, inner
-from rig.plant.dynamics import ATMOSPHERE, chamber_volumes, valve_conductance
+from rig.plant.dynamics import (
+    ATMOSPHERE,
+    chamber_volumes,
+    is_real_valve,
+    lapped,
+    total_mass,
+    valve_conductance,
+)
 from rig.plant.integrator import TICK
 from rig.plant.lanes import anywhere, select
+from rig.plant.parameters import NOMINAL
+
+from .readings import settled_return
 
 STATES: Final = (
     "spool_m",
@@ -38,6 +48,8 @@ DYNAMIC: Final = 6
 each other only, pressures, position and velocity (1 to 4) on every state."""
 _SUBSTEPS: Final = 2
 _SUBSTEP: Final = TICK / _SUBSTEPS
+UNLIMITED: Final = NOMINAL.valve_rate_limit
+"""m/s; slower, and the spool's greatest speed is looked at."""
 _ROOT_WIDTH: Final = 1e4
 """Pa, a third of the pressure noise: below this drop the orifice law is made smooth."""
 
@@ -85,6 +97,37 @@ def _smooth_root(drop):
 
 
 @inlined
+def _real_edges(opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par):
+    """Return roots, slopes and flows past edges with laps, or of unlike ports (docs/model.md).
+
+    For chamber 1, then 2: the flow's slope by the opening over the conductance, that by the
+    pressure likewise, the flow (m^3/s), and its slope by the pressure. `e1` to `slope_e2` are the
+    roots of the drops from the chambers to the return, and their slopes.
+    """
+    conductance = valve_conductance(par)
+    second = 1.0 - par.valve_flow_asymmetry
+    lap = lapped(opening, par)
+    moves = select(abs(opening) >= par.valve_deadband, 1.0, 0.0)
+    forth = max(par.valve_underlap_leakage + lap, 0.0)
+    reverse = max(par.valve_underlap_leakage - lap, 0.0)
+    # Shut edges do not move; of an edge without lap both start at null, and one is taken.
+    opens = select((forth > 0.0) | ((forth == 0.0) & (reverse == 0.0)), moves, 0.0)
+    closes = select(reverse > 0.0, moves, 0.0)
+    fed_1, slope_fed_1 = _smooth_root(supply - p1)
+    fed_2, slope_fed_2 = _smooth_root(supply - p2)
+    root_1 = opens * fed_1 + closes * e1
+    root_2 = second * (opens * e2 + closes * fed_2)
+    slope_1 = -forth * slope_fed_1 - reverse * slope_e1
+    slope_2 = second * (forth * slope_e2 + reverse * slope_fed_2)
+    flow_1 = conductance * (forth * fed_1 - reverse * e1)
+    flow_2 = conductance * second * (forth * e2 - reverse * fed_2)
+    return (
+        root_1, slope_1, flow_1, conductance * slope_1,
+        root_2, slope_2, flow_2, conductance * slope_2,
+    )  # fmt: skip
+
+
+@inlined
 def _softening(pressure, par):
     """Return what entrained air leaves of the bulk modulus, and that share's relative slope (1/Pa).
 
@@ -114,7 +157,7 @@ def predict_product(x, command, supply, par, jacobian):
     valve = _valve_step(par)
     steady = par.valve_gain * command
     area = par.piston_area
-    back = par.return_pressure
+    back = settled_return(x[0] + x[10], x[1], x[2], par)
     conductance = valve_conductance(par)
     load, k1, k2, k12, bias = x[6], x[7], x[8], x[9], x[10]
     spool, p1, p2, position, velocity, spool_velocity = x[0], x[1], x[2], x[3], x[4], x[5]
@@ -127,7 +170,8 @@ def predict_product(x, command, supply, par, jacobian):
     # Rows of spool and spool velocity have entries in their own two columns only.
     spool_0, spool_5, rate_0, rate_5 = 1.0, 0.0, 0.0, 1.0
 
-    kick = 0.5 * h / par.moving_mass
+    mass = total_mass(par)
+    kick = 0.5 * h / mass
     velocity += kick * (area * (p1 - p2) - load)
     jacobian[4, 1] = kick * area
     jacobian[4, 2] = -kick * area
@@ -136,8 +180,15 @@ def predict_product(x, command, supply, par, jacobian):
         deviation = spool - steady
         opening = 0.5 * spool + bias
         opening_0, opening_5 = 0.5 * spool_0, 0.5 * spool_5
-        spool = steady + valve[0] * deviation + valve[1] * spool_velocity
+        reached = steady + valve[0] * deviation + valve[1] * spool_velocity
         spool_velocity = valve[2] * deviation + valve[3] * spool_velocity
+        if par.valve_rate_limit < UNLIMITED:
+            # The slope is left as it is: a spool that slews is measured, or hardly known.
+            reach = h * par.valve_rate_limit
+            reached = min(max(reached, spool - reach), spool + reach)
+            limit = par.valve_rate_limit
+            spool_velocity = min(max(spool_velocity, -limit), limit)
+        spool = reached
         spool_0, rate_0 = (
             valve[0] * spool_0 + valve[1] * rate_0,
             valve[2] * spool_0 + valve[3] * rate_0,
@@ -160,16 +211,23 @@ def predict_product(x, command, supply, par, jacobian):
         e2, slope_e2 = _smooth_root(p2 - back)
         e12, slope_e12 = _smooth_root(p1 - p2)
         extending = opening >= 0.0
-        fed, slope_fed = _smooth_root(supply - select(extending, p1, p2))
-        r1, slope_1 = select(extending, fed, e1), select(extending, -slope_fed, slope_e1)
-        r2, slope_2 = select(extending, e2, fed), select(extending, slope_e2, -slope_fed)
-        flow = conductance * opening
-        d1 = c1 * (flow * r1 - area * velocity - k1 * e1 - k12 * e12)
-        d2 = c2 * (area * velocity - flow * r2 - k2 * e2 + k12 * e12)
+        if is_real_valve(par):
+            r1, slope_1, flow_1, curve_1, r2, slope_2, flow_2, curve_2 = _real_edges(
+                opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par
+            )
+        else:
+            fed, slope_fed = _smooth_root(supply - select(extending, p1, p2))
+            r1, slope_1 = select(extending, fed, e1), select(extending, -slope_fed, slope_e1)
+            r2, slope_2 = select(extending, e2, fed), select(extending, slope_e2, -slope_fed)
+            flow = conductance * opening
+            flow_1, flow_2 = flow * r1, flow * r2
+            curve_1, curve_2 = flow * slope_1, flow * slope_2
+        d1 = c1 * (flow_1 - area * velocity - k1 * e1 - k12 * e12)
+        d2 = c2 * (area * velocity - flow_2 - k2 * e2 + k12 * e12)
 
-        a11 = 1.0 + c1 * (flow * slope_1 - k1 * slope_e1 - k12 * slope_e12) + d1 * slope_soft_1
+        a11 = 1.0 + c1 * (curve_1 - k1 * slope_e1 - k12 * slope_e12) + d1 * slope_soft_1
         a12 = c1 * k12 * slope_e12
-        a22 = 1.0 - c2 * (flow * slope_2 + k2 * slope_e2 + k12 * slope_e12) + d2 * slope_soft_2
+        a22 = 1.0 - c2 * (curve_2 + k2 * slope_e2 + k12 * slope_e12) + d2 * slope_soft_2
         a21 = c2 * k12 * slope_e12
         # The volumes change with the position, which the velocity moves by half a step.
         x1 = -d1 * area / v1
@@ -197,7 +255,7 @@ def predict_product(x, command, supply, par, jacobian):
         p2 += d2
 
         # Two half kicks in a row are one, but for the last.
-        kick = (h if substep < _SUBSTEPS - 1 else 0.5 * h) / par.moving_mass
+        kick = (h if substep < _SUBSTEPS - 1 else 0.5 * h) / mass
         velocity += kick * (area * (p1 - p2) - load)
         for j in range(STATE_COUNT):
             jacobian[4, j] += kick * area * (jacobian[1, j] - jacobian[2, j])

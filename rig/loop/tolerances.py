@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from control.position_loop import COMMAND_LIMIT
 from rig.io.settings import HomingSettings
 from rig.io.signals import FAST_INPUTS
-from rig.plant.dynamics import valve_conductance
+from rig.plant.dynamics import total_mass, valve_conductance
 from rig.plant.parameters import Parameters
 from rig.plant.sensors import SensorParameters
 
@@ -160,7 +160,7 @@ def tolerances(
         leak_coefficient=_LEAK_COEFFICIENT,
         return_restriction=_RETURN_RESTRICTION,
         flow_account_m=5e-3,
-        work_J=2.0 * par.moving_mass * speed**2,
+        work_J=2.0 * total_mass(par) * speed**2,
         pressure_bias_Pa=_PRESSURE_BIAS,
         above_supply_Pa=2e6
         + deviation * sqrt(sensors.pressure_noise**2 + sensors.supply_pressure_noise**2),

@@ -9,6 +9,7 @@ from faults.bypass import NOMINAL_BYPASSES
 from rig.emulator.plant import COMMAND_RANGE, EmulatedPlant
 from rig.plant import Model
 from rig.plant.parameters import NOMINAL
+from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate
 
 Clock = Any
@@ -148,3 +149,79 @@ def test_the_same_seed_gives_the_same_noise(clock: Clock) -> None:
     first, second = (EmulatedPlant(Model(), seed=3, clock=clock).reading() for _ in range(2))
     assert first == second
     assert first != EmulatedPlant(Model(), seed=4, clock=clock).reading()
+
+
+def test_a_delayed_command_moves_the_spool_later_by_the_delay_at_whatever_moment(
+    clock: Clock,
+) -> None:
+    slow = EmulatedPlant(Model().with_effect("command_delay", value=0.0034), clock=clock)
+    prompt = EmulatedPlant(Model(), clock=clock)
+    for plant in (slow, prompt):
+        plant.drive_valve(2.0)
+    clock.advance(3.3e-3)
+    assert slow.truth.spool == 0.0
+    clock.advance(0.9e-3 + 0.1e-3)
+    late = slow.truth.spool
+    again = EmulatedPlant(Model(), clock=clock)
+    again.drive_valve(2.0)
+    clock.advance(0.9e-3)
+    assert late == pytest.approx(again.truth.spool, abs=1e-8)
+    assert prompt.truth.spool > late
+
+
+def test_the_transducers_of_an_emulated_rig_have_the_effects_of_its_model(clock: Clock) -> None:
+    model = Model().with_effect("pressure_1_bias", value=2.5e5)
+    model = model.with_effect("pressure_2_gain", value=0.9).with_effect("position_gain", value=1.05)
+    model = model.with_effect("pressure_lag", value=0.01)
+    quiet = DATA_SHEET._replace(pressure_noise=0.0)
+    plant = EmulatedPlant(model, quiet, clock=clock)
+    clock.advance(0.5)
+    truth, reading = plant.truth, plant.reading()
+    assert reading.pressure_1 == pytest.approx(truth.pressure_1 + 2.5e5, rel=1e-6)
+    assert reading.pressure_2 == pytest.approx(0.9 * truth.pressure_2, rel=1e-6)
+    count = quiet.position_resolution
+    assert reading.position == pytest.approx(1.05 * truth.position, abs=0.51 * count)
+    assert plant.encoder_counts() == round(1.05 * truth.position / count)
+
+
+def test_the_emulated_encoder_is_late_by_its_delay_and_behind_by_its_play(clock: Clock) -> None:
+    late = EmulatedPlant(Model().with_effect("position_delay", value=0.01), clock=clock)
+    loose = EmulatedPlant(Model().with_effect("position_backlash", value=1e-3), clock=clock)
+    for plant in (late, loose):
+        plant.drive_valve(3.0)
+    clock.advance(0.2)
+    before = late.truth.position
+    clock.advance(0.01)
+    count = DATA_SHEET.position_resolution
+    assert late.reading().position == pytest.approx(before, abs=0.6 * count)
+    assert loose.reading().position == pytest.approx(
+        loose.truth.position - 0.5e-3, abs=0.51 * count
+    )
+
+
+def test_the_ripple_of_a_pump_falls_with_its_pressure(clock: Clock) -> None:
+    model = Model().with_effect("supply_ripple", amplitude=3e5, frequency=100.0)
+    plant = EmulatedPlant(model, clock=clock)
+
+    def wander() -> float:
+        seen = []
+        for _ in range(40):
+            clock.advance(1e-3)
+            seen.append(plant.truth.supply_pressure)
+        return float(np.ptp(seen))
+
+    assert wander() == pytest.approx(2.0 * 3e5, rel=0.1)
+    plant.load_pump(False)
+    clock.advance(2.0)
+    assert wander() < 1e3
+
+
+def test_a_stuck_spool_stays_where_it_is_behind_a_play_too(clock: Clock) -> None:
+    plant = EmulatedPlant(Model().with_effect("valve_hysteresis", value=1e-5), clock=clock)
+    plant.drive_valve(2.0)
+    clock.advance(0.2)
+    plant.stick_spool(True)
+    held = plant.truth.spool
+    plant.drive_valve(-2.0)
+    clock.advance(0.2)
+    assert plant.truth.spool == pytest.approx(held, abs=1e-9)
