@@ -26,6 +26,7 @@ COMMANDS: Final = {
     "check": "Validate configurations; dry-run campaigns.",
     "replay": "Run filter and detector over recordings.",
     "baseline": "Learn from healthy recordings what is normal for a rig.",
+    "gap": "Find where a model is wrong, name what it lacks, add it.",
     "identify": "Identify a rig's friction, by an experiment or from recordings.",
     "export": "Write a recording to another format.",
     "recover": "Save what is left of a cut or damaged recording.",

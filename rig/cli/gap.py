@@ -1,0 +1,150 @@
+"""`rig gap`: finds where a model and recordings disagree, and what the model lacks."""
+
+import json
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
+
+import click
+
+from estimator.gap.plant import Plant
+from estimator.gap.results import GapResult
+from estimator.gap.workflow import find_gap
+from rig.configuration.model import load_model
+from rig.recording import Recording, read_recording
+from rig.recording.targets import replacing
+from rig.report.gap_page import gap_page
+from rig.runner.gap import answer, gap_figures, provenance_of, rig_plant
+from rig.runner.recorded import sensors_of
+
+from .gap_table import gap_lines, gap_table
+from .problems import Problems
+from .screen import Screen
+
+HOLDOUT: Final = "--holdout"
+MODEL_FILE: Final = "model.yaml"
+REPORT_FILE: Final = "report.html"
+FIGURES_FILE: Final = "gap.json"
+
+
+class ManyHeldOut(click.Command):
+    """Takes several recordings after one `--holdout`, as the shell makes them of `held_*.csv`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat the option before each of its recordings."""
+        repeated: list[str] = []
+        held = False
+        for place, word in enumerate(args):
+            if word.startswith("-"):
+                held = word == HOLDOUT
+                repeated.append(word)
+            elif held and args[place - 1] != HOLDOUT:
+                repeated += [HOLDOUT, word]
+            else:
+                repeated.append(word)
+        return super().parse_args(ctx, repeated)
+
+
+@click.command(cls=ManyHeldOut)
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option(
+    HOLDOUT,
+    "holdout",
+    multiple=True,
+    required=True,
+    metavar="RECORDING...",
+    help="To judge with; nothing is fitted to these.",
+)
+@click.option("--model", default="nominal", show_default=True, help="The model to be tested.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    required=True,
+    help="Folder for model.yaml, report.html and gap.json; made if missing.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One object instead of a table.")
+def command(
+    recordings: tuple[str, ...], holdout: tuple[str, ...], model: str, out: Path, as_json: bool
+) -> int:
+    """Find where a model and recordings disagree, name what the model lacks, and add it.
+
+    Recordings are .mcap, .csv, .csv.gz or .parquet, 1 kHz. The model is a shipped name or a file.
+    Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
+    their tolerances first. DIR/model.yaml is the model with what was found added, DIR/report.html
+    one page that tells the story, DIR/gap.json all figures.
+
+    Verdict: adequate, missing_effect, unknown_effect or inconclusive. Exit code 0 whatever it is,
+    2 if any input is bad: then every problem is on stderr, and nothing is written.
+    """
+    problems = Problems()
+    with problems.collected():
+        tested = load_model(model)
+    if out.exists() and not out.is_dir():
+        problems.add(f"--out: {out} is a file; name a folder")
+    fitted, judged = _read(recordings, problems), _read(holdout, problems)
+    _refuse_repeated(fitted, judged, problems)
+    if problems.found:
+        return problems.report()
+    plant = rig_plant(tested, sensors_of(fitted[0]))
+    result = find_gap(fitted, judged, plant)
+    told = ("rig", *sys.argv[1:])
+    _write(result, plant, tested.name, told, out)
+    if as_json:
+        click.echo(json.dumps(answer(result), allow_nan=False))
+        return 0
+    screen = Screen()
+    for line in gap_lines(result):
+        screen.print(line)
+    screen.print(gap_table(result, plain=not screen.is_terminal))
+    screen.print(f"report: {out / REPORT_FILE}")
+    screen.print(f"model: {out / MODEL_FILE}")
+    return 0
+
+
+def _read(names: Sequence[str], problems: Problems) -> list[Recording]:
+    read = []
+    for name in names:
+        with problems.collected():
+            read.append(read_recording(name, required=CHANNELS))
+    return read
+
+
+CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
+
+
+def _refuse_repeated(
+    fitted: Sequence[Recording], judged: Sequence[Recording], problems: Problems
+) -> None:
+    """Take note of recordings with the same content: evidence must not be counted twice."""
+    seen: dict[str, tuple[str, bool]] = {}
+    for recording, held in [*((r, False) for r in fitted), *((r, True) for r in judged)]:
+        content = recording.content_hash()
+        if content not in seen:
+            seen[content] = (recording.source, held)
+            continue
+        first, first_held = seen[content]
+        if held != first_held:
+            problems.add(
+                f"--holdout: {recording.source} holds the same samples as {first}, which is fitted "
+                "to; hold out a recording of its own"
+            )
+        else:
+            problems.add(f"{recording.source}: holds the same samples as {first}; give it once")
+
+
+def _write(result: GapResult, plant: Plant, model: str, told: tuple[str, ...], out: Path) -> None:
+    """Write model, report and figures: all of them, or, if one fails, none."""
+    page = gap_page(result, plant, model, told)
+    figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
+    out.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        written, drawn, told_of = (
+            stack.enter_context(replacing(out / name))
+            for name in (MODEL_FILE, REPORT_FILE, FIGURES_FILE)
+        )
+        plant.write(result.values, result.names, provenance_of(result, told), written)
+        drawn.write_text(page, encoding="utf-8")
+        told_of.write_text(figures + "\n", encoding="utf-8")

@@ -1,0 +1,50 @@
+"""The page of `rig gap`: where the model is wrong, what is missing, how sure, before and after."""
+
+from importlib.resources import files
+from typing import Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from estimator.gap.plant import Plant
+from estimator.gap.results import GapResult
+
+from . import gap_words
+from .gap_figures import drawn_curves, figures_of
+
+_TEMPLATES: Final = "templates"
+
+
+def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ...] = ()) -> str:
+    """Return the HTML page of what was found.
+
+    Args:
+        result: of the workflow.
+        plant: that was looked at.
+        model: name of the model that was tested.
+        command: the command line.
+    """
+    environment = Environment(
+        loader=PackageLoader("rig.report", _TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("gap.html.j2").render(
+        result=result,
+        plant=plant,
+        model=model,
+        command=" ".join(command),
+        words=gap_words,
+        curves=drawn_curves(result),
+        figures=figures_of(result, plant),
+        style=_asset("report.css"),
+        script=_asset("gap.js"),
+        plotly=Markup(get_plotlyjs()),
+    )
+
+
+def _asset(name: str) -> Markup:
+    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))

@@ -1,0 +1,156 @@
+"""A found gap in words: what is missing, how much, how sure, and what else it could be."""
+
+from collections.abc import Iterator, Sequence
+from math import ceil, floor, isfinite, log10
+from typing import Final
+
+from estimator.gap.results import Curve, Estimate, GapResult, NamedEffect
+
+VERDICT_WORDS: Final = {
+    "adequate": "The model is adequate",
+    "missing_effect": "The model lacks an effect",
+    "unknown_effect": "Something is missing that the catalogue does not have",
+    "inconclusive": "These recordings do not tell",
+}
+_PREFIXES: Final = {
+    "Pa": (("MPa", 1e-6), ("kPa", 1e-3), ("Pa", 1.0)),
+    "m": (("m", 1.0), ("mm", 1e3), ("um", 1e6)),
+    "s": (("s", 1.0), ("ms", 1e3), ("us", 1e6)),
+    "N/m": (("MN/m", 1e-6), ("kN/m", 1e-3), ("N/m", 1.0)),
+    "m/s": (("m/s", 1.0), ("mm/s", 1e3)),
+}
+"""Units a value may be shown in, largest first; others are shown in SI."""
+
+
+def in_words(name: str) -> str:
+    """Return a name of the catalogue as people write it."""
+    return name.replace("_", " ")
+
+
+def unit_for(value: float, unit: str) -> tuple[str, float]:
+    """Return a unit in which a value in SI reads well, and how many of it are one SI unit."""
+    choices = _PREFIXES.get(unit, ((unit, 1.0),))
+    for name, factor in choices:
+        if abs(value) * factor >= 1.0:
+            return name, factor
+    return choices[-1]
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits, without a power of ten where it reads well so."""
+    if not isfinite(value):
+        return "not known"
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits - 1}e}"
+    decimals = digits - 1 - floor(log10(abs(value))) if value else 0
+    return f"{value:.{max(decimals, 0)}f}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """Return a value in SI in a unit in which it reads well."""
+    shown, factor = unit_for(value, unit)
+    return f"{number(value * factor)} {shown}".strip()
+
+
+def estimated(estimate: Estimate) -> str:
+    """Return a value with the half width of its 95 % interval."""
+    half = (estimate.upper - estimate.lower) / 2.0
+    shown, factor = unit_for(estimate.value or half, estimate.unit)
+    value, half = estimate.value * factor, half * factor
+    if not isfinite(half) or half <= 0.0:
+        return f"{number(value)} {shown}".strip()
+    place = floor(log10(half)) - 1
+    power = floor(log10(max(abs(value), half)))
+    if power < -3 or power > 5:
+        scale = 10.0**power
+        decimals = max(power - place, 0)
+        text = f"({value / scale:.{decimals}f} ± {half / scale:.{decimals}f})e{power}"
+    else:
+        text = f"{value:.{max(-place, 0)}f} ± {half:.{max(-place, 0)}f}"
+    return f"{text} {shown}".strip()
+
+
+def sizes(effect: NamedEffect) -> str:
+    """Return the parameters of an effect in one phrase."""
+    if len(effect.parameters) == 1:
+        return estimated(effect.parameters[0])
+    return ", ".join(f"{in_words(each.key)} {estimated(each)}" for each in effect.parameters)
+
+
+def or_else(effect: NamedEffect) -> str:
+    """Return an effect's name with those that it may be as well."""
+    others = [in_words(rival.effect) for rival in effect.indistinguishable]
+    return " or ".join([in_words(effect.name), *others])
+
+
+def shrunk(result: GapResult) -> float:
+    """Return the part of the held-out error above the noise floor that is gone, NaN if none was."""
+    if not result.gap_before > 0.0:
+        return float("nan")
+    return 1.0 - result.gap_after / result.gap_before
+
+
+def headline(result: GapResult) -> str:
+    """Return the finding in one sentence."""
+    if result.verdict == "missing_effect":
+        named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in result.effects)
+        return f"The model lacks {named}."
+    if result.verdict == "unknown_effect" and result.rest:
+        curve = result.rest[0]
+        beside = (
+            f" Beside {' and '.join(or_else(each) for each in result.effects)},"
+            if result.effects
+            else ""
+        )
+        disturbance = f"a disturbance of the {curve.equation} that goes with the {curve.region}"
+        return (
+            f"{beside.strip()} {disturbance} is missing".strip()[0].upper()
+            + f"{beside.strip()} {disturbance} is missing".strip()[1:]
+            + ", and no effect of the catalogue explains it."
+        )
+    if result.verdict == "inconclusive":
+        return "These recordings cannot support a verdict."
+    return "Nothing is missing that these recordings could show."
+
+
+def gap_words(result: GapResult) -> str:
+    """Return before and after on the held-out recordings, in one sentence."""
+    before, after = result.gap_before, result.gap_after
+    if not isfinite(before):
+        return "The held-out prediction error was not computed."
+    words = (
+        f"Held-out prediction error above the noise floor: {number(before)} noise variances "
+        f"before, {number(after)} after"
+    )
+    part = shrunk(result)
+    if result.effects and isfinite(part) and part > 0.0:
+        return f"{words}; {floor(1000.0 * part) / 10.0:g} % of it is gone."
+    return f"{words}."
+
+
+def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
+    """Yield where the disagreement enters, largest first, with its largest value and units."""
+    for curve in curves[:most]:
+        index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
+        unit, factor = curve.shown
+        region_unit, region_factor = curve.region_shown
+        value = number(float(curve.values[index]) * factor)
+        error = number(1.96 * float(curve.errors[index]) * factor, 2)
+        at = number(float(curve.at[index]) * region_factor)
+        yield (
+            f"{curve.equation} against {curve.region}: up to {value} ± {error} {unit} at {at} "
+            f"{region_unit}; this would take away {share(curve.share)} of the excess"
+        )
+
+
+def share(part: float) -> str:
+    """Return a part as a percentage."""
+    return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
+
+
+def rounded_up(value: float) -> float:
+    """Return a limit rounded up to two digits."""
+    if not isfinite(value) or value <= 0.0:
+        return value
+    scale = 10.0 ** (floor(log10(value)) - 1)
+    return ceil(value / scale - 1e-9) * scale
