@@ -22,6 +22,8 @@ EXIT_STOPPED: Final = 3
 COMMANDS: Final = {
     "run": "Run a fault-injection campaign and write its report.",
     "control": "Pause, resume, abort, skip or retry in a running campaign; take notes.",
+    "monitor": "Watch rigs that run, live, in the terminal.",
+    "router": "Route the live streams of many rigs.",
     "emulate": "Serve an emulated rig where drivers look for a real one.",
     "check": "Validate configurations; dry-run campaigns.",
     "replay": "Run filter and detector over recordings.",

@@ -10,7 +10,7 @@ from rig.configuration.lookup import copy_shipped
 @click.command()
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 def command(directory: Path) -> int:
-    """Copy the shipped rigs, models, campaigns and maps to DIR, a new or empty folder.
+    """Copy the shipped configurations (rigs, campaigns, stream ...) to DIR, a new or empty folder.
 
     Within DIR, names mean the copies: `rig run quickstart` runs campaigns/quickstart.yaml.
     """

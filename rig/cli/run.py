@@ -11,6 +11,7 @@ from rig.configuration.campaign import load_campaign
 from rig.io.driver import DriverError
 from rig.loop.trip import TripError
 from rig.runner import CampaignOutcome, StopFlag, run_campaign, stop_on_signals
+from rig.runner.desk import Desk
 from rig.runner.directory import default_directory, log_error
 from rig.runner.pacing import Pace
 from rig.runner.resuming import begun_in, unfinished_run
@@ -18,6 +19,7 @@ from rig.runner.resuming import begun_in, unfinished_run
 from .application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, one_line
 from .progress import CampaignProgress
 from .screen import Screen
+from .streaming import stream_of, streamed
 from .verdicts import summary, verdict_table
 
 
@@ -42,8 +44,20 @@ from .verdicts import summary, verdict_table
     help="Go on with the run in --out (else the newest unfinished one below runs): no test that "
     "it finished is run again. CAMPAIGN may then be the run's folder itself.",
 )
+@click.option(
+    "--stream",
+    "profile",
+    metavar="PROFILE",
+    help="Live stream by this profile, a file or a shipped name, or off. Default: loopback at the "
+    "wall clock, off otherwise.",
+)
 def command(
-    campaign: str, rig_reference: str | None, pace: Pace | None, out: Path | None, resume: bool
+    campaign: str,
+    rig_reference: str | None,
+    pace: Pace | None,
+    out: Path | None,
+    resume: bool,
+    profile: str | None,
 ) -> int:
     """Run the fault-injection campaign CAMPAIGN, a file or a shipped name.
 
@@ -53,7 +67,8 @@ def command(
     stopped before the end.
     """
     given: dict[str, str | None] = {
-        "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd())
+        "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd()),
+        "stream": profile,
     }  # fmt: skip
     if resume and Path(campaign).is_dir():
         out = out or Path(campaign)
@@ -69,25 +84,31 @@ def command(
         return EXIT_BAD_INPUT
     if resume and out is None:
         out = unfinished_run(loaded.name, Path("runs"))
+    paced = (pace or rig.pace) == "real"
+    settings = stream_of(profile or given.get("stream"), paced=paced)
+    desk = Desk()
     directory = out or default_directory(loaded.name, datetime.now(UTC))
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
     with stop_on_signals(stop):
         started = time.perf_counter()
-        paced = (pace or rig.pace) == "real"
-        with CampaignProgress(screen, paced=paced) as progress:
+        with (
+            CampaignProgress(screen, paced=paced) as progress,
+            streamed(progress, settings, rig, directory, desk, paced=paced) as observer,
+        ):
             try:
                 outcome = run_campaign(
                     loaded,
                     rig,
                     directory,
                     pace=pace,
-                    observer=progress,
+                    observer=observer,
                     stop=stop,
                     command=_again(reference, rig_reference or given["rig"]),
                     resume=resume,
                     overdue=_give_up,
                     given=given,
+                    desk=desk,
                 )
             except DriverError as error:
                 click.echo(str(error), err=True)

@@ -23,6 +23,7 @@ from .problems import ConfigError, Place, Problems, display_path, suggestion
 from .quantities import show
 from .register_maps import MAPS, Map, read_dbc, read_map
 from .rig import Rig, RigFile, read_rig
+from .stream import StreamFile, read_stream, stream_lines
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
@@ -32,6 +33,7 @@ _KEYS: Final[dict[Kind, frozenset[str]]] = {
     "rig": frozenset(RigFile.model_fields),
     "model": frozenset(ModelFile.model_fields),
     "map": frozenset(key for kind in MAPS for key in options_of(kind)),
+    "stream": frozenset(StreamFile.model_fields),
 }
 
 
@@ -94,6 +96,9 @@ def check(
     elif kind == "dbc":
         database = read_dbc(path, sources)
         report = _report_dbc(path, database) if database else None
+    elif kind == "stream":
+        stream = read_stream(path, sources)
+        report = CheckReport("stream", path, path.stem, stream_lines(stream)) if stream else None
     else:
         chosen = None
         if rig_override is not None:
@@ -106,7 +111,7 @@ def check(
 
 def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, Kind | None]:
     """Return the file a reference means, and the kind of configuration it holds."""
-    order: tuple[Kind, ...] = ("campaign", "rig", "model", "map", "dbc")
+    order: tuple[Kind, ...] = ("campaign", "rig", "model", "map", "dbc", "stream")
     if is_path(reference):
         folder = Path(reference).parent.name
         guess = next((kind for kind, name in FOLDERS.items() if name == folder), order[0])

@@ -7,7 +7,7 @@ from typing import Final, Literal
 from .document import Located
 from .problems import ConfigError, Place, Problem, Problems, display_path, nearest
 
-Kind = Literal["model", "rig", "campaign", "map", "dbc"]
+Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream"]
 
 FOLDERS: Final[dict[Kind, str]] = {
     "model": "models",
@@ -15,6 +15,7 @@ FOLDERS: Final[dict[Kind, str]] = {
     "campaign": "campaigns",
     "map": "maps",
     "dbc": "dbc",
+    "stream": "stream",
 }
 SUFFIXES: Final = (".yaml", ".yml", ".dbc")
 

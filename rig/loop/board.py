@@ -80,6 +80,10 @@ class Word(IntEnum):
     """Recorder: rows on disk so far."""
     DECISIONS = 25
     """Supervisor: decisions posted so far; written last (release)."""
+    PUBLISHER_BEAT = 26
+    """Publisher of the live stream: when its last turn ended."""
+    PUBLISHED = 27
+    """Publisher: number of the row it reads next; one that is started again goes on there."""
 
 
 _WORDS: Final = 64

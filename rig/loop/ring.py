@@ -23,6 +23,20 @@ class RingReader:
         self._next = int(board.words[Word.ROWS])
         self.lost = 0
 
+    def go_on_from(self, row: int) -> None:
+        """Read on from the row of a number, or the oldest one after it that is still there."""
+        self._next = min(row, int(self._words[Word.ROWS]))
+
+    @property
+    def next_row(self) -> int:
+        """Number, in the session, of the row that is read next."""
+        return self._next
+
+    @property
+    def waiting(self) -> int:
+        """Rows written and not yet read."""
+        return int(self._words[Word.ROWS]) - self._next
+
     def skip_to_end(self) -> None:
         """Read on from the next row that is written."""
         self._next = int(self._words[Word.ROWS])

@@ -13,6 +13,7 @@ from estimator.replay import DetectorFactory
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rig import Rig
 from rig.loop.trip import StopRequestedError, TripError
+from rig.supervisor.onlooker import Onlooker
 
 from .bench import Bench
 from .control_port import ControlPort
@@ -140,7 +141,10 @@ def bench_of(
 
     rehearse(campaign, rig)
 
-    return Session(rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells)
+    onlooker = observer if isinstance(observer, Onlooker) else None
+    return Session(
+        rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells, onlooker
+    )
 
 
 class _CampaignRun:

@@ -2,10 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator.detection import Decision
 from faults.campaign import Campaign, CampaignTest
 
 from .outcome import TestOutcome
+
+Array = NDArray[np.float64]
 
 
 class Observer:
@@ -22,6 +27,20 @@ class Observer:
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
         """Take note of a test that begins, the `number`-th to run, from 1."""
+
+    def test_runs(self, channels: tuple[str, ...], segment: int | None) -> None:
+        """Take note of the columns of a test's rows, before its first one.
+
+        Args:
+            channels: names of the columns.
+            segment: number of the loop's segment on hardware, None on a simulated rig.
+        """
+
+    def test_rows(self, rows: Array) -> None:
+        """Take note of the next rows of a test, float64 (n, channels)."""
+
+    def test_event(self, time_s: float, kind: str, text: str) -> None:
+        """Take note of what a test's recording notes, at a time (s) of the test."""
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
         """Take note of the time (s) a test has come to, and of what its detector holds by then."""

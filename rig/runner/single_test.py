@@ -139,6 +139,19 @@ def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
         loop.safe_state()
 
 
+class _Told:
+    """A writer whose events the observer is told of, too."""
+
+    def __init__(self, writer: Writer, observer: Observer) -> None:
+        self._writer = writer
+        self._observer = observer
+        self.write = writer.write
+
+    def event(self, time_s: float, kind: str, text: str) -> None:
+        self._writer.event(time_s, kind, text)
+        self._observer.test_event(time_s, kind, text)
+
+
 class _RunningTest:
     """One test while it runs, and what is known of it so far."""
 
@@ -233,7 +246,8 @@ class _RunningTest:
         path = setting.directory / self._recording
         with setting.bench.writer(path, channels, metadata) as writer:
             self._recorded = True
-            yield writer
+            setting.observer.test_runs(channels, getattr(self._loop, "number", None))
+            yield _Told(writer, setting.observer)
 
     def _drive(self, writer: Writer) -> None:
         writer.event(0.0, "test_begin", self._test.name)
@@ -264,6 +278,7 @@ class _RunningTest:
         rows = self._loop.advance(min(ticks, LIVE_TICKS) if live else ticks)
         self._ticks += len(rows)
         writer.write(rows)
+        self._setting.observer.test_rows(rows)
         for event in (*self._injection.take(rows), *self._reactions.take(rows)):
             writer.event(*event)
         if self._judge.take(rows):

@@ -26,6 +26,7 @@ from rig.plant import Model
 
 from . import field
 from .child import Child, ChildError, News
+from .onlooker import Onlooker
 from .states import VALVE_ENABLED, Conditions, Event, SessionState, State
 from .trip_report import Confirmation, Note, TripReport, write_trip_report
 from .watch import Parts, Watch, trips_of
@@ -79,6 +80,7 @@ class ConnectedRig:
         directory: of the run; a trip report goes there.
         stop: whether somebody asked for an end.
         say: shows a line to the operator.
+        onlooker: is told of the shared memory, and of the states.
 
     Attributes:
         configured: the rig as configured.
@@ -101,10 +103,12 @@ class ConnectedRig:
         directory: Path,
         stop: Stop,
         say: Callable[[str], None],
+        onlooker: Onlooker | None = None,
     ) -> None:
         self.configured = rig
         self.model = model
         self.say = say
+        self._onlooker = onlooker or Onlooker()
         self.offset_m = 0.0
         self._memory = lambda: start_memory(filter_name, model, rig.sensors)
         self._directory = directory
@@ -159,6 +163,7 @@ class ConnectedRig:
             self._end_parts()
             raise
         self._watch.start()
+        self._onlooker.connected(self.board, self._channels)
         self.handle(Event.CONNECTED)
 
     def _open(self) -> None:
@@ -222,6 +227,7 @@ class ConnectedRig:
         """
         self.note("session", event.value)
         self._state.handle(event, self._conditions())
+        self._onlooker.came_to(self.state.value)
 
     def _conditions(self) -> Conditions:
         if self.state in (State.OFF, State.CONNECTING):

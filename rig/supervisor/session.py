@@ -27,6 +27,7 @@ from .child import ChildError
 from .connected_rig import ANSWER_S, ConnectedRig, Stop
 from .hardware_test import HardwareTest, TestRecord
 from .moves import moves, preparing_moves
+from .onlooker import Onlooker
 from .states import Event, State
 
 
@@ -51,8 +52,9 @@ class Session:
         directory: Path,
         stop: Stop,
         say: Callable[[str], None],
+        onlooker: Onlooker | None = None,
     ) -> None:
-        self._rig = ConnectedRig(rig, filter_name, model, directory, stop, say)
+        self._rig = ConnectedRig(rig, filter_name, model, directory, stop, say, onlooker)
 
     def __enter__(self) -> "Session":
         self._rig.connect()

@@ -1,0 +1,79 @@
+"""The live stream of a run: which profile, and what is done about commands that come by it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from rig.configuration.problems import ConfigError, Problem
+from rig.configuration.rig import Rig
+from rig.configuration.stream import DEFAULT, OFF, load_stream
+from rig.runner import Observer
+from rig.runner.desk import LONGEST_TEXT, Desk, RefusedError, Request
+from rig.stream.settings import StreamSettings
+
+REQUESTS: Final = {
+    "abort": Request.ABORT,
+    "hold": Request.PAUSE,
+    "resume": Request.RESUME,
+    "acknowledge": Request.ACKNOWLEDGE,
+}
+"""What the desk is asked for by each command of the stream."""
+
+
+def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
+    """Return the settings of a run's stream; None for no stream.
+
+    Raises:
+        ConfigError: the profile, or a file that it names, cannot be used.
+    """
+    profile = profile or (DEFAULT if paced else OFF)
+    if profile == OFF:
+        return None
+    settings = load_stream(profile)
+    from rig.stream.commands import KeyFileError, credentials_of
+    from rig.stream.sessions import StreamError, check_files
+
+    try:
+        check_files(settings)
+        for operator in settings.operators:
+            credentials_of(operator)
+    except (KeyFileError, StreamError) as error:
+        raise ConfigError([Problem(profile, 0, 0, "stream", "", str(error), "")]) from None
+    return settings
+
+
+@contextmanager
+def streamed(
+    observer: Observer,
+    settings: StreamSettings | None,
+    rig: Rig,
+    directory: Path,
+    desk: Desk,
+    *,
+    paced: bool,
+) -> Iterator[Observer]:
+    """Give an observer that shows a run on its live stream as well, if it is to have one."""
+    if settings is None:
+        yield observer
+        return
+    from rig.runner.streamed import StreamedRun
+    from rig.stream.commands import Command
+    from rig.stream.messages import rig_id
+    from rig.supervisor.connected_rig import LOG
+    from rig.supervisor.streaming import Stream
+
+    def obey(command: Command) -> str:
+        """Hand a command to the desk; return why it is not obeyed, if not."""
+        try:
+            desk.ask(REQUESTS[command.name], command.by, command.text[:LONGEST_TEXT])
+        except RefusedError as error:
+            return str(error)
+        return ""
+
+    stream = Stream(settings, rig_id(rig.name), directory / LOG, observer.rig_tells, obey)
+    run = StreamedRun(stream, observer, simulated=rig.backend == "simulated", live=paced)
+    try:
+        yield run
+    finally:
+        run.ends()

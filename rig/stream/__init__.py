@@ -1,0 +1,5 @@
+"""The live stream over Zenoh: its messages, its keys, who may read and command, and a client.
+
+Nothing here knows the loop, the plant or the compiler: a console on another machine needs this
+package, numpy, msgpack and Zenoh. The process that publishes is `rig.supervisor.publisher`.
+"""

@@ -1,0 +1,307 @@
+"""Commands to a rig: signed by their sender, judged by the publisher before anybody hears of them.
+
+A command is a Zenoh query on `rig/<id>/v1/command/<name>`, its payload an envelope of who sends it,
+the packed body, and HMAC-SHA256 of the body with the sender's key. Refused is whatever is too
+large, malformed, from nobody known, not allowed, forged, for another rig or another session, stale,
+or was seen before.
+"""
+
+import hmac
+import os
+import secrets
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final
+
+import msgpack
+
+from .messages import VERSION, pack
+from .settings import COMMANDS, Operator, StreamSettings
+
+LARGEST_COMMAND: Final = 2048
+"""Bytes."""
+WINDOW_S: Final = 5.0
+"""How far the sender's clock may be from the rig's; longer on the way is stale."""
+LONGEST_TEXT: Final = 500
+"""Characters of the sender's remark."""
+KEY_BYTES: Final = 32
+SENDERS_KEPT: Final = 1024
+"""Senders whose sequence is remembered; each for as long as what it sent is not stale."""
+LOCAL_NAME: Final = "local"
+
+_ENVELOPE: Final = {"version": int, "by": str, "body": bytes, "mac": bytes}
+_BODY: Final = {
+    "rig": str, "session": str, "command": str, "sender": bytes, "sequence": int, "at_ns": int,
+    "text": str,
+}  # fmt: skip
+
+
+class KeyFileError(ValueError):
+    """A key file that cannot be used; says why, and what to do."""
+
+
+class Refused(Exception):  # noqa: N818 (a refusal, not a failure)
+    """A command that is not obeyed.
+
+    Attributes:
+        why: in a word.
+        by: who it claims to be from; empty if that cannot be read.
+    """
+
+    def __init__(self, why: str, text: str, by: str = "") -> None:
+        self.why, self.by = why, by
+        super().__init__(f"{why}: {text}")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command that is to be obeyed.
+
+    Attributes:
+        name: one of `COMMANDS`.
+        by: who sends it.
+        text: the sender's remark.
+        number: of the command within the rig's session.
+    """
+
+    name: str
+    by: str
+    text: str
+    number: int
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """By what a sender is known: its name, and its secret key."""
+
+    name: str
+    key: bytes
+
+    def __repr__(self) -> str:
+        """Return the name; the key is nobody's business."""
+        return f"Credentials({self.name!r})"
+
+
+class Sender:
+    """Signs commands; each has a greater sequence number than the one before."""
+
+    def __init__(
+        self, credentials: Credentials, clock_ns: Callable[[], int] = time.time_ns
+    ) -> None:
+        self._credentials = credentials
+        self._clock_ns = clock_ns
+        self._sender = secrets.token_bytes(8)
+        self._sequence = 0
+
+    def sign(self, rig: str, session: str, command: str, text: str = "") -> bytes:
+        """Return the payload of a command to a rig in its present session."""
+        self._sequence += 1
+        body = pack(
+            {
+                "rig": rig,
+                "session": session,
+                "command": command,
+                "sender": self._sender,
+                "sequence": self._sequence,
+                "at_ns": self._clock_ns(),
+                "text": text[:LONGEST_TEXT],
+            }
+        )
+        return seal(self._credentials, body)
+
+
+def seal(credentials: Credentials, body: bytes) -> bytes:
+    """Return a body in its signed envelope."""
+    mac = hmac.digest(credentials.key, body, "sha256")
+    return pack({"version": VERSION, "by": credentials.name, "body": body, "mac": mac})
+
+
+class Gate:
+    """Lets through the commands that are to be obeyed.
+
+    Args:
+        rig: the rig's id.
+        session: of the publisher; commands to an earlier one are refused, so that nothing has to
+            be remembered over a restart.
+        operators: who may command what, with their keys.
+        clock_ns: wall clock, ns since 1970.
+    """
+
+    def __init__(
+        self,
+        rig: str,
+        session: str,
+        operators: Mapping[str, tuple[Credentials, frozenset[str]]],
+        clock_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._rig, self._session = rig, session
+        self._operators = operators
+        self._clock_ns = clock_ns
+        self._seen: dict[bytes, tuple[int, int]] = {}
+        self._passed = 0
+
+    def judge(self, name: str, payload: bytes) -> Command:
+        """Return the command that a payload on the key of `name` is.
+
+        Raises:
+            Refused: it is not to be obeyed.
+        """
+        if not self._operators:
+            raise Refused("denied", "this stream takes no commands")
+        if len(payload) > LARGEST_COMMAND:
+            raise Refused("oversized", f"{len(payload)} bytes, at most {LARGEST_COMMAND}")
+        envelope = _mapping(payload, _ENVELOPE)
+        if envelope["version"] != VERSION:
+            raise Refused("malformed", f"is not of version {VERSION}")
+        by = str(envelope["by"])[:64]
+        credentials, allowed = self._operators.get(by, (None, frozenset()))
+        # Compared in any case, so that the time taken does not tell whose names are known.
+        key = credentials.key if credentials is not None else bytes(KEY_BYTES)
+        genuine = hmac.compare_digest(hmac.digest(key, envelope["body"], "sha256"), envelope["mac"])
+        if credentials is None:
+            raise Refused("unauthenticated", "nobody of this name may command", by)
+        if not genuine:
+            raise Refused("forged", "its signature does not fit", by)
+        body = _mapping(envelope["body"], _BODY, by)
+        self._check(name, body, by, allowed)
+        self._passed += 1
+        text = str(body["text"])[:LONGEST_TEXT]
+        return Command(name, by, "".join(c if c.isprintable() else " " for c in text), self._passed)
+
+    def _check(self, name: str, body: Mapping[str, Any], by: str, allowed: frozenset[str]) -> None:
+        if body["command"] != name or name not in COMMANDS:
+            raise Refused("malformed", "is no command, or another than its key says", by)
+        if name not in allowed:
+            raise Refused("denied", f"{by} may not {name}", by)
+        if body["rig"] != self._rig:
+            raise Refused("misdirected", "is for another rig", by)
+        if body["session"] != self._session:
+            raise Refused("replayed", "is for another session of this rig's stream", by)
+        now_ns = self._clock_ns()
+        late_s = 1e-9 * (now_ns - body["at_ns"])
+        if abs(late_s) > WINDOW_S:
+            text = f"its clock is {late_s:.0f} s behind the rig's; commands last {WINDOW_S:g} s"
+            raise Refused("stale", text, by)
+        sender = bytes(body["sender"])
+        last, _ = self._seen.get(sender, (0, 0))
+        if body["sequence"] <= last:
+            raise Refused("replayed", f"number {body['sequence']} came before", by)
+        self._remember(sender, body["sequence"], now_ns, by)
+
+    def _remember(self, sender: bytes, sequence: int, now_ns: int, by: str) -> None:
+        if sender not in self._seen and len(self._seen) >= SENDERS_KEPT:
+            oldest_ns = now_ns - round(2e9 * WINDOW_S)
+            self._seen = {who: seen for who, seen in self._seen.items() if seen[1] > oldest_ns}
+            if len(self._seen) >= SENDERS_KEPT:
+                raise Refused("denied", "too many senders at once", by)
+        self._seen[sender] = sequence, now_ns
+
+
+def _mapping(payload: bytes, kinds: Mapping[str, type], by: str = "") -> dict[str, Any]:
+    """Return a packed map of just these keys and types.
+
+    Raises:
+        Refused: it is none.
+    """
+    try:
+        content = msgpack.unpackb(
+            payload, raw=False, strict_map_key=True, max_map_len=len(kinds), max_array_len=0,
+            max_ext_len=0,
+        )  # fmt: skip
+    except (ValueError, msgpack.UnpackException, RecursionError) as error:
+        raise Refused("malformed", f"is no MessagePack: {error}"[:200], by) from None
+    fits = isinstance(content, dict) and content.keys() == kinds.keys()
+    if not fits or any(type(content[name]) is not kind for name, kind in kinds.items()):
+        raise Refused("malformed", "has not the fields of a command", by)
+    return dict(content)
+
+
+def gate_of(settings: StreamSettings, rig: str, session: str) -> Gate:
+    """Return the gate of a stream, with the keys of its operators.
+
+    Raises:
+        KeyFileError: a key cannot be used.
+    """
+    operators = {
+        operator.name: (credentials_of(operator), frozenset(map(str, operator.allow)))
+        for operator in settings.operators
+    }
+    return Gate(rig, session, operators)
+
+
+def credentials_of(operator: Operator) -> Credentials:
+    """Return an operator's credentials from the key file.
+
+    Raises:
+        KeyFileError: the key cannot be used.
+    """
+    if operator.key_file is None:
+        return Credentials(operator.name, local_key())
+    return Credentials(operator.name, read_key(operator.key_file))
+
+
+def read_key(path: Path) -> bytes:
+    """Return the key in a file.
+
+    Raises:
+        KeyFileError: it cannot be read, is not one's own secret, or holds no key.
+    """
+    try:
+        with path.open("rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            text = file.read(1024)
+    except OSError as error:
+        raise KeyFileError(f"{path}: key cannot be read: {error.strerror}; make it") from None
+    if mode & 0o077:
+        raise KeyFileError(f"{path}: key may be read by others; chmod 600 {path}")
+    key = b""
+    with suppress(ValueError):
+        key = bytes.fromhex(text.decode("ascii").strip())
+    if len(key) != KEY_BYTES:
+        made = f"openssl rand -hex {KEY_BYTES}"
+        raise KeyFileError(f"{path}: holds no key of {2 * KEY_BYTES} hexadecimal digits; {made}")
+    return key
+
+
+def make_key(path: Path) -> None:
+    """Write a new key to a file that only its owner may read, if there is none yet.
+
+    Raises:
+        KeyFileError: it cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        try:
+            with os.fdopen(descriptor, "w", encoding="ascii") as file:
+                file.write(secrets.token_hex(KEY_BYTES) + "\n")
+            # Whoever comes second, in another process, finds the first one's key.
+            with suppress(FileExistsError):
+                os.link(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise KeyFileError(f"{path}: key cannot be written: {error.strerror}") from None
+
+
+def local_key() -> bytes:
+    """Return this user's own key on this machine; made when first asked for.
+
+    Raises:
+        KeyFileError: it cannot be made or used.
+    """
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    path = state / "hydraulic-rig" / "stream.key"
+    if not path.exists():
+        make_key(path)
+    return read_key(path)
+
+
+def fingerprint(payload: bytes) -> str:
+    """Return a short digest of a refused payload, to find it again in a capture."""
+    return sha256(payload).hexdigest()[:12]

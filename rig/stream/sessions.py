@@ -1,0 +1,226 @@
+"""Zenoh sessions as a profile asks for them: addresses, certificates, users, access control."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import zenoh
+
+from .messages import PREFIX, VERSION
+from .settings import Access, Endpoint, Login, StreamSettings, Tls
+
+ANY_PORT: Final = Endpoint("tcp", "127.0.0.1", 0)
+RETRY_MS: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+DROP_WAIT_US: Final = 1000
+"""How long a message waits for room before it is dropped: what a slow reader costs the others."""
+LARGEST_RECEIVED: Final = 64 * 1024
+"""Bytes of a message that a publisher takes: it is sent commands and questions only."""
+REACH_MS: Final = 2000
+"""How long a router is waited for."""
+MOST_SESSIONS: Final = 512
+
+_STREAM: Final = f"{PREFIX}/*/v{VERSION}/*"
+_COMMANDS: Final = f"{PREFIX}/*/v{VERSION}/command/*"
+_READING: Final = (
+    "put", "reply", "declare_subscriber", "query", "declare_queryable", "liveliness_token",
+    "liveliness_query", "declare_liveliness_subscriber",
+)  # fmt: skip
+
+
+class StreamError(ValueError):
+    """A stream that cannot be opened; says where, why, and what to do."""
+
+
+class UnreachableError(StreamError):
+    """A router that is not there now; it may be later."""
+
+
+def publisher_session(settings: StreamSettings) -> zenoh.Session:
+    """Return the session that publishes a rig's stream.
+
+    On loopback any number of rigs share the port: the first holds it, the others listen on another
+    one and make themselves known there, and one of them takes the port when the first is gone.
+
+    Raises:
+        UnreachableError: there is no router.
+        StreamError: it cannot be opened.
+    """
+    listen, connect = list(settings.listen), list(settings.connect)
+    if _is_shared(settings):
+        connect += listen
+        listen = [*listen, ANY_PORT]
+    content = _common(replace(settings, listen=tuple(listen), connect=tuple(connect)))
+    content["transport/link/rx/max_message_size"] = LARGEST_RECEIVED
+    content["listen/exit_on_failure"] = not _is_shared(settings)
+    content["listen/timeout_ms"] = -1 if _is_shared(settings) else 0
+    content["listen/retry"] = RETRY_MS
+    content["transport/unicast/max_sessions"] = MOST_SESSIONS
+    return _opened(content)
+
+
+def subscriber_session(settings: StreamSettings, connect: Sequence[Endpoint] = ()) -> zenoh.Session:
+    """Return a session that follows streams, and connects again by itself whenever it must.
+
+    One by way of a router (`client`) must find it now; the others wait for no one.
+
+    Args:
+        settings: the rigs' profile, or one with the certificate or user of this end.
+        connect: where the rigs are; if not given, what the profile listens on or connects to.
+
+    Raises:
+        UnreachableError: there is no router.
+        StreamError: it cannot be opened.
+    """
+    where = tuple(connect) or settings.connect or settings.listen
+    shared = all(endpoint.is_loopback and endpoint.protocol == "tcp" for endpoint in where)
+    alone = settings.tls is None and settings.login is None and shared
+    mine = replace(
+        settings,
+        # A peer goes on without a connection until there is one; a client must have it to begin.
+        mode="client" if settings.mode == "client" else "peer",
+        listen=(ANY_PORT,) if alone else (),
+        connect=where,
+        access=None,
+        login=None if settings.login is None else replace(settings.login, users=None),
+    )
+    return _opened(_common(mine))
+
+
+def check_files(settings: StreamSettings) -> None:
+    """Look whether the files that a profile names are there.
+
+    Raises:
+        StreamError: one is not, or cannot be read.
+    """
+    tls, login = settings.tls, settings.login
+    files = [] if tls is None else [tls.authority, tls.certificate, tls.private_key]
+    if login is not None:
+        files += [login.password_file, *([] if login.users is None else [login.users])]
+    for file in files:
+        try:
+            file.open("rb").close()
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise StreamError(
+                f"{file}: cannot be read: {reason}; docs/stream.md says how to make it"
+            ) from None
+
+
+def _is_shared(settings: StreamSettings) -> bool:
+    plain = settings.tls is None and settings.login is None and settings.access is None
+    return plain and settings.mode == "peer" and settings.is_local and bool(settings.listen)
+
+
+def _common(settings: StreamSettings) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "mode": settings.mode,
+        "listen/endpoints": [str(endpoint) for endpoint in settings.listen],
+        "connect/endpoints": [str(endpoint) for endpoint in settings.connect],
+        "connect/exit_on_failure": False,
+        "connect/timeout_ms": REACH_MS if settings.mode == "client" else -1,
+        "connect/retry": RETRY_MS,
+        "scouting/multicast/enabled": False,
+        "scouting/delay": 0,
+        "open/return_conditions/connect_scouted": False,
+        "scouting/gossip/enabled": settings.is_local and settings.access is None,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": DROP_WAIT_US,
+        "adminspace/enabled": False,
+    }
+    if settings.tls is not None:
+        content |= _tls(settings.tls)
+    if settings.login is not None:
+        content |= _login(settings.login)
+    if settings.access is not None:
+        content["access_control"] = access_control(
+            settings.access, by_name=settings.tls is not None
+        )
+    return content
+
+
+def _tls(tls: Tls) -> dict[str, Any]:
+    certificate, private_key = str(tls.certificate), str(tls.private_key)
+    return {
+        "transport/link/tls": {
+            "root_ca_certificate": str(tls.authority),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            "listen_certificate": certificate,
+            "listen_private_key": private_key,
+            "connect_certificate": certificate,
+            "connect_private_key": private_key,
+        }
+    }
+
+
+def _login(login: Login) -> dict[str, Any]:
+    try:
+        password = login.password_file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeError) as error:
+        raise StreamError(f"{login.password_file}: password cannot be read: {error}") from None
+    known = {} if login.users is None else {"dictionary_file": str(login.users)}
+    return {"transport/auth/usrpwd": {"user": login.user, "password": password, **known}}
+
+
+def access_control(access: Access, *, by_name: bool) -> dict[str, Any]:
+    """Return Zenoh's access control for what `access` allows; everything else is denied.
+
+    Keys are matched by inclusion: a subscriber of more than the stream's keys gets nothing.
+
+    Args:
+        access: who may do what.
+        by_name: whether they are common names of certificates, not users.
+    """
+    both, into, out = ["ingress", "egress"], ["ingress"], ["egress"]
+    rules = [
+        # What a rig sends goes out; what comes in from a reader are its wishes.
+        _rule("read", out, ("put", "reply", "liveliness_token", "declare_queryable"), _STREAM),
+        _rule("ask", into, (*_READING[2:4], *_READING[6:]), _STREAM),
+        _rule("command", into, ("query",), _COMMANDS),
+        _rule("answer", out, ("reply", "declare_queryable"), _COMMANDS),
+        _rule("publish", both, _READING, _STREAM),
+        _rule("be-commanded", both, ("query", "reply", "declare_queryable"), _COMMANDS),
+    ]
+    read = ["read", "ask"]
+    groups = (
+        ("readers", access.readers, read),
+        ("commanders", access.commanders, [*read, "command", "answer"]),
+        ("rigs", access.rigs, ["publish", "be-commanded"]),
+    )
+    kind = "cert_common_names" if by_name else "usernames"
+    used = [(name, who, may) for name, who, may in groups if who]
+    needed = {rule for _, _, may in used for rule in may}
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [rule for rule in rules if rule["id"] in needed],
+        "subjects": [{"id": name, kind: list(who)} for name, who, _ in used],
+        "policies": [{"rules": may, "subjects": [name]} for name, _, may in used],
+    }
+
+
+def _rule(name: str, flows: list[str], messages: Sequence[str], keys: str) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "allow",
+        "flows": flows,
+        "messages": list(messages),
+        "key_exprs": [keys],
+    }
+
+
+def _opened(content: Mapping[str, Any]) -> zenoh.Session:
+    config = zenoh.Config()
+    try:
+        for name, value in content.items():
+            config.insert_json5(name, json.dumps(value))
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = ", ".join([*content["listen/endpoints"], *content["connect/endpoints"]])
+        reason = str(error).split(" at /")[0].strip()
+        if content["mode"] == "client" and "Unable to connect" in reason:
+            raise UnreachableError(f"{where}: no router is reached: {reason}") from None
+        raise StreamError(
+            f"{where}: stream cannot be opened: {reason}; is the port taken, are the files there?"
+        ) from None

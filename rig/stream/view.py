@@ -1,0 +1,365 @@
+"""What a reader knows of one rig: newest messages, last seconds of samples, what is missing.
+
+Nothing here knows Zenoh: messages go in, by whatever way they came, and snapshots come out.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .messages import Channels, MessageError, Samples
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+EVENTS_SHOWN: Final = 100
+VERDICTS_SHOWN: Final = 50
+GAPS_SHOWN: Final = 50
+HOLES_KEPT: Final = 1000
+"""Gaps that rows of the past may still fill."""
+DEAD_AFTER: Final = 4.0
+"""Heartbeats of silence after which a stream is dead, whatever its liveliness token says."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Something that did not arrive.
+
+    Attributes:
+        at_ns: wall clock here when it was noticed, ns since 1970.
+        kind: of the messages, or `rows` for samples themselves.
+        missing: how many messages, or rows.
+    """
+
+    at_ns: int
+    kind: str
+    missing: int
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What is known of a rig at a moment; plain values, SI.
+
+    Attributes:
+        rig: its id.
+        session: of the publisher; empty before anything came.
+        alive: whether it is there: its liveliness token stands, and its heartbeat is fresh.
+        age_s: since its last message came; None if none ever did.
+        restarts: how often its publisher began anew.
+        names: of the channels; `units` go with them.
+        time_s: of the newest sample.
+        test: number of the test that sample belongs to.
+        latest: newest value of each channel, NaN where there is none.
+        rate_hz: samples that came in the last second.
+        decision: the newest message of its kind, as in docs/stream.md; empty if none came. So are
+            `health`, `campaign`, `progress` and `state`.
+        verdicts: decisions at which the verdict changed, oldest first.
+        events: the last ones, oldest first.
+        gaps: the last ones, oldest first.
+        missing: messages (by kind) and `rows` that did not arrive, in all.
+    """
+
+    rig: str
+    session: str = ""
+    alive: bool = False
+    age_s: float | None = None
+    restarts: int = 0
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    time_s: float = float("nan")
+    test: int = 0
+    latest: Mapping[str, float] = field(default_factory=dict)
+    rate_hz: float = 0.0
+    decision: Mapping[str, Any] = field(default_factory=dict)
+    health: Mapping[str, Any] = field(default_factory=dict)
+    campaign: Mapping[str, Any] = field(default_factory=dict)
+    progress: Mapping[str, Any] = field(default_factory=dict)
+    state: Mapping[str, Any] = field(default_factory=dict)
+    verdicts: tuple[Mapping[str, Any], ...] = ()
+    events: tuple[Mapping[str, Any], ...] = ()
+    gaps: tuple[Gap, ...] = ()
+    missing: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Window:
+    """The last samples of a rig, oldest first.
+
+    Attributes:
+        row: (n,) number of each row in the session; a jump is a gap.
+        time_s: (n,) time within its test, s.
+        test: (n,) number of its test.
+        values: (n,) each, by channel, SI; NaN where it was not measured.
+    """
+
+    row: NDArray[np.int64]
+    time_s: Array
+    test: NDArray[np.int64]
+    values: Mapping[str, Singles]
+
+
+@dataclass(frozen=True)
+class _Received:
+    """A batch, with the number of the session that it came in."""
+
+    samples: Samples
+    channels: Channels
+    received_ns: int
+    is_past: bool = False
+
+
+class RigView:
+    """What is known of one rig; see the module. Not thread-safe.
+
+    Args:
+        rig: its id.
+        window_s: how long samples are kept.
+    """
+
+    def __init__(self, rig: str, window_s: float = 30.0) -> None:
+        self.rig = rig
+        self._window_ns = round(1e9 * window_s)
+        self._token = False
+        self._session = ""
+        self._restarts = 0
+        self._last_ns: int | None = None
+        self._heartbeat_s = 0.5
+        self._sequences: dict[str, int] = {}
+        self._next_row: int | None = None
+        self._sent_ns = 0
+        self._holes: deque[tuple[int, int]] = deque(maxlen=HOLES_KEPT)
+        self._channels: dict[int, Channels] = {}
+        self._batches: deque[_Received] = deque()
+        self._lasting: dict[str, Mapping[str, Any]] = {}
+        self._events: deque[Mapping[str, Any]] = deque(maxlen=EVENTS_SHOWN)
+        self._verdicts: deque[Mapping[str, Any]] = deque(maxlen=VERDICTS_SHOWN)
+        self._gaps: deque[Gap] = deque(maxlen=GAPS_SHOWN)
+        self._missing: dict[str, int] = {}
+
+    @property
+    def session(self) -> str:
+        """Name of the publisher's present session, for commands; empty if unknown."""
+        return self._session
+
+    def token(self, *, present: bool) -> None:
+        """Take note that the rig's liveliness token appeared or went."""
+        self._token = present
+
+    def take(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+        """Take a message as it comes.
+
+        Raises:
+            MessageError: its content is not what its kind has.
+        """
+        if content["session"] != self._session:
+            self._begin_session(content["session"])
+        self._last_ns, self._sent_ns = received_ns, content["sent_ns"]
+        self._number(kind, content["sequence"], received_ns)
+        self._file(kind, content, received_ns)
+
+    def take_past(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+        """Take a message that was asked for: what is known already, or older, is left out.
+
+        Raises:
+            MessageError: its content is not what its kind has.
+        """
+        if content["session"] != self._session:
+            # Of a publisher that began anew it may be the first that is heard.
+            if content["sent_ns"] < self._sent_ns:
+                return
+            self._begin_session(content["session"])
+            self._sent_ns = content["sent_ns"]
+        if kind == "samples":
+            self._insert(Samples.of(content), received_ns)
+        elif kind == "event":
+            if all(event["sequence"] != content["sequence"] for event in self._events):
+                ordered = sorted([*self._events, content], key=lambda event: event["sequence"])
+                self._events = deque(ordered, maxlen=EVENTS_SHOWN)
+        elif content["sequence"] >= self._lasting.get(kind, {"sequence": -1})["sequence"]:
+            self._file(kind, content, received_ns)
+
+    def snapshot(self, now_ns: int) -> Snapshot:
+        """Return what is known now."""
+        newest = self._batches[-1] if self._batches else None
+        names = newest.channels.names if newest else ()
+        values = newest.samples.values[-1] if newest else ()
+        return Snapshot(
+            rig=self.rig,
+            session=self._session,
+            alive=self.is_alive(now_ns),
+            age_s=None if self._last_ns is None else 1e-9 * (now_ns - self._last_ns),
+            restarts=self._restarts,
+            names=names,
+            units=newest.channels.units if newest else (),
+            time_s=float(newest.samples.time_s[-1]) if newest else float("nan"),
+            test=newest.samples.test if newest else 0,
+            latest=dict(zip(names, map(float, values), strict=True)),
+            rate_hz=self._rate_hz(now_ns),
+            decision=self._lasting.get("decision", {}),
+            health=self._lasting.get("health", {}),
+            campaign=self._lasting.get("campaign", {}),
+            progress=self._lasting.get("progress", {}),
+            state=self._lasting.get("state", {}),
+            verdicts=tuple(self._verdicts),
+            events=tuple(self._events),
+            gaps=tuple(self._gaps),
+            missing=dict(self._missing),
+        )
+
+    def is_alive(self, now_ns: int) -> bool:
+        """Return whether the rig is there: a hang leaves the token, and ends the heartbeat."""
+        if not self._token or self._last_ns is None:
+            return False
+        return 1e-9 * (now_ns - self._last_ns) < DEAD_AFTER * self._heartbeat_s
+
+    def window(self, last_s: float, names: tuple[str, ...] = ()) -> Window:
+        """Return the samples of the last seconds of rig time, all channels if none is named.
+
+        Tests follow each other in it; a channel that a batch does not have is NaN there.
+        """
+        batches = self._last_batches(last_s)
+        if not names:
+            names = tuple(dict.fromkeys(n for b in batches for n in b.channels.names))
+        rows = [
+            np.arange(len(b.samples.time_s), dtype=np.int64) + b.samples.first_row for b in batches
+        ]
+        sizes = [len(batch.samples.time_s) for batch in batches]
+        return Window(
+            row=np.concatenate([np.empty(0, np.int64), *rows]),
+            time_s=np.concatenate([np.empty(0), *(b.samples.time_s for b in batches)]),
+            test=np.repeat(np.array([b.samples.test for b in batches], np.int64), sizes),
+            values={name: _column(batches, name) for name in names},
+        )
+
+    def _last_batches(self, last_s: float) -> list[_Received]:
+        """Return the batches whose samples together last so long, newest batch included."""
+        chosen: list[_Received] = []
+        lasted = 0.0
+        for batch in reversed(self._batches):
+            if lasted >= last_s:
+                break
+            chosen.append(batch)
+            lasted += len(batch.samples.time_s) * _period_s(batch.samples)
+        return chosen[::-1]
+
+    def _begin_session(self, name: str) -> None:
+        if self._session:
+            self._restarts += 1
+        self._session = name
+        self._sequences.clear()
+        self._channels.clear()
+
+    def _number(self, kind: str, sequence: int, received_ns: int) -> None:
+        last = self._sequences.get(kind)
+        if last is not None and sequence > last + 1:
+            self._lost(kind, sequence - last - 1, received_ns)
+        self._sequences[kind] = max(sequence, -1 if last is None else last)
+
+    def _lost(self, kind: str, missing: int, received_ns: int) -> None:
+        self._gaps.append(Gap(received_ns, kind, missing))
+        self._missing[kind] = self._missing.get(kind, 0) + missing
+
+    def _file(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+        if kind == "samples":
+            self._append(Samples.of(content), received_ns)
+        elif kind == "event":
+            self._events.append(content)
+        else:
+            self._note(kind, content, received_ns)
+            self._lasting[kind] = content
+
+    def _note(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
+        if kind == "channels":
+            channels = Channels.of(content)
+            self._channels[channels.number] = channels
+        elif kind == "heartbeat":
+            self._heartbeat(content, received_ns)
+        elif kind == "decision":
+            before = self._verdicts[-1] if self._verdicts else {}
+            told = ("verdict", "test")
+            if any(before.get(name) != content.get(name) for name in told):
+                self._verdicts.append(content)
+
+    def _heartbeat(self, content: Mapping[str, Any], received_ns: int) -> None:
+        """Take the numbers of what was sent before it: what is not here by now was lost."""
+        told = content.get("sequences", {})
+        period = content.get("heartbeat_s", 0.0)
+        if not isinstance(told, dict) or not isinstance(period, float | int):
+            raise MessageError("a heartbeat without its numbers")
+        self._heartbeat_s = float(period) or self._heartbeat_s
+        for kind, sequence in told.items():
+            last = self._sequences.get(kind)
+            if kind != "heartbeat" and last is not None and sequence > last:
+                self._lost(kind, sequence - last, received_ns)
+                self._sequences[kind] = sequence
+
+    def _append(self, samples: Samples, received_ns: int) -> None:
+        if self._next_row is not None and samples.first_row > self._next_row:
+            self._lost("rows", samples.first_row - self._next_row, received_ns)
+            self._holes.append((self._next_row, samples.first_row))
+        end = samples.first_row + len(samples.time_s)
+        self._next_row = end
+        channels = self._channels.get(samples.channels_id)
+        if channels is None or len(channels.names) != samples.values.shape[1]:
+            return
+        self._batches.append(_Received(samples, channels, received_ns))
+        while self._batches[0].received_ns < received_ns - self._window_ns:
+            self._batches.popleft()
+
+    def _insert(self, samples: Samples, received_ns: int) -> None:
+        """Put a batch of the past in front of those that came by themselves."""
+        channels = self._channels.get(samples.channels_id)
+        if channels is None or len(channels.names) != samples.values.shape[1]:
+            return
+        known = {batch.samples.first_row for batch in self._batches}
+        if samples.first_row in known:
+            return
+        self._fill(samples.first_row, samples.first_row + len(samples.time_s))
+        self._batches.append(_Received(samples, channels, received_ns, is_past=True))
+        ordered = sorted(self._batches, key=lambda batch: batch.samples.first_row)
+        self._batches = deque(ordered)
+        self._next_row = max(self._next_row or 0, samples.first_row + len(samples.time_s))
+
+    def _fill(self, begin: int, end: int) -> None:
+        """Take note that rows that were missing came after all."""
+        left: list[tuple[int, int]] = []
+        for first, last in self._holes:
+            found = min(end, last) - max(begin, first)
+            if found <= 0:
+                left.append((first, last))
+                continue
+            self._missing["rows"] -= found
+            left += [(first, begin)] * (first < begin) + [(end, last)] * (end < last)
+        self._holes = deque(left, maxlen=HOLES_KEPT)
+        if not self._missing.get("rows", 1):
+            del self._missing["rows"]
+
+    def _rate_hz(self, now_ns: int) -> float:
+        return float(
+            sum(
+                len(batch.samples.time_s)
+                for batch in self._batches
+                if batch.received_ns > now_ns - 10**9 and not batch.is_past
+            )
+        )
+
+
+def _column(batches: list[_Received], name: str) -> Singles:
+    parts = [np.empty(0, np.float32)]
+    for batch in batches:
+        if name in batch.channels.names:
+            parts.append(batch.samples.values[:, batch.channels.names.index(name)])
+        else:
+            parts.append(np.full(len(batch.samples.time_s), np.nan, np.float32))
+    return np.concatenate(parts)
+
+
+def _period_s(samples: Samples) -> float:
+    """Return the time between two samples; the usual 1 ms where a batch cannot tell."""
+    if len(samples.time_s) < 2:
+        return 1e-3
+    return max(float(np.median(np.diff(samples.time_s))), 1e-6)
