@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help demo test check lint format types imports bench bench-loop chaos trials lock clean
+.PHONY: help demo test check lint format types imports bench bench-loop chaos gate reference trials lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -45,6 +45,14 @@ chaos: $(INSTALLED) ## let everything fail that can, on the emulated rig; write 
 
 trials: $(INSTALLED) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
 	@$(BIN)/python -m tools.hidden_effect_trials
+
+gate: $(INSTALLED) ## run the quickstart campaign and compare its figures with the reference in .ci
+	@$(BIN)/rig run quickstart --pace fast --out runs/ci
+	@$(BIN)/rig runs compare .ci/reference/quickstart runs/ci --out runs/ci/compared.html
+
+reference: $(INSTALLED) ## make the reference of `make gate` anew, to be looked at and committed
+	@$(BIN)/rig run quickstart --pace fast --out runs/reference
+	@$(BIN)/python -m tools.reference_run runs/reference .ci/reference/quickstart
 
 lock: ## resolve the dependencies of pyproject.toml anew into requirements-lock.txt (needs uv)
 	@command -v uv >/dev/null || { \

@@ -8,6 +8,7 @@ import tomllib
 import zipfile
 from collections.abc import Iterator
 from importlib.metadata import packages_distributions
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ COMPILED_PACKAGES = (
     "tools",
 )
 COMPILERS = {"njit", "inner", "inlined", "intrinsic", "overload", "overload_attribute"}
-SLOW_TO_IMPORT = {"llvmlite", "numba", "pint", "plotly", "pyarrow", "zenoh"}
+SLOW_TO_IMPORT = {"asammdf", "llvmlite", "numba", "pint", "plotly", "pyarrow", "zenoh"}
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,9 @@ def imported_packages(folder: str) -> set[str]:
 
 @pytest.mark.parametrize("folder", PRODUCT)
 def test_what_the_product_imports_is_declared(project: dict[str, Any], folder: str) -> None:
-    declared = {canonical(name) for name in project["project"]["dependencies"]}
+    extras = project["project"]["optional-dependencies"].values()
+    required = [*project["project"]["dependencies"], *chain.from_iterable(extras)]
+    declared = {canonical(name) for name in required}
     providers = packages_distributions()
     undeclared = {
         package

@@ -3,6 +3,7 @@
 import json
 from os import PathLike, fspath
 from pathlib import Path
+from typing import Final
 
 from .errors import Problem, RecordingError
 from .metadata import metadata_texts
@@ -10,12 +11,15 @@ from .reading import EXTENSIONS, SIDECAR, extension_of
 from .recording import Recording
 from .targets import replacing, target_problems
 
+MF4: Final = ".mf4"
+"""Written only, so that it is none of `EXTENSIONS`."""
+
 
 def export(recording: Recording, path: str | PathLike[str]) -> None:
-    """Write a recording to .csv, .csv.gz, .parquet or .mcap; an existing file is replaced.
+    """Write a recording to .csv, .csv.gz, .parquet, .mcap or .mf4; an existing file is replaced.
 
     Every float64 reads back bit for bit (a NaN as NaN). Metadata and events go along: inside
-    Parquet and MCAP, beside a CSV in `NAME.json`.
+    Parquet, MCAP and MF4, beside a CSV in `NAME.json`. MF4 needs asammdf, and is not read back.
 
     Raises:
         RecordingError: the extension is unknown, the folder does not exist, or a channel name or
@@ -23,10 +27,10 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
     """
     name = fspath(path)
     target = Path(name)
-    extension = extension_of(name)
+    extension = MF4 if name.lower().endswith(MF4) else extension_of(name)
     _, problems = metadata_texts(name, recording.metadata)
     if extension is None:
-        limit = f"recordings are {', '.join(EXTENSIONS)}"
+        limit = f"recordings are written to {', '.join((*EXTENSIONS, MF4))}"
         value = f"unknown extension {target.suffix!r}"
         problems.append(Problem(name, None, "file", value, limit, "choose one of these"))
     problems += target_problems(name, may_replace=True)
@@ -43,6 +47,10 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
             from .parquet_file import write_parquet
 
             write_parquet(recording, partial)
+        elif extension == MF4:
+            from .mf4_file import write_mf4
+
+            write_mf4(recording, partial, name)
         else:
             from .csv_writer import write_csv
 

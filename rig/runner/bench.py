@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,14 @@ class Writer(Protocol):
 
     def event(self, time_s: float, kind: str, text: str) -> None:
         """Note something that happened at a time of the test."""
+
+
+@runtime_checkable
+class Timed(Protocol):
+    """A writer that knows how well the loop kept its time."""
+
+    def timing(self) -> Mapping[str, Any]:
+        """Return `rig.loop.timing.Timing.summary` of all rows so far."""
 
 
 class Bench(Protocol):

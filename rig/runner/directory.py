@@ -66,7 +66,7 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
         if is_written(path):
             line = f"{path}: a campaign is running in it; choose another --out"
             raise DirectoryError([f"{line}, or stop it: rig control {path} abort"])
-        earlier = _files_of_earlier_run(path)
+        earlier = files_of_run(path)
         _refuse_others(path, earlier, recordings)
         for file in earlier:
             file.unlink()
@@ -146,8 +146,8 @@ def _refuse_others(path: Path, earlier: list[Path], recordings: Iterable[str]) -
         )
 
 
-def _files_of_earlier_run(path: Path) -> list[Path]:
-    """Return what an earlier run wrote to a folder, by its results.
+def files_of_run(path: Path) -> list[Path]:
+    """Return what a run wrote to its folder, by its results; nothing where there was none.
 
     Recordings alone are no run: a folder of them may be somebody's collection.
     """

@@ -9,6 +9,7 @@ from estimator.detection import LEAKS, Decision
 from estimator.friction import FrictionCurve
 from faults.campaign import OnFault
 
+from .figures import Figure
 from .reactions import FaultAction
 
 
@@ -101,6 +102,7 @@ class TestOutcome:
         thresholds_from: what the thresholds were learnt from, where the detector has to learn them.
         friction: what the motion showed of it; None without a filter that estimates the load.
         attempts: earlier runs of it that do not count.
+        figures: to follow from run to run (`rig.runner.figures`).
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -122,6 +124,7 @@ class TestOutcome:
     actions: tuple[FaultAction, ...] = ()
     friction: FrictionCurve | None = None
     attempts: tuple[Attempt, ...] = ()
+    figures: Mapping[str, Figure] = field(default_factory=dict)
 
     @property
     def is_finished(self) -> bool:

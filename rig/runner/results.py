@@ -68,6 +68,7 @@ def _test(test: TestOutcome) -> dict[str, Any]:
         "thresholds_from": test.thresholds_from,
         "friction": None if test.friction is None else friction_figures(test.friction),
         "attempts": [asdict(each) for each in test.attempts],
+        "figures": {name: asdict(figure) for name, figure in test.figures.items()},
     }
 
 

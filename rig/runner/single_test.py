@@ -17,10 +17,11 @@ from rig.configuration.rig import Rig
 from rig.loop.trip import StopRequestedError, TripError
 from rig.plant.integrator import TICK
 
-from .bench import Bench, Loop, Writer
+from .bench import Bench, Loop, Timed, Writer
 from .decision_rows import DecisionRows
 from .desk import Desk, Request
 from .directory import log_error
+from .figures import figures_of
 from .friction import FrictionWatch
 from .injection import Injection
 from .judging import Judge
@@ -163,6 +164,7 @@ class _RunningTest:
         self._recorded = False
         self._ticks = 0
         self._verdict = ""
+        self._timing: Mapping[str, Any] | None = None
         self._learning = setting.references.learning(test)
         self._detector = HealthyInnovations(self._chosen_detector())
         memory = start_memory(campaign.filter_name, campaign.model, setting.rig.sensors)
@@ -191,6 +193,7 @@ class _RunningTest:
             # Left from right to left: the valve is at null before the recording is closed.
             with self._writer() as writer, _left_safe(setting, self._loop):
                 self._drive(writer)
+                self._timing = writer.timing() if isinstance(writer, Timed) else None
         if self._loop.ticks_left:
             return Status.ABORTED
         if setting.references.is_reference(test):
@@ -227,6 +230,12 @@ class _RunningTest:
             thresholds_from=self._learning.source,
             actions=self._reactions.actions,
             friction=self._friction.curve,
+            figures=figures_of(
+                self._judge.decision,
+                self._detector.innovations,
+                self._friction.curve,
+                self._timing,
+            ),
         )
 
     def _chosen_detector(self) -> Detector:

@@ -1,9 +1,9 @@
 """One test on a rig on hardware, as the runner of campaigns sees it: its loop and its recording."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,6 +169,10 @@ class TestRecord:
         # Of a recorder that is gone, `finish` tells.
         with suppress(ChildError):
             self._process.send(recorder.Note(time_s, kind, text))
+
+    def timing(self) -> Mapping[str, Any]:
+        """Return how well the loop kept its time so far."""
+        return self._timing.summary()
 
     def finish(self) -> None:
         """Add the loop's timing, show it in short, and have the file completed.
