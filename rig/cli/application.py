@@ -24,6 +24,7 @@ COMMANDS: Final = {
     "control": "Pause, resume, abort, skip or retry in a running campaign; take notes.",
     "monitor": "Watch rigs that run, live, in the terminal.",
     "router": "Route the live streams of many rigs.",
+    "schedule": "Run campaigns at times or intervals, unattended.",
     "runs": "Find, show, compare and prune past runs.",
     "emulate": "Serve an emulated rig where drivers look for a real one.",
     "check": "Validate configurations; dry-run campaigns.",

@@ -1,6 +1,7 @@
 """Checks a configuration of any kind; a campaign is dry-run as well."""
 
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -23,7 +24,9 @@ from .problems import ConfigError, Place, Problems, display_path, suggestion
 from .quantities import show
 from .register_maps import MAPS, Map, read_dbc, read_map
 from .rig import Rig, RigFile, read_rig
+from .schedule import ScheduleFile, read_schedule
 from .stream import StreamFile, read_stream, stream_lines
+from .timetable import Schedule
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
@@ -32,6 +35,7 @@ _KEYS: Final[dict[Kind, frozenset[str]]] = {
     "campaign": frozenset(CampaignFile.model_fields),
     "rig": frozenset(RigFile.model_fields),
     "model": frozenset(ModelFile.model_fields),
+    "schedule": frozenset(ScheduleFile.model_fields),
     "map": frozenset(key for kind in MAPS for key in options_of(kind)),
     "stream": frozenset(StreamFile.model_fields),
 }
@@ -93,6 +97,9 @@ def check(
     elif kind == "map":
         device_map = read_map(path, sources)
         report = _report_map(path, device_map) if device_map else None
+    elif kind == "schedule":
+        schedule = read_schedule(path, sources)
+        report = _report_schedule(path, schedule) if schedule else None
     elif kind == "dbc":
         database = read_dbc(path, sources)
         report = _report_dbc(path, database) if database else None
@@ -111,7 +118,7 @@ def check(
 
 def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, Kind | None]:
     """Return the file a reference means, and the kind of configuration it holds."""
-    order: tuple[Kind, ...] = ("campaign", "rig", "model", "map", "dbc", "stream")
+    order: tuple[Kind, ...] = ("campaign", "rig", "model", "map", "dbc", "stream", "schedule")
     if is_path(reference):
         folder = Path(reference).parent.name
         guess = next((kind for kind, name in FOLDERS.items() if name == folder), order[0])
@@ -202,6 +209,19 @@ def _report_dbc(path: Path, database: "Database") -> CheckReport:
         for message in database.messages
     )
     return CheckReport("dbc", path, path.stem, summary)
+
+
+def _report_schedule(path: Path, schedule: Schedule) -> CheckReport:
+    now = datetime.now(UTC)
+    lines = [f"  runs in {display_path(schedule.folder)}, times in {schedule.zone.key}"]
+    for entry in schedule.entries:
+        time = schedule.next_time(entry, now)
+        shown = "never" if time is None else f"{time.astimezone(schedule.zone):%Y-%m-%d %H:%M}"
+        lines.append(
+            f"  {entry.name}: next {shown}, {display_path(Path(entry.campaign))}; missed "
+            f"{entry.missed}, retries {entry.retries}"
+        )
+    return CheckReport("schedule", path, schedule.name, tuple(lines))
 
 
 def _known(campaign: Campaign) -> str:

@@ -7,12 +7,13 @@ from typing import Final, Literal
 from .document import Located
 from .problems import ConfigError, Place, Problem, Problems, display_path, nearest
 
-Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream"]
+Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream", "schedule"]
 
 FOLDERS: Final[dict[Kind, str]] = {
     "model": "models",
     "rig": "rigs",
     "campaign": "campaigns",
+    "schedule": "schedules",
     "map": "maps",
     "dbc": "dbc",
     "stream": "stream",

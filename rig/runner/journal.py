@@ -115,6 +115,8 @@ class Journal:
         folder: of the run; it exists.
         resume: go on with the journal that is there, instead of beginning one.
         now: the wall clock, UTC.
+        name: of the file.
+        busy: what is said where another process writes it.
 
     Attributes:
         entries: what was in it, with `resume`.
@@ -125,9 +127,19 @@ class Journal:
     """
 
     def __init__(
-        self, folder: Path, *, resume: bool = False, now: Callable[[], datetime] = _utc_now
+        self,
+        folder: Path,
+        *,
+        resume: bool = False,
+        now: Callable[[], datetime] = _utc_now,
+        name: str = JOURNAL,
+        busy: str = "",
     ) -> None:
-        self._path = folder / JOURNAL
+        self._path = folder / name
+        self._busy = busy or (
+            f"{folder}: a campaign is running in it; wait for its end, or stop it: "
+            f"rig control {folder} abort"
+        )
         self._resume = resume
         self._now = now
         self._number = 0
@@ -136,7 +148,7 @@ class Journal:
     def __enter__(self) -> "Journal":
         self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
-            _lock(self._file, self._path)
+            _lock(self._file, self._busy)
             if self._resume:
                 self.entries, whole = _read(self._path)
                 self._number = len(self.entries)
@@ -204,11 +216,8 @@ def of_kind(entries: list[Entry], *kinds: str) -> Iterator[Entry]:
     return (entry for entry in entries if entry.kind in kinds)
 
 
-def _lock(file: int, path: Path) -> None:
+def _lock(file: int, busy: str) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        raise JournalError(
-            f"{path.parent}: a campaign is running in it; wait for its end, or stop it: "
-            f"rig control {path.parent} abort"
-        ) from None
+        raise JournalError(busy) from None

@@ -1,0 +1,53 @@
+"""What is asked of a schedule from outside: runs to be added, and to go on after a halt.
+
+A file of JSON lines beside the schedule's journal: whoever may write there may ask.
+"""
+
+import fcntl
+import json
+import os
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+ADDITIONS: Final = "additions.jsonl"
+_LONGEST_LINE: Final = 65_536
+
+
+def add(folder: Path, **asked: Any) -> str:
+    """Ask something of the schedule whose runs are in a folder; return the request's id.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    request = uuid.uuid4().hex
+    line = json.dumps({"id": request, **asked}).encode() + b"\n"
+    file = os.open(folder / ADDITIONS, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        size = os.fstat(file).st_size
+        # A kill may have left half a line.
+        if size and os.pread(file, 1, size - 1) != b"\n":
+            line = b"\n" + line
+        os.write(file, line)
+        os.fsync(file)
+    finally:
+        os.close(file)
+    return request
+
+
+def asked_of(folder: Path) -> Iterator[dict[str, Any]]:
+    """Yield all that was ever asked of the schedule; what is no request is passed over."""
+    try:
+        lines = (folder / ADDITIONS).read_bytes().splitlines()
+    except FileNotFoundError:
+        return
+    for line in lines:
+        try:
+            request = json.loads(line) if len(line) <= _LONGEST_LINE else None
+        except (ValueError, RecursionError):
+            continue
+        if isinstance(request, dict) and isinstance(request.get("id"), str):
+            yield request

@@ -1,0 +1,71 @@
+"""Trends: a figure that wears is seen, one that only scatters is not."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.report.trend_page import trend_page
+from rig.runner.archive import Run
+from rig.runner.trend import FEWEST, Trend, trends_of
+
+BEGUN = datetime(2026, 11, 1, tzinfo=UTC)
+
+
+def run_at(day: float, **values: float | None) -> Run:
+    figures = {
+        name: {"value": value, "standard_error": 0.01, "unit": "L/min"}
+        for name, value in values.items()
+    }
+    test: dict[str, Any] = {"name": "leaks", "figures": figures}
+    started = (BEGUN + timedelta(days=day)).isoformat()
+    results = {"name": "night", "rig": "bench", "started": started, "tests": [test]}
+    return Run(Path(f"night-{day:g}"), results, "ended")
+
+
+def trend_in(values: np.ndarray, days: np.ndarray | None = None) -> Trend:
+    days = np.arange(len(values)) if days is None else days
+    runs = [run_at(float(day), leak=float(value)) for day, value in zip(days, values, strict=True)]
+    (trend,) = trends_of(runs)
+    return trend
+
+
+def test_wear_is_seen_with_its_slope_within_the_interval() -> None:
+    noise = np.random.default_rng(1).normal(0.0, 0.01, 20)
+    trend = trend_in(0.1 + 0.004 * np.arange(20) + noise)
+    assert trend.changes
+    assert trend.slope is not None
+    assert trend.half is not None
+    assert abs(trend.slope - 0.004) < trend.half
+    assert trend.in_words.startswith("changes: +0.00")
+
+
+def test_scatter_is_called_a_change_about_as_seldom_as_stated() -> None:
+    random = np.random.default_rng(2)
+    called = sum(trend_in(0.1 + random.normal(0.0, 0.01, 8)).changes for _ in range(2000))
+    # 1 in 100 (the quantile is good to 3 %): 20 expected, 4 standard deviations are 18.
+    assert 2 <= called <= 40
+
+
+def test_too_few_runs_or_all_at_once_tell_no_trend() -> None:
+    assert trend_in(np.arange(FEWEST - 1.0)).slope is None
+    assert trend_in(np.arange(6.0), days=np.zeros(6)).slope is None
+
+
+def test_a_figure_that_is_not_known_in_a_run_leaves_no_point() -> None:
+    runs = [run_at(0.0, leak=0.1), run_at(1.0, leak=None), run_at(2.0)]
+    (trend,) = trends_of(runs)
+    assert [point.run for point in trend.points] == ["night-0"]
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.02])
+def test_the_page_says_first_what_changes_and_shows_every_figure(slope: float) -> None:
+    noise = np.random.default_rng(3).normal(0.0, 0.001, 10)
+    trend = trend_in(0.1 + slope * np.arange(10) + noise)
+    page = trend_page([trend], "night <1>")
+    assert "night &lt;1&gt;" in page
+    assert ("1 figures change" in page) is (slope > 0.0)
+    assert ("No change is shown" in page) is (slope == 0.0)
+    assert page.count('class="plot trend"') == 1
