@@ -40,8 +40,9 @@ bench: $(INSTALLED) ## measure filter, plant, campaign, lanes and start-up again
 bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, and with the whole chain
 	@$(BIN)/python -m tools.bench_loop
 
-chaos: $(INSTALLED) ## let everything fail that can, on the emulated rig; write the table of docs/safety.md
+chaos: $(INSTALLED) ## let everything fail that can, on the emulated rig, for docs/safety.md; kill campaigns and go on
 	@$(BIN)/python -m tools.chaos
+	@$(BIN)/python -m tools.chaos.endurance
 
 trials: $(INSTALLED) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
 	@$(BIN)/python -m tools.hidden_effect_trials

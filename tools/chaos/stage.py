@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -35,12 +35,15 @@ MID_STROKE_COUNTS: Final = 10_116
 
 FIRST_LEAK: Final = "internal_leakage"
 SECOND_LEAK: Final = "external_leakage_1"
+FIRST_FAULT: Final = {
+    "type": FIRST_LEAK, "at": "0.5 s", "flow": "0.5 L/min", "pressure": "2.5 MPa",
+}  # fmt: skip
 TEST: Final = {
     "duration": "12 s",
     "settle": "0.5 s",
     "setpoint": {"type": "sine", "mean": "0.3 m", "amplitude": "0.2 m", "frequency": "0.5 Hz"},
     "faults": [
-        {"type": FIRST_LEAK, "at": "0.5 s", "flow": "0.5 L/min", "pressure": "2.5 MPa"},
+        FIRST_FAULT,
         {"type": SECOND_LEAK, "at": "6 s", "flow": "0.5 L/min", "pressure": "6.9 MPa"},
     ],
     "expect": SECOND_LEAK,
@@ -57,13 +60,19 @@ class Stage:
     Args:
         folder: empty; gets the rig file, the campaign, the emulator's record and the run's folder.
         prefix: of the command that runs the campaign, such as `setpriv ...`.
+        tests: of the campaign, as in its file.
 
     Attributes:
         injected_ns: when the last thing was done to it, CLOCK_MONOTONIC.
         children: process ids by part, once it runs.
     """
 
-    def __init__(self, folder: Path, prefix: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        prefix: Sequence[str] = (),
+        tests: Sequence[Mapping[str, Any]] = ({"name": "leaks", **TEST},),
+    ) -> None:
         self.folder = folder
         self.out = folder / "out"
         self.record = folder / "record.jsonl"
@@ -72,6 +81,7 @@ class Stage:
         self._printed = folder / "printed.txt"
         self.children: dict[str, int] = {}
         self._prefix = tuple(prefix)
+        self._tests = tests
         self._ends = ExitStack()
 
     def __enter__(self) -> Self:
@@ -81,7 +91,7 @@ class Stage:
             StageError: it did not come to that.
         """
         _write_rig(self.folder)
-        _write_campaign(self.folder)
+        _write_campaign(self.folder, self._tests)
         with self._ends:
             self._start_emulator()
             self._start_run()
@@ -111,6 +121,19 @@ class Stage:
         self._control = self._ends.enter_context(line.makefile("rw"))
         # As an encoder that knows where it is: without a homing run, which takes its time.
         self.ask(do="inject", fault="lost_counts", counts=-MID_STROKE_COUNTS)
+
+    def resume(self) -> int:
+        """Go on with the campaign to its end; return the exit code."""
+        self.wait(self.is_safe, "the safe state")
+        self.wait(lambda: not self.living(), "its processes to end")
+        run = self._python("run", "campaign.yaml", "--out", "out", "--resume", output=self._more())
+        self._ends.callback(_end, run, signal.SIGKILL)
+        self.run = run
+        self.wait(lambda: run.poll() is not None, "the campaign to end", COMPILE_S)
+        return run.returncode
+
+    def _more(self) -> IO[str]:
+        return self._ends.enter_context(self._printed.open("a"))
 
     def _start_run(self) -> None:
         # What it prints goes through a pipe, as to a terminal: a full disk must not silence it.
@@ -268,10 +291,10 @@ def _write_rig(folder: Path) -> None:
     (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
 
 
-def _write_campaign(folder: Path) -> None:
+def _write_campaign(folder: Path, tests: Sequence[Mapping[str, Any]]) -> None:
     campaign = {"name": "chaos", "rig": "rig.yaml", "model": "nominal"}
     detector = {"filter": "product", "false_alarms_per_day": 1}
-    content = campaign | {"detector": detector, "tests": [{"name": "leaks"} | TEST]}
+    content = campaign | {"detector": detector, "tests": [dict(test) for test in tests]}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
 
 

@@ -1,0 +1,102 @@
+"""A campaign that is killed again and again loses and repeats no test; `make chaos` kills more."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.recording import read_recording
+from rig.runner.journal import JOURNAL
+from tools.chaos.records import finished_in, record_problems
+
+TESTS = 5
+CAMPAIGN = """
+name: killed
+rig: simulated
+defaults:
+  duration: 5 s
+  settle: 0 s
+  setpoint: {type: sine, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.5 Hz}
+tests:
+"""
+DEADLINE_S = 240.0
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    names = "".join(f"  - name: test {number}\n" for number in range(TESTS))
+    (tmp_path / "killed.yaml").write_text(CAMPAIGN + names)
+    return tmp_path
+
+
+def start(folder: Path, out: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "rig.cli", "run", "killed.yaml", "--out", out, "--resume"],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+
+
+def kill_at(process: subprocess.Popen[bytes], journal: Path, size: int) -> bool:
+    """Kill a run once its journal has a size; return whether it was still there."""
+    until = time.monotonic() + DEADLINE_S
+    while process.poll() is None and time.monotonic() < until:
+        if journal.exists() and journal.stat().st_size >= size:
+            os.kill(process.pid, signal.SIGKILL)
+            break
+    assert process.stderr is not None
+    with process.stderr:
+        process.wait()
+    return process.returncode == -signal.SIGKILL
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_killed_at_random_points_a_campaign_loses_and_repeats_no_finished_test(
+    campaign: Path, seed: int
+) -> None:
+    random_ = random.Random(seed)
+    out = campaign / "out"
+    before: list[dict[int, Any]] = []
+    size = 0
+    for _ in range(3):
+        # From what there is on: every kill comes later than the one before.
+        size += random_.randrange(1, 2500)
+        process = start(campaign, "out")
+        if not kill_at(process, out / JOURNAL, size):
+            break
+        before.append(finished_in(out))
+        size = (out / JOURNAL).stat().st_size
+    process = start(campaign, "out")
+    _, error = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode in (0, 1), error
+    assert len(before) >= 2
+    assert record_problems(out, before, TESTS) == []
+    process = start(campaign, "whole")
+    process.communicate(timeout=DEADLINE_S)
+    for number in range(TESTS):
+        one, other = (
+            read_recording(campaign / run / f"test_{number}.mcap") for run in ("out", "whole")
+        )
+        assert one.content_hash() == other.content_hash()
+
+
+def test_what_is_lost_or_repeated_is_noticed(campaign: Path) -> None:
+    start(campaign, "out").communicate(timeout=DEADLINE_S)
+    out = campaign / "out"
+    known = finished_in(out)
+    assert record_problems(out, [known], TESTS) == []
+    assert record_problems(out, [{0: {"name": "another"}}], TESTS) == [
+        "test 0, finished before kill 1, was lost or changed"
+    ]
+    assert record_problems(out, [], TESTS + 1) == [f"test {TESTS} was not finished"]
+    content = (out / "test_1.mcap").read_bytes()
+    (out / "test_1.mcap").write_bytes(content[: len(content) // 2])
+    (problem,) = record_problems(out, [known], TESTS)
+    assert problem.startswith("test 1: ")
