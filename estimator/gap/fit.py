@@ -1,16 +1,25 @@
-"""Fits parameters to records by prediction error: Levenberg-Marquardt steps with given gains."""
+"""Fits parameters to records by prediction error: Gauss-Newton steps with given gains."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from .linear import Column, Linear, cost_of, linearise, slices_of
+from .linear import Column, Linear, assemble, cost_of, slices_of
 from .plant import Array
 from .predictor import Predictor
 from .records import Record
 from .variables import Values, Variable
+
+Changes = list[Array]
+"""Of each record float64 (n, outputs): change of its innovations by a unit step along a column."""
+
+_SHARES: Final = (1.0, 0.4, 0.1)
+"""Of a step, tried in turn until one lowers the cost."""
+_HOPELESS: Final = 1e300
+"""Cost of a block that a model cannot predict at all."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +38,8 @@ class Fitted:
 class Fitter:
     """Fits a plant's parameters to records.
 
+    What was run is kept until the gains change: searches ask for the same columns again and again.
+
     Args:
         predictor: of the plant.
         records: to fit to; their gains are those of the last `refresh`.
@@ -39,59 +50,124 @@ class Fitter:
         self, predictor: Predictor, records: Sequence[Record], pool: ThreadPoolExecutor
     ) -> None:
         self.predictor, self.records, self.pool = predictor, tuple(records), pool
+        self.blocks = [slices_of(record, predictor.plant.period) for record in self.records]
+        self._bases: dict[tuple[float, ...], list[tuple[Array, Array]]] = {}
+        self._changes: dict[tuple[object, ...], Changes] = {}
+        self._filtered: dict[str, float] = {}
 
     def refresh(self, values: Values) -> None:
         """Filter the records anew with these values, for their gains."""
+        if self._filtered == values:
+            return
+        self._filtered = dict(values)
+        self._bases.clear()
+        self._changes.clear()
+        for record in self.records:
+            record.release()
         list(self.pool.map(lambda record: self.predictor.filter(record, values), self.records))
+
+    @property
+    def samples(self) -> int:
+        """Readings used, those of the settling left out."""
+        return sum(
+            int(np.isfinite(record.gains.variances[block]).sum())
+            for record, blocks in zip(self.records, self.blocks, strict=True)
+            for block in blocks
+        )
+
+    def innovations(self, values: Values) -> list[tuple[Array, Array]]:
+        """Return of each record innovations (n, outputs) and filtered states (n, states)."""
+        key = tuple(values.values())
+        if key not in self._bases:
+            self._bases[key] = list(
+                self.pool.map(lambda r: self.predictor.innovations(r, values), self.records)
+            )
+        return self._bases[key]
 
     def costs(self, values: Values) -> Array:
         """Return the cost of each block of the records (float64 (blocks,))."""
-
-        def run(record: Record) -> list[float]:
-            cost = cost_of(self.predictor.innovations(record, values)[0])
-            return [
-                float(cost[block].sum()) for block in slices_of(record, self.predictor.plant.period)
-            ]
-
-        parts = np.concatenate(list(self.pool.map(run, self.records)))
-        return np.where(np.isfinite(parts), parts, 1e300)
+        parts = []
+        for (innovations, _), blocks in zip(self.innovations(values), self.blocks, strict=True):
+            cost = cost_of(innovations).sum(1)
+            parts += [float(cost[block].sum()) for block in blocks]
+        costs = np.array(parts)
+        return np.where(np.isfinite(costs), costs, _HOPELESS)
 
     def columns(self, values: Values, variables: Sequence[Variable]) -> list[Column]:
         """Return the columns of variables at given values."""
-        columns = []
-        for variable in variables:
-            at = values[variable.parameter]
-            probe = variable.probe if at + variable.probe <= variable.upper else -variable.probe
-            columns.append(
-                Column(
-                    f"{variable.name}.{variable.key}", variable.put(values, at + probe), probe,
-                    variable.lower - at, variable.upper - at,
-                )
-            )  # fmt: skip
-        return columns
+        return [variable.column(values) for variable in variables]
 
-    def linearise(self, values: Values, columns: Sequence[Column]) -> Linear:
-        """Return the linearisation of the innovations about some values, with present gains."""
-        return linearise(self.predictor, self.records, values, columns, self.pool)
+    def changes(self, values: Values, columns: Sequence[Column]) -> list[Changes]:
+        """Return of each column and record the change of innovations by a unit step."""
+        at = tuple(values.values())
+        keys = [(at, column.name, column.size, tuple(column.values.values())) for column in columns]
+        missing = [i for i, key in enumerate(keys) if key not in self._changes]
+        by_kicks = [i for i in missing if columns[i].kicks is not None]
+        by_values = [i for i in missing if columns[i].kicks is None]
+        found: dict[int, Changes] = {}
+        bases = self.innovations(values)
+
+        def run(task: tuple[int, int]) -> Array:
+            column, record = columns[task[0]], self.records[task[1]]
+            changed = self.predictor.innovations(record, column.values)[0]
+            change = (changed - bases[task[1]][0]) / column.size
+            # A plant that breaks down with a probe says nothing of that direction.
+            return change if np.isfinite(change).all() else np.zeros_like(change)
+
+        def disturb(number: int) -> Array:
+            record, states = self.records[number], bases[number][1]
+            kicks = [columns[i].kicks for i in by_kicks]
+            stack = np.stack([kick(record, states) for kick in kicks if kick], axis=-1)
+            sizes = np.array([columns[i].size for i in by_kicks])
+            return self.predictor.disturbed(record, values, stack) / sizes
+
+        count = range(len(self.records))
+        tasks = [(i, number) for i in by_values for number in count]
+        for task, change in zip(tasks, self.pool.map(run, tasks), strict=True):
+            found.setdefault(task[0], []).append(change)
+        if by_kicks:
+            together = list(self.pool.map(disturb, count))
+            for place, i in enumerate(by_kicks):
+                found[i] = [np.ascontiguousarray(part[:, :, place]) for part in together]
+        for i in by_values:
+            self._changes[keys[i]] = found[i]
+        return [found[i] if i in found else self._changes[keys[i]] for i in range(len(columns))]
+
+    def linearise(
+        self, values: Values, columns: Sequence[Column], kept: Mapping[str, Changes] | None = None
+    ) -> Linear:
+        """Return the linearisation of the innovations about some values, with present gains.
+
+        Columns whose changes are in `kept`, by name, are taken from there.
+        """
+        kept = kept or {}
+        asked = [column for column in columns if column.name not in kept]
+        found = dict(kept)
+        found |= zip([column.name for column in asked], self.changes(values, asked), strict=True)
+        bases = [innovations for innovations, _ in self.innovations(values)]
+        used = [np.isfinite(record.gains.variances) for record in self.records]
+        changes = [found[column.name] for column in columns]
+        return assemble(columns, bases, changes, used, self.blocks)
 
     def fit(
-        self, values: Values, variables: Sequence[Variable], steps: int = 4, tolerance: float = 1e-4
-    ) -> Fitted:
+        self, values: Values, variables: Sequence[Variable], steps: int = 4,
+        tolerance: float = 1e-4, kept: Mapping[str, Changes] | None = None,
+    ) -> Fitted:  # fmt: skip
         """Return the best values of variables, starting from `values`.
 
-        Stops where a step gains less than `tolerance` of the cost.
+        Stops where a step gains less than `tolerance` of the cost. Columns in `kept`, by name, are
+        not run again (chord method): with these, nuisances follow at the cost of none.
         """
         present = Fitted(dict(values), self.costs(values))
         for _ in range(steps):
-            linear = self.linearise(present.values, self.columns(present.values, variables))
-            names = [column.name for column in linear.columns]
-            step, _ = linear.solve(names)
+            columns = self.columns(present.values, variables)
+            linear = self.linearise(present.values, columns, kept)
+            step, _ = linear.solve([column.name for column in columns])
             better = None
-            for share in (1.0, 0.4, 0.1):
+            for share in _SHARES:
                 tried = dict(present.values)
                 for variable, change in zip(variables, step, strict=True):
-                    at = present.values[variable.parameter] + share * change
-                    tried = variable.put(tried, variable.within(at))
+                    tried = variable.moved(tried, share * change)
                 costs = self.costs(tried)
                 if costs.sum() < present.cost:
                     better = Fitted(tried, costs)

@@ -6,17 +6,14 @@ squares, and standard errors that hold for innovations which are correlated in t
 blocks are not (sandwich of block scores).
 """
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from .plant import Array
-from .predictor import Predictor
 from .records import Record
-from .variables import Values
 
 BLOCK_S: Final = 0.5
 """s. The ram's slowest mode of its own, the settling of the position loop, is shorter."""
@@ -41,7 +38,7 @@ class Column:
     """
 
     name: str
-    values: Values
+    values: Mapping[str, float]
     size: float
     lower: float = -np.inf
     upper: float = np.inf
@@ -137,35 +134,36 @@ def bounded_least_squares(matrix: Array, slope: Array, lower: Array, upper: Arra
     return np.asarray(x * scale)
 
 
-def linearise(
-    predictor: Predictor, records: Sequence[Record], values: Values, columns: Sequence[Column],
-    pool: ThreadPoolExecutor,
+def assemble(
+    columns: Sequence[Column], bases: Sequence[Array], changes: Sequence[Sequence[Array]],
+    used: Sequence[Array], blocks: Sequence[Sequence[slice]],
 ) -> Linear:  # fmt: skip
-    """Return the linearisation about `values`, with the records' present gains."""
+    """Return a linearisation from what records gave.
+
+    Args:
+        columns: the directions.
+        bases: of each record float64 (n, outputs): its innovations.
+        changes: of each column and record float64 (n, outputs): change of these by a unit step.
+        used: of each record bool (n, outputs): whether a reading is used.
+        blocks: of each record.
+    """
     products, slopes, squares = [], [], []
     quartics, samples = np.zeros(len(columns)), 0
-    for record in records:
-        base, states = predictor.innovations(record, values)
-
-        def run(
-            column: Column, record: Record = record, base: Array = base, states: Array = states
-        ) -> Array:
-            kicks = None if column.kicks is None else column.kicks(record, states)
-            changed = predictor.innovations(record, column.values, kicks)[0]
-            return np.asarray((changed - base) / column.size)
-
-        changes = np.stack(list(pool.map(run, columns)), axis=-1)
-        weights = np.minimum(1.0, HUBER / np.maximum(np.abs(base), 1e-12))
-        used = np.isfinite(record.innovation_variances)
-        for block in slices_of(record, predictor.plant.period):
-            root = np.sqrt(weights[block])
-            jacobian = (changes[block] * root[..., None]).reshape(-1, len(columns))
-            residual = (base[block] * root).ravel()
-            products.append(jacobian.T @ jacobian)
-            slopes.append(jacobian.T @ residual)
+    for number, base in enumerate(bases):
+        roots = np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(base), 1e-12)))
+        weighted = np.empty((len(columns), *base.shape))
+        for place, column in enumerate(changes):
+            np.multiply(column[number], roots, out=weighted[place])
+        residuals = base * roots
+        for block in blocks[number]:
+            jacobian = weighted[:, block].reshape(len(columns), -1)
+            residual = residuals[block].ravel()
+            products.append(jacobian @ jacobian.T)
+            slopes.append(jacobian @ residual)
             squares.append(float(residual @ residual))
-            quartics += (jacobian**4).sum(0)
-            samples += int(used[block].sum())
+            samples += int(used[number][block].sum())
+            squared = np.square(jacobian)
+            quartics += np.einsum("ij,ij->i", squared, squared)
     return Linear(
         columns, np.array(products), np.array(slopes), np.array(squares), quartics, samples
     )

@@ -10,7 +10,7 @@ the play of a spool, the lag of a transducer. Each sample, in this order:
     read(state, memory, parameters, readings)      the readings, without noise
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -94,6 +94,7 @@ class Knob:
         lower: least plausible value.
         upper: greatest plausible value.
         follows: other parameters that change in proportion, relative to their own values.
+        logarithmic: whether its size is sought on a logarithmic scale; it is positive then.
     """
 
     key: str
@@ -102,6 +103,25 @@ class Knob:
     lower: float
     upper: float
     follows: tuple[str, ...] = ()
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """One recording as predicted one sample ahead.
+
+    Attributes:
+        inputs: float64 (n, inputs), as commanded.
+        states: float64 (n, states), filtered.
+        innovations: float64 (n, outputs), over their standard deviations.
+    """
+
+    inputs: Array
+    states: Array
+    innovations: Array
+
+
+Proposal = Callable[[Sequence[Trace], Mapping[str, float]], tuple[Mapping[str, float], ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +136,8 @@ class Effect:
         starts: values of the knobs, by key, to start a fit from where the neutral ones are no
             start (no slope there); empty for those that can be reached from the neutral values.
         unseen: what of it cannot be told on principle, for the report.
+        propose: (recordings as predicted, values of all parameters by name) -> further starts,
+            where these depend on the motion; empty if the recordings show nothing of the effect.
     """
 
     name: str
@@ -124,6 +146,7 @@ class Effect:
     knobs: tuple[Knob, ...]
     starts: tuple[Mapping[str, float], ...] = ()
     unseen: str = ""
+    propose: Proposal | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +247,10 @@ class Plant:
         remember: compiled with REMEMBER.
         begin: (start state (count,), inputs (m, inputs), parameters by name) -> memory (length,)
             at the first sample; at least as long as there are inputs.
+        violent: (readings (n, outputs), parameters by name) -> bool (n,): where the plant changes
+            so quickly, and by laws known so badly, that no model predicts within a sample what
+            happens when: on a stop, with an empty chamber; None if there is nothing of the kind.
+        memories: parameters, neutral at 0, by which readings depend on the states before.
         input_delay: parameter by which the inputs act later, in s, if there is one.
         period: one sample, s.
         horizon: how far ahead predictions are judged, s.
@@ -251,10 +278,16 @@ class Plant:
     drive: Any = hold
     remember: Any = forget
     begin: Callable[[Array, Array, Mapping[str, float]], Array] = begin_held
+    violent: Callable[[Array, Mapping[str, float]], NDArray[np.bool_]] | None = None
+    memories: tuple[str, ...] = ()
     input_delay: str | None = None
     period: float = 1e-3
     horizon: float = 0.02
     not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)
+
+    def remembers(self, values: Mapping[str, float]) -> bool:
+        """Return whether readings depend on the states before."""
+        return any(values[name] != 0.0 for name in self.memories)
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """Return the values of all parameters as the compiled functions take them."""

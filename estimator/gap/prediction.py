@@ -27,14 +27,17 @@ _CUBE: Final = float64[:, :, ::1]
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR,
-         _MATRIX, _CUBE, _MATRIX),
+         _MATRIX, _CUBE, _MATRIX, _CUBE, _CUBE, _CUBE),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter(
     drive, step, remember, read, inputs, readings, variances, parameters, start, spread, changes,
-    noises, memory, gains, innovation_variances,
+    noises, memory, gains, innovation_variances, couplings, transitions, slopes,
 ):  # fmt: skip
     """Run the filter over a recording and keep its gains.
+
+    The readings of a sample are taken one after the other (Bierman 1977, ch. 2), each linearised
+    about the prediction.
 
     Args:
         drive: of the plant, compiled with DRIVE.
@@ -49,9 +52,14 @@ def run_filter(
         spread: float64 (states,), standard deviations of `start`.
         changes: float64 (states,), for derivatives by differences.
         noises: float64 (states,), variances of the model's error over one sample.
-        memory: float64 (1, length), zeros.
+        memory: float64 (1, length), of `Plant.begin`.
         gains: float64 (n, outputs, states), written.
         innovation_variances: float64 (n, outputs), written; infinite where not used.
+        couplings: float64 (n, outputs, outputs), written: how much of an innovation is in that of
+            a later reading of the sample, before the state is corrected by it.
+        transitions: float64 (n, states, states), written: derivatives of the state after a step
+            by that before; (0, ., .) if they are not to be kept.
+        slopes: float64 (n, outputs, states), written: derivatives of the readings; likewise.
     """
     count, outputs = start.size, readings.shape[1]
     remembered = memory[0]
@@ -60,7 +68,8 @@ def run_filter(
     expected, shifted = np.empty(outputs), np.empty(outputs)
     covariance = np.diag(spread * spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
-    slopes = np.empty((outputs, count))
+    slope = np.empty((outputs, count))
+    kept = transitions.shape[0] > 0
     for t in range(inputs.shape[0]):
         read(x, remembered, parameters, expected)
         for j in range(count):
@@ -68,9 +77,11 @@ def run_filter(
             point[j] += changes[j]
             read(point, remembered, parameters, shifted)
             for i in range(outputs):
-                slopes[i, j] = (shifted[i] - expected[i]) / changes[j]
+                slope[i, j] = (shifted[i] - expected[i]) / changes[j]
         point[:] = x
         for i in range(outputs):
+            for k in range(outputs):
+                couplings[t, i, k] = 0.0
             variance = variances[t, i]
             if not variance < np.inf:
                 innovation_variances[t, i] = np.inf
@@ -78,13 +89,16 @@ def run_filter(
                 continue
             innovation = readings[t, i] - expected[i]
             for j in range(count):
-                innovation -= slopes[i, j] * (x[j] - point[j])
+                innovation -= slope[i, j] * (x[j] - point[j])
                 total = 0.0
                 for k in range(count):
-                    total += covariance[j, k] * slopes[i, k]
+                    total += covariance[j, k] * slope[i, k]
                 ahead[j] = total
-                variance += slopes[i, j] * total
+                variance += slope[i, j] * total
             innovation_variances[t, i] = variance
+            for k in range(i):
+                for j in range(count):
+                    couplings[t, i, k] += slope[i, j] * gains[t, k, j]
             for j in range(count):
                 gains[t, i, j] = ahead[j] / variance
                 x[j] += gains[t, i, j] * innovation
@@ -100,6 +114,9 @@ def run_filter(
             step(point, remembered, parameters)
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
+        if kept:
+            transitions[t] = transition
+            slopes[t] = slope
         for i in range(count):
             for j in range(count):
                 total = 0.0
@@ -119,13 +136,13 @@ def run_filter(
 
 
 @njit(
-    void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _CUBE, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _VECTOR,
+    void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _CUBE, _CUBE, _VECTOR, _VECTOR, _MATRIX, _MATRIX,
          _MATRIX, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_frozen(
-    drive, step, remember, read, inputs, readings, innovation_variances, gains, parameters, start,
-    memory, kicks, changes, innovations, states,
+    drive, step, remember, read, inputs, readings, innovation_variances, gains, couplings,
+    parameters, start, memory, kicks, innovations, states,
 ):  # fmt: skip
     """Predict a recording one sample ahead with given gains.
 
@@ -138,44 +155,97 @@ def run_frozen(
         readings: float64 (n, outputs).
         innovation_variances: float64 (n, outputs), of `run_filter`.
         gains: float64 (n, outputs, states), of `run_filter`.
+        couplings: float64 (n, outputs, outputs), of `run_filter`.
         parameters: of the plant.
         start: float64 (states,).
-        memory: float64 (1, length), zeros.
+        memory: float64 (1, length), of `Plant.begin`.
         kicks: float64 (n, states) added to the state after each step; (0, states) for none.
-        changes: float64 (states,), for derivatives by differences.
         innovations: float64 (n, outputs), written: over their standard deviations, 0 if not used.
         states: float64 (n, states), written: filtered.
     """
     count, outputs = start.size, readings.shape[1]
     remembered = memory[0]
     x = start.copy()
-    before = np.empty(count)
-    expected, shifted = np.empty(outputs), np.empty(outputs)
+    expected = np.empty(outputs)
     kicked = kicks.shape[0] > 0
     for t in range(inputs.shape[0]):
         read(x, remembered, parameters, expected)
-        before[:] = x
         for i in range(outputs):
             variance = innovation_variances[t, i]
             if not variance < np.inf:
                 innovations[t, i] = 0.0
+                expected[i] = 0.0
                 continue
+            innovation = readings[t, i] - expected[i]
             # What the sample's other readings have corrected already, to first order.
-            if i > 0:
-                read(x, remembered, parameters, shifted)
-            else:
-                shifted[i] = expected[i]
-            innovation = readings[t, i] - shifted[i]
+            for k in range(i):
+                innovation -= couplings[t, i, k] * expected[k]
+            expected[i] = innovation
             innovations[t, i] = innovation / sqrt(variance)
             for j in range(count):
                 x[j] += gains[t, i, j] * innovation
-        states[t] = x
+        for j in range(count):
+            states[t, j] = x[j]
         drive(inputs[t], remembered, parameters)
         step(x, remembered, parameters)
         if kicked:
             for j in range(count):
                 x[j] += kicks[t, j]
         remember(x, remembered, parameters)
+
+
+@njit(
+    void(_MATRIX, _CUBE, _CUBE, _CUBE, _CUBE, _CUBE, _CUBE),
+    cache=True, error_model="numpy", nogil=True,
+)  # fmt: skip
+def run_tangent(innovation_variances, gains, couplings, transitions, slopes, kicks, innovations):
+    """Follow small disturbances of the state through the filter, all of them at once.
+
+    Args:
+        innovation_variances: float64 (n, outputs), of `run_filter`.
+        gains: float64 (n, outputs, states), likewise.
+        couplings: float64 (n, outputs, outputs), likewise.
+        transitions: float64 (n, states, states), likewise.
+        slopes: float64 (n, outputs, states), likewise.
+        kicks: float64 (n, states, columns), added to the state after each step.
+        innovations: float64 (n, outputs, columns), written: what they add to the innovations,
+            over the standard deviations of these.
+    """
+    count, outputs, columns = kicks.shape[1], slopes.shape[1], kicks.shape[2]
+    x, ahead = np.zeros((count, columns)), np.zeros((count, columns))
+    change = np.zeros((outputs, columns))
+    for t in range(kicks.shape[0]):
+        for i in range(outputs):
+            variance = innovation_variances[t, i]
+            change[i, :] = 0.0
+            if variance < np.inf:
+                for j in range(count):
+                    slope = slopes[t, i, j]
+                    if slope != 0.0:
+                        for c in range(columns):
+                            change[i, c] -= slope * ahead[j, c]
+                for k in range(i):
+                    coupling = couplings[t, i, k]
+                    for c in range(columns):
+                        change[i, c] -= coupling * change[k, c]
+            scale = 1.0 / sqrt(variance)
+            for c in range(columns):
+                innovations[t, i, c] = scale * change[i, c]
+        for j in range(count):
+            for c in range(columns):
+                x[j, c] = ahead[j, c]
+            for i in range(outputs):
+                gain = gains[t, i, j]
+                for c in range(columns):
+                    x[j, c] += gain * change[i, c]
+        for j in range(count):
+            for c in range(columns):
+                ahead[j, c] = kicks[t, j, c]
+            for k in range(count):
+                rate = transitions[t, j, k]
+                if rate != 0.0:
+                    for c in range(columns):
+                        ahead[j, c] += rate * x[k, c]
 
 
 @njit(

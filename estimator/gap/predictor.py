@@ -5,11 +5,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from .plant import Array, Plant
-from .prediction import predict_ahead, run_filter, run_free, run_frozen
-from .records import Record, inputs_of, made_of
+from .prediction import predict_ahead, run_filter, run_free, run_frozen, run_tangent
+from .records import Gains, Record, inputs_of, made_of, roughness
+
+Values = Mapping[str, float]
 
 _FIRST = 20
 """Samples at the start of a record that the state is started from."""
+
+
+def _none() -> tuple[Array, Array]:
+    """Return what tells `run_filter` to keep no derivatives."""
+    return np.empty((0, 0, 0)), np.empty((0, 0, 0))
 
 
 class Predictor:
@@ -21,29 +28,32 @@ class Predictor:
         self._changes = np.array([state.change for state in plant.states])
         self._noises = np.array([state.noise for state in plant.states]) ** 2
 
-    def _memory(self, start: Array, record: Record, values: Mapping[str, float]) -> Array:
+    def _memory(self, start: Array, record: Record, values: Values) -> Array:
         return self.plant.begin(start, record.inputs[:_FIRST], values)[None, :].copy()
 
-    def _start(self, record: Record, values: Mapping[str, float]) -> tuple[Array, Array]:
+    def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
         first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
         first[0] = record.readings[0]
         return self.plant.start(first, record.inputs[:_FIRST], values)
 
-    def filter(self, record: Record, values: Mapping[str, float]) -> None:
+    def filter(self, record: Record, values: Values) -> None:
         """Estimate the gains of a record anew."""
-        count, outputs = len(self._changes), record.readings.shape[1]
+        self._run_filter(record, record.anew(len(self._changes)), values, *_none())
+
+    def _run_filter(
+        self, record: Record, gains: Gains, values: Values, transitions: Array, slopes: Array
+    ) -> None:
         start, spread = self._start(record, values)
-        record.gains = np.empty((len(record), outputs, count))
-        record.innovation_variances = np.empty((len(record), outputs))
         run_filter(
             *self._functions, inputs_of(record, self.plant, values), record.readings,
-            record.variances, self.plant.vector(values), start, spread, self._changes,
-            self._noises, self._memory(start, record, values), record.gains,
-            record.innovation_variances,
+            record.variances + roughness(record, self.plant, values),
+            self.plant.vector(values), start, spread, self._changes,
+            self._noises, self._memory(start, record, values), gains.states,
+            gains.variances, gains.couplings, transitions, slopes,
         )  # fmt: skip
 
     def innovations(
-        self, record: Record, values: Mapping[str, float], kicks: Array | None = None
+        self, record: Record, values: Values, kicks: Array | None = None
     ) -> tuple[Array, Array]:
         """Return innovations (n, outputs) over their standard deviations and filtered states.
 
@@ -53,15 +63,44 @@ class Predictor:
         start = self._start(record, values)[0]
         innovations = np.empty_like(record.readings)
         states = np.empty((len(record), count))
+        gains = record.gains
         run_frozen(
             *self._functions, inputs_of(record, self.plant, values), record.readings,
-            record.innovation_variances, record.gains, self.plant.vector(values),
-            start, self._memory(start, record, values),
-            np.empty((0, count)) if kicks is None else kicks, self._changes, innovations, states,
+            gains.variances, gains.states, gains.couplings, self.plant.vector(values), start,
+            self._memory(start, record, values),
+            np.empty((0, count)) if kicks is None else kicks, innovations, states,
         )  # fmt: skip
         return innovations, states
 
-    def ahead(self, record: Record, values: Mapping[str, float], states: Array) -> Array:
+    def disturbed(self, record: Record, values: Values, kicks: Array) -> Array:
+        """Return what small kicks of the state (n, states, columns) add to innovations.
+
+        They are as of `innovations`, with the same gains (n, outputs, columns), to first order
+        about the filter's own course with `values`.
+        """
+        count, outputs = len(self._changes), record.readings.shape[1]
+        if self.plant.remembers(values):
+            base = self.innovations(record, values)[0]
+            changed = [
+                self.innovations(record, values, np.ascontiguousarray(kicks[:, :, c]))[0] - base
+                for c in range(kicks.shape[2])
+            ]
+            return np.stack(changed, axis=-1)
+        if record.tangent is None or record.tangent[0] != values:
+            transitions = np.empty((len(record), count, count))
+            slopes = np.empty((len(record), outputs, count))
+            unused = Gains.empty(len(record), outputs, count)
+            self._run_filter(record, unused, values, transitions, slopes)
+            record.tangent = (dict(values), transitions, slopes)
+        innovations = np.empty((len(record), outputs, kicks.shape[2]))
+        gains = record.gains
+        run_tangent(
+            gains.variances, gains.states, gains.couplings, *record.tangent[1:],
+            np.ascontiguousarray(kicks), innovations,
+        )  # fmt: skip
+        return innovations
+
+    def ahead(self, record: Record, values: Values, states: Array) -> Array:
         """Return readings less predictions (n, outputs) over the plant's horizon, NaN at starts."""
         errors = np.empty_like(record.readings)
         memory = self._memory(states[0], record, values)
@@ -73,9 +112,7 @@ class Predictor:
         errors[~np.isfinite(record.variances)] = np.nan
         return errors
 
-    def simulate(
-        self, record: Record, values: Mapping[str, float], *, steered: bool
-    ) -> tuple[Array, Array]:
+    def simulate(self, record: Record, values: Values, *, steered: bool) -> tuple[Array, Array]:
         """Return inputs (n, inputs) and noise-free readings of a simulation along a record."""
         steering = np.zeros((len(self.plant.inputs), len(self.plant.outputs)))
         if steered:
@@ -90,7 +127,7 @@ class Predictor:
         )  # fmt: skip
         return driven, simulated
 
-    def twin(self, record: Record, values: Mapping[str, float], seed: int) -> Record:
+    def twin(self, record: Record, values: Values, seed: int) -> Record:
         """Return what a rig that is exactly this model would have recorded on the same course.
 
         Its sensors have the noise and rounding that the plant states; steering keeps it near.

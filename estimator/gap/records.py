@@ -9,8 +9,38 @@ from rig.recording import Recording
 
 from .plant import Array, Plant
 
+_SMOOTHED = 11
+"""Samples of the moving mean by which saturation is told."""
+_MARGIN = 3.0
+"""Standard deviations from a limit within which a sensor's noise is cut off."""
+_BEFORE, _AFTER = 3, 30
+"""Samples before and after a blow in which readings are not known to a fraction of a sample."""
 LONGEST_DWELL = 100
 """Samples that an encoder's count may rest before it counts as a new reading."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """How strongly a filter corrected each state by each reading.
+
+    Attributes:
+        states: float64 (n, outputs, states), change of a state by an innovation.
+        variances: float64 (n, outputs), of the innovations; infinite where not used.
+        couplings: float64 (n, outputs, outputs), of a sample's innovations with earlier ones.
+    """
+
+    states: Array
+    variances: Array
+    couplings: Array
+
+    @classmethod
+    def empty(cls, samples: int, outputs: int, states: int) -> "Gains":
+        """Return room for the gains of so many samples, outputs and states."""
+        return cls(
+            np.empty((samples, outputs, states)),
+            np.empty((samples, outputs)),
+            np.empty((samples, outputs, outputs)),
+        )
 
 
 @dataclass(eq=False)
@@ -22,16 +52,29 @@ class Record:
         inputs: float64 (n, inputs), as commanded.
         readings: float64 (n, outputs).
         variances: float64 (n, outputs); infinite where a reading is missing or saturated.
-        gains: float64 (n, outputs, states), of the last filter run.
-        innovation_variances: float64 (n, outputs), likewise.
+        gains: of the last filter run.
+        tangent: parameters, transitions (n, states, states) and slopes (n, outputs, states) that
+            disturbances were last followed with.
     """
 
     source: str
     inputs: Array
     readings: Array
     variances: Array
-    gains: Array = field(init=False, repr=False)
-    innovation_variances: Array = field(init=False, repr=False)
+    gains: Gains = field(init=False, repr=False)
+    tangent: tuple[dict[str, float], Array, Array] | None = field(
+        init=False, repr=False, default=None
+    )
+
+    def anew(self, states: int) -> Gains:
+        """Return room for new gains of so many states, which are now the record's."""
+        samples, outputs = self.readings.shape
+        self.gains = Gains.empty(samples, outputs, states)
+        return self.gains
+
+    def release(self) -> None:
+        """Forget what disturbances were followed with; it is large."""
+        self.tangent = None
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -62,9 +105,43 @@ def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record
         if output.resolution > 0.0:
             variances[:, index] += output.resolution**2 / 12.0 * _dwell(values)
         unusable = ~((values > output.lower) & (values < output.upper))
+        # By the mean, not by the reading: those that noise keeps off the limit are too high.
+        mean, margin = smoothed(np.where(np.isfinite(values), values, 0.0)), _MARGIN * output.noise
+        unusable |= (mean < output.lower + margin) | (mean > output.upper - margin)
         variances[unusable, index] = np.inf
     clean = np.where(np.isfinite(readings), readings, 0.0)
     return Record(source, np.ascontiguousarray(inputs), np.ascontiguousarray(clean), variances)
+
+
+def smoothed(values: Array) -> Array:
+    """Return the moving mean (n,) of values (n,) over `_SMOOTHED` samples."""
+    half = _SMOOTHED // 2
+    padded = np.pad(values, half, mode="edge")
+    sums = np.cumsum(np.concatenate([[0.0], padded]))
+    return np.asarray((sums[_SMOOTHED:] - sums[:-_SMOOTHED]) / _SMOOTHED)
+
+
+def roughness(record: Record, plant: Plant, values: Mapping[str, float]) -> Array:
+    """Return variances (n, outputs) to be added where the plant is violent.
+
+    When within a sample a ram meets its stop is not known. What a reading changed by around that
+    sample is what it may be wrong by.
+    """
+    added = np.zeros_like(record.readings)
+    if plant.violent is None:
+        return added
+    hit = plant.violent(record.readings, values)
+    if not hit.any():
+        return added
+    # From a little before, to when what the blow left has died down.
+    around = np.convolve(hit, np.ones(_BEFORE + _AFTER + 1), mode="full") > 0.5
+    around = around[_BEFORE : _BEFORE + len(hit)]
+    steps = np.abs(np.diff(record.readings, axis=0, prepend=record.readings[:1]))
+    for shift in range(-2, 3):
+        np.maximum(added, np.roll(steps, shift, axis=0), out=added)
+    added *= added
+    added[~around] = 0.0
+    return added
 
 
 def _dwell(values: Array) -> Array:

@@ -10,15 +10,15 @@ extension, prediction error). It is judged by what the cost gains, against two b
   and the gain must be well above what the candidate gains there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
-from .fit import Fitted, Fitter
-from .linear import Column, Linear
-from .plant import Array, Effect
+from .fit import Changes, Fitted, Fitter
+from .linear import Column
+from .plant import Array, Effect, Trace
 from .variables import (
     Values,
     Variable,
@@ -40,6 +40,12 @@ Another effect that explains all but this much may be the cause as well."""
 MOST_EFFECTS: Final = 4
 _TRIED: Final = 5
 _TWINS: Final = 2
+_SWAPS: Final = 3
+"""Times that alternatives are tried; each but the last may exchange one effect for another."""
+_SETTLED: Final = 1e-3
+"""Part of the cost below which a step leaves the gains as they are."""
+_NEAR: Final = 0.2
+"""Part of an effect's gain that another must have had at some stage to be tried in its place."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +125,6 @@ class Found:
     samples: int = 0
     errors: dict[str, float] = field(default_factory=dict)
     rejected: list[Screened] = field(default_factory=list)
-    linear: Linear | None = None
 
     @property
     def explained(self) -> float:
@@ -143,66 +148,81 @@ class Search:
         self.plant = fitter.predictor.plant
         self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
         self._seed = seed
+        self._twins: dict[tuple[float, ...], list[Fitter]] = {}
 
     def run(self) -> Found:
         """Return what the model lacks, as far as the records tell."""
         values = {**self.plant.nominal}
         self.fitter.refresh(values)
         given = Fitted(dict(values), self.fitter.costs(values))
-        present = self._settled(given.values, self.nuisances)
+        present = self._settled(given, self.nuisances)
         found = Found(given, present, present, self.nuisances, [])
-        while len(found.named) < MOST_EFFECTS:
-            added = self._next(found)
-            if added is None:
+        screened = self._grow(found)
+        for _ in range(_SWAPS):
+            self._eliminate(found)
+            if not self._alternatives(found, screened):
                 break
-            effect, fitted, bar, before = added
-            found.variables = freed(found.variables, effect)
-            found.fitted = self._settled(fitted.values, found.variables)
-            gain = before.cost - fitted.cost
-            found.named.append(
-                Named(
-                    effect.name,
-                    gain,
-                    gain / found.samples,
-                    bar,
-                    deviate(before.costs - fitted.costs),
-                )
-            )
-        self._eliminate(found)
-        self._alternatives(found)
+            screened |= self._grow(found)
         return found
 
     # One stage
 
-    def _settled(self, values: Values, variables: Sequence[Variable]) -> Fitted:
+    def _grow(self, found: Found) -> dict[str, list[Screened]]:
+        """Add effects while they earn their place; return what was screened at any stage."""
+        seen: dict[str, list[Screened]] = {}
+        while len(found.named) < MOST_EFFECTS:
+            screened = self.screen(self.fitter, found.fitted.values, found.variables)
+            for candidate in screened:
+                seen.setdefault(candidate.effect, []).append(candidate)
+            added = self._next(found, screened)
+            if added is None:
+                found.rejected = screened
+                break
+            effect, fitted, bar = added
+            before = found.fitted
+            found.variables = freed(found.variables, effect)
+            found.fitted = self._settled(fitted, found.variables)
+            gain = before.cost - fitted.cost
+            found.named.append(
+                Named(
+                    effect.name, gain, gain / found.samples, bar,
+                    deviate(before.costs - fitted.costs),
+                )
+            )  # fmt: skip
+        return seen
+
+    def _settled(self, fitted: Fitted, variables: Sequence[Variable]) -> Fitted:
         """Return the fit of variables whose gains are its own."""
-        for steps in (3, 3):
-            self.fitter.refresh(values)
-            fitted = self.fitter.fit(values, variables, steps)
-            values = fitted.values
+        for _ in range(2):
+            self.fitter.refresh(fitted.values)
+            before = self.fitter.costs(fitted.values).sum()
+            fitted = self.fitter.fit(fitted.values, variables, 3)
+            # Where the values hardly moved, their gains did not either.
+            if before - fitted.cost < _SETTLED * fitted.cost:
+                break
         return fitted
 
-    def _next(self, found: Found) -> tuple[Effect, Fitted, float, Fitted] | None:
-        """Return the effect to add, its fit, the bar it passed and the fit without it."""
+    def _next(
+        self, found: Found, screened: Sequence[Screened]
+    ) -> tuple[Effect, Fitted, float] | None:
+        """Return the effect to add, its fit, and the bar it passed."""
         before = found.fitted
-        linear, screened = self.screen(self.fitter, before.values, found.variables)
-        found.samples, found.linear = linear.samples, linear
         taken = {named.effect for named in found.named}
+        found.samples = self.fitter.samples
         hopeful = [
             candidate
             for candidate in screened
             if candidate.effect not in taken
-            and candidate.gain > 0.5 * max(CHANCE, MATERIAL * candidate.acting * linear.samples)
-        ]
-        hopeful = hopeful[:_TRIED]
+            and candidate.gain > 0.5 * max(CHANCE, MATERIAL * candidate.acting * found.samples)
+        ][:_TRIED]
         chance = self._chance(found, [c.effect for c in hopeful]) if hopeful else {}
-        best: tuple[Effect, Fitted, float, Fitted] | None = None
+        best: tuple[Effect, Fitted, float] | None = None
         for candidate in hopeful:
             effect = self.plant.effects[candidate.effect]
             fitted = self._with(before, found.variables, candidate)
             bar = max(
                 CHANCE,
-                MATERIAL * candidate.acting * linear.samples,
+                MATERIAL * candidate.acting * found.samples,
                 OVER_TWIN * chance.get(effect.name, 0.0),
             )
             gains = before.costs - fitted.costs
@@ -212,24 +232,30 @@ class Search:
                 and acting_blocks > 2.0
                 and (best is None or fitted.cost < best[1].cost)
             ):
-                best = (effect, fitted, bar, before)
-        found.rejected = [] if best else screened
+                best = (effect, fitted, bar)
         return best
 
     def _with(self, present: Fitted, variables: Sequence[Variable], candidate: Screened) -> Fitted:
         """Return the fit with a candidate added."""
         effect = self.plant.effects[candidate.effect]
         values = started(self.plant, present.values, effect, candidate.start)
-        return self.fitter.fit(values, freed(tuple(variables), effect), 4, 1e-3)
+        kept = self._kept(present.values, variables)
+        return self.fitter.fit(values, freed(tuple(variables), effect), 5, 3e-4, kept)
+
+    def _kept(self, values: Values, variables: Sequence[Variable]) -> dict[str, Changes]:
+        """Return the changes by variables, by the names of their columns."""
+        columns = self.fitter.columns(values, variables)
+        changes = self.fitter.changes(values, columns)
+        return {column.name: change for column, change in zip(columns, changes, strict=True)}
 
     def screen(
         self,
         fitter: Fitter,
         values: Values,
         variables: tuple[Variable, ...],
-        effects: Sequence[str] | None = None,
-    ) -> tuple[Linear, list[Screened]]:
-        """Return a linearisation and all candidates that it says gain something, best first."""
+        effects: Collection[str] | None = None,
+    ) -> list[Screened]:
+        """Return all candidates that a linearisation says gain something, best first."""
         columns = fitter.columns(values, variables)
         base = [column.name for column in columns]
         starts: dict[str, tuple[str, Mapping[str, float], list[str]]] = {}
@@ -239,13 +265,14 @@ class Search:
                 continue
             if effects is not None and effect.name not in effects:
                 continue
-            for number, start in enumerate(effect.starts):
+            given = self._starts(fitter, values, effect)
+            for number, start in enumerate(given):
                 column = Column(
                     f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
                 )
                 columns.append(column)
                 starts[column.name] = (effect.name, start, [column.name])
-            if not effect.starts:
+            if not effect.starts and effect.propose is None:
                 added = fitter.columns(values, effect_variables(effect))
                 columns += added
                 starts[added[0].name] = (effect.name, {}, [column.name for column in added])
@@ -265,30 +292,47 @@ class Search:
             )
             if gain > 0.0 and (added_effect not in best or gain > best[added_effect].gain):
                 best[added_effect] = Screened(added_effect, start, gain, acting)
-        return linear, sorted(best.values(), key=lambda candidate: -candidate.gain)
+        return sorted(best.values(), key=lambda candidate: -candidate.gain)
+
+    def _starts(
+        self, fitter: Fitter, values: Values, effect: Effect
+    ) -> tuple[Mapping[str, float], ...]:
+        """Return where fits of an effect start: stated ones and those that the records propose."""
+        if effect.propose is None:
+            return effect.starts
+        traces = [
+            Trace(record.inputs, states, innovations)
+            for record, (innovations, states) in zip(
+                fitter.records, fitter.innovations(values), strict=True
+            )
+        ]
+        return (*effect.starts, *effect.propose(traces, values))
 
     def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
         """Return what each of some effects gains at most on twins of the present model."""
         most: dict[str, float] = {}
         for fitter in self.twins(found.fitted.values):
-            screened = self.screen(fitter, found.fitted.values, found.variables, effects)[1]
+            screened = self.screen(fitter, found.fitted.values, found.variables, effects)
             for candidate in screened:
                 most[candidate.effect] = max(most.get(candidate.effect, 0.0), candidate.gain)
         return most
 
     def twins(self, values: Values, count: int = _TWINS) -> list[Fitter]:
         """Return fitters of records that a rig exactly like the model would have made."""
-        fitters = []
+        key = tuple(values.values())
+        if key not in self._twins:
+            self._twins.clear()
+        made = self._twins.setdefault(key, [])
         predictor, pool = self.fitter.predictor, self.fitter.pool
-        for twin in range(count):
+        for twin in range(len(made), count):
             records = [
                 predictor.twin(record, values, self._seed + 1000 * twin + index)
                 for index, record in enumerate(self.fitter.records)
             ]
             fitter = Fitter(predictor, records, pool)
             fitter.refresh(values)
-            fitters.append(fitter)
-        return fitters
+            made.append(fitter)
+        return made[:count]
 
     # After the search
 
@@ -297,14 +341,11 @@ class Search:
         for named in list(found.named):
             if len(found.named) < 2:
                 return
-            without = self._without(found, named.effect)
-            loss = without[1].cost - found.fitted.cost
-            if loss < named.bar:
+            variables, without = self._without(found, named.effect)
+            if without.cost - found.fitted.cost < named.bar:
                 found.named.remove(named)
-                found.variables, found.fitted = (
-                    without[0],
-                    self._settled(without[1].values, without[0]),
-                )
+                found.variables = variables
+                found.fitted = self._settled(without, variables)
 
     def _without(self, found: Found, name: str) -> tuple[tuple[Variable, ...], Fitted]:
         """Return variables and fit without an effect, with the gains of the fit with it."""
@@ -316,30 +357,49 @@ class Search:
         back = [v for v in self.nuisances if v.parameter not in present]
         back = [v for v in back if v.parameter in {w.parameter for w in found.variables}]
         variables = (*back, *kept)
-        return variables, self.fitter.fit(values, variables, 4, 1e-3)
+        changes = self._kept(found.fitted.values, kept)
+        return variables, self.fitter.fit(values, variables, 4, 1e-3, changes)
 
-    def _alternatives(self, found: Found) -> None:
-        """Try other effects in the place of each that was named."""
+    def _alternatives(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
+        """Try other effects in the place of each that was named.
+
+        Returns:
+            Whether one was better and took its place.
+        """
         taken = {named.effect for named in found.named}
         for position, named in enumerate(found.named):
             variables, without = self._without(found, named.effect)
             gain = without.cost - found.fitted.cost
-            screened = self.screen(self.fitter, without.values, variables)[1]
+            near = {
+                name
+                for name, stages in seen.items()
+                if name not in taken and max(c.gain for c in stages) > _NEAR * gain
+            }
+            screened = self.screen(self.fitter, without.values, variables, near)
             alternatives = []
             for candidate in screened[: _TRIED + 2]:
-                if candidate.effect in taken or candidate.gain < 0.5 * gain:
+                if candidate.gain < 0.5 * gain:
                     continue
                 fitted = self._with(without, variables, candidate)
+                if found.fitted.cost - fitted.cost > CHANCE:
+                    effect = self.plant.effects[candidate.effect]
+                    found.variables = freed(variables, effect)
+                    found.fitted = self._settled(fitted, found.variables)
+                    better = deviate(without.costs - fitted.costs)
+                    found.named[position] = Named(
+                        effect.name, without.cost - fitted.cost,
+                        (without.cost - fitted.cost) / found.samples, named.bar, better,
+                    )  # fmt: skip
+                    return True
                 alternatives.append(
                     Alternative(
-                        candidate.effect,
-                        (without.cost - fitted.cost) / gain,
-                        deviate(fitted.costs - found.fitted.costs),
-                        fitted,
+                        candidate.effect, (without.cost - fitted.cost) / gain,
+                        deviate(fitted.costs - found.fitted.costs), fitted,
                     )
-                )
+                )  # fmt: skip
             alternatives.sort(key=lambda alternative: -alternative.share)
             found.named[position] = Named(
                 named.effect, gain, gain / found.samples, named.bar,
                 deviate(without.costs - found.fitted.costs), tuple(alternatives),
             )  # fmt: skip
+        return False

@@ -7,6 +7,7 @@ import numba.extending
 import numpy as np
 from numba import njit, types
 from numba.core import cgutils
+from numpy.typing import NDArray
 
 from rig.plant import NO_FAULT, Model, Parameters, quantities
 from rig.plant.command_path import PATH_SIZE, command_path, drive
@@ -36,6 +37,7 @@ from .plant import (
     Region,
     State,
 )
+from .records import smoothed
 from .servo_effects import EFFECTS, NOT_TOLD_APART, nuisances
 
 STATES: Final = (
@@ -56,10 +58,10 @@ _MEMORY: Final = _BEHIND + 3
 _FAULT: Final = tuple(NO_FAULT)
 _PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
 # As it is declared, its arguments would count the context that numba adds.
-_intrinsic: Final[Any] = numba.extending.intrinsic
+intrinsic: Final[Any] = numba.extending.intrinsic
 
 
-@_intrinsic
+@intrinsic
 def _parameters(typing_context, values):
     """Return `Parameters` of an array (count,)."""
 
@@ -138,6 +140,24 @@ def _start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple
          1.0, 1.0]
     )  # fmt: skip
     return state, spread
+
+
+_ON_STOP: Final = 2e-4
+"""m. So near a stop a ram at 0.2 m/s meets it within the sample."""
+_EMPTY: Final = 1.5e5
+"""Pa. A chamber that reads less, on the mean of some samples, may be empty."""
+
+
+def _violent(readings: Array, values: Mapping[str, float]) -> NDArray[np.bool_]:
+    """Return where the ram is on a stop or a chamber empty (n,)."""
+    position = readings[:, 0] / values["position_gain"]
+    low = max(values["stroke_min"], values["stop_low"])
+    high = min(values["stroke_max"], values["stop_high"])
+    found = (position < low + _ON_STOP) | (position > high - _ON_STOP)
+    for chamber in (1, 2):
+        bias = values[f"pressure_{chamber}_bias"]
+        found |= smoothed(readings[:, chamber]) - bias < _EMPTY
+    return np.asarray(found)
 
 
 _MPA: Final = ("MPa", 1e-6)
@@ -245,5 +265,7 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         drive=_drive,
         remember=_remember,
         begin=_begin,
+        violent=_violent,
+        memories=("pressure_lag", "position_delay", "position_backlash"),
         not_told_apart=NOT_TOLD_APART,
     )  # fmt: skip

@@ -2,10 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import exp, log
 
+from .linear import Column
 from .plant import Effect, Knob, Nuisance, Plant
 
 Values = Mapping[str, float]
+
+_LARGEST_SHARE = 0.1
+"""Of a value on a logarithmic scale that a probe may change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +25,8 @@ class Variable:
         lower: bound.
         upper: bound.
         follows: parameters that change in proportion.
+        logarithmic: whether steps are of the logarithm of the value; `probe` stays a change of the
+            value itself.
     """
 
     name: str
@@ -29,6 +36,7 @@ class Variable:
     lower: float
     upper: float
     follows: tuple[str, ...] = ()
+    logarithmic: bool = False
 
     def put(self, values: Values, value: float) -> dict[str, float]:
         """Return values with this parameter, and what follows it, set."""
@@ -43,6 +51,32 @@ class Variable:
         """Return the value, moved to the bound it is beyond."""
         return min(max(value, self.lower), self.upper)
 
+    def column(self, values: Values) -> Column:
+        """Return the direction in which the values change with this variable."""
+        at = values[self.parameter]
+        probe = self.probe
+        if self.logarithmic:
+            probe = min(probe, _LARGEST_SHARE * at)
+        if at + probe > self.upper:
+            probe = -probe
+        changed = self.put(values, at + probe)
+        name = f"{self.name}.{self.key}"
+        if self.logarithmic:
+            lower, upper = log(self.lower / at), log(self.upper / at)
+            return Column(name, changed, log((at + probe) / at), lower, upper)
+        return Column(name, changed, probe, self.lower - at, self.upper - at)
+
+    def moved(self, values: Values, step: float) -> dict[str, float]:
+        """Return values after a step in this variable's scale, within its bounds."""
+        at = values[self.parameter]
+        if self.logarithmic:
+            return self.put(values, self.within(at * exp(min(max(step, -5.0), 5.0))))
+        return self.put(values, self.within(at + step))
+
+    def reach(self, values: Values, step: float) -> float:
+        """Return how much the value changes by a small step in this variable's scale."""
+        return step * values[self.parameter] if self.logarithmic else step
+
 
 def nuisance_variable(nuisance: Nuisance) -> Variable:
     """Return the variable of a nuisance, bounded by its tolerance."""
@@ -56,8 +90,9 @@ def nuisance_variable(nuisance: Nuisance) -> Variable:
 def knob_variable(effect: Effect, knob: Knob) -> Variable:
     """Return the variable of an effect's knob."""
     return Variable(
-        effect.name, knob.key, knob.parameter, knob.probe, knob.lower, knob.upper, knob.follows
-    )
+        effect.name, knob.key, knob.parameter, knob.probe, knob.lower, knob.upper, knob.follows,
+        knob.logarithmic,
+    )  # fmt: skip
 
 
 def effect_variables(effect: Effect) -> tuple[Variable, ...]:

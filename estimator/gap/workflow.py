@@ -93,7 +93,7 @@ def _standard_errors(fitter: Fitter, search: Search, found: Found) -> dict[str, 
         misses.append(twin.linearise(found.fitted.values, columns).solve(names)[0])
     wrong = np.sqrt(np.mean(np.square(misses), axis=0))
     return {
-        variable.parameter: float(max(error, miss))
+        variable.parameter: variable.reach(found.fitted.values, float(max(error, miss)))
         for variable, error, miss in zip(found.variables, errors, wrong, strict=True)
     }
 
