@@ -66,6 +66,8 @@ class NamedEffect:
         indistinguishable: at most two others that this data cannot exclude.
         excluded: others that were tried and are worse.
         unseen: what of it cannot be told on principle.
+        held_out_z: normal deviate of what it gains on the held-out recordings; NaN where these
+            hardly move what it acts on.
     """
 
     name: str
@@ -78,6 +80,7 @@ class NamedEffect:
     indistinguishable: tuple[Rival, ...] = ()
     excluded: tuple[Rival, ...] = ()
     unseen: str = ""
+    held_out_z: float = float("nan")
 
 
 @dataclass(frozen=True)

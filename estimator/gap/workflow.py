@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -11,23 +12,43 @@ from rig.recording import Recording
 
 from .disturbances import curves
 from .fit import Fitter
+from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
+from .judging import confirm, judge
 from .plant import Plant
 from .predictor import Predictor
-from .records import record_of
+from .records import Record, record_of
 from .results import Estimate, GapResult, NamedEffect, Rival
-from .search import MATERIAL, Found, Named, Search
-from .variables import Variable
+from .search import Found, Named, Search
+from .signatures import cosines, limits
+from .suitability import unsuitable, usable, worse_than_resting
+from .variables import Variable, effect_variables
 
-EXPLAINED: Final = 0.8
-"""Of the excess in prediction error: what named effects must take away to be the whole answer."""
 _NORMAL_95: Final = 1.96
+_FORM: Final = 1e-3
+"""Of an effect's size: a standard error for the step of the model's own integration, and of what
+the rig's effect is otherwise than the model's."""
+
+
+@dataclass
+class _Seen:
+    """What else is told of each named effect.
+
+    Attributes:
+        held_out: normal deviate of its gain held out, by effect.
+        cosines: of its signature with those of its rivals, by effect and rival.
+    """
+
+    held_out: dict[str, float] = field(default_factory=dict)
+    cosines: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 def find_gap(
     recordings: Sequence[Recording], holdout: Sequence[Recording], plant: Plant, seed: int = 1
 ) -> GapResult:
     """Return where a plant's model and its recordings disagree, and what it lacks.
+
+    Recordings that cannot support a verdict make it `inconclusive`, with the model as given.
 
     Args:
         recordings: to fit to, 1 kHz.
@@ -39,34 +60,93 @@ def find_gap(
         KeyError: a recording lacks a channel of the plant.
     """
     predictor = Predictor(plant)
-    records = [record_of(recording, plant) for recording in recordings]
-    judged = [record_of(recording, plant) for recording in holdout]
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        fitter = Fitter(predictor, records, pool)
-        search = Search(fitter, seed)
-        found = search.run()
-        _floor(search, found)
-        fitter.refresh(found.refitted.values)
-        where = curves(fitter, found.refitted.values, search.nuisances, found.floor)
-        fitter.refresh(found.fitted.values)
-        rest = curves(fitter, found.fitted.values, found.variables, found.floor)
-        errors = _standard_errors(fitter, search, found)
-    gaps = channel_gaps(predictor, judged, plant.nominal, found.fitted.values)
-    before, after = mean_gap(gaps)
-    result = GapResult("adequate", [])
-    result.effects = [_named(plant, found, named, errors) for named in found.named]
-    result.refitted = [_estimate(plant, found, v, errors) for v in found.variables if not v.key]
-    result.channels, result.gap_before, result.gap_after = gaps, before, after
-    result.explained, result.where, result.rest = found.explained, where, rest
-    result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
+    result = GapResult("inconclusive", [], values=dict(plant.nominal))
     result.identification = [(r.source, r.content_hash()) for r in recordings]
     result.holdout = [(r.source, r.content_hash()) for r in holdout]
     result.seconds = (
-        sum(len(r) for r in records) * plant.period,
-        sum(len(r) for r in judged) * plant.period,
+        sum(len(r) for r in recordings) * plant.period,
+        sum(len(r) for r in holdout) * plant.period,
     )
-    _judge(result, found)
+    records = usable([record_of(recording, plant) for recording in recordings], plant)
+    judged = usable([record_of(recording, plant) for recording in holdout], plant)
+    result.reasons = unsuitable(records, judged, predictor)
+    if not result.reasons:
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            fitter = Fitter(predictor, records, pool)
+            try:
+                _search(result, Search(fitter, seed), Fitter(predictor, judged, pool))
+            except np.linalg.LinAlgError:
+                result.reasons = ["no values of the parameters make the model's predictions finite"]
+    _show(result, predictor, judged)
     return result
+
+
+def _search(result: GapResult, search: Search, judged: Fitter) -> None:
+    """Set what the search finds, and the verdict."""
+    fitter, plant = search.fitter, search.plant
+    found = search.run()
+    _floor(search, found)
+    seen = _Seen()
+    seen.held_out, dropped = confirm(search, found, judged)
+    fitter.refresh(found.refitted.values)
+    result.where = curves(fitter, found.refitted.values, search.nuisances, found.floor)
+    fitter.refresh(found.fitted.values)
+    result.rest = result.where
+    if found.named:
+        result.rest = curves(fitter, found.fitted.values, found.variables, found.floor)
+    resting = {
+        channel: None
+        for record in (*fitter.records, *judged.records)
+        for channel in worse_than_resting(fitter.predictor, record, found.fitted.values)
+    }
+    judgement = judge(found, result.rest, list(resting))
+    result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
+    if result.verdict == "inconclusive":
+        result.rest = result.where
+        return
+    if result.verdict == "unknown_effect":
+        # A name that explains too little would be a wrong one: the model is refitted, no more.
+        found.fitted, found.named, found.variables = found.refitted, [], search.nuisances
+        fitter.refresh(found.fitted.values)
+        result.rest = result.where
+    result.explained = found.explained if found.named else float("nan")
+    errors = _standard_errors(fitter, search, found)
+    for named in found.named:
+        seen.cosines[named.effect] = _cosines(search, found, named)
+    result.effects = [_named(plant, found, named, errors, seen) for named in found.named]
+    result.refitted = [_estimate(plant, found, v, errors) for v in found.variables if not v.key]
+    result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
+    result.limits = limits(fitter, found.fitted.values, found.variables)
+
+
+def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
+    """Return the cosines of an effect's signature with those of what was tried in its place."""
+    plant = search.plant
+    values = found.fitted.values
+    own = effect_variables(plant.effects[named.effect])
+    for variable in own:
+        values = variable.put(values, plant.nominal[variable.parameter])
+    changes = {named.effect: found.fitted.values}
+    for rival in named.alternatives:
+        changed = dict(values)
+        for variable in effect_variables(plant.effects[rival.effect]):
+            changed = variable.put(changed, rival.fitted.values[variable.parameter])
+        changes[rival.effect] = changed
+    kept = [v for v in found.variables if v not in own]
+    alike = cosines(search.fitter, values, kept, changes)
+    return dict(zip(changes, map(float, alike), strict=True))
+
+
+def _show(result: GapResult, predictor: Predictor, judged: Sequence[Record]) -> None:
+    """Set the gap on the recordings held out, and free runs."""
+    if not judged:
+        return
+    given = predictor.plant.nominal
+    gaps = channel_gaps(predictor, judged, given, result.values)
+    before, after = mean_gap(gaps)
+    if np.isfinite(before + after):
+        result.channels, result.gap_before, result.gap_after = gaps, before, after
+        result.free_runs = free_runs(predictor, judged, given, result.values)
 
 
 def _floor(search: Search, found: Found) -> None:
@@ -100,19 +180,24 @@ def _standard_errors(fitter: Fitter, search: Search, found: Found) -> dict[str, 
 
 def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, float]) -> Estimate:
     value = found.fitted.values[variable.parameter]
-    reach = _NORMAL_95 * errors[variable.parameter]
+    before = plant.nominal[variable.parameter]
+    error = np.hypot(errors[variable.parameter], _FORM * (value - before) if variable.key else 0.0)
+    reach = float(_NORMAL_95 * error)
     unit = next(p.unit for p in plant.parameters if p.name == variable.parameter)
     return Estimate(
         variable.key or variable.parameter, variable.parameter, value, value - reach, value + reach,
-        unit, plant.nominal[variable.parameter],
+        unit, before,
     )  # fmt: skip
 
 
-def _named(plant: Plant, found: Found, named: Named, errors: dict[str, float]) -> NamedEffect:
+def _named(
+    plant: Plant, found: Found, named: Named, errors: dict[str, float], seen: _Seen
+) -> NamedEffect:
     effect = plant.effects[named.effect]
+    alike = seen.cosines[named.effect]
     possible = {a.effect for a in named.indistinguishable}
     rivals = [
-        Rival(a.effect, a.share, a.z, float("nan"),
+        Rival(a.effect, a.share, a.z, alike.get(a.effect, float("nan")),
               plant.not_told_apart.get(frozenset((named.effect, a.effect)), ""))
         for a in named.alternatives
     ]  # fmt: skip
@@ -124,22 +209,5 @@ def _named(plant: Plant, found: Found, named: Named, errors: dict[str, float]) -
         tuple(r for r in rivals if r.effect in possible),
         tuple(r for r in rivals if r.effect not in possible),
         effect.unseen,
+        seen.held_out[named.effect],
     )  # fmt: skip
-
-
-def _judge(result: GapResult, found: Found) -> None:
-    """Set verdict and reasons."""
-    excess = found.fitted.cost / found.samples - found.floor
-    unexplained = excess > MATERIAL and (not found.named or found.explained < EXPLAINED)
-    if unexplained and result.rest and result.rest[0].gain > MATERIAL * found.samples:
-        curve = result.rest[0]
-        result.verdict = "unknown_effect"
-        result.reasons.append(
-            f"predictions stay worse than the sensors' noise allows; a disturbance of the "
-            f"{curve.equation} that depends on {curve.region} would take away "
-            f"{curve.share:.0%} of that, and no effect of the catalogue does"
-        )
-    elif found.named:
-        result.verdict = "missing_effect"
-    else:
-        result.reasons.append("what the model predicts differs from the readings by their noise")

@@ -168,7 +168,8 @@ def effect_figures(effect: NamedEffect) -> dict[str, Any]:
         "where": effect.where,
         "parameters": {each.key: estimate_figures(each) for each in effect.parameters},
         "evidence": {
-            "gain": _plain(effect.gain), "bar": _plain(effect.bar), "z": _plain(effect.z)
+            "gain": _plain(effect.gain), "bar": _plain(effect.bar), "z": _plain(effect.z),
+            "held_out_z": _plain(effect.held_out_z),
         },
         "indistinguishable_from": [rival.effect for rival in effect.indistinguishable],
         "rivals": [_rival(each, True) for each in effect.indistinguishable]

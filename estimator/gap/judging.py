@@ -1,0 +1,148 @@
+"""The verdict and its reasons, and what the recordings held out say of each named effect."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from .fit import Fitter
+from .linear import slices_of
+from .results import Curve, Verdict
+from .search import CHANCE, MATERIAL, Found, Search, deviate
+from .variables import Values
+
+EXPLAINED: Final = 0.8
+"""Of the excess in prediction error: what named effects must take away to be the whole answer."""
+TOO_MUCH: Final = 25.0
+"""Noise variances of excess that are more than one missing effect leaves in every equation."""
+NOWHERE: Final = 0.3
+"""Part of such an excess that the best disturbance of a single equation must explain."""
+CONFIRMED: Final = 0.1
+"""Part of what an effect would gain on held-out recordings, were it exact, that it must gain."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict with its reasons in words."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+
+def confirm(search: Search, found: Found, judged: Fitter) -> tuple[dict[str, float], list[str]]:
+    """Drop named effects that do not lower the error held out.
+
+    What an exact effect would gain there is the square of what it changes in the predictions. Where
+    that is below chance the motion held out tells nothing of the effect, and it is kept.
+
+    Returns:
+        normal deviates of the gains by effect, NaN where nothing is told; what was dropped, in
+        words.
+    """
+    dropped: list[str] = []
+    deviates: dict[str, float] = {}
+    for named in list(found.named):
+        judged.refresh(found.fitted.values)
+        variables, without = search._without(found, named.effect)
+        expected = _changed(judged, found.fitted.values, without.values)
+        gains = judged.costs(without.values) - judged.costs(found.fitted.values)
+        if expected < CHANCE:
+            deviates[named.effect] = float("nan")
+        elif gains.sum() < CONFIRMED * expected:
+            found.named.remove(named)
+            found.variables, found.fitted = variables, without
+            dropped.append(
+                f"{named.effect} explains the recordings that it was fitted to, but does not lower "
+                "the error on those held out: it is not claimed"
+            )
+        else:
+            deviates[named.effect] = deviate(gains)
+    search.fitter.refresh(found.fitted.values)
+    return deviates, dropped
+
+
+def _changed(fitter: Fitter, values: Values, others: Values) -> float:
+    """Return the square of the change in innovations, summed over the blocks."""
+    total = 0.0
+    predictor = fitter.predictor
+    for record in fitter.records:
+        change = predictor.innovations(record, values)[0] - predictor.innovations(record, others)[0]
+        for block in slices_of(record, predictor.plant.period):
+            total += float((change[block] ** 2).sum())
+    return total
+
+
+def judge(found: Found, rest: Sequence[Curve], resting: Sequence[str]) -> Judgement:
+    """Return the verdict.
+
+    Args:
+        found: by the search, confirmed.
+        rest: disturbances that would explain what is left, best first.
+        resting: channels predicted worse than "nothing changes" would be, with all that was found.
+    """
+    excess = found.fitted.cost / found.samples - found.floor
+    if resting:
+        return Judgement(
+            "inconclusive",
+            (
+                f"even refitted, the model predicts {', '.join(resting)} worse than 'nothing "
+                "changes' would: another rig, or a channel in other units or swapped",
+            ),
+        )
+    if not np.isfinite(excess) or (
+        excess > TOO_MUCH
+        and (not found.named or found.explained < EXPLAINED)
+        and not (rest and rest[0].share > NOWHERE)
+    ):
+        return Judgement(
+            "inconclusive",
+            (
+                f"predictions miss by {max(excess, 0.0) ** 0.5:.0f} times the noise, and no "
+                "disturbance of a single equation explains it: too much is wrong at once; is this "
+                "the rig that the model describes?",
+            ),
+        )
+    unexplained = excess > MATERIAL and (not found.named or found.explained < EXPLAINED)
+    if unexplained and rest and rest[0].gain > MATERIAL * found.samples:
+        return Judgement("unknown_effect", _unknown(found, rest[0]))
+    if found.named:
+        return Judgement("missing_effect", _missing(found, excess))
+    return Judgement("adequate", _adequate(excess))
+
+
+def _unknown(found: Found, curve: Curve) -> tuple[str, ...]:
+    reasons = [
+        "predictions stay worse than the sensors' noise allows; a disturbance of the "
+        f"{curve.equation} that depends on {curve.region} would take away {curve.share:.0%} of "
+        "that, and no effect of the catalogue does"
+    ]
+    if found.named:
+        names = " and ".join(named.effect for named in found.named)
+        reasons.append(
+            f"{names} would take away {max(found.explained, 0.0):.0%} of the excess: too little to "
+            f"be named, {EXPLAINED:.0%} are needed"
+        )
+    return tuple(reasons)
+
+
+def _missing(found: Found, excess: float) -> tuple[str, ...]:
+    reasons = [
+        f"with {named.effect} the squared prediction error falls by {named.per_reading:.3g} noise "
+        f"variances a reading, {named.gain / named.bar:.0f} times what chance or a trifle would "
+        f"give (z = {named.z:.0f})"
+        for named in found.named
+    ]
+    if excess > MATERIAL:
+        reasons.append(f"{excess:.2g} noise variances a reading stay unexplained")
+    return tuple(reasons)
+
+
+def _adequate(excess: float) -> tuple[str, ...]:
+    if excess > MATERIAL:
+        return (
+            f"predictions are {excess:.2g} noise variances a reading worse than the stated noise "
+            "allows, but no effect and no disturbance that depends on the motion explains it: the "
+            "sensors may be noisier than stated",
+        )
+    return ("what the model predicts differs from the readings by their noise",)

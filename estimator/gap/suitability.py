@@ -1,0 +1,159 @@
+"""Whether recordings can support a verdict at all; docs/gap.md derives the limits.
+
+Before anything is fitted: enough of them, motion in every channel, sensors within their ranges and
+no noisier than stated, and readings that have anything to do with the model. Afterwards: what was
+found must predict better than "nothing changes" would.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from .linear import BLOCK_S, SETTLING_S, slices_of
+from .plant import Array, Output, Plant
+from .predictor import Predictor
+from .records import Record
+from .variables import Values
+
+FITTED_BLOCKS: Final = 8
+"""Blocks of half a second to fit to: the scatter of fewer tells no standard error."""
+JUDGED_BLOCKS: Final = 4
+MOVES: Final = 10.0
+"""Times its noise that a channel must move, with readings averaged over 50 samples: an effect of
+a tenth of that would then be as large as the noise of one reading."""
+SATURATED: Final = 0.5
+"""Share of the readings of a channel that may be at an end of its range."""
+NOISIER: Final = 10.0
+"""Times the stated noise; the oil's oscillation, curved over 3 samples, is read as 4 at most."""
+LOST: Final = 100.0
+"""Standard deviations that one-step predictions miss by in the median: no effect of any plant does
+this, a channel in other units does."""
+_AVERAGED: Final = 50
+
+
+def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
+    """Return the records that are longer than the filter's settling and one block."""
+    return [record for record in records if slices_of(record, plant.period)]
+
+
+def unsuitable(
+    records: Sequence[Record], judged: Sequence[Record], predictor: Predictor
+) -> list[str]:
+    """Return why recordings cannot support a verdict, in words; empty if they can.
+
+    Args:
+        records: to fit to.
+        judged: held out.
+        predictor: of the model as given; filters the records.
+    """
+    plant = predictor.plant
+    reasons = [
+        *_too_short(records, plant, FITTED_BLOCKS, "to fit to"),
+        *_too_short(judged, plant, JUDGED_BLOCKS, "held out"),
+    ]
+    if reasons:
+        return reasons
+    reasons += _commands(records, plant)
+    for index, output in enumerate(plant.outputs):
+        reasons += _readings(records, index, output)
+    return reasons or [
+        reason for record in (*records, *judged) for reason in _lost(record, predictor)
+    ]
+
+
+def _too_short(records: Sequence[Record], plant: Plant, least: int, which: str) -> list[str]:
+    blocks = sum(len(slices_of(record, plant.period)) for record in records)
+    if blocks >= least:
+        return []
+    seconds = sum(len(record) for record in records) * plant.period
+    return [
+        f"the recordings {which} are too short: {seconds:.1f} s make {blocks} blocks of "
+        f"{BLOCK_S:g} s once the filter has settled ({SETTLING_S:g} s each), {least} are needed"
+    ]
+
+
+def _commands(records: Sequence[Record], plant: Plant) -> list[str]:
+    changes = [
+        max(float(np.ptp(r.inputs[:, i])) for r in records) for i in range(len(plant.inputs))
+    ]
+    if any(change > 0.0 for change in changes):
+        return []
+    return [f"{', '.join(plant.inputs)} never changes: nothing was asked of the rig"]
+
+
+def _readings(records: Sequence[Record], index: int, output: Output) -> list[str]:
+    """Return what is wrong with the readings of one channel."""
+    usable_samples = np.concatenate([np.isfinite(r.variances[:, index]) for r in records])
+    name = output.channel
+    saturated = 1.0 - float(usable_samples.mean())
+    if saturated > SATURATED:
+        return [
+            f"{name} is missing or at an end of its range for {saturated:.0%} of the samples "
+            f"(range {output.lower:g} to {output.upper:g} {output.unit}; is it in {output.unit}?)"
+        ]
+    noise = output.variance**0.5
+    travel = max(_travel(r.readings[:, index], np.isfinite(r.variances[:, index])) for r in records)
+    if travel < MOVES * noise:
+        return [
+            f"{name} hardly moves: {travel:.3g} {output.unit}, and its noise is {noise:.3g} "
+            f"{output.unit}; {MOVES * noise:.3g} {output.unit} are needed (is it in {output.unit}?)"
+        ]
+    seen = max(_noise(r.readings[:, index]) for r in records)
+    if seen > NOISIER * noise:
+        return [
+            f"{name} is mostly noise: {seen:.3g} {output.unit} from sample to sample, and "
+            f"{noise:.3g} {output.unit} are stated (is it in {output.unit}?)"
+        ]
+    return []
+
+
+def _travel(readings: Array, good: Array) -> float:
+    """Return how far the averages of readings (n,) are apart."""
+    kept = readings[good]
+    whole = len(kept) // _AVERAGED * _AVERAGED
+    return float(np.ptp(kept[:whole].reshape(-1, _AVERAGED).mean(1))) if whole else 0.0
+
+
+def _noise(readings: Array) -> float:
+    """Return the standard deviation of white noise in readings (n,), by second differences."""
+    curved = np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2])
+    return float(np.median(curved)) / (0.6745 * 6.0**0.5)
+
+
+def _lost(record: Record, predictor: Predictor) -> list[str]:
+    predictor.filter(record, predictor.plant.nominal)
+    innovations = predictor.innovations(record, predictor.plant.nominal)[0]
+    with np.errstate(all="ignore"):
+        missed = np.median(np.abs(innovations), axis=0)
+    return [
+        f"{record.source}: {output.channel} has nothing to do with the model: predictions one "
+        f"sample ahead miss by {'no number' if not np.isfinite(miss) else f'{miss:.0f}'} standard "
+        "deviations; are its units and columns right?"
+        for output, miss in zip(predictor.plant.outputs, missed, strict=True)
+        if not miss < LOST
+    ]
+
+
+def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> list[str]:
+    """Return the channels predicted worse over the horizon than "nothing changes" would be.
+
+    The record is filtered anew.
+    """
+    plant = predictor.plant
+    horizon = round(plant.horizon / plant.period)
+    predictor.filter(record, values)
+    states = predictor.innovations(record, values)[1]
+    errors = predictor.ahead(record, values, states)
+    from_ = np.arange(len(record)) // horizon * horizon
+    resting = record.readings - record.readings[from_]
+    resting[~np.isfinite(errors)] = np.nan
+    settled = slice(round(SETTLING_S / plant.period), None)
+    with np.errstate(all="ignore"):
+        model = np.nanmean(errors[settled] ** 2, axis=0)
+        rest = np.nanmean(resting[settled] ** 2, axis=0)
+    return [
+        output.channel
+        for output, a, b in zip(plant.outputs, model, rest, strict=True)
+        if a > b or not np.isfinite(a + b)
+    ]

@@ -1,0 +1,94 @@
+"""Recordings that cannot support a verdict are told apart, with the reason, before any fit."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.gap.predictor import Predictor
+from estimator.gap.records import record_of
+from estimator.gap.servo_actuator import servo_actuator
+from estimator.gap.suitability import unsuitable, usable, worse_than_resting
+from estimator.gap.workflow import find_gap
+from rig.plant import NOMINAL, Model
+from rig.plant.integrator import TICK
+from rig.recording import Recording
+from tools.friction_coverage import recorded
+
+Array = NDArray[np.float64]
+PLANT = servo_actuator(Model())
+CHANNELS = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
+
+
+@cache
+def moved(seconds: float = 6.0, amplitude: float = 0.05) -> Recording:
+    """A sine in closed loop of the nominal rig."""
+    time_s = TICK * np.arange(round(seconds / TICK))
+    recording = recorded(NOMINAL, 0.3 + amplitude * np.sin(3.0 * time_s), False, 1)
+    return Recording({name: recording[name] for name in CHANNELS})
+
+
+def changed(change: Callable[[dict[str, Array]], dict[str, Array]]) -> Recording:
+    channels = {name: moved()[name].copy() for name in CHANNELS}
+    return Recording(channels | change(channels))
+
+
+def reasons_of(recording: Recording) -> list[str]:
+    records = [record_of(recording, PLANT)]
+    return unsuitable(usable(records, PLANT), usable(records, PLANT), Predictor(PLANT))
+
+
+def noise(n: int, size: float) -> Array:
+    return np.asarray(size * np.random.default_rng(3).standard_normal(n))
+
+
+def test_a_ram_that_moves_is_suitable() -> None:
+    assert reasons_of(moved()) == []
+
+
+BAD: dict[str, tuple[Callable[[dict[str, Array]], dict[str, Array]], str]] = {
+    "too short": (lambda c: {name: values[:2000] for name, values in c.items()}, "too short"),
+    "no command": (lambda c: {"command_V": 0.0 * c["command_V"]}, "never changes"),
+    "position in mm": (lambda c: {"position_m": 1e3 * c["position_m"]}, "position_m"),
+    "pressure in bar": (lambda c: {"pressure_1_Pa": 1e-5 * c["pressure_1_Pa"]}, "pressure_1_Pa"),
+    "pressure in psi": (lambda c: {"pressure_2_Pa": c["pressure_2_Pa"] / 6895}, "pressure_2_Pa"),
+    "spool in mm": (lambda c: {"spool_m": 1e3 * c["spool_m"]}, "spool_m"),
+    "a dead sensor": (lambda c: {"pressure_1_Pa": 0.0 * c["pressure_1_Pa"] + 5e6}, "hardly moves"),
+    "a saturated sensor": (lambda c: {"pressure_2_Pa": 0.0 * c["pressure_2_Pa"]}, "end of its"),
+    "all noise": (lambda c: {"pressure_1_Pa": 7e6 + noise(len(c["spool_m"]), 1e6)}, "noise"),
+    "position all noise": (lambda c: {"position_m": 0.3 + noise(len(c["spool_m"]), 0.05)}, "noise"),
+    "another rig's spool": (lambda c: {"spool_m": 2e-4 - c["spool_m"]}, "nothing to do"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_support_a_verdict_is_told_with_its_reason(name: str) -> None:
+    change, words = BAD[name]
+    told = reasons_of(changed(change))
+    assert any(words in reason for reason in told), told
+
+
+def test_a_ram_that_rests_cannot_support_a_verdict() -> None:
+    told = reasons_of(moved(amplitude=0.0))
+    assert any("hardly moves" in reason for reason in told), told
+
+
+def test_an_unsuitable_recording_is_inconclusive_and_leaves_the_model_as_it_is() -> None:
+    still = moved(amplitude=0.0)
+    result = find_gap([still], [still], PLANT)
+    assert result.verdict == "inconclusive"
+    assert result.reasons
+    assert result.effects == []
+    assert result.values == dict(PLANT.nominal)
+
+
+def test_swapped_pressures_are_predicted_worse_than_by_resting() -> None:
+    swapped = changed(
+        lambda c: {"pressure_1_Pa": c["pressure_2_Pa"], "pressure_2_Pa": c["pressure_1_Pa"]}
+    )
+    predictor = Predictor(PLANT)
+    worse = worse_than_resting(predictor, record_of(swapped, PLANT), PLANT.nominal)
+    assert {"pressure_1_Pa", "pressure_2_Pa"} & set(worse)
+    assert worse_than_resting(predictor, record_of(moved(), PLANT), PLANT.nominal) == []
