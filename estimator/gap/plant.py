@@ -75,12 +75,26 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a plant: its name, unit and bounds; its value is the model's."""
+    """One parameter of a plant; its value is the model's.
+
+    Attributes:
+        name: as in model files.
+        unit: SI.
+        lower: least value that a model file may give.
+        upper: greatest value.
+        neutral: value at which what it describes is not there, None if every plant has it.
+        probe: a small but visible change, for derivatives by differences; 0 for a 1000th of its
+            range, or a 100th of its value if that is less.
+        about: its symbol and source, for model files.
+    """
 
     name: str
     unit: str
     lower: float
     upper: float
+    neutral: float | None = None
+    probe: float = 0.0
+    about: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
@@ -13,6 +13,8 @@ from estimator.gap.plant import Plant
 from estimator.gap.results import GapResult
 from estimator.gap.workflow import find_gap
 from rig.configuration.model import load_model
+from rig.configuration.plant_file import PlantModel
+from rig.configuration.plant_loading import load_plant
 from rig.recording import Recording, read_recording
 from rig.recording.targets import replacing
 from rig.report.gap_page import gap_page
@@ -59,6 +61,12 @@ class ManyHeldOut(click.Command):
 )
 @click.option("--model", default="nominal", show_default=True, help="The model to be tested.")
 @click.option(
+    "--plant",
+    "outside",
+    metavar="MODULE:OBJECT",
+    help="A plant of your own, described in Python; --model is then its YAML file.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
@@ -67,7 +75,12 @@ class ManyHeldOut(click.Command):
 )
 @click.option("--json", "as_json", is_flag=True, help="One object instead of a table.")
 def command(
-    recordings: tuple[str, ...], holdout: tuple[str, ...], model: str, out: Path, as_json: bool
+    recordings: tuple[str, ...],
+    holdout: tuple[str, ...],
+    model: str,
+    outside: str | None,
+    out: Path,
+    as_json: bool,
 ) -> int:
     """Find where a model and recordings disagree, name what the model lacks, and add it.
 
@@ -80,18 +93,29 @@ def command(
     2 if any input is bad: then every problem is on stderr, and nothing is written.
     """
     problems = Problems()
+    own: PlantModel | None = None
     with problems.collected():
-        tested = load_model(model)
+        if outside is None:
+            tested = load_model(model)
+        else:
+            own = load_plant(outside, model)
+    if outside is not None and own is None:
+        # Which channels a recording must have, the plant would have told.
+        return problems.report()
     if out.exists() and not out.is_dir():
         problems.add(f"--out: {out} is a file; name a folder")
-    fitted, judged = _read(recordings, problems), _read(holdout, problems)
+    read = own.read if own is not None else _read_of_rig
+    fitted, judged = _read(recordings, read, problems), _read(holdout, read, problems)
     _refuse_repeated(fitted, judged, problems)
     if problems.found:
         return problems.report()
-    plant = rig_plant(tested, sensors_of(fitted[0]))
+    if own is not None:
+        plant, name = own.plant, own.name
+    else:
+        plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
     result = find_gap(fitted, judged, plant)
     told = ("rig", *sys.argv[1:])
-    _write(result, plant, tested.name, told, out)
+    _write(result, plant, name, told, out)
     if as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
         return 0
@@ -104,12 +128,19 @@ def command(
     return 0
 
 
-def _read(names: Sequence[str], problems: Problems) -> list[Recording]:
-    read = []
+def _read_of_rig(name: str) -> Recording:
+    return read_recording(name, required=CHANNELS)
+
+
+def _read(
+    names: Sequence[str], read: Callable[[str], Recording], problems: Problems
+) -> list[Recording]:
+    """Return the recordings that can be read; what is wrong with others goes to the problems."""
+    found = []
     for name in names:
         with problems.collected():
-            read.append(read_recording(name, required=CHANNELS))
-    return read
+            found.append(read(name))
+    return found
 
 
 CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")

@@ -125,18 +125,18 @@ def _effects(model: Model) -> Iterator[str]:
 
 def _provenance(model: Model) -> Iterator[str]:
     if model.provenance:
-        plain = {"provenance": _plain(model.provenance)}
+        plain = {"provenance": plain_provenance(model.provenance)}
         yield yaml.safe_dump(plain, sort_keys=False).rstrip()
 
 
-def _plain(value: Any) -> Any:
+def plain_provenance(value: Any) -> Any:
     """Return provenance as YAML can hold it."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain_provenance(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return plain_provenance(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
+        return [plain_provenance(item) for item in value]
     if value is None or isinstance(value, str | bool | int | float):
         return value
     return str(value)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .errors import MAX_PROBLEMS, Problem, RecordingError
 from .exporting import export
+from .mapping import Column
 from .reading import EXTENSIONS, read_recording
 from .recording import REPLAY_CHANNELS, Event, Recording, content_hash
 from .units import unit_of
@@ -19,6 +20,7 @@ __all__ = [
     "EXTENSIONS",
     "MAX_PROBLEMS",
     "REPLAY_CHANNELS",
+    "Column",
     "Event",
     "McapWriter",
     "Problem",

@@ -105,7 +105,8 @@ def _refuse_other_delimiter(path: str, line: str, names: Sequence[str]) -> None:
         return
     for delimiter, called in _DELIMITERS.items():
         split = [name.strip().strip('"') for name in line.split(delimiter)]
-        if len(split) > len(names) and any(name in split for name in REPLAY_CHANNELS):
+        known = any(name in split for name in REPLAY_CHANNELS)
+        if len(split) > len(names) and (known or len(names) == 1):
             remedy = "convert the delimiter to a comma (and decimal commas to points)"
             raise RecordingError(
                 [Problem(path, 1, "header", f"separated by {called}", "must be commas", remedy)]

@@ -3,12 +3,13 @@
 import difflib
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
 
 from .errors import Problem, RecordingError
+from .mapping import Column, mapped
 from .metadata import events_from
 from .recording import REPLAY_CHANNELS, Recording
 from .table import Table
@@ -26,12 +27,22 @@ def extension_of(path: str) -> str | None:
 
 
 def read_recording(
-    path: str | PathLike[str], *, required: Sequence[str] = REPLAY_CHANNELS
+    path: str | PathLike[str],
+    *,
+    required: Sequence[str] = REPLAY_CHANNELS,
+    columns: Mapping[str, Column] | None = None,
+    of_rig: bool = True,
 ) -> Recording:
     """Read a recording from .mcap, .csv, .csv.gz or .parquet.
 
     Required channels have a finite value in every row; in others NaN (in CSV an empty cell) is a
     missing sample. Samples are 1 ms apart, without gaps.
+
+    Args:
+        path: of the file.
+        required: channels.
+        columns: channel -> column of the file, where it has another name or unit.
+        of_rig: whether values that no servo-hydraulic rig shows are refused.
 
     Raises:
         RecordingError: everything that is wrong with the file, each with line and remedy.
@@ -48,7 +59,10 @@ def read_recording(
         raise RecordingError(
             [Problem(name, None, "file", error.strerror or str(error), "", remedy)]
         ) from None
-    problems = problems_of(table, tuple(dict.fromkeys(("time_s", *required))))
+    needed = tuple(dict.fromkeys(("time_s", *required)))
+    missing = mapped(table, columns or {}, needed)
+    needed = tuple(name for name in needed if name not in missing)
+    problems = problems_of(table, needed, of_rig=of_rig)
     if problems:
         raise RecordingError(problems)
     channels = {"time_s": table.columns["time_s"]} | table.columns

@@ -36,8 +36,11 @@ _ALIASES: Final = {
 }
 
 
-def problems_of(table: Table, required: Sequence[str]) -> list[Problem]:
-    """Return everything wrong with a table, whole-file problems first, then line by line."""
+def problems_of(table: Table, required: Sequence[str], *, of_rig: bool = True) -> list[Problem]:
+    """Return everything wrong with a table, whole-file problems first, then line by line.
+
+    Values are held against those of a servo-hydraulic rig if it is `of_rig`.
+    """
     if not len(table):
         remedy = "record again; a recording is one line a millisecond"
         empty = Problem(table.path, None, "file", "no samples", "", remedy)
@@ -46,7 +49,8 @@ def problems_of(table: Table, required: Sequence[str]) -> list[Problem]:
     problems += _missing_columns(table, required)
     if "time_s" in table.columns:
         problems += _time_problems(table)
-    problems += implausible_values(table)
+    if of_rig:
+        problems += implausible_values(table)
     for name in required:
         if name in table.columns:
             problems += _missing_values(table, name)

@@ -1,0 +1,193 @@
+"""What can be wrong with a description of a plant, told all at once and by name."""
+
+import math
+import traceback
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from typing import Any, Final
+
+import numpy as np
+
+from .description import PlantDescription, PlantError, Start
+
+_KEYWORDS: Final = "must be a Python name, as in position_m"
+
+
+def check_description(told: PlantDescription) -> None:
+    """Verify that the tables of a description fit together.
+
+    Raises:
+        PlantError: everything that does not.
+    """
+    problems = [*_names(told), *_parameters(told), *_references(told), *_figures(told)]
+    if problems:
+        raise PlantError([f"plant {told.name}: {problem}" for problem in problems])
+
+
+def check_functions(told: PlantDescription, views: Any, par: Any) -> None:
+    """Verify that rates and readings, called as plain Python, return what they should.
+
+    Raises:
+        PlantError: they raise, return another number of values, or something that is not finite.
+    """
+    inputs = views.inputs(*(0.5 * each.size for each in told.inputs))
+    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in told.states]
+    nudged = [value + each.spread for value, each in zip(at_rest, told.states, strict=True)]
+    problems: list[str] = []
+    for values in (at_rest, nudged):
+        state = views.state(*(float(value) for value in values))
+        for kind, function, names in (
+            ("rates", told.rates, [f"the rate of {s.name}" for s in told.states]),
+            ("readings", told.readings, [o.channel for o in told.outputs]),
+        ):
+            plain = getattr(function, "py_func", function)
+            problems += _called(kind, plain, (state, inputs, par), names)
+        for equation in told.equations:
+            per = _per(equation, views, values, par)
+            problems += [] if per is None else [per]
+    if problems:
+        raise PlantError([f"plant {told.name}: {each}" for each in dict.fromkeys(problems)])
+
+
+def _called(
+    kind: str, function: Any, arguments: tuple[Any, ...], names: list[str]
+) -> Iterator[str]:
+    try:
+        found = function(*arguments)
+    except Exception as error:
+        yield f"{kind}: {_reason(error, arguments)}"
+        return
+    try:
+        values = [float(each) for each in found]
+    except (TypeError, ValueError):
+        yield f"{kind}: returns {found!r}, must return a tuple of {len(names)}: {', '.join(names)}"
+        return
+    if len(values) != len(names):
+        yield f"{kind}: returns {len(values)} values, must be {len(names)}: {', '.join(names)}"
+        return
+    state, inputs, _ = arguments
+    for name, value in zip(names, values, strict=True):
+        if not math.isfinite(value):
+            yield (
+                f"{kind}: {name} is {value} at {_listed(state)} and {_listed(inputs)}; it must be "
+                "finite wherever the plant can be"
+            )
+
+
+def _reason(error: Exception, arguments: tuple[Any, ...]) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
+    text = f"{where}{type(error).__name__}: {error}"
+    if isinstance(error, AttributeError) and isinstance(error.name, str):
+        known = [name for each in arguments for name in each._fields]
+        near = get_close_matches(error.name, known, n=1)
+        text += f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
+    return text
+
+
+def _per(equation: Any, views: Any, values: Sequence[float], par: Any) -> str | None:
+    try:
+        per = np.asarray(equation.per(views.state(*(np.full(2, v) for v in values)), par))
+        finite = bool(np.all(np.isfinite(np.broadcast_to(per, (2,)))))
+    except Exception as error:
+        return f"equation {equation.name!r}: per: {type(error).__name__}: {error}"
+    return None if finite else f"equation {equation.name!r}: per is {per}, must be finite"
+
+
+def _listed(view: Any) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in view._asdict().items())
+
+
+def _names(told: PlantDescription) -> Iterator[str]:
+    kinds = {
+        "state": [each.name for each in told.states],
+        "input": [each.channel for each in told.inputs],
+        "output": [each.channel for each in told.outputs],
+        "parameter": [each.name for each in told.parameters],
+        "effect": [each.name for each in told.effects],
+        "equation": [each.name for each in told.equations],
+        "region": [each.name for each in told.regions],
+    }
+    for kind, names in kinds.items():
+        for name in dict.fromkeys(names):
+            if names.count(name) > 1:
+                yield f"{kind} {name} is given {names.count(name)} times; rename or delete one"
+            named = kind in ("state", "input", "parameter")
+            if named and (not name.isidentifier() or name.startswith("_")):
+                yield f"{kind} {name!r} {_KEYWORDS}"
+        if not names and kind not in ("effect", "region", "equation"):
+            yield f"there is no {kind}; give at least one"
+
+
+def _parameters(told: PlantDescription) -> Iterator[str]:
+    for each in told.parameters:
+        if not each.lower < each.upper:
+            yield f"parameter {each.name}: lower {each.lower} must be below upper {each.upper}"
+        elif each.neutral is not None and not each.lower <= each.neutral <= each.upper:
+            yield (
+                f"parameter {each.name}: neutral {each.neutral} must be within {each.lower} to "
+                f"{each.upper}"
+            )
+
+
+def _references(told: PlantDescription) -> Iterator[str]:
+    parameters = [each.name for each in told.parameters]
+    states = [each.name for each in told.states]
+    outputs = [each.channel for each in told.outputs]
+    regions = [each.name for each in told.regions]
+    places = [*(each.name for each in told.equations), *outputs,
+              *(each.channel for each in told.inputs)]  # fmt: skip
+    used: dict[str, str] = {}
+    for effect in told.effects:
+        if not effect.parameters:
+            yield f"effect {effect.name} has no parameters; give at least one"
+        for name in effect.parameters.values():
+            yield from _unknown(f"effect {effect.name}: parameter", name, parameters)
+        for start in effect.starts:
+            for key in start:
+                yield from _unknown(f"effect {effect.name}: start", key, [*effect.parameters])
+        yield from _unknown(f"effect {effect.name}: where", effect.where, places)
+        first = next(iter(effect.parameters.values()), "")
+        if first in used:
+            yield f"effects {used[first]} and {effect.name} both change {first}; keep one"
+        used[first] = effect.name
+    for name in told.tolerances:
+        yield from _unknown("tolerances:", name, parameters)
+    if told.input_delay is not None:
+        yield from _unknown("input_delay:", told.input_delay, parameters)
+    for equation in told.equations:
+        yield from _unknown(f"equation {equation.name!r}: state", equation.state, states)
+        for region in equation.of:
+            yield from _unknown(f"equation {equation.name!r}: region", region, regions)
+    for state in told.states:
+        if isinstance(state.start, Start):
+            yield from _unknown(f"state {state.name}: start", state.start.channel, outputs)
+    for pair in told.steering or {}:
+        yield from _unknown("steering: input", pair[0], [i.channel for i in told.inputs])
+        yield from _unknown("steering: output", pair[1], outputs)
+
+
+def _unknown(what: str, name: str, known: Sequence[str]) -> Iterator[str]:
+    if name not in known:
+        near = get_close_matches(name, known, n=1)
+        remedy = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        yield f"{what} {name} is not known; {remedy}"
+
+
+def _figures(told: PlantDescription) -> Iterator[str]:
+    if told.substeps < 1:
+        yield f"substeps {told.substeps} must be 1 or more"
+    for state in told.states:
+        if not state.spread > 0.0:
+            yield f"state {state.name}: spread {state.spread} must be above 0"
+    for output in told.outputs:
+        if not output.noise > 0.0:
+            yield f"output {output.channel}: noise {output.noise} must be above 0"
+        if not output.resolution >= 0.0:
+            yield f"output {output.channel}: resolution {output.resolution} must be 0 or above"
+    for each in told.inputs:
+        if not each.size > 0.0:
+            yield f"input {each.channel}: size {each.size} must be above 0"
+    for name, share in told.tolerances.items():
+        if not share >= 0.0:
+            yield f"tolerances: {name} {share} must be 0 or above"
