@@ -14,6 +14,8 @@ from .variables import Values
 
 EXPLAINED: Final = 0.8
 """Of the excess in prediction error: what named effects must take away to be the whole answer."""
+SEVERAL: Final = 2
+"""Channels that must be predicted worse than by resting: a single one may have a gap of its own."""
 TOO_MUCH: Final = 25.0
 """Noise variances of excess that are more than one missing effect leaves in every equation."""
 NOWHERE: Final = 0.3
@@ -82,7 +84,7 @@ def judge(found: Found, rest: Sequence[Curve], resting: Sequence[str]) -> Judgem
         resting: channels predicted worse than "nothing changes" would be, with all that was found.
     """
     excess = found.fitted.cost / found.samples - found.floor
-    if resting:
+    if len(resting) >= SEVERAL:
         return Judgement(
             "inconclusive",
             (

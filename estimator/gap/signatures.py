@@ -54,8 +54,9 @@ def cosines(
 def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> list[DetectionLimit]:
     """Return the smallest size of each effect that these motions would show.
 
-    The size at which its gain, as the linearisation has it, reaches the bar (`search`). An effect
-    that no size within its bounds would show has an infinite one.
+    The distance from the value written at which its gain, as the linearisation has it, reaches the
+    bar (`search`); infinite for an effect that no size within its bounds would show. Effects whose
+    starts depend on the motion are left out: they have no first order.
     """
     plant = fitter.predictor.plant
     base = fitter.columns(values, variables)
@@ -63,11 +64,11 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
     tried: dict[str, list[tuple[str, Mapping[str, float]]]] = {}
     for effect in plant.effects.values():
         tried[effect.name] = []
-        for number, start in enumerate(_starts(effect)):
+        for number, start in enumerate(effect.starts):
             name = f"{effect.name}#{number}"
             columns[name] = Column(name, started(plant, values, effect, start), 1.0)
             tried[effect.name].append((name, start))
-        if not tried[effect.name]:
+        if not tried[effect.name] and effect.propose is None:
             knob = effect_variables(effect)[0]
             column = fitter.columns(values, [knob])[0]
             columns[column.name] = column
@@ -81,21 +82,18 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
             for column, variable in zip(base, variables, strict=True)
             if variable.parameter not in own
         ]
-        found.append(_limit(plant, effect, linear, tried[effect.name], kept))
+        if tried[effect.name]:
+            found.append(_limit(plant, values, effect, linear, tried[effect.name], kept))
     return found
 
 
-def _starts(effect: Effect) -> Sequence[Mapping[str, float]]:
-    return effect.starts
-
-
 def _limit(
-    plant: Plant, effect: Effect, linear: Linear,
+    plant: Plant, values: Values, effect: Effect, linear: Linear,
     tried: Sequence[tuple[str, Mapping[str, float]]], kept: Sequence[str],
 ) -> DetectionLimit:  # fmt: skip
     knob = effect.knobs[0]
     unit = next(p.unit for p in plant.parameters if p.name == knob.parameter)
-    neutral = plant.nominal[knob.parameter]
+    neutral, present = plant.nominal[knob.parameter], values[knob.parameter]
     ratios, sizes = [], []
     for name, start in tried:
         gain = float(left(linear, [name], kept)[0, 0])
@@ -103,7 +101,8 @@ def _limit(
         square = float(linear.products[:, place, place].sum())
         acting = min(1.0, 3.0 * square**2 / max(linear.quartics[place], 1e-300) / linear.samples)
         bar = max(CHANCE, MATERIAL * acting * linear.samples)
-        size = abs(start[knob.key] - neutral) if start else 1.0
+        step = abs(effect_variables(effect)[0].reach(values, 1.0))
+        size = abs(start[knob.key] - present) if start else step
         ratios.append(np.sqrt(bar / gain) if gain > 0.0 else np.inf)
         sizes.append(size)
     starts = [start[knob.key] for _, start in tried if start]
@@ -119,5 +118,5 @@ def _limit(
         (n.tolerance * abs(n.nominal) for n in plant.nuisances if n.effect == effect.name), 0.0
     )
     size = max(size, tolerance)
-    reach = max(abs(knob.upper - neutral), abs(knob.lower - neutral))
+    reach = max(abs(knob.upper - present), abs(knob.lower - present))
     return DetectionLimit(effect.name, knob.key, size if size <= reach else np.inf, unit)

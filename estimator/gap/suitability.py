@@ -29,6 +29,9 @@ NOISIER: Final = 10.0
 LOST: Final = 100.0
 """Standard deviations that one-step predictions miss by in the median: no effect of any plant does
 this, a channel in other units does."""
+WORSE: Final = 4.0
+"""Times the squared error of "nothing changes" that a prediction must miss by, beside the noise: an
+effect that is missing may well cost more than resting, in a slow motion, another rig far more."""
 _AVERAGED: Final = 50
 
 
@@ -155,5 +158,5 @@ def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> 
     return [
         output.channel
         for output, a, b in zip(plant.outputs, model, rest, strict=True)
-        if a > b or not np.isfinite(a + b)
+        if a > WORSE * b + output.variance or not np.isfinite(a + b)
     ]

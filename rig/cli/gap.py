@@ -68,7 +68,7 @@ class ManyHeldOut(click.Command):
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=click.Path(path_type=Path),
     metavar="DIR",
     required=True,
     help="Folder for model.yaml, report.html and gap.json; made if missing.",

@@ -5,8 +5,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Plant
+from estimator.gap.plant import Array
 from estimator.gap.results import ChannelGap, Curve, FreeRun, GapResult
+
+from .gap_words import channel, unit_for
 
 MOST_CURVES: Final = 4
 _NORMAL_95: Final = 1.96
@@ -26,7 +28,7 @@ def drawn_curves(result: GapResult) -> list[Curve]:
     return chosen[:MOST_CURVES]
 
 
-def figures_of(result: GapResult, plant: Plant) -> dict[str, Any]:
+def figures_of(result: GapResult) -> dict[str, Any]:
     """Return every plot of the page by its key."""
     drawn: dict[str, Any] = {
         f"curve_{number}": _curve(curve, _same(result.rest, curve))
@@ -82,7 +84,7 @@ def _band(curve: Curve, role: str) -> dict[str, Any]:
 
 
 def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
-    names = [gap.channel for gap in channels]
+    names = [channel(gap.channel) for gap in channels]
     before = np.array([max(gap.before - gap.floor, 0.0) for gap in channels])
     after = np.array([max(gap.after - gap.floor, 0.0) for gap in channels])
     return {
@@ -99,7 +101,10 @@ def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
 
 
 def _run(run: FreeRun) -> dict[str, Any]:
-    unit, factor = run.shown
+    # A channel's errors are shown in smaller units than its course.
+    unit, factor = unit_for(float(np.nanmax(np.abs(run.measured), initial=0.0)), run.unit)
+    if run.unit == "m":
+        unit, factor = "mm", 1e3
     step = max(1, len(run.time_s) // _POINTS)
     lines = (
         ("measured", run.measured, "ink"),
@@ -118,7 +123,7 @@ def _run(run: FreeRun) -> dict[str, Any]:
             for name, values, role in lines
         ],
         "across": "time, s",
-        "up": f"{run.channel.rsplit('_', 1)[0].replace('_', ' ')}, {unit}",
+        "up": f"{channel(run.channel)}, {unit}",
     }
 
 

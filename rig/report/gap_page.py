@@ -1,14 +1,17 @@
 """The page of `rig gap`: where the model is wrong, what is missing, how sure, before and after."""
 
+import shlex
 from importlib.resources import files
 from typing import Final
 
+import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from estimator.gap.plant import Plant
 from estimator.gap.results import GapResult
+from rig.runner.provenance import versions
 
 from . import gap_words
 from .gap_figures import drawn_curves, figures_of
@@ -36,10 +39,22 @@ def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ..
         result=result,
         plant=plant,
         model=model,
-        command=" ".join(command),
+        command=shlex.join(command),
+        rivals=[
+            (effect, rival, possible)
+            for effect in result.effects
+            for rivals, possible in ((effect.indistinguishable, True), (effect.excluded, False))
+            for rival in rivals
+        ],
+        unsettled=[effect for effect in result.effects if effect.indistinguishable],
+        unseen=[(effect.name, effect.unseen) for effect in result.effects if effect.unseen],
+        campaigns=[
+            yaml.safe_dump(dict(each.campaign), sort_keys=False) for each in result.experiments
+        ],
+        versions=versions(),
         words=gap_words,
         curves=drawn_curves(result),
-        figures=figures_of(result, plant),
+        figures=figures_of(result),
         style=_asset("report.css"),
         script=_asset("gap.js"),
         plotly=Markup(get_plotlyjs()),

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import ceil, floor, isfinite, log10
 from typing import Final
 
-from estimator.gap.results import Curve, Estimate, GapResult, NamedEffect
+from estimator.gap.results import Curve, DetectionLimit, Estimate, GapResult, NamedEffect
 
 VERDICT_WORDS: Final = {
     "adequate": "The model is adequate",
@@ -59,7 +59,7 @@ def estimated(estimate: Estimate) -> str:
     value, half = estimate.value * factor, half * factor
     if not isfinite(half) or half <= 0.0:
         return f"{number(value)} {shown}".strip()
-    place = floor(log10(half)) - 1
+    place = floor(log10(half) + 1e-9) - 1
     power = floor(log10(max(abs(value), half)))
     if power < -3 or power > 5:
         scale = 10.0**power
@@ -90,23 +90,22 @@ def shrunk(result: GapResult) -> float:
     return 1.0 - result.gap_after / result.gap_before
 
 
+def _named(effect: NamedEffect) -> str:
+    """Return an effect with its size, and what it cannot be told from."""
+    told = f"{in_words(effect.name)}, {sizes(effect)}"
+    others = " or ".join(in_words(rival.effect) for rival in effect.indistinguishable)
+    return f"{told} (or {others}: these recordings cannot tell)" if others else told
+
+
 def headline(result: GapResult) -> str:
     """Return the finding in one sentence."""
     if result.verdict == "missing_effect":
-        named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in result.effects)
-        return f"The model lacks {named}."
+        return f"The model lacks {'; '.join(_named(each) for each in result.effects)}."
     if result.verdict == "unknown_effect" and result.rest:
         curve = result.rest[0]
-        beside = (
-            f" Beside {' and '.join(or_else(each) for each in result.effects)},"
-            if result.effects
-            else ""
-        )
-        disturbance = f"a disturbance of the {curve.equation} that goes with the {curve.region}"
         return (
-            f"{beside.strip()} {disturbance} is missing".strip()[0].upper()
-            + f"{beside.strip()} {disturbance} is missing".strip()[1:]
-            + ", and no effect of the catalogue explains it."
+            f"A disturbance of the {curve.equation} that goes with the {curve.region} is missing, "
+            "and no effect of the catalogue explains it."
         )
     if result.verdict == "inconclusive":
         return "These recordings cannot support a verdict."
@@ -146,6 +145,32 @@ def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
 def share(part: float) -> str:
     """Return a part as a percentage."""
     return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
+
+
+def channel(name: str) -> str:
+    """Return a channel's name without its unit."""
+    return in_words(name.rsplit("_", 1)[0]) if "_" in name else name
+
+
+def excess(variances: float) -> str:
+    """Return an excess over the floor, which chance may make a little negative."""
+    return number(max(variances, 0.0))
+
+
+def held_out(effect: NamedEffect) -> str:
+    """Return what the recordings held out say of an effect."""
+    if not isfinite(effect.held_out_z):
+        return "not shown by the motion"
+    return f"confirmed, z = {effect.held_out_z:.1f}"
+
+
+def limit(smallest: DetectionLimit) -> str:
+    """Return the smallest size that would have shown, rounded up."""
+    if not isfinite(smallest.size):
+        return "no plausible size"
+    if smallest.size <= 0.0:
+        return "not by these motions"
+    return with_unit(rounded_up(smallest.size), smallest.unit)
 
 
 def rounded_up(value: float) -> float:
