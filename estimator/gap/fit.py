@@ -20,6 +20,8 @@ _SHARES: Final = (1.0, 0.4, 0.1)
 """Of a step, tried in turn until one lowers the cost."""
 _HOPELESS: Final = 1e300
 """Cost of a block that a model cannot predict at all."""
+_BREAKDOWN: Final = 1e8
+"""Standard deviations: a plant that is predicted so far off has broken down."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,19 @@ class Fitter:
 
     def costs(self, values: Values) -> Array:
         """Return the cost of each block of the records (float64 (blocks,))."""
+        return self._block_costs([innovations for innovations, _ in self.innovations(values)])
+
+    def changed_costs(self, values: Values, changes: Changes) -> Array:
+        """Return the costs (blocks,) of what is left at `values` with changes added."""
+        bases = self.innovations(values)
+        return self._block_costs(
+            [base + change for (base, _), change in zip(bases, changes, strict=True)]
+        )
+
+    def _block_costs(self, innovations: Sequence[Array]) -> Array:
         parts = []
-        for (innovations, _), blocks in zip(self.innovations(values), self.blocks, strict=True):
-            cost = cost_of(innovations).sum(1)
+        for of_record, blocks in zip(innovations, self.blocks, strict=True):
+            cost = cost_of(of_record).sum(1)
             parts += [float(cost[block].sum()) for block in blocks]
         costs = np.array(parts)
         return np.where(np.isfinite(costs), costs, _HOPELESS)
@@ -110,9 +122,11 @@ class Fitter:
         def run(task: tuple[int, int]) -> Array:
             column, record = columns[task[0]], self.records[task[1]]
             changed = self.predictor.innovations(record, column.values)[0]
-            change = (changed - bases[task[1]][0]) / column.size
+            change = changed - bases[task[1]][0]
             # A plant that breaks down with a probe says nothing of that direction.
-            return change if np.isfinite(change).all() else np.zeros_like(change)
+            if not np.abs(change).max() < _BREAKDOWN:
+                return np.zeros_like(change)
+            return np.asarray(change / column.size)
 
         def disturb(number: int) -> Array:
             record, states = self.records[number], bases[number][1]
@@ -159,6 +173,8 @@ class Fitter:
         not run again (chord method): with these, nuisances follow at the cost of none.
         """
         present = Fitted(dict(values), self.costs(values))
+        if not present.cost < _BREAKDOWN * self.samples:
+            return present
         for _ in range(steps):
             columns = self.columns(present.values, variables)
             linear = self.linearise(present.values, columns, kept)

@@ -89,6 +89,8 @@ class Linear:
         slope = self.slopes.sum(0)[index]
         lower = np.array([self.columns[i].lower for i in index])
         upper = np.array([self.columns[i].upper for i in index])
+        if not (np.isfinite(matrix).all() and np.isfinite(slope).all()):
+            return np.zeros(len(index)), 0.0  # The model breaks down here: no direction is known.
         steps = bounded_least_squares(matrix, slope, lower, upper)
         return steps, float(-(2.0 * slope @ steps + steps @ matrix @ steps))
 

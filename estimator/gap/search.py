@@ -42,6 +42,8 @@ _TRIED: Final = 5
 _TWINS: Final = 2
 _SWAPS: Final = 3
 """Times that alternatives are tried; each but the last may exchange one effect for another."""
+_ROUNDS: Final = 5
+"""Times that gains and values follow each other at most."""
 _SETTLED: Final = 1e-3
 """Part of the cost below which a step leaves the gains as they are."""
 _NEAR: Final = 0.2
@@ -193,10 +195,10 @@ class Search:
 
     def _settled(self, fitted: Fitted, variables: Sequence[Variable]) -> Fitted:
         """Return the fit of variables whose gains are its own."""
-        for _ in range(2):
+        for _ in range(_ROUNDS):
             self.fitter.refresh(fitted.values)
             before = self.fitter.costs(fitted.values).sum()
-            fitted = self.fitter.fit(fitted.values, variables, 3)
+            fitted = self.fitter.fit(fitted.values, variables, 4)
             # Where the values hardly moved, their gains did not either.
             if before - fitted.cost < _SETTLED * fitted.cost:
                 break
@@ -278,6 +280,7 @@ class Search:
                 starts[added[0].name] = (effect.name, {}, [column.name for column in added])
         linear = fitter.linearise(values, columns)
         without = linear.solve(base)[1]
+        reached = self._reached(fitter, values, [c for c in columns if "#" in c.name])
         best: dict[str, Screened] = {}
         for name, (added_effect, start, names) in starts.items():
             parameters = {v.parameter for v in effect_variables(self.plant.effects[added_effect])}
@@ -285,6 +288,7 @@ class Search:
                 c for c, v in zip(base, variables, strict=True) if v.parameter not in parameters
             ]
             gain = linear.solve([*kept, *names])[1] - without
+            gain = max(gain, reached.get(name, 0.0) - without)
             index = linear.indices([name])[0]
             square = float(linear.products[:, index, index].sum())
             acting = min(
@@ -293,6 +297,17 @@ class Search:
             if gain > 0.0 and (added_effect not in best or gain > best[added_effect].gain):
                 best[added_effect] = Screened(added_effect, start, gain, acting)
         return sorted(best.values(), key=lambda candidate: -candidate.gain)
+
+    def _reached(
+        self, fitter: Fitter, values: Values, columns: Sequence[Column]
+    ) -> dict[str, float]:
+        """Return what the cost loses at starts themselves: large effects are far from linear."""
+        before = fitter.costs(values).sum()
+        changes = fitter.changes(values, columns)
+        return {
+            column.name: float(before - fitter.changed_costs(values, change).sum())
+            for column, change in zip(columns, changes, strict=True)
+        }
 
     def _starts(
         self, fitter: Fitter, values: Values, effect: Effect
@@ -341,24 +356,31 @@ class Search:
         for named in list(found.named):
             if len(found.named) < 2:
                 return
-            variables, without = self._without(found, named.effect)
+            variables, without = self._without(found, named.effect, exact=True)
             if without.cost - found.fitted.cost < named.bar:
                 found.named.remove(named)
                 found.variables = variables
                 found.fitted = self._settled(without, variables)
 
-    def _without(self, found: Found, name: str) -> tuple[tuple[Variable, ...], Fitted]:
+    def _without(
+        self, found: Found, name: str, exact: bool = False
+    ) -> tuple[tuple[Variable, ...], Fitted]:
         """Return variables and fit without an effect, with the gains of the fit with it."""
         kept = [v for v in found.variables if not (v.name == name and v.key)]
         values = dict(found.fitted.values)
         for variable in effect_variables(self.plant.effects[name]):
             values = variable.put(values, self.plant.nominal[variable.parameter])
+        refitted = found.refitted.values
         present = {variable.parameter for variable in kept}
         back = [v for v in self.nuisances if v.parameter not in present]
         back = [v for v in back if v.parameter in {w.parameter for w in found.variables}]
         variables = (*back, *kept)
-        changes = self._kept(found.fitted.values, kept)
-        return variables, self.fitter.fit(values, variables, 4, 1e-3, changes)
+        # The nuisances may have to go far: from where they are now, or from where they once were.
+        once = {**values, **{v.parameter: refitted[v.parameter] for v in variables if not v.key}}
+        if self.fitter.costs(once).sum() < self.fitter.costs(values).sum():
+            values = once
+        changes = None if exact else self._kept(found.fitted.values, kept)
+        return variables, self.fitter.fit(values, variables, 6, 3e-4, changes)
 
     def _alternatives(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
         """Try other effects in the place of each that was named.
@@ -370,16 +392,17 @@ class Search:
         for position, named in enumerate(found.named):
             variables, without = self._without(found, named.effect)
             gain = without.cost - found.fitted.cost
+            most = {name: max(c.gain for c in stages) for name, stages in seen.items()}
             near = {
                 name
-                for name, stages in seen.items()
-                if name not in taken and max(c.gain for c in stages) > _NEAR * gain
+                for name, reached in most.items()
+                if name not in taken and reached > _NEAR * most.get(named.effect, 0.0)
             }
-            screened = self.screen(self.fitter, without.values, variables, near)
+            screened = self.screen(self.fitter, without.values, variables, near | {named.effect})
+            own = next((c.gain for c in screened if c.effect == named.effect), 0.0)
+            likely = [c for c in screened if c.effect != named.effect and c.gain > 0.4 * own]
             alternatives = []
-            for candidate in screened[: _TRIED + 2]:
-                if candidate.gain < 0.5 * gain:
-                    continue
+            for candidate in likely[: _TRIED + 2]:
                 fitted = self._with(without, variables, candidate)
                 if found.fitted.cost - fitted.cost > CHANCE:
                     effect = self.plant.effects[candidate.effect]

@@ -1,6 +1,7 @@
 """The rig's own plant as the workflow sees it: `rig.plant`, its transducers and its effects."""
 
 from collections.abc import Mapping
+from math import exp
 from typing import Any, Final
 
 import numba.extending
@@ -20,7 +21,6 @@ from rig.plant.transducers import (
     follow,
     reading_means,
     seen_position,
-    seen_pressures,
     transducers,
 )
 
@@ -42,19 +42,20 @@ from .servo_effects import EFFECTS, NOT_TOLD_APART, nuisances
 
 STATES: Final = (
     "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
-    "friction_state", "supply_pressure", "return_pressure",
+    "friction_state", "supply_pressure", "return_pressure", "seen_pressure_1", "seen_pressure_2",
 )  # fmt: skip
+"""Those of the rig, and both pressures behind the lag of their transducers."""
+_SEEN_1: Final = 9
+_SEEN_2: Final = 10
 
-# The memory: the command, its path as it is and as it is after the step, the transducers', and how
-# far what they see is behind the state.
+# The memory: the command, its path as it is and as it is after the step, the encoder's, and how far
+# what it sees is behind the ram.
 _COMMAND: Final = 0
 _PATH: Final = 1
 _NEXT: Final = _PATH + PATH_SIZE
 _SEEN: Final = _NEXT + PATH_SIZE
 _BEHIND: Final = _SEEN + TRANSDUCERS_SIZE
-_BELOW_1: Final = _BEHIND + 1
-_BELOW_2: Final = _BEHIND + 2
-_MEMORY: Final = _BEHIND + 3
+_MEMORY: Final = _BEHIND + 1
 _FAULT: Final = tuple(NO_FAULT)
 _PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
 # As it is declared, its arguments would count the context that numba adds.
@@ -81,31 +82,44 @@ def _drive(inputs, memory, parameters):
     memory[_COMMAND] = inputs[0]
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _lagging(seen, before, pressure, par):
+    """Return a pressure in Pa behind its lag, one tick later (`rig.plant.transducers`)."""
+    lag = par.pressure_lag
+    if lag == 0.0:
+        return pressure
+    after = max(pressure, 0.0)
+    behind = (after - before) * (lag / TICK)
+    return after - behind + exp(-TICK / lag) * (seen - before + behind)
+
+
 @njit(STEP, cache=True, error_model="numpy")
 def _step(state, memory, parameters):
     path = memory[_NEXT : _NEXT + PATH_SIZE]
     path[:] = memory[_PATH : _PATH + PATH_SIZE]
-    drive(state, path, memory[_COMMAND], _parameters(parameters), _FAULT)
+    par = _parameters(parameters)
+    before_1, before_2 = max(state[2], 0.0), max(state[3], 0.0)
+    drive(state, path, memory[_COMMAND], par, _FAULT)
+    state[_SEEN_1] = _lagging(state[_SEEN_1], before_1, state[2], par)
+    state[_SEEN_2] = _lagging(state[_SEEN_2], before_2, state[3], par)
 
 
 @njit(REMEMBER, cache=True, error_model="numpy")
 def _remember(state, memory, parameters):
-    """Keep how far the sensors are behind the state: that much less is read of it."""
+    """Keep how far the encoder is behind the ram: that much less is read of its position."""
     par = _parameters(parameters)
     memory[_PATH : _PATH + PATH_SIZE] = memory[_NEXT : _NEXT + PATH_SIZE]
     seen = memory[_SEEN : _SEEN + TRANSDUCERS_SIZE]
     follow(seen, state, par)
     memory[_BEHIND] = state[4] - seen_position(seen, state[4], par)
-    p1, p2 = seen_pressures(seen, state[2], state[3], par)
-    memory[_BELOW_1], memory[_BELOW_2] = state[2] - p1, state[3] - p2
 
 
 @njit(READ, cache=True, error_model="numpy")
 def _read(state, memory, parameters, readings):
     means = reading_means(
         state[4] - memory[_BEHIND],
-        state[2] - memory[_BELOW_1],
-        state[3] - memory[_BELOW_2],
+        state[_SEEN_1],
+        state[_SEEN_2],
         state[0],
         state[7],
         _parameters(parameters),
@@ -119,7 +133,7 @@ def _begin(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     memory = np.zeros(_MEMORY)
     memory[_PATH:_NEXT] = command_path(par, spool=state[0], command=inputs[0, 0])
-    memory[_SEEN:_BEHIND] = transducers(par, state)
+    memory[_SEEN:_BEHIND] = transducers(par, state[:_SEEN_1])
     return memory
 
 
@@ -133,11 +147,11 @@ def _start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple
     bend = np.clip(load, -values["stiction"], values["stiction"]) / values["bristle_stiffness"]
     state = np.array(
         [spool, 0.0, p1, p2, readings[0, 0] / values["position_gain"], 0.0, bend,
-         values["supply_pressure"], values["return_pressure"]]
+         values["supply_pressure"], values["return_pressure"], p1, p2]
     )  # fmt: skip
     spread = np.array(
         [1e-6, 1e-3, 3e4, 3e4, 1e-5, 1e-2, values["stiction"] / values["bristle_stiffness"] / 4.0,
-         1.0, 1.0]
+         1.0, 1.0, 3e4, 3e4]
     )  # fmt: skip
     return state, spread
 
@@ -223,6 +237,8 @@ def _states(par: Parameters) -> tuple[State, ...]:
         State("bristle deflection", "m", 1e-7, 0.0),
         State("supply pressure", "Pa", 1e3, 0.0),
         State("return pressure", "Pa", 1e3, 0.0),
+        State("pressure 1 behind its lag", "Pa", 1e3, 0.0),
+        State("pressure 2 behind its lag", "Pa", 1e3, 0.0),
     )
 
 
@@ -266,6 +282,6 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         remember=_remember,
         begin=_begin,
         violent=_violent,
-        memories=("pressure_lag", "position_delay", "position_backlash"),
+        memories=("position_delay", "position_backlash"),
         not_told_apart=NOT_TOLD_APART,
     )  # fmt: skip

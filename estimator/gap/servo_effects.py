@@ -84,7 +84,12 @@ EFFECTS: Final = {
         ),
         _one("command_delay", _VALVE, 2e-4, 1e-3, 5e-3, 1.5e-2),
         _one("entrained_air", _FLOWS, 1e-3),
-        _one("bulk_modulus", _FLOWS, 0.01 * _N.bulk_modulus),
+        # Beyond its nuisance's tolerance: far from linear.
+        _one(
+            "bulk_modulus", _FLOWS, 0.01 * _N.bulk_modulus,
+            0.6 * _N.bulk_modulus, 0.8 * _N.bulk_modulus, 1.4 * _N.bulk_modulus,
+            logarithmic=True,
+        ),
         _one("supply_pressure", _FLOWS, 0.005 * _N.supply_pressure),
         _one("supply_droop", _FLOWS, 3e11),
         _effect(
@@ -101,9 +106,9 @@ EFFECTS: Final = {
         _one("stribeck_velocity", _FORCE, 1e-3, logarithmic=True),
         _one("viscous_friction", _FORCE, 10.0),
         _one("presliding_compliance", _FORCE, 1e6, logarithmic=True),
-        _one("internal_leakage", _FLOWS, 3e-10),
-        _one("external_leakage_1", _FLOWS, 3e-10),
-        _one("external_leakage_2", _FLOWS, 3e-10),
+        _one("internal_leakage", _FLOWS, 3e-10, 5e-10, 4e-9),
+        _one("external_leakage_1", _FLOWS, 3e-10, 3e-10, 3e-9),
+        _one("external_leakage_2", _FLOWS, 3e-10, 3e-10, 3e-9),
         _effect(
             "spring_load", _FORCE,
             _knob("spring_load", "stiffness", 300.0), _knob("spring_load", "contact", 2e-3),

@@ -28,6 +28,8 @@ _SLOWEST, _FASTEST = 5.0, 400.0
 """Hz, of a pump's ripple."""
 _FINER: Final = 4
 """Times finer than the resolution of the longest recording, so that a phase keeps to its end."""
+_BAND: Final = 20.0
+"""Hz. A line whose reach comes and goes with the opening spreads over some Hz."""
 _OVER_NOISE: Final = 20.0
 """Of a line in a spectrum over its median; the highest of 1e5 chance lines is at 17."""
 
@@ -87,7 +89,7 @@ def propose_ripple(traces: Sequence[Trace], values: Mapping[str, float]) -> Star
     frequency = np.fft.rfftfreq(length, TICK)
     band = (frequency >= _SLOWEST) & (frequency <= _FASTEST)
     # Against the lines around: other effects raise whole bands.
-    wide = max(int(2.0 / (frequency[1] - frequency[0])), 1)
+    wide = max(int(_BAND / (frequency[1] - frequency[0])), 1)
     levels = np.array([np.median(part) for part in np.array_split(power, len(power) // wide or 1)])
     around = np.interp(np.arange(len(power)), (np.arange(len(levels)) + 0.5) * wide, levels)
     ratio = np.where(band, power / np.maximum(around, 1e-300), 0.0)

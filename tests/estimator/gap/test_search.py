@@ -1,0 +1,112 @@
+"""What a search names on rigs that are the model but for what is hidden in them."""
+
+from collections.abc import Collection
+
+import numpy as np
+import pytest
+
+from estimator.gap.search import Found, Search
+from estimator.gap.servo_effects import EFFECTS, NOT_TOLD_APART
+from rig.plant import CATALOGUE
+from tests.estimator.gap.courses import fitter, recorded, rig
+
+RIVALS = (
+    "spool_null_bias", "valve_flow_asymmetry", "command_delay", "internal_leakage",
+    "return_back_pressure", "pressure_1_bias", "coulomb_level",
+)  # fmt: skip
+
+
+def search(effects: Collection[str], hidden: dict[str, float]) -> Found:
+    """Search for effects of a choice in two records of a rig with hidden values."""
+    plant = rig(effects)
+    values = {**plant.nominal, **hidden}
+    records = [recorded(plant, values, seed=seed) for seed in (0, 1)]
+    with fitter(plant, *records) as of_records:
+        return Search(of_records).run()
+
+
+def named(found: Found) -> list[str]:
+    return [effect.effect for effect in found.named]
+
+
+def test_a_rig_that_is_the_model_lacks_nothing() -> None:
+    assert named(search(RIVALS, {})) == []
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [("spool_null_bias", 6e-6), ("command_delay", 3.4e-3), ("pressure_1_bias", -2.5e5)],
+)
+def test_what_is_hidden_is_named_and_sized(parameter: str, value: float) -> None:
+    found = search(RIVALS, {parameter: value})
+    assert named(found) == [parameter]
+    assert found.fitted.values[parameter] == pytest.approx(value, rel=0.03)
+    assert found.fitted.cost < 0.9 * found.refitted.cost
+
+
+def test_two_effects_at_once_are_both_named() -> None:
+    hidden = {"internal_leakage": 5e-9, "command_delay": 3e-3}
+    found = search(("internal_leakage", "command_delay", "spool_null_bias"), hidden)
+    assert sorted(named(found)) == ["command_delay", "internal_leakage"]
+    assert found.fitted.values["internal_leakage"] == pytest.approx(5e-9, rel=0.05)
+
+
+def test_a_nuisance_within_its_tolerance_is_refitted_and_never_named() -> None:
+    hidden = {"bulk_modulus": 0.9 * 6.89e8, "viscous": 400.0, "supply_pressure": 1.41e7}
+    found = search((*RIVALS, "bulk_modulus", "viscous_friction", "supply_pressure"), hidden)
+    assert named(found) == []
+    for parameter, value in hidden.items():
+        assert found.fitted.values[parameter] == pytest.approx(value, rel=0.04)
+
+
+def test_a_nuisance_beyond_its_tolerance_is_an_effect_of_that_name() -> None:
+    found = search((*RIVALS, "supply_pressure"), {"supply_pressure": 1.1e7})
+    assert named(found) == ["supply_pressure"]
+    assert found.fitted.values["supply_pressure"] == pytest.approx(1.1e7, rel=0.01)
+
+
+def test_forces_that_are_the_same_while_moving_are_named_with_each_other() -> None:
+    found = search(("friction_asymmetry", "constant_force"), {"friction_asymmetry": 200.0})
+    (effect,) = found.named
+    also = {alternative.effect for alternative in effect.alternatives}
+    assert {effect.effect, *also} == {"friction_asymmetry", "constant_force"}
+    assert max(alternative.share for alternative in effect.alternatives) > 0.5
+
+
+def test_a_pumps_ripple_is_found_by_its_line() -> None:
+    hidden = {
+        "supply_ripple": 3e5, "supply_ripple_frequency": 47.3, "supply_ripple_phase": 1.2,
+    }  # fmt: skip
+    found = search((*RIVALS, "supply_ripple"), hidden)
+    assert named(found) == ["supply_ripple"]
+    for parameter, value in hidden.items():
+        assert found.fitted.values[parameter] == pytest.approx(value, rel=0.1)
+
+
+def test_every_effect_of_the_catalogue_can_be_searched_for() -> None:
+    assert set(EFFECTS) == set(CATALOGUE)
+    for name, effect in EFFECTS.items():
+        assert effect.equation == CATALOGUE[name].equation
+        bounds = {knob.name: (knob.lower, knob.upper) for knob in CATALOGUE[name].parameters}
+        for knob in effect.knobs:
+            lower, upper = bounds[knob.key]
+            assert lower <= knob.lower < knob.upper <= upper
+            assert not knob.logarithmic or knob.lower > 0.0
+
+
+def test_reasons_are_given_for_pairs_of_the_catalogue_only() -> None:
+    for pair, why in NOT_TOLD_APART.items():
+        assert len(pair) == 2
+        assert pair <= set(CATALOGUE)
+        assert why
+
+
+def test_a_plant_that_a_value_breaks_is_no_candidate_and_no_crash() -> None:
+    plant = rig(("spool_null_bias",))
+    record = recorded(plant, plant.nominal, seconds=2.0)
+    with fitter(plant, record) as of_record:
+        of_record.refresh(plant.nominal)
+        broken = {**plant.nominal, "piston_area": float("nan")}
+        assert np.all(of_record.costs(broken) >= 1e299)
+        variables = Search(of_record).nuisances
+        assert of_record.fit(broken, variables).cost >= 1e299
