@@ -20,6 +20,8 @@ TOO_MUCH: Final = 25.0
 """Noise variances of excess that are more than one missing effect leaves in every equation."""
 NOWHERE: Final = 0.3
 """Part of such an excess that the best disturbance of a single equation must explain."""
+FREE: Final = 0.05
+"""Part of the excess that a free curve may still take away once the whole answer is named."""
 CONFIRMED: Final = 0.1
 """Part of what an effect would gain on held-out recordings, were it exact, that it must gain."""
 
@@ -105,8 +107,11 @@ def judge(found: Found, rest: Sequence[Curve], resting: Sequence[str]) -> Judgem
                 "the rig that the model describes?",
             ),
         )
+    # A free curve costs no physics: names that leave it much to explain are not the cause.
+    free = rest[0].share * excess if rest else 0.0
+    before = found.refitted.cost / found.samples - found.floor
     unexplained = excess > MATERIAL and (not found.named or found.explained < EXPLAINED)
-    if unexplained and rest and rest[0].gain > MATERIAL * found.samples:
+    if free > MATERIAL and (unexplained or free > FREE * before):
         return Judgement("unknown_effect", _unknown(found, rest[0]))
     if found.named:
         return Judgement("missing_effect", _missing(found, excess))
@@ -124,6 +129,9 @@ def _unknown(found: Found, curve: Curve) -> tuple[str, ...]:
         reasons.append(
             f"{names} would take away {max(found.explained, 0.0):.0%} of the excess: too little to "
             f"be named, {EXPLAINED:.0%} are needed"
+            if found.explained < EXPLAINED
+            else f"{names} would take away {found.explained:.0%} of the excess, but no more than "
+            "something unknown would in their likeness: the curve explains what they leave"
         )
     return tuple(reasons)
 

@@ -57,6 +57,7 @@ class Output:
         lower: least reading; at or below it a reading is saturated.
         upper: greatest reading.
         shown: unit in reports, and how many of it are one SI unit.
+        of: what an error of its readings is drawn against, names of `Region`.
     """
 
     channel: str
@@ -66,6 +67,7 @@ class Output:
     lower: float = -np.inf
     upper: float = np.inf
     shown: tuple[str, float] | None = None
+    of: tuple[str, ...] = ()
 
     @property
     def variance(self) -> float:
@@ -213,12 +215,16 @@ class Region:
         unit: SI.
         value: (states (n, count), inputs (n, inputs)) -> float64 (n,).
         shown: unit in reports, and how many of it are one SI unit.
+        symbol: in formulas, its name if empty.
+        periodic: whether something may repeat along it, such as the teeth of a rack.
     """
 
     name: str
     unit: str
     value: Callable[[Array, Array], Array]
     shown: tuple[str, float]
+    symbol: str = ""
+    periodic: bool = False
 
 
 @njit(DRIVE, cache=True, error_model="numpy")

@@ -201,6 +201,7 @@ class GapResult:
         explained: part of the excess over the floor in the identification data that was explained.
         where: disturbances that explain the disagreement, largest first, before anything was added.
         rest: the same after all that was named was added.
+        term: an unknown effect in symbols with units, with the equation it enters; empty without.
         limits: smallest sizes that these motions would show, by effect.
         experiments: what to run to settle ambiguities.
         free_runs: short free runs, for the eye.
@@ -221,6 +222,7 @@ class GapResult:
     explained: float = float("nan")
     where: list[Curve] = field(default_factory=list)
     rest: list[Curve] = field(default_factory=list)
+    term: str = ""
     limits: list[DetectionLimit] = field(default_factory=list)
     experiments: list[Separation] = field(default_factory=list)
     free_runs: list[FreeRun] = field(default_factory=list)

@@ -174,19 +174,29 @@ def _violent(readings: Array, values: Mapping[str, float]) -> NDArray[np.bool_]:
     return np.asarray(found)
 
 
+_MOVING: Final = 1e-3
+"""m/s, below which the ram counts as standing."""
+
+
+def _direction(velocity: Array) -> Array:
+    """Return 1 extending, -1 retracting, 0 standing (n,)."""
+    return np.where(np.abs(velocity) < _MOVING, 0.0, np.sign(velocity))
+
+
 _MPA: Final = ("MPa", 1e-6)
 _LITRES: Final = ("L/min", 1.0 / LITRE_PER_MINUTE)
 
 REGIONS: Final = {
     region.name: region
     for region in (
-        Region("velocity", "m/s", lambda x, u: x[:, 5], ("mm/s", 1e3)),
-        Region("position", "m", lambda x, u: x[:, 4], ("mm", 1e3)),
-        Region("spool opening", "m", lambda x, u: x[:, 0], ("um", 1e6)),
-        Region("pressure 1", "Pa", lambda x, u: x[:, 2], _MPA),
-        Region("pressure 2", "Pa", lambda x, u: x[:, 3], _MPA),
-        Region("pressure difference", "Pa", lambda x, u: x[:, 2] - x[:, 3], _MPA),
-        Region("command", "V", lambda x, u: u[:, 0], ("V", 1.0)),
+        Region("velocity", "m/s", lambda x, u: x[:, 5], ("mm/s", 1e3), "v"),
+        Region("position", "m", lambda x, u: x[:, 4], ("mm", 1e3), "x", True),
+        Region("spool opening", "m", lambda x, u: x[:, 0], ("um", 1e6), "x_sp"),
+        Region("pressure 1", "Pa", lambda x, u: x[:, 2], _MPA, "p1"),
+        Region("pressure 2", "Pa", lambda x, u: x[:, 3], _MPA, "p2"),
+        Region("pressure difference", "Pa", lambda x, u: x[:, 2] - x[:, 3], _MPA, "(p1 - p2)"),
+        Region("direction", "", lambda x, u: _direction(x[:, 5]), ("", 1.0), "sgn(v)"),
+        Region("command", "V", lambda x, u: u[:, 0], ("V", 1.0), "u"),
     )
 }
 
@@ -209,7 +219,7 @@ def _spool_rate(states: Array, values: Mapping[str, float]) -> Array:
 EQUATIONS: Final = (
     Equation(
         "force balance", "N", 5, _force_rate, ("N", 1.0),
-        ("velocity", "position", "pressure difference"),
+        ("velocity", "position", "pressure difference", "pressure 1", "direction"),
     ),
     Equation(
         "flow, chamber 1", "m^3/s", 2, lambda x, v: _chamber_rate(x, v, 0), _LITRES,
@@ -256,13 +266,14 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         states=_states(model.parameters),
         inputs=("command_V",),
         outputs=(
-            Output("position_m", "m", 1e-7, sensors.position_resolution, shown=("um", 1e6)),
+            Output("position_m", "m", 1e-7, sensors.position_resolution, shown=("um", 1e6),
+                   of=("position", "velocity", "direction")),
             Output("pressure_1_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
-                   sensors.pressure_max, ("kPa", 1e-3)),
+                   sensors.pressure_max, ("kPa", 1e-3), ("pressure 1", "velocity")),
             Output("pressure_2_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
-                   sensors.pressure_max, ("kPa", 1e-3)),
+                   sensors.pressure_max, ("kPa", 1e-3), ("pressure 2", "velocity")),
             Output("spool_m", "m", sensors.spool_noise, 0.0, -sensors.spool_range,
-                   sensors.spool_range, ("um", 1e6)),
+                   sensors.spool_range, ("um", 1e6), ("spool opening",)),
         ),
         parameters=tuple(
             Parameter(name, known[name].unit, known[name].lower, known[name].upper)

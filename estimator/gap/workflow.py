@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.recording import Recording
 
-from .disturbances import curves
+from .disturbances import attribution
 from .fit import Fitter
 from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
@@ -22,6 +22,7 @@ from .results import Estimate, GapResult, NamedEffect, Rival
 from .search import Found, Named, Search
 from .signatures import cosines, limits
 from .suitability import unsuitable, usable, worse_than_resting
+from .unknown import find_unknown
 from .variables import Variable, effect_variables
 
 _NORMAL_95: Final = 1.96
@@ -89,11 +90,13 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     seen = _Seen()
     seen.held_out, dropped = confirm(search, found, judged)
     fitter.refresh(found.refitted.values)
-    result.where = curves(fitter, found.refitted.values, search.nuisances, found.floor)
+    before = attribution(fitter, found.refitted.values, search.nuisances)
+    result.where = before.curves(found.floor)
     fitter.refresh(found.fitted.values)
     result.rest = result.where
     if found.named:
-        result.rest = curves(fitter, found.fitted.values, found.variables, found.floor)
+        after = attribution(fitter, found.fitted.values, found.variables)
+        result.rest = after.curves(found.floor)
     resting = {
         channel: None
         for record in (*fitter.records, *judged.records)
@@ -109,6 +112,13 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         found.fitted, found.named, found.variables = found.refitted, [], search.nuisances
         fitter.refresh(found.fitted.values)
         result.rest = result.where
+        unknown = find_unknown(before, result.where, found.floor)
+        if unknown is not None:
+            result.term = f"{unknown.place.name}: {unknown.text(plant)}"
+            result.reasons.append(
+                f"in symbols, to be added to the {unknown.place.name}: {unknown.text(plant)}; it "
+                f"takes away {min(unknown.share, 1.0):.0%} of the excess"
+            )
     result.explained = found.explained if found.named else float("nan")
     errors = _standard_errors(fitter, search, found)
     for named in found.named:
