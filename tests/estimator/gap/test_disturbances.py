@@ -131,7 +131,8 @@ def test_a_drag_that_grows_with_the_square_of_speed_is_found_there_in_newtons(
     unknown = in_symbols(found, places_of(SLED)[0], 1.0)
     assert unknown is not None
     assert unknown.terms[0].form == "x |x|"
-    assert unknown.coefficients[0] == pytest.approx(400.0, rel=0.05)
+    # To first order: it says how large the disturbance is to a tenth.
+    assert unknown.coefficients[0] == pytest.approx(400.0, rel=0.1)
     assert "N/(m/s)^2 v |v|" in unknown.text(SLED)
 
 
