@@ -17,7 +17,7 @@ from .application import EXIT_BAD_INPUT
 @click.argument("text", nargs=-1)
 @click.option("--test", default="", metavar="NAME", help="The test to skip or to retry.")
 def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> int:
-    r"""Ask the campaign that runs in the folder DIR for something.
+    """Ask the campaign that runs in the folder DIR for something.
 
     \b
     pause        wait once the present test has come to its end
@@ -31,7 +31,7 @@ def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> 
 
     Whoever may write to the folder as its campaign's user may ask. A text may go with any request,
     and is kept. Exit code: 0, or 2 if no campaign runs there or it refuses, with the reason.
-    """
+    """  # noqa: D301 (click wants the character)
     if test and request not in (Request.SKIP, Request.RETRY):
         click.echo(f"--test {test}: goes with skip or retry; leave it out", err=True)
         return EXIT_BAD_INPUT

@@ -37,6 +37,7 @@ def test_every_command_explains_itself(invoke: Invoke, command: str) -> None:
     done = invoke(command, "--help")
     assert done.code == 0
     assert f"Usage: rig {command}" in done.out
+    assert "\\" not in done.out
 
 
 @pytest.mark.parametrize("arguments", [["rnu"], ["run"], ["run", "x", "--pace", "slow"], ["--bad"]])
