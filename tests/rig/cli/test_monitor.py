@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -52,13 +51,13 @@ class Run:
             cwd=self.folder, capture_output=True, text=True, timeout=DEADLINE_S, check=False,
         )  # fmt: skip
 
-    def until_judged(self) -> dict[str, Any]:
-        """Return what the monitor tells once the detector has decided something."""
+    def until_judged(self) -> None:
+        """Wait until the monitor tells that the detector has decided something."""
         end = time.monotonic() + DEADLINE_S
         while time.monotonic() < end:
             told = self.monitor("--once", "--json", "--wait", "60").stdout
             if told and json.loads(told)["decision"]:
-                return dict(json.loads(told))
+                return
             assert self.process.poll() is None, self.process.communicate()
         raise AssertionError("nothing was decided")
 
@@ -78,13 +77,16 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     run = Run(folder, port, process)
-    yield run
-    process.kill()
-    process.communicate()
+    try:
+        run.until_judged()
+        yield run
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def test_a_run_is_followed_live(run: Run) -> None:
-    told = run.until_judged()
+    told = json.loads(run.monitor("--once", "--json", "--wait", "60").stdout)
     assert told["rig"] == "simulated"
     assert told["alive"]
     assert told["units"]["pressure_1_Pa"] == "Pa"
@@ -95,14 +97,12 @@ def test_a_run_is_followed_live(run: Run) -> None:
 
 
 def test_a_log_has_a_line_a_rig(run: Run) -> None:
-    run.until_judged()
     shown = run.monitor("--once")
     assert shown.returncode == 0
     assert re.fullmatch(r"simulated: live, \d+ samples a second, \[1/1\] first, .*\n", shown.stdout)
 
 
 def test_the_ten_lines_of_the_page_follow_it(run: Run) -> None:
-    run.until_judged()
     (code,) = re.findall(r"ten lines\n.*?```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     lines = [told for told in code.splitlines() if told and not told.startswith("import")]
     assert len(lines) <= 10
@@ -121,7 +121,6 @@ def test_the_ten_lines_of_the_page_follow_it(run: Run) -> None:
 
 
 def test_a_hold_pauses_the_campaign_and_a_resume_goes_on(run: Run) -> None:
-    run.until_judged()
     assert run.monitor("--send", "resume").returncode == 1
     assert run.monitor("--send", "hold", "--text", "lunch").stdout == "hold: obeyed\n"
     assert run.monitor("--send", "resume").stdout == "resume: obeyed\n"
@@ -130,7 +129,6 @@ def test_a_hold_pauses_the_campaign_and_a_resume_goes_on(run: Run) -> None:
 
 
 def test_the_example_of_the_client_stops_the_run(run: Run) -> None:
-    run.until_judged()
     (code,) = re.findall(r"From Python\n.*?```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     ran = subprocess.run(
         [sys.executable, "-c", code.replace('"loopback"', '"here.yaml"')],
