@@ -9,7 +9,7 @@ import numpy as np
 from .fit import Fitter
 from .linear import slices_of
 from .results import Curve, Verdict
-from .search import CHANCE, MATERIAL, Found, Search, deviate
+from .search import CHANCE, HELD_OUT, MATERIAL, Found, Search, deviate
 from .variables import Values
 
 EXPLAINED: Final = 0.8
@@ -77,13 +77,16 @@ def _changed(fitter: Fitter, values: Values, others: Values) -> float:
     return total
 
 
-def judge(found: Found, rest: Sequence[Curve], resting: Sequence[str]) -> Judgement:
+def judge(
+    found: Found, rest: Sequence[Curve], resting: Sequence[str], held_out: float
+) -> Judgement:
     """Return the verdict.
 
     Args:
         found: by the search, confirmed.
         rest: disturbances that would explain what is left, best first.
         resting: channels predicted worse than "nothing changes" would be, with all that was found.
+        held_out: excess in squared error of the recordings held out, in variances a reading.
     """
     excess = found.fitted.cost / found.samples - found.floor
     if len(resting) >= SEVERAL:
@@ -115,6 +118,15 @@ def judge(found: Found, rest: Sequence[Curve], resting: Sequence[str]) -> Judgem
         return Judgement("unknown_effect", _unknown(found, rest[0]))
     if found.named:
         return Judgement("missing_effect", _missing(found, excess))
+    if held_out > HELD_OUT:
+        return Judgement(
+            "inconclusive",
+            (
+                "the recordings fitted to are predicted as well as their noise allows, those held "
+                f"out are not, by {held_out:.2g} noise variances a reading: something is missing "
+                "that the motions fitted to do not show; fit to motions like those held out",
+            ),
+        )
     return Judgement("adequate", _adequate(excess))
 
 

@@ -8,6 +8,10 @@ extension, prediction error). It is judged by what the cost gains, against two b
 - It must be more than chance and the filter's own imperfection would give: records of a twin, a rig
   that is exactly the present model on the same course (`Predictor.twin`), are searched likewise,
   and the gain must be well above what the candidate gains there.
+
+Where nothing matters any more in the motions fitted to, but recordings held out are still predicted
+worse than noise allows, an effect that is beyond chance and twins is named as well if, fitted
+without them, it takes away most of what they have too much: it matters in their motion.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -38,6 +42,11 @@ FORM: Final = 0.01
 """Part of what an effect explains that its form may be wrong by: a tenth in amplitude, squared.
 Another effect that explains all but this much may be the cause as well."""
 MOST_EFFECTS: Final = 4
+HELD_OUT: Final = 0.1
+"""Excess in squared error held out, in variances a reading, that is more than a model that lacks
+nothing has: ten times what matters."""
+MOST: Final = 0.5
+"""Part of that excess that an effect must take away."""
 _TRIED: Final = 5
 _TWINS: Final = 2
 _SWAPS: Final = 3
@@ -142,11 +151,18 @@ def deviate(differences: Array) -> float:
     return float(differences.sum()) / scatter if scatter > 0.0 else 0.0
 
 
+def _earns(before: Fitted, fitted: Fitted, bar: float) -> bool:
+    """Tell whether a fit gains more than a bar, in more than two blocks."""
+    gains = before.costs - fitted.costs
+    acting_blocks = gains.sum() ** 2 / max(float((gains**2).sum()), 1e-300)
+    return bool(gains.sum() > bar and acting_blocks > 2.0)
+
+
 class Search:
     """Searches the records of a fitter for effects of its plant's catalogue."""
 
-    def __init__(self, fitter: Fitter, seed: int = 1) -> None:
-        self.fitter = fitter
+    def __init__(self, fitter: Fitter, seed: int = 1, judged: Fitter | None = None) -> None:
+        self.fitter, self.judged = fitter, judged
         self.plant = fitter.predictor.plant
         self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
         self._seed = seed
@@ -176,7 +192,7 @@ class Search:
             screened = self.screen(self.fitter, found.fitted.values, found.variables)
             for candidate in screened:
                 seen.setdefault(candidate.effect, []).append(candidate)
-            added = self._next(found, screened)
+            added = self._next(found, screened) or self._next_held_out(found, screened)
             if added is None:
                 found.rejected = screened
                 break
@@ -220,22 +236,58 @@ class Search:
         chance = self._chance(found, [c.effect for c in hopeful]) if hopeful else {}
         best: tuple[Effect, Fitted, float] | None = None
         for candidate in hopeful:
-            effect = self.plant.effects[candidate.effect]
             fitted = self._with(before, found.variables, candidate)
-            bar = max(
-                CHANCE,
-                MATERIAL * candidate.acting * found.samples,
-                OVER_TWIN * chance.get(effect.name, 0.0),
-            )
-            gains = before.costs - fitted.costs
-            acting_blocks = gains.sum() ** 2 / max(float((gains**2).sum()), 1e-300)
-            if (
-                gains.sum() > bar
-                and acting_blocks > 2.0
-                and (best is None or fitted.cost < best[1].cost)
-            ):
+            effect = self.plant.effects[candidate.effect]
+            bar = self._bar(candidate, chance, MATERIAL * found.samples)
+            if _earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
                 best = (effect, fitted, bar)
         return best
+
+    def _next_held_out(
+        self, found: Found, screened: Sequence[Screened]
+    ) -> tuple[Effect, Fitted, float] | None:
+        """Return, as `_next`, an effect that matters in recordings held out only."""
+        before = found.fitted
+        excess = self.held_out_excess(before.values)
+        if self.judged is None or excess <= HELD_OUT:
+            return None
+        taken = {named.effect for named in found.named}
+        hopeful = [c for c in screened if c.effect not in taken and c.gain > 0.5 * CHANCE][:_TRIED]
+        chance = self._chance(found, [c.effect for c in hopeful]) if hopeful else {}
+        best: tuple[Effect, Fitted, float] | None = None
+        least = (1.0 - MOST) * excess
+        for candidate in hopeful:
+            fitted = self._with(before, found.variables, candidate)
+            bar = self._bar(candidate, chance, 0.0)
+            if not _earns(before, fitted, bar):
+                continue
+            left = self.held_out_excess(fitted.values)
+            if left < least:
+                best, least = (self.plant.effects[candidate.effect], fitted, bar), left
+        return best
+
+    def held_out_excess(self, values: Values) -> float:
+        """Return by how much recordings held out are predicted worse than a twin would be.
+
+        In squared errors over their variances, a reading; NaN without such recordings.
+        """
+        if self.judged is None:
+            return float("nan")
+        self.judged.refresh(values)
+        predictor = self.judged.predictor
+        twins = [
+            predictor.twin(record, values, self._seed + 500 + index)
+            for index, record in enumerate(self.judged.records)
+        ]
+        twin = Fitter(predictor, twins, self.judged.pool)
+        twin.refresh(values)
+        costs = [f.costs(values).sum() / f.samples for f in (self.judged, twin)]
+        return float(costs[0] - costs[1])
+
+    def _bar(self, candidate: Screened, chance: Mapping[str, float], material: float) -> float:
+        """Return what a candidate must gain; `material` is that of one acting on all readings."""
+        over_twin = OVER_TWIN * chance.get(candidate.effect, 0.0)
+        return float(max(CHANCE, material * candidate.acting, over_twin))
 
     def _with(self, present: Fitted, variables: Sequence[Variable], candidate: Screened) -> Fitted:
         """Return the fit with a candidate added."""

@@ -75,7 +75,8 @@ def find_gap(
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             fitter = Fitter(predictor, records, pool)
             try:
-                _search(result, Search(fitter, seed), Fitter(predictor, judged, pool))
+                judge_with = Fitter(predictor, judged, pool)
+                _search(result, Search(fitter, seed, judge_with), judge_with)
             except np.linalg.LinAlgError:
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
     _show(result, predictor, judged)
@@ -102,7 +103,8 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         for record in (*fitter.records, *judged.records)
         for channel in worse_than_resting(fitter.predictor, record, found.fitted.values)
     }
-    judgement = judge(found, result.rest, list(resting))
+    excess = search.held_out_excess(found.fitted.values)
+    judgement = judge(found, result.rest, list(resting), excess)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest = result.where

@@ -203,4 +203,10 @@ def test_names_that_leave_much_to_a_free_curve_are_not_the_cause(
     before: float, after: float, named: bool, share: float, verdict: str
 ) -> None:
     found = _found(before, after, named)
-    assert judge(found, [_curve(share)], []).verdict == verdict
+    assert judge(found, [_curve(share)], [], 0.0).verdict == verdict
+
+
+def test_recordings_held_out_that_no_finding_explains_support_no_verdict() -> None:
+    found = _found(0.005, 0.005, False)
+    assert judge(found, [_curve(0.9)], [], 5.0).verdict == "inconclusive"
+    assert judge(found, [_curve(0.9)], [], 0.05).verdict == "adequate"
