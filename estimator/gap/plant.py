@@ -227,6 +227,26 @@ class Region:
     periodic: bool = False
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Motion:
+    """A motion that an experiment may consist of (`estimator.gap.experiments`).
+
+    Attributes:
+        name: of it, alone of its kind.
+        told: what it does, in words.
+        inputs: float64 (n, inputs), beside what the rig's own loop adds.
+        course: float64 (n, outputs), where the rig's own loop keeps the outputs; readings to start
+            from.
+        campaign: of a campaign file that runs it, without rig and model.
+    """
+
+    name: str
+    told: str
+    inputs: Array
+    course: Array
+    campaign: Mapping[str, Any]
+
+
 @njit(DRIVE, cache=True, error_model="numpy")
 def hold(inputs, memory, parameters):
     """Drive of a plant that its inputs reach as they are: they are kept in the memory."""
@@ -278,6 +298,8 @@ class Plant:
         write: (values of all parameters by name, names of effects, provenance, path): writes the
             model file.
         not_told_apart: reasons, by pair of effects, why these are the same on principle.
+        motions: () -> motions that an experiment may consist of; none if none is known.
+        loop: as `steering`, of the loop that the rig itself closes in them.
     """
 
     name: str
@@ -304,6 +326,8 @@ class Plant:
     period: float = 1e-3
     horizon: float = 0.02
     not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)
+    motions: Callable[[], tuple[Motion, ...]] = tuple
+    loop: tuple[tuple[int, int, float], ...] = ()
 
     def remembers(self, values: Mapping[str, float]) -> bool:
         """Return whether readings depend on the states before."""

@@ -140,4 +140,7 @@ class Predictor:
                 noisy = np.round(noisy / output.resolution) * output.resolution
             simulated[:, index] = np.clip(noisy, output.lower, output.upper)
         # The delay is in the inputs already; the twin's model has it once more.
-        return made_of(f"twin of {record.source}", driven, simulated, self.plant)
+        twin = made_of(f"twin of {record.source}", driven, simulated, self.plant)
+        # What the recording does not tell, its twin must not tell either.
+        twin.variances[~np.isfinite(record.variances)] = np.inf
+        return twin

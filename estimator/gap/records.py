@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.recording import Recording
 
 from .plant import Array, Plant
+
+BoolArray = NDArray[np.bool_]
 
 _SMOOTHED = 11
 """Samples of the moving mean by which saturation is told."""
@@ -17,6 +20,10 @@ _BEFORE, _AFTER = 3, 30
 """Samples before and after a blow in which readings are not known to a fraction of a sample."""
 LONGEST_DWELL = 100
 """Samples that an encoder's count may rest before it counts as a new reading."""
+TIMES_OF_EXCHANGE = ("sent_s", "exchange_s")
+"""Columns of a loop on hardware: when in a tick its exchange was, and how long it took."""
+UNTIMELY_S = 1.5e-4
+"""That a sample may come later or earlier than usual: at 0.2 m/s a count of the encoder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +96,23 @@ def record_of(recording: Recording, plant: Plant) -> Record:
     """
     inputs = np.column_stack([recording[name] for name in plant.inputs])
     readings = np.column_stack([recording[output.channel] for output in plant.outputs])
+    readings[untimely(recording)] = np.nan
     return made_of(recording.source, inputs, readings, plant)
+
+
+def untimely(recording: Recording) -> BoolArray:
+    """Return for each sample whether it was taken at another time than it says (n,).
+
+    A loop on hardware writes and reads in one exchange: a row's command acts from its own sample
+    on, and what all exchanges are late by is no delay. An exchange that is later than the others is
+    a sample of another time, which no effect of the rig must be made responsible for.
+    """
+    if not all(name in recording for name in TIMES_OF_EXCHANGE):
+        return np.zeros(len(recording), dtype=np.bool_)
+    late = sum((recording[name] for name in TIMES_OF_EXCHANGE), np.zeros(len(recording)))
+    if not np.isfinite(late).any():
+        return np.zeros(len(recording), dtype=np.bool_)
+    return np.asarray(~(np.abs(late - np.nanmedian(late)) <= UNTIMELY_S))
 
 
 def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record:
@@ -99,18 +122,35 @@ def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record
     spread over the samples that it rests.
     """
     variances = np.empty_like(readings)
+    missing = ~np.isfinite(readings)
+    held = _held(readings, missing)
     for index, output in enumerate(plant.outputs):
-        values = readings[:, index]
+        values = held[:, index]
         variances[:, index] = output.noise**2
         if output.resolution > 0.0:
             variances[:, index] += output.resolution**2 / 12.0 * _dwell(values)
-        unusable = ~((values > output.lower) & (values < output.upper))
+        unusable = missing[:, index] | ~((values > output.lower) & (values < output.upper))
         # By the mean, not by the reading: those that noise keeps off the limit are too high.
-        mean, margin = smoothed(np.where(np.isfinite(values), values, 0.0)), _MARGIN * output.noise
+        mean, margin = smoothed(values), _MARGIN * output.noise
         unusable |= (mean < output.lower + margin) | (mean > output.upper - margin)
         variances[unusable, index] = np.inf
-    clean = np.where(np.isfinite(readings), readings, 0.0)
-    return Record(source, np.ascontiguousarray(inputs), np.ascontiguousarray(clean), variances)
+    return Record(source, np.ascontiguousarray(inputs), np.ascontiguousarray(held), variances)
+
+
+def _held(readings: Array, missing: BoolArray) -> Array:
+    """Return readings (n, outputs) whose missing ones are the last there was, else the first.
+
+    A twin is steered along them; the filter leaves them out.
+    """
+    held = np.empty_like(readings)
+    for index in range(readings.shape[1]):
+        known = np.flatnonzero(~missing[:, index])
+        if not len(known):
+            held[:, index] = 0.0
+            continue
+        last = np.searchsorted(known, np.arange(len(readings)), side="right") - 1
+        held[:, index] = readings[known[np.maximum(last, 0)], index]
+    return held
 
 
 def smoothed(values: Array) -> Array:

@@ -186,6 +186,45 @@ class DetectionLimit:
     unit: str
 
 
+@dataclass(frozen=True)
+class Check:
+    """What a revised model amounts to, tested as if it were given, on a run of its own.
+
+    Attributes:
+        verdict: on it.
+        effects: that it lacks, too.
+        gap_before: of the model first given, on this run.
+        gap_after: of the revised one, nothing refitted.
+    """
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    gap_before: float
+    gap_after: float
+
+
+@dataclass(frozen=True)
+class Round:
+    """A round of closing a gap on a rig: what was run, and what is known since.
+
+    Attributes:
+        why: it was run.
+        motions: run in it, by name.
+        recordings: made in it.
+        verdict: by all recordings up to it.
+        effects: likewise.
+        check: of the model revised so far; None if there was nothing to check, or it could be
+            settled first which effect it is.
+    """
+
+    why: str
+    motions: tuple[str, ...]
+    recordings: tuple[str, ...]
+    verdict: Verdict
+    effects: tuple[NamedEffect, ...]
+    check: Check | None = None
+
+
 @dataclass
 class GapResult:
     """What the workflow found.
@@ -210,6 +249,7 @@ class GapResult:
         identification: sources and content hashes of the recordings fitted to.
         holdout: of those held out.
         seconds: of recordings used: identification, holdout.
+        rounds: of closing the gap on a rig; none where recordings were given.
     """
 
     verdict: Verdict
@@ -231,3 +271,4 @@ class GapResult:
     identification: list[tuple[str, str]] = field(default_factory=list)
     holdout: list[tuple[str, str]] = field(default_factory=list)
     seconds: tuple[float, float] = (0.0, 0.0)
+    rounds: list[Round] = field(default_factory=list)

@@ -11,6 +11,7 @@ import numpy as np
 from rig.recording import Recording
 
 from .disturbances import attribution
+from .experiments import separations
 from .fit import Fitter
 from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
@@ -129,6 +130,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     result.refitted = [_estimate(plant, found, v, errors) for v in found.variables if not v.key]
     result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
     result.limits = limits(fitter, found.fitted.values, found.variables)
+    result.experiments = separations(plant, found, fitter.pool)
 
 
 def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:

@@ -15,12 +15,17 @@ from estimator.gap.workflow import find_gap
 from rig.configuration.model import load_model
 from rig.configuration.plant_file import PlantModel
 from rig.configuration.plant_loading import load_plant
+from rig.configuration.rig import load_rig
 from rig.recording import Recording, read_recording
 from rig.recording.targets import replacing
 from rig.report.gap_page import gap_page
 from rig.runner.gap import answer, gap_figures, provenance_of, rig_plant
+from rig.runner.gap_closing import CHANNELS, ROUNDS
+from rig.runner.gap_plan import room_of
+from rig.runner.pacing import Pace
 from rig.runner.recorded import sensors_of
 
+from .gap_live import close_on_rig, experiment_file, show_motions
 from .gap_table import gap_lines, gap_table
 from .problems import Problems
 from .screen import Screen
@@ -29,6 +34,7 @@ HOLDOUT: Final = "--holdout"
 MODEL_FILE: Final = "model.yaml"
 REPORT_FILE: Final = "report.html"
 FIGURES_FILE: Final = "gap.json"
+EXPERIMENT_FILE: Final = "experiment.yaml"
 
 
 class ManyHeldOut(click.Command):
@@ -50,15 +56,29 @@ class ManyHeldOut(click.Command):
 
 
 @click.command(cls=ManyHeldOut)
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.argument("recordings", nargs=-1, metavar="[RECORDING...]")
 @click.option(
     HOLDOUT,
     "holdout",
     multiple=True,
-    required=True,
     metavar="RECORDING...",
     help="To judge with; nothing is fitted to these.",
 )
+@click.option("--live", is_flag=True, help="Make the recordings on a rig, and settle what is open.")
+@click.option("--rig", "rig_reference", metavar="RIG", help="Of --live: the rig.")
+@click.option(
+    "--pace",
+    type=click.Choice(["real", "fast"]),
+    help="Of --live: at the wall clock, or as fast as it can; the rig's own if not given.",
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1, 20),
+    default=ROUNDS,
+    show_default=True,
+    help="Of --live: at most.",
+)
+@click.option("--dry-run", is_flag=True, help="Of --live: tell the motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="The model to be tested.")
 @click.option(
     "--plant",
@@ -70,16 +90,20 @@ class ManyHeldOut(click.Command):
     "--out",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    required=True,
     help="Folder for model.yaml, report.html and gap.json; made if missing.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One object instead of a table.")
 def command(
     recordings: tuple[str, ...],
     holdout: tuple[str, ...],
+    live: bool,
+    rig_reference: str | None,
+    pace: Pace | None,
+    rounds: int,
+    dry_run: bool,
     model: str,
     outside: str | None,
-    out: Path,
+    out: Path | None,
     as_json: bool,
 ) -> int:
     """Find where a model and recordings disagree, name what the model lacks, and add it.
@@ -87,10 +111,16 @@ def command(
     Recordings are .mcap, .csv, .csv.gz or .parquet, 1 kHz. The model is a shipped name or a file.
     Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
     their tolerances first. DIR/model.yaml is the model with what was found added, DIR/report.html
-    one page that tells the story, DIR/gap.json all figures.
+    one page that tells the story, DIR/gap.json all figures. Where recordings cannot tell which of
+    two effects it is and some motion would, DIR/experiment.yaml is the campaign that settles it.
+
+    With --live --rig RIG no recordings are given: strokes, steps and slow reversals are run on the
+    rig within its limits, 3 minutes in all, then what settles an open question, and every revised
+    model is tested on a run of its own, until it is adequate. --dry-run shows the motions first.
 
     Verdict: adequate, missing_effect, unknown_effect or inconclusive. Exit code 0 whatever it is,
-    2 if any input is bad: then every problem is on stderr, and nothing is written.
+    2 if any input is bad: then every problem is on stderr, and nothing is written; with --live 3
+    if the rig tripped or was stopped.
     """
     problems = Problems()
     own: PlantModel | None = None
@@ -102,20 +132,43 @@ def command(
     if outside is not None and own is None:
         # Which channels a recording must have, the plant would have told.
         return problems.report()
-    if out.exists() and not out.is_dir():
-        problems.add(f"--out: {out} is a file; name a folder")
+    if live:
+        if recordings or holdout or outside or rig_reference is None:
+            limit = "makes its own recordings, on a hydraulic rig"
+            problems.add(f"--live: {limit}; give --rig, no recordings and no --plant")
+        else:
+            with problems.collected():
+                rig = load_rig(rig_reference)
+        if dry_run and not problems.found:
+            return show_motions(rig, tested)
+    else:
+        if not recordings or not holdout:
+            problems.add("give recordings to fit to, and some to judge with after --holdout")
+        if rig_reference or pace or dry_run:
+            problems.add("--rig, --pace, --dry-run: are of motions on a rig; give --live")
+    if out is None or (out.exists() and not out.is_dir()):
+        what = (
+            "name a folder for what is found" if out is None else f"{out} is a file; name a folder"
+        )
+        problems.add(f"--out: {what}")
     read = own.read if own is not None else _read_of_rig
     fitted, judged = _read(recordings, read, problems), _read(holdout, read, problems)
     _refuse_repeated(fitted, judged, problems)
-    if problems.found:
+    if problems.found or out is None:
         return problems.report()
-    if own is not None:
-        plant, name = own.plant, own.name
+    if live:
+        found = close_on_rig(rig, tested, pace, rounds, out, as_json=as_json)
+        if isinstance(found, int):
+            return found
+        plant, name, result = rig_plant(tested, rig.sensors, room_of(rig)), tested.name, found
     else:
-        plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
-    result = find_gap(fitted, judged, plant)
+        if own is not None:
+            plant, name = own.plant, own.name
+        else:
+            plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
+        result = find_gap(fitted, judged, plant)
     told = ("rig", *sys.argv[1:])
-    _write(result, plant, name, told, out)
+    _write(result, plant, name, told, out, (rig_reference or "simulated", model))
     if as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
         return 0
@@ -125,6 +178,8 @@ def command(
     screen.print(gap_table(result, plain=not screen.is_terminal))
     screen.print(f"report: {out / REPORT_FILE}")
     screen.print(f"model: {out / MODEL_FILE}")
+    if (out / EXPERIMENT_FILE).is_file():
+        screen.print(f"experiment: {out / EXPERIMENT_FILE}")
     return 0
 
 
@@ -141,9 +196,6 @@ def _read(
         with problems.collected():
             found.append(read(name))
     return found
-
-
-CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
 
 
 def _refuse_repeated(
@@ -166,11 +218,30 @@ def _refuse_repeated(
             problems.add(f"{recording.source}: holds the same samples as {first}; give it once")
 
 
-def _write(result: GapResult, plant: Plant, model: str, told: tuple[str, ...], out: Path) -> None:
-    """Write model, report and figures: all of them, or, if one fails, none."""
+def _write(
+    result: GapResult,
+    plant: Plant,
+    model: str,
+    told: tuple[str, ...],
+    out: Path,
+    references: tuple[str, str],
+) -> None:
+    """Write model, report, figures and experiment: all of them, or, if one fails, none.
+
+    Args:
+        result: of the workflow.
+        plant: that was looked at.
+        model: name of the model that was tested.
+        told: the command line.
+        out: folder; made if missing.
+        references: rig and model of the experiment's campaign.
+    """
     page = gap_page(result, plant, model, told)
     figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
+    campaign = next((each.campaign for each in result.experiments if each.campaign), None)
     out.mkdir(parents=True, exist_ok=True)
+    if campaign is None:
+        (out / EXPERIMENT_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
         written, drawn, told_of = (
             stack.enter_context(replacing(out / name))
@@ -179,3 +250,6 @@ def _write(result: GapResult, plant: Plant, model: str, told: tuple[str, ...], o
         plant.write(result.values, result.names, provenance_of(result, told), written)
         drawn.write_text(page, encoding="utf-8")
         told_of.write_text(figures + "\n", encoding="utf-8")
+        if campaign is not None:
+            to_run = stack.enter_context(replacing(out / EXPERIMENT_FILE))
+            to_run.write_text(experiment_file(campaign, *references), encoding="utf-8")

@@ -21,7 +21,11 @@ def gap_lines(result: GapResult) -> Iterator[Text | str]:
     yield gap_words(result)
     for experiment in result.experiments[:1]:
         apart = " and ".join(map(in_words, experiment.effects))
-        yield f"to tell {apart} apart: {experiment.motion}"
+        if experiment.campaign:
+            sure = f"predicted z {experiment.z:.0f}"
+            yield f"to tell {apart} apart: {experiment.motion} ({sure})"
+        else:
+            yield f"{apart} cannot be told apart: {experiment.motion}"
 
 
 def gap_table(result: GapResult, *, plain: bool) -> Table:

@@ -21,8 +21,8 @@ from rig.recording.targets import replacing
 from rig.report.friction_experiment import experiment_page, parameter_rows, remarks
 from rig.runner import DirectoryError, StopFlag, TestOutcome, stop_on_signals
 from rig.runner.directory import default_directory
+from rig.runner.experiment_parts import ExperimentStoppedError
 from rig.runner.friction_experiment import (
-    ExperimentStoppedError,
     FrictionExperiment,
     run_friction_experiment,
 )

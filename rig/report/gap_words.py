@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import ceil, floor, isfinite, log10
 from typing import Final
 
-from estimator.gap.results import Curve, DetectionLimit, Estimate, GapResult, NamedEffect
+from estimator.gap.results import Curve, DetectionLimit, Estimate, GapResult, NamedEffect, Round
 
 VERDICT_WORDS: Final = {
     "adequate": "The model is adequate",
@@ -125,6 +125,28 @@ def gap_words(result: GapResult) -> str:
     if result.effects and isfinite(part) and part > 0.0:
         return f"{words}; {floor(1000.0 * part) / 10.0:g} % of it is gone."
     return f"{words}."
+
+
+def found_in(told: Round) -> str:
+    """Return what was found by the end of a round."""
+    named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in told.effects)
+    return named or VERDICT_WORDS[told.verdict].lower()
+
+
+def checked_in(told: Round) -> str:
+    """Return what became of the model revised in a round."""
+    check = told.check
+    if check is None:
+        return "not checked: " + (
+            "there was nothing to revise"
+            if not told.effects
+            else "it could be settled first which effect it is"
+        )
+    missing = f": {', '.join(map(in_words, check.effects))}" if check.effects else ""
+    return (
+        f"{VERDICT_WORDS[check.verdict].lower()}{missing}; error above the noise floor "
+        f"{number(check.gap_before)} before, {number(check.gap_after)} after, noise variances"
+    )
 
 
 def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:

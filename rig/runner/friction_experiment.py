@@ -6,29 +6,24 @@ did not move it are repeated in closed loop. The rig is armed once for all of it
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from estimator.break_away import BreakAway, break_aways
-from estimator.detection import Decision, Samples
-from estimator.filters import FilterMemory, FilterRun
 from estimator.friction import FrictionCurve, identify_recording
 from estimator.friction_joint import JointFit, joint_fit
 from estimator.friction_samples import Spring
 from estimator.steady_strokes import SteadySpeed, steady_speeds
 from estimator.stiction_level import StictionLevel, stiction_level
-from faults.campaign import Campaign, CampaignTest
-from faults.verdict import Verdict
 from rig.configuration.rig import Rig
 from rig.plant import Model
-from rig.recording import Recording, read_recording
+from rig.recording import Recording
 
-from .bench import Bench, Loop, Writer
-from .campaign_run import bench_of, run_campaign
+from .campaign_run import bench_of
+from .experiment_parts import Parts
 from .friction_plan import (
     NULL,
     PLACES,
@@ -42,23 +37,10 @@ from .friction_plan import (
     strokes_of,
 )
 from .observer import Observer
-from .outcome import EXIT_STOPPED, CampaignOutcome, Status
 from .pacing import Pace
 from .stopping import StopFlag
 
 _NULL_FROM_S: Final = 2.0
-
-
-class ExperimentStoppedError(Exception):
-    """The experiment came to no end; its recordings so far are on disk.
-
-    Attributes:
-        exit_code: what the command exits with.
-    """
-
-    def __init__(self, message: str, exit_code: int) -> None:
-        super().__init__(message)
-        self.exit_code = exit_code
 
 
 @dataclass(frozen=True)
@@ -123,7 +105,7 @@ def run_friction_experiment(
     stop, observer = stop or StopFlag(), observer or Observer()
     sliding = sliding_campaign(rig, assumed, speeds=speeds, seed=seed)
     bench = bench_of(sliding, rig, directory, observer, stop)
-    parts = _Parts(rig, directory, _Kept(bench), pace, observer, stop)
+    parts = Parts(rig, directory, bench, pace, observer, stop)
     area = assumed.parameters.piston_area
     with bench:
         slid = parts.run(sliding)
@@ -177,88 +159,3 @@ def _null_command(recording: Recording) -> float:
     """Return the mean command of a hold, V: where a ram rests, or around which it hunts."""
     time_s = recording.time_s - recording.time_s[0]
     return float(np.nanmean(recording.channels["command_V"][time_s >= _NULL_FROM_S]))
-
-
-class _Parts:
-    """Runs the campaigns that the experiment consists of, one after the other."""
-
-    def __init__(
-        self,
-        rig: Rig,
-        directory: Path,
-        bench: Bench,
-        pace: Pace | None,
-        observer: Observer,
-        stop: StopFlag,
-    ) -> None:
-        self._rig, self._directory, self._bench = rig, directory, bench
-        self._pace: Pace | None = pace
-        self._observer, self._stop = observer, stop
-        self.recordings: list[str] = []
-
-    def run(self, campaign: Campaign) -> dict[str, Recording]:
-        """Run a campaign to its end and return the recording of each test, by its name."""
-        folder = self._directory / campaign.name
-        outcome = run_campaign(
-            campaign, self._rig, folder, pace=self._pace, observer=self._observer,
-            stop=self._stop, detector=_Undecided, bench=self._bench,
-        )  # fmt: skip
-        _require_complete(outcome)
-        found = {}
-        for test in outcome.tests:
-            file = folder / str(test.recording)
-            self.recordings.append(str(file.relative_to(self._directory)))
-            found[test.name] = read_recording(file)
-            self._bench.idle()
-        return found
-
-
-def _require_complete(outcome: CampaignOutcome) -> None:
-    for test in outcome.tests:
-        if test.status in (Status.PASSED, Status.FAILED):
-            continue
-        message = f"{test.name}: {test.status}; {test.message or 'nothing was identified'}"
-        crashed = test.status == Status.ERROR
-        raise ExperimentStoppedError(message, 1 if crashed else EXIT_STOPPED)
-
-
-class _Undecided:
-    """A detector that holds nothing: the experiment looks for no leak."""
-
-    def __init__(self, model: Model) -> None:
-        self._decision = Decision(Verdict.INCONCLUSIVE)
-
-    def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take no note."""
-
-    def decide(self) -> Decision:
-        """Return that nothing can be said."""
-        return self._decision
-
-
-class _Kept:
-    """A bench that is entered and left by someone else, so that several campaigns share it."""
-
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
-        self.live = bench.live
-
-    def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> Loop:
-        return self._bench.loop(test, memory, assumed)
-
-    def writer(
-        self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
-    ) -> AbstractContextManager[Writer]:
-        return self._bench.writer(path, channels, metadata)
-
-    def reading(self, channel: str) -> float | None:
-        return self._bench.reading(channel)
-
-    def idle(self) -> None:
-        self._bench.idle()
-
-    def __enter__(self) -> "_Kept":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass

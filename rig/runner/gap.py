@@ -18,6 +18,7 @@ from estimator.gap.results import (
     GapResult,
     NamedEffect,
     Rival,
+    Round,
     Separation,
 )
 from estimator.gap.servo_actuator import servo_actuator
@@ -25,6 +26,7 @@ from rig.configuration.model_writing import dump_model
 from rig.plant import CATALOGUE, Model, Parameters
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 
+from .gap_motions import EXPERIMENT_S, MARGIN_M, Room, motions
 from .provenance import git_state, model_sha256, versions
 
 REVISED: Final = "revised"
@@ -32,9 +34,29 @@ REVISED: Final = "revised"
 _DIGITS: Final = 6
 
 
-def rig_plant(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plant:
-    """Return this rig with a model as the gap workflow sees it; its `write` writes model files."""
-    return replace(servo_actuator(model, sensors), write=partial(_write_model, model))
+def rig_plant(
+    model: Model,
+    sensors: SensorParameters = DATA_SHEET,
+    room: Room | None = None,
+    experiment_s: float = EXPERIMENT_S,
+) -> Plant:
+    """Return this rig with a model as the gap workflow sees it; its `write` writes model files.
+
+    Args:
+        model: to be tested.
+        sensors: of the rig.
+        room: in which experiments may move the ram; its stroke if not given.
+        experiment_s: how long they take.
+    """
+    par = model.parameters
+    space = room or Room(par.stroke_min + MARGIN_M, par.stroke_max - MARGIN_M)
+    middle = 0.5 * (par.supply_pressure + par.return_pressure)
+    return replace(
+        servo_actuator(model, sensors),
+        write=partial(_write_model, model),
+        motions=partial(motions, space, middle, experiment_s),
+        loop=((0, 0, space.gain),),
+    )
 
 
 def _write_model(
@@ -99,8 +121,14 @@ def answer(result: GapResult) -> dict[str, Any]:
         "refitted": {each.key: estimate_figures(each) for each in result.refitted},
         "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
         "where": [where_figures(curve) for curve in result.where[:3]],
-        "experiment": experiment_figures(result.experiments[0]) if result.experiments else None,
+        "experiment": _first_experiment(result),
     }
+
+
+def _first_experiment(result: GapResult) -> dict[str, Any] | None:
+    """Return what to run first; where nothing would tell, what says so."""
+    best = sorted(result.experiments, key=lambda experiment: not experiment.campaign)
+    return experiment_figures(best[0]) if best else None
 
 
 def _short(effect: NamedEffect) -> dict[str, Any]:
@@ -146,6 +174,7 @@ def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
         "holdout": _recordings(result.holdout),
         "seconds": {"identification": result.seconds[0], "holdout": result.seconds[1]},
         "versions": versions(),
+        "rounds": [round_figures(number, each) for number, each in enumerate(result.rounds, 1)],
     }
 
 
@@ -222,7 +251,27 @@ def experiment_figures(experiment: Separation) -> dict[str, Any]:
         "motion": experiment.motion,
         "campaign": experiment.campaign,
         "cosine": _plain(experiment.cosine),
-        "z": _plain(experiment.z),
+        "predicted_z": _plain(experiment.z),
+    }
+
+
+def round_figures(number: int, told: Round) -> dict[str, Any]:
+    """Return a round of closing a gap on a rig."""
+    check = told.check
+    return {
+        "round": number,
+        "why": told.why,
+        "motions": list(told.motions),
+        "recordings": list(told.recordings),
+        "verdict": told.verdict,
+        "effects": [_short(effect) for effect in told.effects],
+        "check": None
+        if check is None
+        else {
+            "verdict": check.verdict,
+            "effects": list(check.effects),
+            "gap": {"before": _plain(check.gap_before), "after": _plain(check.gap_after)},
+        },
     }
 
 

@@ -11,8 +11,8 @@ from rig.configuration.dry_run import plan_campaign
 from rig.configuration.rig import Rig, load_rig
 from rig.plant import NOMINAL, Model
 from rig.runner.directory import DirectoryError
+from rig.runner.experiment_parts import ExperimentStoppedError
 from rig.runner.friction_experiment import (
-    ExperimentStoppedError,
     FrictionExperiment,
     run_friction_experiment,
 )

@@ -1,0 +1,278 @@
+"""Closes a gap on a rig: runs motions, finds what the model lacks, settles which, and checks.
+
+Each round adds motions to what the model is fitted to: first the programme, then the experiment
+that tells apart what the recordings so far do not, then whatever a check brought to light. A check
+is a run of its own, after the model was revised, on which the revised model is tested as if it were
+given. It ends when a model is adequate, when nothing more can be found, or after some rounds.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, ParamSpec, TypeVar
+
+from estimator.gap.held_out import channel_gaps, mean_gap
+from estimator.gap.plant import Plant
+from estimator.gap.predictor import Predictor
+from estimator.gap.records import record_of
+from estimator.gap.results import Check, GapResult, Round, Separation
+from estimator.gap.workflow import find_gap
+from faults.campaign import Campaign
+from rig.configuration.rig import Rig
+from rig.plant import Model, Parameters
+from rig.recording import Recording, read_recording
+
+from .apart import Worker, at_once
+from .bench import Bench
+from .campaign_run import bench_of
+from .experiment_parts import ExperimentStoppedError, Parts
+from .gap import rig_plant
+from .gap_motions import EXPERIMENT_S
+from .gap_plan import Programme, motions_campaign, room_of
+from .observer import Observer
+from .outcome import EXIT_STOPPED
+from .pacing import Pace
+from .stopping import StopFlag
+
+ROUNDS: Final = 4
+"""Most rounds: the programme, two experiments, and one for what a check finds."""
+CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
+"""That a recording must have."""
+CLOSED: Final = 0.8
+"""Part of the gap that must be gone on a check for a model with rivals left to be called done."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of recordings: of which model, and which effects it may lack.
+
+    Attributes:
+        rig: they were made on.
+        model: to be tested.
+        among: effects that are looked for; all of the catalogue if empty.
+        experiment_s: how long a motion that tells effects apart takes.
+    """
+
+    rig: Rig
+    model: Model
+    among: tuple[str, ...] = ()
+    experiment_s: float = EXPERIMENT_S
+
+    def plant(self) -> Plant:
+        """Return the rig with the model as the workflow sees it."""
+        room = room_of(self.rig)
+        plant = rig_plant(self.model, self.rig.sensors, room, self.experiment_s)
+        if not self.among:
+            return plant
+        return replace(plant, effects={name: plant.effects[name] for name in self.among})
+
+
+def answer_to(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+    """Return what a model lacks by recordings in files."""
+    return find_gap(_read(fitted), _read(held), question.plant())
+
+
+def checked(
+    question: Question, found: GapResult, fresh: Sequence[Path], held: Sequence[Path]
+) -> tuple[Check, GapResult]:
+    """Return a check of the model found, and what was found with its gap on the fresh run.
+
+    Args:
+        question: that was answered.
+        found: the answer.
+        fresh: files of the run that the model was revised before.
+        held: files held out.
+    """
+    plant, recordings = question.plant(), _read(fresh)
+    revised = replace(question, model=revised_model(question.model, found))
+    again = find_gap(recordings, _read(held), revised.plant())
+    records = [record_of(recording, plant) for recording in recordings]
+    gaps = channel_gaps(Predictor(plant), records, plant.nominal, found.values)
+    before, after = mean_gap(gaps)
+    seconds = sum(map(len, records)) * plant.period
+    check = Check(again.verdict, tuple(effect.name for effect in again.effects), before, after)
+    return check, replace(
+        found,
+        channels=gaps,
+        gap_before=before,
+        gap_after=after,
+        holdout=[(each.source, each.content_hash()) for each in recordings],
+        seconds=(found.seconds[0], seconds),
+    )
+
+
+def revised_model(given: Model, found: GapResult) -> Model:
+    """Return the model that was found, without its provenance."""
+    parameters = Parameters(**{name: found.values[name] for name in Parameters._fields})
+    return replace(given, parameters=parameters)
+
+
+def _read(files: Sequence[Path]) -> list[Recording]:
+    return [read_recording(file, required=CHANNELS) for file in files]
+
+
+def close_gap(
+    rig: Rig,
+    given: Model,
+    directory: Path,
+    *,
+    programme: Programme | None = None,
+    rounds: int = ROUNDS,
+    among: tuple[str, ...] = (),
+    pace: Pace | None = None,
+    observer: Observer | None = None,
+    stop: StopFlag | None = None,
+    worker: Worker = at_once,
+    seed: int = 0,
+) -> GapResult:
+    """Run motions on a rig until its model is adequate, and return what it lacked.
+
+    Args:
+        rig: simulated, or on hardware.
+        given: the model to be tested.
+        directory: an existing folder; each campaign gets a folder in it.
+        programme: what is run; the usual one if not given.
+        rounds: at most, from 1.
+        among: effects that are looked for; all of the catalogue if empty.
+        pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
+        observer: is told how it goes on.
+        stop: ends it after the present batch.
+        worker: computes while the rig is looked after.
+        seed: of the motions' phases and of a simulated rig's noise.
+
+    Raises:
+        ExperimentStoppedError: it tripped, was stopped, or a test crashed.
+        DirectoryError, DriverError, TripError, OSError: as `run_campaign`.
+        ApartError: of `worker`.
+    """
+    stop, observer = stop or StopFlag(), observer or Observer()
+    plan = programme or Programme()
+    question = Question(rig, given, among, plan.experiment_s)
+    closing = _Closing(question, plan, directory, observer, stop, worker, seed)
+    first = closing.campaign("held_out", plan.held, rounds)
+    bench = bench_of(first, rig, directory, observer, stop)
+    with bench:
+        return closing.run(Parts(rig, directory, bench, pace, observer, stop), bench, first, rounds)
+
+
+class _Closing:
+    """The rounds, on a bench that is entered."""
+
+    def __init__(
+        self,
+        question: Question,
+        plan: Programme,
+        directory: Path,
+        observer: Observer,
+        stop: StopFlag,
+        worker: Worker,
+        seed: int,
+    ) -> None:
+        self._question, self._plan, self._directory = question, plan, directory
+        self._observer, self._stop, self._worker, self._seed = observer, stop, worker, seed
+        self._parts: Parts
+        self._bench: Bench
+        self._held: list[Path] = []
+        self._fitted: list[Path] = []
+        self._rounds: list[Round] = []
+        self._tried: set[str] = set()
+
+    def run(self, parts: Parts, bench: Bench, first: Campaign, rounds: int) -> GapResult:
+        """Return what was found in at most so many rounds, after a first campaign held out."""
+        self._parts, self._bench = parts, bench
+        self._held = list(parts.record(first).values())
+        why, motions = "to excite what the catalogue has", self._plan.fitted
+        while True:
+            number = len(self._rounds) + 1
+            made = self._record(f"round_{number}", motions, number)
+            found = self._compute(answer_to, self._question, self._fitted, self._held)
+            names = tuple(name for name, _ in motions)
+            self._note(why, names, made, found, None)
+            if found.verdict in ("adequate", "inconclusive"):
+                break
+            experiment = self._experiment(found)
+            if experiment is not None and number < rounds:
+                apart = " from ".join(name.replace("_", " ") for name in experiment.effects)
+                why = f"to tell {apart}"
+                motions = ((_motion_of(experiment), self._plan.experiment_s),)
+                continue
+            check, found = self._check(found, number)
+            self._rounds[-1] = replace(self._rounds[-1], check=check)
+            self._say(f"checked on a run of its own: {check.verdict}")
+            if check.verdict == "adequate" or number >= rounds or self._is_done(found, check):
+                break
+            why, motions = "since the check was not adequate", self._plan.fitted
+        found.rounds = self._rounds
+        return found
+
+    def campaign(self, name: str, motions: tuple[tuple[str, float], ...], number: int) -> Campaign:
+        """Return the campaign of motions; each number has its own phases."""
+        asked = self._question
+        return motions_campaign(name, motions, asked.rig, asked.model, 1000 * self._seed + number)
+
+    def _record(
+        self, name: str, motions: tuple[tuple[str, float], ...], number: int
+    ) -> tuple[str, ...]:
+        """Run motions, fit to them from now on, and return their files' names."""
+        files = list(self._parts.record(self.campaign(name, motions, number)).values())
+        self._fitted += files
+        return tuple(str(file.relative_to(self._directory)) for file in files)
+
+    def _experiment(self, found: GapResult) -> Separation | None:
+        """Return the first experiment that would settle something and was not run yet."""
+        for experiment in found.experiments:
+            if experiment.campaign and _motion_of(experiment) not in self._tried:
+                self._tried.add(_motion_of(experiment))
+                return experiment
+        return None
+
+    def _check(self, found: GapResult, number: int) -> tuple[Check, GapResult]:
+        """Run what nothing was fitted to, test the model found on it; then it may be fitted to."""
+        campaign = self.campaign(f"check_{number}", self._plan.check, 500 + number)
+        fresh = list(self._parts.record(campaign).values())
+        check, found = self._compute(checked, self._question, found, fresh, self._held)
+        self._fitted += fresh
+        return check, found
+
+    @staticmethod
+    def _is_done(found: GapResult, check: Check) -> bool:
+        """Whether another round of the same would tell nothing new."""
+        known = {effect.name for effect in found.effects}
+        known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
+        gone = check.gap_after <= (1.0 - CLOSED) * check.gap_before
+        return gone and set(check.effects) <= known and check.verdict != "unknown_effect"
+
+    def _compute(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Return what a function returns, the rig looked after meanwhile."""
+        return self._worker(self._wait, function, *args, **kwargs)
+
+    def _wait(self) -> None:
+        if self._stop.requested:
+            raise ExperimentStoppedError(f"stopped by {self._stop.reason}", EXIT_STOPPED)
+        self._bench.idle()
+
+    def _note(
+        self,
+        why: str,
+        motions: tuple[str, ...],
+        made: tuple[str, ...],
+        found: GapResult,
+        check: Check | None,
+    ) -> None:
+        self._rounds.append(Round(why, motions, made, found.verdict, tuple(found.effects), check))
+        names = ", ".join(
+            " or ".join([effect.name, *(rival.effect for rival in effect.indistinguishable)])
+            for effect in found.effects
+        )
+        self._say(f"round {len(self._rounds)}: {found.verdict}{': ' if names else ''}{names}")
+
+    def _say(self, text: str) -> None:
+        self._observer.rig_tells(text)
+
+
+def _motion_of(experiment: Separation) -> str:
+    """Return the name of an experiment's motion in the library."""
+    return str(experiment.campaign["tests"][0]["name"])
