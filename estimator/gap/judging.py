@@ -78,7 +78,11 @@ def _changed(fitter: Fitter, values: Values, others: Values) -> float:
 
 
 def judge(
-    found: Found, rest: Sequence[Curve], resting: Sequence[str], held_out: float
+    found: Found,
+    rest: Sequence[Curve],
+    resting: Sequence[str],
+    held_out: float,
+    held_out_before: float = float("nan"),
 ) -> Judgement:
     """Return the verdict.
 
@@ -87,6 +91,7 @@ def judge(
         rest: disturbances that would explain what is left, best first.
         resting: channels predicted worse than "nothing changes" would be, with all that was found.
         held_out: excess in squared error of the recordings held out, in variances a reading.
+        held_out_before: the same, with nuisances refitted only.
     """
     excess = found.fitted.cost / found.samples - found.floor
     if len(resting) >= SEVERAL:
@@ -116,6 +121,8 @@ def judge(
     unexplained = excess > MATERIAL and (not found.named or found.explained < EXPLAINED)
     if free > MATERIAL and (unexplained or free > FREE * before):
         return Judgement("unknown_effect", _unknown(found, rest[0]))
+    if found.named and held_out > max(HELD_OUT, (1.0 - EXPLAINED) * held_out_before):
+        return Judgement("unknown_effect", (_not_held_out(found, held_out, held_out_before),))
     if found.named:
         return Judgement("missing_effect", _missing(found, excess))
     if held_out > HELD_OUT:
@@ -146,6 +153,15 @@ def _unknown(found: Found, curve: Curve) -> tuple[str, ...]:
             "something unknown would in their likeness: the curve explains what they leave"
         )
     return tuple(reasons)
+
+
+def _not_held_out(found: Found, after: float, before: float) -> str:
+    names = " and ".join(named.effect for named in found.named)
+    return (
+        f"{names} would explain the recordings fitted to, but those held out are still predicted "
+        f"{after:.2g} noise variances a reading worse than the noise allows, of {before:.2g} without "
+        f"them: less than {EXPLAINED:.0%} is explained there, so that nothing is named"
+    )
 
 
 def _missing(found: Found, excess: float) -> tuple[str, ...]:

@@ -105,7 +105,8 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         for channel in worse_than_resting(fitter.predictor, record, found.fitted.values)
     }
     excess = search.held_out_excess(found.fitted.values)
-    judgement = judge(found, result.rest, list(resting), excess)
+    without = search.held_out_excess(found.refitted.values) if found.named else excess
+    judgement = judge(found, result.rest, list(resting), excess, without)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest = result.where

@@ -206,6 +206,12 @@ def test_names_that_leave_much_to_a_free_curve_are_not_the_cause(
     assert judge(found, [_curve(share)], [], 0.0).verdict == verdict
 
 
+def test_names_that_do_not_explain_the_recordings_held_out_are_not_claimed() -> None:
+    found = _found(5.0, 0.02, True)
+    assert judge(found, [], [], 3.0, 5.0).verdict == "unknown_effect"
+    assert judge(found, [], [], 0.5, 5.0).verdict == "missing_effect"
+
+
 def test_recordings_held_out_that_no_finding_explains_support_no_verdict() -> None:
     found = _found(0.005, 0.005, False)
     assert judge(found, [_curve(0.9)], [], 5.0).verdict == "inconclusive"
