@@ -159,8 +159,8 @@ def _not_held_out(found: Found, after: float, before: float) -> str:
     names = " and ".join(named.effect for named in found.named)
     return (
         f"{names} would explain the recordings fitted to, but those held out are still predicted "
-        f"{after:.2g} noise variances a reading worse than the noise allows, of {before:.2g} without "
-        f"them: less than {EXPLAINED:.0%} is explained there, so that nothing is named"
+        f"{after:.2g} noise variances a reading worse than the noise allows, of {before:.2g} "
+        f"without them: less than {EXPLAINED:.0%} is explained there, so that nothing is named"
     )
 
 
