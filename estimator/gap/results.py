@@ -250,6 +250,7 @@ class GapResult:
         holdout: of those held out.
         seconds: of recordings used: identification, holdout.
         rounds: of closing the gap on a rig; none where recordings were given.
+        ended_by: what ended the rounds before their time, such as a trip of the rig.
     """
 
     verdict: Verdict
@@ -272,3 +273,4 @@ class GapResult:
     holdout: list[tuple[str, str]] = field(default_factory=list)
     seconds: tuple[float, float] = (0.0, 0.0)
     rounds: list[Round] = field(default_factory=list)
+    ended_by: str = ""

@@ -25,6 +25,7 @@ from rig.runner.gap_plan import room_of
 from rig.runner.pacing import Pace
 from rig.runner.recorded import sensors_of
 
+from .application import EXIT_STOPPED
 from .gap_live import close_on_rig, experiment_file, show_motions
 from .gap_table import gap_lines, gap_table
 from .problems import Problems
@@ -171,7 +172,7 @@ def command(
     _write(result, plant, name, told, out, (rig_reference or "simulated", model))
     if as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
-        return 0
+        return _code(result)
     screen = Screen()
     for line in gap_lines(result):
         screen.print(line)
@@ -180,7 +181,15 @@ def command(
     screen.print(f"model: {out / MODEL_FILE}")
     if (out / EXPERIMENT_FILE).is_file():
         screen.print(f"experiment: {out / EXPERIMENT_FILE}")
-    return 0
+    return _code(result)
+
+
+def _code(result: GapResult) -> int:
+    """Return the exit code of a finding; on a rig that tripped it is written, and told."""
+    if not result.ended_by:
+        return 0
+    click.echo(f"rig: {result.ended_by}", err=True)
+    return EXIT_STOPPED
 
 
 def _read_of_rig(name: str) -> Recording:

@@ -19,6 +19,7 @@ from estimator.gap.results import Check, GapResult, Round, Separation
 from estimator.gap.workflow import find_gap
 from faults.campaign import Campaign
 from rig.configuration.rig import Rig
+from rig.loop.trip import StopRequestedError, TripError
 from rig.plant import Model, Parameters
 from rig.recording import Recording, read_recording
 
@@ -143,8 +144,11 @@ def close_gap(
         worker: computes while the rig is looked after.
         seed: of the motions' phases and of a simulated rig's noise.
 
+    A rig that trips while it is held, and the model is fitted, ends the rounds; what its recordings
+    tell is returned, with `ended_by`.
+
     Raises:
-        ExperimentStoppedError: it tripped, was stopped, or a test crashed.
+        ExperimentStoppedError: it tripped in a motion, was stopped, or a test crashed.
         DirectoryError, DriverError, TripError, OSError: as `run_campaign`.
         ApartError: of `worker`.
     """
@@ -179,6 +183,7 @@ class _Closing:
         self._fitted: list[Path] = []
         self._rounds: list[Round] = []
         self._tried: set[str] = set()
+        self._tripped = ""
 
     def run(self, parts: Parts, bench: Bench, first: Campaign, rounds: int) -> GapResult:
         """Return what was found in at most so many rounds, after a first campaign held out."""
@@ -191,7 +196,7 @@ class _Closing:
             found = self._compute(answer_to, self._question, self._fitted, self._held)
             names = tuple(name for name, _ in motions)
             self._note(why, names, made, found, None)
-            if found.verdict in ("adequate", "inconclusive"):
+            if self._tripped or found.verdict in ("adequate", "inconclusive"):
                 break
             experiment = self._experiment(found)
             if experiment is not None and number < rounds:
@@ -202,10 +207,12 @@ class _Closing:
             check, found = self._check(found, number)
             self._rounds[-1] = replace(self._rounds[-1], check=check)
             self._say(f"checked on a run of its own: {check.verdict}")
-            if check.verdict == "adequate" or number >= rounds or self._is_done(found, check):
+            if self._tripped or check.verdict == "adequate" or number >= rounds:
+                break
+            if self._is_done(found, check):
                 break
             why, motions = "since the check was not adequate", self._plan.fitted
-        found.rounds = self._rounds
+        found.rounds, found.ended_by = self._rounds, self._tripped
         return found
 
     def campaign(self, name: str, motions: tuple[tuple[str, float], ...], number: int) -> Campaign:
@@ -252,7 +259,16 @@ class _Closing:
     def _wait(self) -> None:
         if self._stop.requested:
             raise ExperimentStoppedError(f"stopped by {self._stop.reason}", EXIT_STOPPED)
-        self._bench.idle()
+        if self._tripped:
+            return
+        try:
+            self._bench.idle()
+        except StopRequestedError:
+            raise
+        except TripError as error:
+            # Its recordings are whole, and it is safe: what they tell is not to be lost with it.
+            self._tripped = str(error)
+            self._say(f"{error}; what was recorded is still looked at")
 
     def _note(
         self,

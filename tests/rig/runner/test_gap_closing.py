@@ -1,14 +1,16 @@
 """The gap of a model is closed on a rig that hides what the model lacks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from estimator.gap.results import Check, GapResult, NamedEffect, Rival, Separation
 from rig.configuration.dry_run import plan_campaign
 from rig.configuration.rig import Rig, load_rig
+from rig.loop.trip import TripError
 from rig.plant import Model
 from rig.runner import gap_closing
 from rig.runner.experiment_parts import ExperimentStoppedError
@@ -16,6 +18,7 @@ from rig.runner.gap import gap_figures, rig_plant
 from rig.runner.gap_closing import Question, close_gap
 from rig.runner.gap_motions import campaign_of, strokes
 from rig.runner.gap_plan import Programme, motions_campaign, room_of
+from rig.runner.simulated_bench import SimulatedBench
 from rig.runner.stopping import StopFlag
 
 RIG = load_rig("simulated")
@@ -101,6 +104,31 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
     assert first.check is None
     assert second.why == "to tell command delay from valve bandwidth"
     assert second.check is not None
+
+
+def test_a_trip_while_the_model_is_fitted_does_not_lose_what_was_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def trips(
+        waits: Callable[[], None], function: Callable[..., Any], *args: Any, **kwargs: Any
+    ) -> Any:
+        monkeypatch.setattr(SimulatedBench, "idle", _trip)
+        waits()
+        return function(*args, **kwargs)
+
+    def answers(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+        effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
+        return GapResult("missing_effect", [], [effect])
+
+    monkeypatch.setattr(gap_closing, "answer_to", answers)
+    found = close_gap(RIG, Model(), tmp_path, programme=BRIEF, worker=trips)
+    assert found.effects
+    assert len(found.rounds) == 1
+    assert "missed ticks" in found.ended_by
+
+
+def _trip(_: SimulatedBench) -> None:
+    raise TripError("tripped: the loop missed ticks")
 
 
 def test_a_model_that_lacks_nothing_is_left_after_one_round(tmp_path: Path) -> None:
