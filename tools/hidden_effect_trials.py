@@ -7,7 +7,6 @@ kept as a line of JSON; the same command goes on where it was stopped.
 """
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,10 +34,11 @@ def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -
     )
     parser.add_argument(
         "--limits",
-        type=Path,
-        metavar="JSON",
-        help="object: effect, smallest distance from its neutral value (such as three times its "
-        "detection limit); default the table of tools/hidden_effects/sizes.py",
+        type=float,
+        default=0.0,
+        metavar="TIMES",
+        help="hide nothing smaller than so many times what the trial's own motions would show of "
+        "it; default the sizes of tools/hidden_effects/sizes.py",
     )
     parser.add_argument(
         "--in-process", action="store_true", help="without the command rig gap and its report"
@@ -46,8 +46,7 @@ def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -
     parser.add_argument("--keep", action="store_true", help="leave recordings and reports in DIR")
     parser.add_argument("--page", type=Path, metavar="FILE", help="page whose tables to bring up")
     options = parser.parse_args(arguments)
-    limits = json.loads(options.limits.read_text(encoding="utf-8")) if options.limits else {}
-    planned = plans(options.trials, options.seed, options.kind, options.seconds, limits)
+    planned = plans(options.trials, options.seed, options.kind, options.seconds, options.limits)
     tried = in_process if options.in_process else workflow
     found = run_trials(planned, options.out, options.jobs, options.keep, tried)
     tables = {"hidden_effects": summary(found), "hidden_by_effect": by_effect(found)}

@@ -5,17 +5,27 @@ each that the motion would have shown (`limits`).
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from .fit import Fitter
-from .linear import Column, Linear
+from .linear import Column, Linear, assemble
 from .plant import Array, Effect, Plant
 from .results import DetectionLimit
 from .search import CHANCE, MATERIAL
 from .variables import Values, Variable, effect_variables, started
 
+FEW_BLOCKS: Final = 2.0
+"""What shows in no more blocks is not named."""
+_TRIES: Final = 4
+_FAR: Final = 30.0
+"""Times a size that the next one tried is at most."""
+_FEW: Final = 2.0
+"""Times a size that shows in a few blocks only."""
+_NEAR: Final = 0.2
+"""Of the logarithm of a size."""
 _ENDLESS: Final = 10.0
 """A neutral value so many times above all starts is a limit that no motion reaches."""
 
@@ -54,9 +64,10 @@ def cosines(
 def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> list[DetectionLimit]:
     """Return the smallest size of each effect that these motions would show.
 
-    The distance from the value written at which its gain, as the linearisation has it, reaches the
-    bar (`search`); infinite for an effect that no size within its bounds would show. Effects whose
-    starts depend on the motion are left out: they have no first order.
+    The distance from the value written at which its gain, what it adds to the cost once the
+    nuisances have had their share, reaches the bar (`search`) in more than two blocks; infinite
+    for an effect that no size within its bounds would show. Effects whose starts depend on the
+    motion are left out: they have no first order.
     """
     plant = fitter.predictor.plant
     base = fitter.columns(values, variables)
@@ -82,9 +93,85 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
             for column, variable in zip(base, variables, strict=True)
             if variable.parameter not in own
         ]
-        if tried[effect.name]:
-            found.append(_limit(plant, values, effect, linear, tried[effect.name], kept))
+        if not tried[effect.name]:
+            continue
+        limit = _limit(plant, values, effect, linear, tried[effect.name], kept)
+        if len(effect.knobs) == 1 and 0.0 < limit.size < np.inf:
+            sign = _direction(values, effect, tried[effect.name])
+            nuisances = [columns[name] for name in kept]
+            limit = replace(
+                limit, size=_checked(fitter, values, effect, sign * limit.size, nuisances)
+            )
+        found.append(limit)
     return found
+
+
+def _direction(
+    values: Values, effect: Effect, tried: Sequence[tuple[str, Mapping[str, float]]]
+) -> float:
+    """Return the sign of an effect's first start, or of its probe."""
+    knob, (_, start) = effect.knobs[0], tried[0]
+    if knob.key in start:
+        return float(np.sign(start[knob.key] - values[knob.parameter]))
+    return float(np.sign(effect_variables(effect)[0].column(values).size))
+
+
+def _checked(
+    fitter: Fitter, values: Values, effect: Effect, change: float, nuisances: Sequence[Column]
+) -> float:
+    """Return the size from which an effect shows, from a first guess at its change.
+
+    A probe that is large beside it makes a ram stick or slip in a few samples, which say nothing of
+    a small one: the effect is run at the size itself, and that again where it was far off.
+    """
+    variable = effect_variables(effect)[0]
+    present = values[variable.parameter]
+    for _ in range(_TRIES):
+        tried = variable.within(present + change)
+        if tried == present:
+            return float("inf")
+        gain, bar, blocks = _shown(fitter, values, variable.put(values, tried), nuisances)
+        factor = np.sqrt(bar / gain) if gain > 0.0 else _FAR
+        if blocks <= FEW_BLOCKS:
+            factor = max(factor, _FEW)
+        change = (tried - present) * min(factor, _FAR)
+        if abs(np.log(factor)) < _NEAR:
+            break
+    reach = variable.upper - present if change > 0.0 else present - variable.lower
+    return abs(change) if abs(change) <= reach * (1.0 + _NEAR) else float("inf")
+
+
+def _shown(
+    fitter: Fitter, values: Values, changed: Values, nuisances: Sequence[Column]
+) -> tuple[float, float, float]:
+    """Return what a change adds to the cost, the bar that this has to pass, and in how many blocks.
+
+    As the fit would, large innovations count in proportion, and the nuisances take their share.
+    """
+    moved, *followed = fitter.changes(values, [Column("change", changed, 1.0), *nuisances])
+    used = [np.isfinite(record.gains.variances) for record in fitter.records]
+    linear = assemble(nuisances, moved, followed, used, fitter.blocks)
+    steps, _ = linear.solve([column.name for column in nuisances])
+    gains = linear.squares + 2.0 * linear.slopes @ steps + (linear.products @ steps) @ steps
+    gains = np.maximum(gains, 0.0)
+    squares = np.concatenate(
+        [
+            np.square(part[block]).ravel()
+            for part, blocks in zip(moved, fitter.blocks, strict=True)
+            for block in blocks
+        ]
+    )
+    acting = min(1.0, acting_number(squares) / max(linear.samples, 1))
+    bar = max(CHANCE, MATERIAL * acting * linear.samples)
+    return float(gains.sum()), bar, float(gains.sum() ** 2 / max(np.square(gains).sum(), 1e-300))
+
+
+def acting_number(squares: Array) -> float:
+    """Return how many readings a change moves, from the squares (n,) of what it moves each by.
+
+    Of normal ones their number: their fourth moment is three times the square of the second.
+    """
+    return float(3.0 * squares.sum() ** 2 / max(np.square(squares).sum(), 1e-300))
 
 
 def _limit(

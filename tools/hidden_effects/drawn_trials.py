@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,6 +35,8 @@ _NEUTRAL: Final[Mapping[str, float]] = {
     "position_gain": 1.0,
 }
 """Values of the effects that are not neutral at zero."""
+THE_SMALLER: Final = ("valve_rate_limit",)
+"""Effects that are the larger, the smaller their value."""
 _ONE_KNOB: Final = (
     {"command_delay", "valve_bandwidth"},
     {"constant_force", "friction_asymmetry"},
@@ -45,6 +47,8 @@ _ONE_KNOB: Final = (
     {"pressure_2_bias", "pressure_2_gain"},
 )
 """Pairs that recordings hardly tell apart: not hidden together."""
+_SIZED: Final = ("value", "stiffness", "amplitude")
+"""The parameter that is an effect's size."""
 _SHIFTED_BY: Final[Mapping[str, str]] = {
     "bulk_modulus": "oil_stiffness",
     "viscous_friction": "drag",
@@ -63,6 +67,9 @@ class Envelope:
         off_menu: the same of effects that the catalogue has not.
         nuisances: values of the rig, within the tolerances of healthy ones.
         motions: kind of motion, by recording.
+        seconds: length of each recording.
+        shown: of the hidden effects, the smallest size that the motions to identify with would
+            show, where it was computed (`shown.smallest_shown`).
     """
 
     seed: int
@@ -73,11 +80,24 @@ class Envelope:
     nuisances: Mapping[str, float]
     motions: Mapping[str, str]
     seconds: float = field(default=SECONDS)
+    shown: Mapping[str, float] = field(default_factory=dict)
 
     def values(self) -> RigValues:
         """Return the rig that this describes."""
         rig = TABLE._replace(**self.nuisances)
         return with_effects(rig, {**self.effects, **self.off_menu})
+
+    def without_effects(self) -> "Envelope":
+        """Return the same rig with nothing hidden in it."""
+        return replace(self, effects={}, off_menu={})
+
+    def shows(self, times: float) -> bool:
+        """Tell whether every hidden effect is so many times as large as the motions would show."""
+        for name, limit in self.shown.items():
+            size = distance(name, self.effects[name])
+            if size * times > limit if name in THE_SMALLER else size < times * limit:
+                return False
+        return True
 
     def write(self, file: Path) -> None:
         """Write it as JSON."""
@@ -111,8 +131,8 @@ def _parameters(
     found = {}
     for parameter, sizes in table.items():
         bounded = sizes
-        if name in limits and parameter in ("value", "stiffness", "amplitude"):
-            bounded = _from_limit(sizes, limits[name], _NEUTRAL.get(name, 0.0))
+        if name in limits and parameter in _SIZED:
+            bounded = _from_limit(name, sizes, limits[name])
         found[parameter] = bounded.drawn(rng)
     # Places are of use where the ram gets to.
     low, high = np.quantile(first.setpoint, (0.1, 0.9))
@@ -128,14 +148,22 @@ def _parameters(
     return found
 
 
-def _from_limit(sizes: Sizes, smallest: float, neutral: float) -> Sizes:
+def _from_limit(name: str, sizes: Sizes, limit: float) -> Sizes:
+    neutral = _NEUTRAL.get(name, 0.0)
     try:
-        return sizes.beyond(smallest, neutral)
+        return sizes.below(limit) if name in THE_SMALLER else sizes.beyond(limit, neutral)
     except ValueError:
         # No plausible size is so large: the effect can't be found, and is hidden at its most.
-        ends = max(sizes.intervals, key=lambda ends: max(abs(end - neutral) for end in ends))
-        far = max(ends, key=lambda end: abs(end - neutral))
-        return Sizes(((far, far),), even=True)
+        ends = [end for interval in sizes.intervals for end in interval]
+        by_size = sorted(ends, key=lambda end: abs(end - neutral))
+        most = by_size[0] if name in THE_SMALLER else by_size[-1]
+        return Sizes(((most, most),), even=True)
+
+
+def distance(name: str, parameters: Mapping[str, float]) -> float:
+    """Return how far an effect's size is from its neutral value; of a rate limit, its value."""
+    key = next(key for key in _SIZED if key in parameters)
+    return abs(parameters[key] - _NEUTRAL.get(name, 0.0))
 
 
 def _hidden(kind: str, seed: int, number: int, rng: Generator) -> list[str]:
@@ -176,7 +204,8 @@ def drawn_trial(
         kind: one of `KINDS`.
         seed: of the study.
         number: of the trial in it.
-        limits: smallest distance from the neutral value, by effect; absent ones go by `SIZES`.
+        limits: smallest distance from the neutral value (of a rate limit the largest value), by
+            effect; absent ones go by `SIZES`.
         seconds: length of each recording.
 
     Raises:

@@ -37,7 +37,7 @@ class Sizes:
         return float(sign * exp(rng.uniform(*sorted((log(abs(low)), log(abs(high)))))))
 
     def beyond(self, smallest: float, neutral: float = 0.0) -> "Sizes":
-        """Return what lies at least `smallest` from the neutral value.
+        """Return what begins at `smallest` from the neutral value, and ends where this does.
 
         Raises:
             ValueError: nothing does.
@@ -45,14 +45,25 @@ class Sizes:
         kept: list[tuple[float, float]] = []
         for low, high in self.intervals:
             if low >= neutral:
-                low = max(low, neutral + smallest)
+                low = neutral + smallest
             else:
-                high = min(high, neutral - smallest)
+                high = neutral - smallest
             if low <= high:
                 kept.append((low, high))
         if not kept:
             raise ValueError(f"no size in {self.intervals} is {smallest:g} from {neutral:g}")
         return Sizes(tuple(kept), self.even)
+
+    def below(self, largest: float) -> "Sizes":
+        """Return what is at most `largest`, of values that hide the more the smaller they are.
+
+        Raises:
+            ValueError: nothing is.
+        """
+        kept = tuple((low, largest) for low, _ in self.intervals if low <= largest)
+        if not kept:
+            raise ValueError(f"no size in {self.intervals} is at most {largest:g}")
+        return Sizes(kept, self.even)
 
 
 def _up(low: float, high: float) -> Sizes:

@@ -11,8 +11,13 @@ from tools.marked_tables import markdown
 
 def summary(trials: Sequence[Trial]) -> str:
     """Return one row for each promise: how often it was held."""
+    small = [trial.score for trial in trials if not trial.envelope.shows(trial.plan.times)]
     kinds = {
-        kind: [trial.score for trial in trials if trial.plan.kind == kind]
+        kind: [
+            trial.score
+            for trial in trials
+            if trial.plan.kind == kind and trial.envelope.shows(trial.plan.times)
+        ]
         for kind in ("single", "double", "none", "off_menu", "unexcited")
     }
     nothing = kinds["none"]
@@ -28,6 +33,8 @@ def summary(trials: Sequence[Trial]) -> str:
         ("off the menu: called unknown", *_of(kinds["off_menu"], _right)),
         ("motions that show nothing: a wrong name",
          *_of(kinds["unexcited"], lambda score: bool(score.false_names))),
+        ("no plausible size shows: a wrong name",
+         *_of(small, lambda score: bool(score.false_names))),
         ("95 % intervals that hold the true value",
          *_share(sum(bool(e.inside) for e in estimates), len(estimates))),
         (f"held-out gap gone, median (of gaps above {VISIBLE_GAP:g})", str(len(shrunk)),

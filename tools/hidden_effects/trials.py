@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
@@ -15,13 +15,17 @@ from rich.progress import Progress
 
 from rig.compile_cache import source_key
 from tools.hidden_effects.drawn_trials import (
+    RECORDINGS,
     SECONDS,
+    THE_SMALLER,
+    Drawn,
     Envelope,
     drawn_trial,
     read_envelope,
     write_recordings,
 )
 from tools.hidden_effects.score import Estimate, Score, failed, scored
+from tools.hidden_effects.shown import smallest_shown
 from tools.hidden_effects.workflow import Workflow, WorkflowFailedError, rig_gap
 
 MIXTURE: Final = (
@@ -38,14 +42,16 @@ class Plan:
     """One trial.
 
     Attributes:
-        kind, seed, number, seconds, limits: see `drawn_trial`; limits as pairs.
+        kind, seed, number, seconds: see `drawn_trial`.
+        times: smallest size of what is hidden, in what the trial's own motions would show of it;
+            0: sizes are those of `sizes.SIZES`.
     """
 
     kind: str
     seed: int
     number: int
     seconds: float = SECONDS
-    limits: tuple[tuple[str, float], ...] = ()
+    times: float = 0.0
 
     @property
     def key(self) -> str:
@@ -69,7 +75,7 @@ def plans(
     seed: int,
     kind: str | None = None,
     seconds: float = SECONDS,
-    limits: Mapping[str, float] | None = None,
+    times: float = 0.0,
 ) -> list[Plan]:
     """Return so many plans of one kind, or of all kinds in turn."""
     counted: dict[str, int] = {}
@@ -78,7 +84,7 @@ def plans(
         chosen = kind or MIXTURE[place % len(MIXTURE)]
         number = counted.setdefault(chosen, 0)
         counted[chosen] += 1
-        found.append(Plan(chosen, seed, number, seconds, tuple(sorted((limits or {}).items()))))
+        found.append(Plan(chosen, seed, number, seconds, times))
     return found
 
 
@@ -91,8 +97,8 @@ def trial(plan: Plan, folder: Path, keep: bool = False, workflow: Workflow = rig
         keep: leave the recordings and what the workflow wrote; otherwise only where it failed.
         workflow: to try.
     """
-    drawn = drawn_trial(plan.kind, plan.seed, plan.number, dict(plan.limits), plan.seconds)
     rmtree(folder, ignore_errors=True)
+    drawn = drawn_for(plan, folder / "shown")
     files = write_recordings(drawn, folder / "recordings")
     begun = monotonic()
     answer: Mapping[str, Any] = {}
@@ -111,6 +117,25 @@ def trial(plan: Plan, folder: Path, keep: bool = False, workflow: Workflow = rig
     else:
         rmtree(folder)
     return Trial(plan, drawn.envelope, score, answer, round(took, 2))
+
+
+def drawn_for(plan: Plan, folder: Path) -> Drawn:
+    """Return what a plan hides, of a size that shows if the plan says so."""
+    drawn = drawn_trial(plan.kind, plan.seed, plan.number, seconds=plan.seconds)
+    if plan.times == 0.0 or plan.kind not in ("single", "double"):
+        return drawn
+    healthy = replace(drawn, envelope=drawn.envelope.without_effects())
+    files = write_recordings(healthy, folder)
+    nuisances = drawn.envelope.nuisances
+    shown = smallest_shown([files[name] for name in RECORDINGS if name != "holdout"], nuisances)
+    rmtree(folder)
+    limits = {
+        name: limit / plan.times if name in THE_SMALLER else limit * plan.times
+        for name, limit in shown.items()
+    }
+    drawn = drawn_trial(plan.kind, plan.seed, plan.number, limits, plan.seconds)
+    of_hidden = {name: shown[name] for name in drawn.envelope.effects if name in shown}
+    return replace(drawn, envelope=replace(drawn.envelope, shown=of_hidden))
 
 
 def kept_file(out: Path) -> Path:
@@ -183,14 +208,13 @@ def read_trials(file: Path) -> dict[str, Trial]:
 
 
 def _trial_of(fields: Mapping[str, Any]) -> Trial:
-    plan, score = fields["plan"], fields["score"]
-    limits = tuple((name, float(smallest)) for name, smallest in plan["limits"])
+    score = fields["score"]
     estimates = tuple(
         Estimate(**{**entry, "interval": entry["interval"] and tuple(entry["interval"])})
         for entry in score["estimates"]
     )
     return Trial(
-        Plan(**{**plan, "limits": limits}),
+        Plan(**fields["plan"]),
         read_envelope(fields["envelope"]),
         Score(
             score["outcome"],

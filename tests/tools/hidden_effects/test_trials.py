@@ -118,10 +118,8 @@ def test_the_program_prints_its_tables_and_writes_them_into_a_page(
         "<!-- table of hidden_effects -->\n<!-- end -->\n"
         "<!-- table of hidden_by_effect -->\n<!-- end -->\n"
     )
-    limits = tmp_path / "limits.json"
-    limits.write_text('{"command_delay": 0.003}')
     arguments = ["--trials", "2", "--kind", "off_menu", "--seconds", "0.5", "--jobs", "1"]
-    paths = ["--out", str(tmp_path / "out"), "--page", str(page), "--limits", str(limits)]
+    paths = ["--out", str(tmp_path / "out"), "--page", str(page), "--limits", "3"]
     main([*arguments, *paths], Guessing("unknown_effect"))
     assert "| off the menu: called unknown | 2 | 100 % (2) |" in capsys.readouterr().out
     assert "| off the menu: called unknown | 2 | 100 % (2) |" in page.read_text()
