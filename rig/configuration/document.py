@@ -13,6 +13,8 @@ from .problems import Place, Problems
 MAX_DEPTH = 32
 # Aliases let a short file unfold without bound; ours have some thousand values at most.
 MAX_VALUES = 200_000
+MAX_BYTES = 8_000_000
+"""More than so many values take."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,12 @@ class Sources:
         """Return the mapping in a YAML file; None, with a problem, if there is none to be had."""
         content = self.read_bytes(path, referrer)
         if content is None:
+            return None
+        if len(content) > MAX_BYTES:
+            size, most = f"{len(content) / 1e6:.0f} MB", f"{MAX_BYTES / 1e6:g} MB"
+            self.problems.add(
+                Place(path, 1, 1), "file", size, f"is larger than {most}", "is it the right file?"
+            )
             return None
         loader = None
         try:

@@ -70,6 +70,16 @@ class Standing:
             case "end" if entry["reason"]:
                 self._happened(entry, CAMPAIGN, f"stopped by {entry['reason']}")
 
+    @property
+    def where(self) -> str:
+        """Name and phase of the test that runs; empty between two."""
+        return "" if self._present is None else f"{self.tests[self._present]}, {self._phase}"
+
+    @property
+    def recording(self) -> str | None:
+        """File name of the recording of the test that runs; None if there is none yet."""
+        return None if self._present is None else self._recording
+
     def number_of(self, index: int) -> int:
         """Return the number of a test's next attempt, from 1."""
         return len(self.attempts.get(index, [])) + (index in self._open) + 1
@@ -117,7 +127,7 @@ class Standing:
         what = "resumed"
         if self._present is not None:
             index, phase = self._present, self._phase
-            what += f" after a kill in {self.tests[index]}, {phase}"
+            what += f" after a kill in {self.where}"
             message = f"killed in the phase {phase}"
             self._leave_open(index, Status.INTERRUPTED, message, self._recording)
             self._present = None

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tools.chaos.__main__ import row, table, with_table
-from tools.chaos.judge import Outcome, problems, safe_at
+from tools.chaos.judge import Outcome, driven, problems, safe_at
 from tools.chaos.play import play
 from tools.chaos.scenario import Scenario, pause, wire
 from tools.chaos.scenarios import BENIGN, SCENARIOS
@@ -72,6 +72,16 @@ def test_a_valve_that_is_enabled_again_is_not_safe() -> None:
         {"at_ns": 1, "event": "pump_unloaded"},
     ]
     assert safe_at(events) == {"valve": None, "bypass": None, "pump": 1}
+
+
+def test_devices_that_move_are_those_that_a_kill_leaves_to_others() -> None:
+    events = [
+        {"at_ns": 1, "event": "valve_disabled"},
+        {"at_ns": 2, "event": "ball_ordered", "bypass": "internal_leakage", "opened": False},
+        {"at_ns": 3, "event": "pump_loaded"},
+    ]
+    assert driven(events) == ["pump"]
+    assert driven([*events, {"at_ns": 4, "event": "valve_enabled"}]) == ["valve", "pump"]
 
 
 def test_bypasses_are_shut_when_the_last_ball_is_and_one_that_never_left_by_its_order() -> None:

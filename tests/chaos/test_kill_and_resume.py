@@ -14,7 +14,7 @@ import pytest
 
 from rig.recording import read_recording
 from rig.runner.journal import JOURNAL
-from tools.chaos.records import finished_in, record_problems
+from tools.chaos.records import finished_in, record_problems, standing_in, told_problems
 
 TESTS = 5
 CAMPAIGN = """
@@ -73,17 +73,20 @@ def test_killed_at_random_points_a_campaign_loses_and_repeats_no_finished_test(
     random_ = random.Random(1)
     out = campaign / "out"
     before: list[dict[int, Any]] = []
+    places: list[str] = []
     size = 0
     for _ in range(KILLS):
         # From what there is on: every kill comes later than the one before.
         size += random_.randrange(1, 2500)
         assert kill_at(start(campaign, "out"), out / JOURNAL, size)
         before.append(finished_in(out))
+        places.append(standing_in(out).where)
         size = (out / JOURNAL).stat().st_size
     process = start(campaign, "out")
     _, error = process.communicate(timeout=DEADLINE_S)
     assert process.returncode in (0, 1), error
     assert record_problems(out, before, TESTS) == []
+    assert told_problems(out, places) == []
     for number in range(TESTS):
         one, other = (
             read_recording(campaign / run / f"test_{number}.mcap") for run in ("out", "whole")
@@ -104,3 +107,9 @@ def test_what_is_lost_or_repeated_is_noticed(campaign: Path, tmp_path: Path) -> 
     (out / "test_1.mcap").write_bytes(content[: len(content) // 2])
     (problem,) = record_problems(out, [known], TESTS)
     assert problem.startswith("test 1: ")
+
+
+def test_a_kill_that_results_and_report_do_not_tell_of_is_noticed(campaign: Path) -> None:
+    assert told_problems(campaign / "whole", []) == []
+    (problem,) = told_problems(campaign / "whole", ["test 3, main"])
+    assert problem == "the results tell [], not ['resumed after a kill in test 3, main']"

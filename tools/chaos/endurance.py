@@ -1,81 +1,109 @@
-"""Kills a campaign on the emulated rig at random points, goes on with it, and looks at its record.
+"""Kills parts of campaigns at random points, goes on with them, and looks at what is on record.
 
-Run as `python -m tools.chaos.endurance [--points N] [--seed N] [PART ...]`; parts are supervisor,
-recorder and everything.
+Run as `python -m tools.chaos.endurance [--points N] [--seed N] [PART ...]`. Without parts named,
+all are killed on the emulated rig and on the simulated one, and the table of docs/safety.md is
+written.
 """
 
 import argparse
-import random
+import shutil
+import signal
 import sys
 import tempfile
 import time
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
-from signal import SIGKILL
-from typing import Any, Final
+from typing import Final
 
-from .records import finished_in, record_problems
-from .stage import FIRST_FAULT, TEST, Stage, StageError
+from tools.marked_tables import fill, markdown
+from tools.safety_page import PAGE
 
-PARTS: Final = {
-    "supervisor": ("supervisor",),
-    "recorder": ("recorder",),
-    "everything": ("supervisor", "loop", "field", "recorder"),
-}
-TESTS: Final = tuple(
-    {
-        "name": f"test {number}",
-        **TEST,
-        "duration": "6 s",
-        "faults": [{**FIRST_FAULT, "until": "4 s"}],
-        "expect": "inconclusive",
-    }
-    for number in range(3)
-)
-CAMPAIGN_S: Final = 21.0
-"""How long it takes from its first leak on, about."""
+from .relay import OUTLIVED, PARTS, Record, relay
+
+RIGS: Final = {"emulated": tuple(PARTS), "simulated": ("supervisor", "publisher", "everything")}
+"""What is killed on each rig: on the simulated one the supervisor itself records."""
+_HEAD: Final = (
+    "rig, what is killed", "kills: in which phase", "tests finished", "lost or repeated",
+    "attempts", "valve null, s", "bypass shut, s", "pump unloaded, s", "end of recordings lost, s",
+    "trips by a stalled machine",
+)  # fmt: skip
 
 
-def killed_at(part: str, at_s: float, folder: Path) -> list[str]:
-    """Kill a part so long after the first leak; return what was wrong in the end.
+def told(rig: str, part: str, record: Record, wall_s: float) -> str:
+    """Return a line for what came of the kills of a part."""
+    cells = row(rig, part, record)
+    found = "FAILED: " + "; ".join(record.problems) if record.problems else "as claimed"
+    return f"{found} in {wall_s:.0f} s: {' | '.join(cells)}"
 
-    Raises:
-        StageError: the rig did not become safe, or the campaign did not end.
-    """
-    with Stage(folder, tests=TESTS) as stage:
-        time.sleep(at_s)
-        if stage.run.poll() is None:
-            stage.send(SIGKILL, *(each for each in PARTS[part] if each in stage.living()))
-        # A recorder's end is a trip, by which the run ends by itself.
-        stage.wait(lambda: stage.run.poll() is not None, "`rig run` to end")
-        before: dict[int, Any] = finished_in(stage.out)
-        code = stage.resume()
-        if code not in (0, 1):
-            return [f"exit code {code}: {stage.printed[-2000:]}"]
-        stage.wait(stage.is_safe, "the safe state at the end")
-        return record_problems(stage.out, [before], len(TESTS))
+
+def row(rig: str, part: str, record: Record) -> tuple[str, ...]:
+    """Return a line of the table."""
+    phases = Counter(kill.rpartition(", ")[2] or "between tests" for kill in record.kills)
+    where = ", ".join(f"{phase} {count}" for phase, count in phases.most_common())
+    stalls = ", ".join(f"`{cause}` {n}" for cause, n in Counter(record.stalls).most_common())
+    is_told = rig != "simulated" and part not in OUTLIVED
+    safe = [
+        _most(each.get(device) for each in record.safe_s) if is_told else ""
+        for device in ("valve", "bypass", "pump")
+    ]
+    return (
+        f"{rig}: {part}",
+        f"{len(record.kills)}: {where}",
+        f"{record.tests} in {record.campaigns} campaigns",
+        "see above" if record.problems else "none",
+        str(record.attempts),
+        *safe,
+        "" if part in OUTLIVED else _most(record.lost_s),
+        stalls or "none",
+    )
+
+
+def _most(values: Iterable[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return f"{max(known):.2f}" if known else "none"
 
 
 def main() -> int:
     """Kill each part at random points; return how many of them went wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--points", type=int, default=10)
+    parser.add_argument("--points", type=int, default=10, help="kills of each part")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], default=[])
+    parser.add_argument("--rig", choices=RIGS, help="one of them only")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     given = parser.parse_args()
-    random_ = random.Random(given.seed)
-    failures = 0
-    for part in given.parts or PARTS:
-        for point in range(1, given.points + 1):
-            at_s = random_.uniform(0.0, CAMPAIGN_S)
-            with tempfile.TemporaryDirectory(prefix="rig-endurance-") as folder:
-                try:
-                    found = killed_at(part, at_s, Path(folder))
-                except StageError as error:
-                    found = [str(error)]
-            failures += bool(found)
-            told = "FAILED: " + "; ".join(found) if found else "nothing lost, nothing repeated"
-            print(f"{part}: kill {point} of {given.points}, after {at_s:.1f} s: {told}", flush=True)
+    unknown = set(given.parts) - set(PARTS)
+    if unknown:
+        parser.error(f"no such part: {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    # In the background, or by nohup, they are ignored, and would be so in what is started here.
+    for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(ignored, signal.default_int_handler)
+    rows, failures = [], 0
+    for rig, parts in RIGS.items():
+        for part in parts if given.rig in (None, rig) else ():
+            if given.parts and part not in given.parts:
+                continue
+            print(f"{rig}: {part}", flush=True)
+            began = time.monotonic()
+            folder = Path(tempfile.mkdtemp(prefix="rig-endurance-"))
+            record = relay(
+                folder,
+                part,
+                given.points,
+                given.seed,
+                emulated=rig == "emulated",
+                tell=lambda text: print(f"  {text}", flush=True),
+            )
+            if record.problems:
+                print(f"  everything of it is in {folder}")
+            else:
+                shutil.rmtree(folder)
+            print(told(rig, part, record, time.monotonic() - began), flush=True)
+            rows.append(row(rig, part, record))
+            failures += bool(record.problems)
     print(f"{failures} failed")
+    if not (failures or given.parts or given.rig):
+        fill(PAGE, {"endurance": markdown(_HEAD, rows)})
     return failures
 
 

@@ -61,12 +61,12 @@ def judge(stage: Stage) -> Outcome:
     events = [json.loads(line) for line in stage.record.read_text().splitlines()]
     log = stage.out / "session.log"
     report = stage.out / "trip-1.txt"
-    recording = _recording(stage.out)
+    recording = readable(stage.out / "leaks.mcap", stage.out / "recovered.mcap")
     return Outcome(
         exit_code=stage.run.returncode,
         cause=_cause(stage.out, recording, stage.printed),
         **{f"{part}_s": _after(stage, at) for part, at in safe_at(events).items()},
-        lost_s=None if recording is None else _lost_s(stage, recording),
+        lost_s=None if recording is None else lost_s(stage.trace, stage.injected_ns, recording),
         report=report.read_text() if report.exists() else "",
         printed=stage.printed + (log.read_text() if log.exists() else ""),
         unfinished=tuple(path.name for path in stage.out.glob(".*.partial")),
@@ -128,6 +128,16 @@ def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
     return {"valve": valve, "bypass": all_shut, "pump": pump}
 
 
+def driven(events: list[dict[str, Any]]) -> list[str]:
+    """Return the devices that were not safe at the end of a record."""
+    moved = {
+        "valve": any(event["event"] == "valve_enabled" for event in events),
+        "bypass": any(event["event"] == "ball_ordered" and event["opened"] for event in events),
+        "pump": any(event["event"] == "pump_loaded" for event in events),
+    }
+    return [device for device, at_ns in safe_at(events).items() if at_ns is None and moved[device]]
+
+
 def _after(stage: Stage, at_ns: int | None) -> float | None:
     return None if at_ns is None else 1e-9 * (at_ns - stage.injected_ns)
 
@@ -146,9 +156,8 @@ def _cause(out: Path, recording: Recording | None, printed: str) -> str:
     return str(test["message"])
 
 
-def _recording(out: Path) -> Recording | None:
-    """Return the test's recording, recovered if it was cut."""
-    path, saved = out / "leaks.mcap", out / "recovered.mcap"
+def readable(path: Path, saved: Path) -> Recording | None:
+    """Return a recording, recovered to `saved` if it was cut; None if nothing is readable."""
     # Rows of a device that did not answer have no readings.
     needed = ("time_s", "command_V")
     try:
@@ -162,14 +171,15 @@ def _recording(out: Path) -> Recording | None:
     return read_recording(saved, required=needed)
 
 
-def _lost_s(stage: Stage, recording: Recording) -> float | None:
-    """Return the time from the last row on disk to the last step: 0 if there are later rows.
+def lost_s(trace: Path, at_ns: int, recording: Recording) -> float | None:
+    """Return the time from the last row on disk to a moment: 0 if there are later rows.
 
-    The emulator's trace tells when it received the commands that the rows bear.
+    The emulator's trace tells when it received the commands that the rows bear; None if it received
+    none of them.
     """
     commands = recording["command_V"].astype(np.float32)
     # A kill of the emulator leaves half a line.
-    whole = stage.trace.read_text().rpartition("\n")[0].splitlines()
+    whole = trace.read_text().rpartition("\n")[0].splitlines()
     received = np.loadtxt(whole, delimiter=",", skiprows=1, usecols=(0, 1), ndmin=2)
     times_ns, traced = received[_BLOCK - 1 :, 0], received[:, 1].astype(np.float32)
     stretches = np.lib.stride_tricks.sliding_window_view(traced, _BLOCK)
@@ -179,5 +189,5 @@ def _lost_s(stage: Stage, recording: Recording) -> float | None:
         # A valve that is kept at 0 V is found everywhere.
         if len(found) == 1:
             last_ns = float(times_ns[found[0]]) + (len(commands) - end) * TICK_NS
-            return max(0.0, 1e-9 * (stage.injected_ns - last_ns))
+            return max(0.0, 1e-9 * (at_ns - last_ns))
     return None

@@ -14,6 +14,7 @@ def play(scenario: Scenario, folder: Path) -> Outcome:
         StageError: the test did not come to run, or the run did not end, or left processes behind.
     """
     with Stage(folder, scenario.prefix) as stage:
+        stage.begin()
         for step in scenario.steps:
             step(stage)
         injected_ns = stage.injected_ns

@@ -1,14 +1,19 @@
 """What must hold of a run's folder, however often its campaign was killed and gone on with."""
 
+import html
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from rig.recording import RecordingError, read_recording
+from rig.recording import RecordingError, read_recording, recover
+from rig.recording.mcap_reader import read_mcap
 from rig.runner.journal import JOURNAL, JournalError, read_journal
 from rig.runner.outcome_record import outcome_of
-from rig.runner.standing import standing_of
+from rig.runner.phases import Phase
+from rig.runner.standing import Standing, standing_of
 
 TICK_S = 1e-3
 
@@ -69,6 +74,64 @@ def record_problems(folder: Path, before: list[dict[int, Any]], tests: int) -> l
     standing = standing_of(read_journal(folder / JOURNAL))
     kept = [each for attempts in standing.attempts.values() for each in attempts]
     for attempt in kept:
-        if attempt.recording is not None and not (folder / attempt.recording).exists():
-            found.append(f"{attempt.recording}, of an attempt, is gone")
+        if attempt.recording is None:
+            continue
+        try:
+            read_mcap(str(folder / attempt.recording))
+        except RecordingError as error:
+            if _has_samples(folder / attempt.recording):
+                found.append(f"{attempt.recording}, of an attempt: {error}")
     return found
+
+
+def _has_samples(path: Path) -> bool:
+    """Tell whether a cut recording has any: one that had hardly begun has nothing to be kept."""
+    with TemporaryDirectory() as folder:
+        try:
+            recover(path, Path(folder) / "recovered.mcap")
+        except RecordingError:
+            return not path.exists()
+    return True
+
+
+def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
+    """Return what results and report do not tell of a run that was killed, and gone on with.
+
+    Args:
+        folder: of the run.
+        killed: test and phase of each kill (`Standing.where`); empty between two tests.
+    """
+    results = json.loads((folder / "results.json").read_text())
+    page = html.unescape((folder / "report.html").read_text())
+    told = [each["what"] for each in results["history"]]
+    resumed = [what for what in told if what.startswith("resumed")]
+    found = []
+    wanted = [f"resumed after a kill in {each}" if each else "resumed" for each in killed]
+    if resumed != wanted:
+        found.append(f"the results tell {resumed}, not {wanted}")
+    found += [f"the report does not tell: {what}" for what in told if what not in page]
+    for test in results["tests"]:
+        for attempt in test["attempts"]:
+            if attempt["message"] not in page:
+                found.append(f"the report does not tell: {attempt['message']}")
+    return found
+
+
+def standing_in(folder: Path) -> Standing:
+    """Return where a run stands; nothing begun without a journal."""
+    try:
+        return standing_of(read_journal(folder / JOURNAL))
+    except JournalError:
+        return Standing()
+
+
+def main_s(folder: Path) -> float:
+    """Return for how long a run has been in its test's main phase, s; 0 if it is in another."""
+    try:
+        entries = read_journal(folder / JOURNAL)
+    except JournalError:
+        return 0.0
+    entered = [entry for entry in entries if entry.kind in ("phase", "outcome", "resume")]
+    if not entered or entered[-1]["phase"] != Phase.MAIN:
+        return 0.0
+    return (datetime.now(UTC) - datetime.fromisoformat(entered[-1].at)).total_seconds()

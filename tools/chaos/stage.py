@@ -27,6 +27,7 @@ MODULES: Final = {
     "loop": "rig.supervisor.loop_process",
     "field": "rig.supervisor.field",
     "recorder": "rig.supervisor.recorder",
+    "publisher": "rig.supervisor.publisher",
 }
 """Modules of the processes that `rig run`, the supervisor, starts."""
 
@@ -55,16 +56,18 @@ class StageError(Exception):
 
 
 class Stage:
-    """An emulator and a campaign of one test on it; a context manager.
+    """An emulator, and runs of a campaign on it; a context manager.
 
     Args:
-        folder: empty; gets the rig file, the campaign, the emulator's record and the run's folder.
+        folder: empty; gets the rig file, the campaign, the emulator's record and the runs' folders.
         prefix: of the command that runs the campaign, such as `setpriv ...`.
         tests: of the campaign, as in its file.
+        emulated: or else on the simulated rig, and no emulator.
 
     Attributes:
+        out: folder of the run.
         injected_ns: when the last thing was done to it, CLOCK_MONOTONIC.
-        children: process ids by part, once it runs.
+        children: process ids by part, of the run that was last looked at.
     """
 
     def __init__(
@@ -72,9 +75,12 @@ class Stage:
         folder: Path,
         prefix: Sequence[str] = (),
         tests: Sequence[Mapping[str, Any]] = ({"name": "leaks", **TEST},),
+        *,
+        emulated: bool = True,
     ) -> None:
         self.folder = folder
         self.out = folder / "out"
+        self.stream = folder / "stream.yaml"
         self.record = folder / "record.jsonl"
         self.trace = folder / "trace.csv"
         self.injected_ns = 0
@@ -82,19 +88,21 @@ class Stage:
         self.children: dict[str, int] = {}
         self._prefix = tuple(prefix)
         self._tests = tests
+        self._emulated = emulated
         self._ends = ExitStack()
 
     def __enter__(self) -> Self:
-        """Start the emulator, and the campaign on it; return when its first leak is open.
+        """Start the emulator.
 
         Raises:
-            StageError: it did not come to that.
+            StageError: it does not start.
         """
-        _write_rig(self.folder)
+        _write_rig(self.folder, emulated=self._emulated)
+        _write_stream(self.stream)
         _write_campaign(self.folder, self._tests)
         with self._ends:
-            self._start_emulator()
-            self._start_run()
+            if self._emulated:
+                self._start_emulator()
             self._ends = self._ends.pop_all()
         return self
 
@@ -122,31 +130,36 @@ class Stage:
         # As an encoder that knows where it is: without a homing run, which takes its time.
         self.ask(do="inject", fault="lost_counts", counts=-MID_STROKE_COUNTS)
 
-    def resume(self) -> int:
-        """Go on with the campaign to its end; return the exit code."""
-        self.wait(self.is_safe, "the safe state")
-        self.wait(lambda: not self.living(), "its processes to end")
-        run = self._python("run", "campaign.yaml", "--out", "out", "--resume", output=self._more())
-        self._ends.callback(_end, run, signal.SIGKILL)
-        self.run = run
-        self.wait(lambda: run.poll() is not None, "the campaign to end", COMPILE_S)
-        return run.returncode
+    def begin(self) -> None:
+        """Run the campaign; return when its first leak is open.
 
-    def _more(self) -> IO[str]:
-        return self._ends.enter_context(self._printed.open("a"))
+        Raises:
+            StageError: it did not come to that.
+        """
+        self.start()
+        self.wait(self._is_leaking, "the test to run", COMPILE_S)
+        self.find_children()
 
-    def _start_run(self) -> None:
+    def start(self, *options: str) -> None:
+        """Start `rig run`, with options."""
         # What it prints goes through a pipe, as to a terminal: a full disk must not silence it.
         with self._printed.open("w") as file:
             copy = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=file, text=True)
         self._ends.callback(copy.wait)
         assert copy.stdin is not None
+        given = ("--out", self.out.name, "--stream", self.stream.name, *options)
         with copy.stdin as pipe:
-            self.run = self._python("run", "campaign.yaml", "--out", "out", output=pipe)
+            self.run = self._python("run", "campaign.yaml", *given, output=pipe)
         self._ends.callback(_end, self.run, signal.SIGKILL)
         self._ends.callback(self._kill_children)
-        self.wait(self._is_running, "the test to run", COMPILE_S)
-        self.children = self._find_children()
+        self.children = {}
+
+    def follow(self) -> "subprocess.Popen[str]":
+        """Start somebody who follows the run's stream, and return its process."""
+        given = ("--profile", self.stream.name, "--json")
+        reader = self._python("monitor", *given, output=subprocess.DEVNULL)
+        self._ends.callback(_end, reader, signal.SIGKILL)
+        return reader
 
     def _python(
         self, command: str, *arguments: str, output: int | IO[str]
@@ -182,7 +195,7 @@ class Stage:
         self.ask(do="inject", **fault)
 
     def send(self, number: signal.Signals, *parts: str) -> None:
-        """Send a signal to parts: supervisor, loop, field, recorder, emulator."""
+        """Send a signal to parts: supervisor, loop, field, recorder, publisher, emulator."""
         if number != signal.SIGCONT:
             self.injected_ns = time.monotonic_ns()
         for part in parts:
@@ -196,8 +209,9 @@ class Stage:
 
     def pid(self, part: str) -> int:
         """Return the process id of a part."""
-        own = {"supervisor": self.run.pid, "emulator": self._emulator.pid}
-        return own.get(part) or self.children[part]
+        if part == "emulator":
+            return self._emulator.pid
+        return self.run.pid if part == "supervisor" else self.children[part]
 
     @property
     def emulator_lives(self) -> bool:
@@ -223,6 +237,8 @@ class Stage:
 
     def is_safe(self) -> bool:
         """Return whether the devices are: valve at null and disabled, balls shut, pump unloaded."""
+        if not self._emulated:
+            return True
         status = self.ask(do="status")
         daq, balls = status["daq"], self._balls(status)
         null = not daq["valve_enabled"] and daq["output_V"] == 0.0
@@ -234,7 +250,7 @@ class Stage:
         self.run.poll()
         return [part for part, pid in parts.items() if _lives(pid)]
 
-    def _is_running(self) -> bool:
+    def _is_leaking(self) -> bool:
         if self.run.poll() is not None:
             raise StageError(f"ended before the test: {self.printed}")
         return self._balls(self.ask(do="status"))[FIRST_LEAK] == 1.0
@@ -243,10 +259,15 @@ class Stage:
         positions = status["bypass"]["positions"].items()
         return {bypass: ball for bypass, (ball, _) in positions if bypass != "return_blockage"}
 
-    def _find_children(self) -> dict[str, int]:
-        pids = Path(f"/proc/{self.run.pid}/task/{self.run.pid}/children").read_text().split()
-        commands = {int(pid): Path(f"/proc/{pid}/cmdline").read_text() for pid in pids}
-        return {
+    def find_children(self) -> None:
+        """Find the processes that `rig run` has at present."""
+        if self.run.poll() is not None:
+            return
+        # Each thread lists those that it started.
+        threads = Path(f"/proc/{self.run.pid}/task").glob("*/children")
+        pids = [int(pid) for thread in threads for pid in _text_of(thread).split()]
+        commands = {pid: _text_of(Path(f"/proc/{pid}/cmdline")) for pid in pids}
+        self.children |= {
             part: pid
             for part, module in MODULES.items()
             for pid, command in commands.items()
@@ -256,6 +277,14 @@ class Stage:
     def _kill_children(self) -> None:
         for part in self.living():
             os.kill(self.pid(part), signal.SIGKILL)
+
+
+def _text_of(path: Path) -> str:
+    """Return what the system tells of a process, nothing of one that has ended."""
+    try:
+        return path.read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
 
 
 def _lives(pid: int) -> bool:
@@ -278,17 +307,26 @@ def _end(process: subprocess.Popen[str], number: signal.Signals) -> None:
         process.stdout.close()
 
 
-def _write_rig(folder: Path) -> None:
-    """Write the shipped emulated rig, at addresses that nobody has, without a homing run."""
-    rig = yaml.safe_load((ROOT / "config" / "rigs" / "emulated.yaml").read_text())
-    daq, bypass, bus = _free_ports(3)
-    rig["drivers"]["daq"]["port"] = daq
-    rig["drivers"]["bypass"]["port"] = bypass
-    rig["drivers"]["meters"]["port"] = str(folder / "meters")
-    for node in ("drive", "pump"):
-        rig["drivers"][node] |= {"channel": "239.74.163.99", "port": bus}
-    del rig["homing"]
+def _write_rig(folder: Path, *, emulated: bool) -> None:
+    """Write the shipped rig, at addresses that nobody has, without a homing run."""
+    name = "emulated" if emulated else "simulated"
+    rig = yaml.safe_load((ROOT / "config" / "rigs" / f"{name}.yaml").read_text())
+    if emulated:
+        daq, bypass, bus = _free_ports(3)
+        rig["drivers"]["daq"]["port"] = daq
+        rig["drivers"]["bypass"]["port"] = bypass
+        rig["drivers"]["meters"]["port"] = str(folder / "meters")
+        for node in ("drive", "pump"):
+            rig["drivers"][node] |= {"channel": "239.74.163.99", "port": bus}
+        del rig["homing"]
     (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+
+
+def _write_stream(path: Path) -> None:
+    """Write the shipped profile of this machine, at a port that nobody has."""
+    profile = yaml.safe_load((ROOT / "config" / "stream" / "loopback.yaml").read_text())
+    (port,) = _free_ports(1)
+    path.write_text(yaml.safe_dump({**profile, "listen": [f"tcp/127.0.0.1:{port}"]}))
 
 
 def _write_campaign(folder: Path, tests: Sequence[Mapping[str, Any]]) -> None:

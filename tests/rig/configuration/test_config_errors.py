@@ -10,8 +10,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.configuration import ConfigError, Problem
+from rig.configuration import ConfigError, Problem, document
 from rig.configuration.checking import check
+from rig.configuration.document import MAX_BYTES
 from rig.configuration.lookup import copy_shipped, shipped_config_dir
 
 BAD_CAMPAIGN = """\
@@ -131,6 +132,32 @@ def test_a_short_file_that_unfolds_without_end_is_refused(tmp_path: Path) -> Non
     path = tmp_path / "bomb.yaml"
     path.write_text("l0: &l0 [x]\n" + levels)
     with pytest.raises(ConfigError, match="too large"):
+        check(path)
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "campaigns/quickstart.yaml", "rigs/emulated.yaml", "models/nominal.yaml",
+        "schedules/nightly.yaml", "maps/io_node.yaml", "stream/mtls.yaml",
+    ],
+)  # fmt: skip
+def test_a_bomb_in_a_file_of_any_kind_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
+) -> None:
+    monkeypatch.setattr(document, "MAX_VALUES", 5000)  # the true limit takes a second to reach
+    levels = "".join(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]\n" for i in range(1, 9))
+    path = tmp_path / Path(file).name
+    shipped = (shipped_config_dir() / file).read_text()
+    path.write_text(f"{shipped}\nl0: &l0 [x]\n{levels}")
+    with pytest.raises(ConfigError, match="too large"):
+        check(path)
+
+
+def test_a_giant_file_is_refused_unparsed(tmp_path: Path) -> None:
+    path = tmp_path / "giant.yaml"
+    path.write_bytes(b"name: " + b"x" * MAX_BYTES)
+    with pytest.raises(ConfigError, match="is larger than 8 MB"):
         check(path)
 
 

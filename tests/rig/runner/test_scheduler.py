@@ -265,6 +265,20 @@ def test_what_is_added_runs_next_and_once(schedule: Schedule) -> None:
     assert [name for _, name in hands.ran] == ["extra", "another"]
 
 
+@pytest.mark.parametrize("name", ["../outside", "/etc/outside", "..", "a/../../b", "..\\x", "-rf"])
+def test_whatever_a_job_is_called_its_folder_is_one_of_the_schedule_s(
+    schedule: Schedule, name: str
+) -> None:
+    hands = FakeHands()
+    add(schedule.folder, campaign="quickstart", name=name)
+    add(schedule.folder, campaign=f"{name}/x.yaml")
+    night(only(schedule, name=name), hands, EVENING + timedelta(hours=2))
+    assert len(hands.folders) == 3
+    for folder in map(Path, hands.folders):
+        assert folder.resolve().parent == schedule.folder.resolve()
+        assert not folder.name.startswith((".", "-"))
+
+
 def test_a_hook_that_fails_ends_nothing_and_is_in_the_journal(schedule: Schedule) -> None:
     hands = FakeHands()
     hands.problem = "hook notify: exit code 1"

@@ -254,6 +254,34 @@ def test_a_flood_of_forgeries_fills_no_log_and_stops_nothing(
     assert len(bench.log.splitlines()) < 200
 
 
+def test_a_flood_of_questions_delays_only_who_asks(bench: Bench, client: StreamClient) -> None:
+    bench.write(1000)
+    until(lambda: len(client.window(60.0).row) == 1000)
+    asked = ("?last=1e300", "?last=-1", "?last=nan", "?last=x;last=y", "")
+    with subscriber_session(bench.settings) as session:
+        time.sleep(0.3)
+        for k in range(1000):
+            session.get("rig/bench/v1/*" + asked[k % len(asked)], lambda reply: None)
+        bench.write(100)
+        until(lambda: len(client.window(60.0).row) == 1100)
+    assert client.snapshot().missing == {}
+    assert client.snapshot().restarts == 0
+
+
+@pytest.mark.parametrize("payload", [b"", b"\xff" * 50, b"\x91" * 100_000, bytes(2 << 20)], ids=len)
+def test_nonsense_on_a_stream_s_keys_is_left_aside(
+    bench: Bench, client: StreamClient, payload: bytes
+) -> None:
+    with subscriber_session(bench.settings) as session:
+        time.sleep(0.3)
+        for kind in ("samples", "heartbeat", "alive/x", "nothing"):
+            session.put(f"rig/bench/v1/{kind}", payload)
+        bench.write(100)
+        until(lambda: len(client.window(60.0).row) == 100)
+    assert client.rigs() == ("bench",)
+    assert client.snapshot().missing == {}
+
+
 def test_more_than_a_publisher_takes_reaches_nobody(bench: Bench, client: StreamClient) -> None:
     with subscriber_session(bench.settings) as session:
         time.sleep(0.3)

@@ -1,0 +1,336 @@
+"""A campaign one of whose parts is killed again and again, and that is gone on with each time."""
+
+import json
+import random
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from signal import SIGKILL
+from typing import Any, Final
+
+from rig.runner.journal import JOURNAL, Entry, of_kind, read_journal
+
+from .judge import driven, lost_s, readable, safe_at
+from .records import TICK_S, finished_in, main_s, record_problems, standing_in, told_problems
+from .stage import COMPILE_S, FIRST_FAULT, Stage, StageError
+
+RIG: Final = ("supervisor", "loop", "field", "recorder", "publisher")
+PARTS: Final = {
+    "supervisor": ("supervisor",),
+    "recorder": ("recorder",),
+    "publisher": ("publisher",),
+    "console": ("console",),
+    "everything": RIG,
+}
+"""What is killed by each name. The console is whoever follows the stream."""
+OUTLIVED: Final = ("publisher", "console")
+"""Parts whose end the run does not notice, but for saying so."""
+CAUSED: Final = {"recorder": "RECORDER_LOST"}
+"""Why the run ends by itself after a kill."""
+STALLS: Final = (
+    "OVERRUN", "STALE_SAMPLE", "WATCHDOG_TRIPPED", "LOOP_LOST", "FIELD_LOST", "RECORDER_LOST",
+    "SUPERVISOR_LOST", "BYPASS_LOST", "DRIVE_LOST", "PUMP_LOST", "EXCHANGE_LOST",
+)  # fmt: skip
+"""Causes by which the rig is right to trip when the machine holds it or its emulated devices up."""
+MOST_STALLS: Final = 30
+CONNECTING: Final = 0.2
+"""Share of kills that come while a run connects, arms and positions; the others come later."""
+CONNECTING_S: Final = 5.0
+TESTING_S: Final = 12.0
+"""Within which a run is killed from its first test on: in one of its first two."""
+AGAIN_S: Final = 4.0
+"""Within which a part that is started again is killed again."""
+LOST_S: Final = 1.5
+"""Of a recording: the last second, and half of one for a machine that stalls."""
+SETTLED_S: Final = 1.2
+"""After which the emulator's trace, written each second, holds the kill."""
+DURATION_S: Final = 5.0
+"""The shortest that a test may be."""
+TESTS: Final = tuple(
+    {
+        "name": f"test {number}",
+        "duration": f"{DURATION_S:g} s",
+        "settle": "0.2 s",
+        "setpoint": {"type": "sine", "mean": "0.3 m", "amplitude": "0.05 m", "frequency": "1 Hz"},
+        "faults": [{**FIRST_FAULT, "at": "0.2 s", "until": "3 s"}],
+    }
+    for number in range(3)
+)
+_GONE_S: Final = 20.0
+
+
+@dataclass
+class Record:
+    """What came of the kills of a part.
+
+    Attributes:
+        kills: where each was, as test and phase; empty if in no test.
+        campaigns: how many were run to their end.
+        tests: that they finished.
+        attempts: runs of tests that did not count.
+        stalls: causes of trips that the machine made.
+        lost_s: what was missing at the end of each recording that was cut.
+        safe_s: how long after each kill valve, bypass and pump were safe, those that were not then.
+        problems: what was wrong.
+    """
+
+    kills: list[str] = field(default_factory=list)
+    campaigns: int = 0
+    tests: int = 0
+    attempts: int = 0
+    stalls: list[str] = field(default_factory=list)
+    lost_s: list[float] = field(default_factory=list)
+    safe_s: list[dict[str, float]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+
+class Relay:
+    """Runs campaigns on one rig until a part was killed often enough, and all are finished.
+
+    Args:
+        stage: entered.
+        part: what is killed, one of `PARTS`.
+        kills: how often.
+        random_: when.
+        emulated: whether the stage has an emulator.
+        tell: is called with a line for each kill.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        part: str,
+        kills: int,
+        random_: random.Random,
+        *,
+        emulated: bool,
+        tell: Callable[[str], None],
+    ) -> None:
+        self._stage = stage
+        self._part = part
+        self._wanted = kills
+        self._random = random_
+        self._tell = tell
+        self._told = ""
+        self._emulated = emulated
+        self._reports: set[Path] = set()
+        self._recording: str | None = None
+        self._main_s = 0.0
+        self._reader: subprocess.Popen[str] | None = None
+        self.record = Record()
+
+    def run(self) -> Record:
+        """Kill and go on until done.
+
+        Raises:
+            StageError: the rig did not become safe, or a run did not come to its end.
+        """
+        number = 0
+        while len(self.record.kills) < self._wanted and not self.record.problems:
+            number += 1
+            self._stage.out = self._stage.folder / f"out-{number}"
+            self._campaign()
+        return self.record
+
+    def _campaign(self) -> None:
+        """Run a campaign to its end, with kills on the way."""
+        stage, record = self._stage, self.record
+        before: list[dict[int, Any]] = []
+        told: list[str] = []
+        while True:
+            stage.wait(stage.is_safe, "the safe state")
+            stage.start("--resume", *([] if self._emulated else ["--pace", "real"]))
+            killed = self._session(len(before) + 1)
+            stage.wait(lambda: stage.run.poll() is not None, "`rig run` to end")
+            self._gone()
+            known = finished_in(stage.out)
+            code = stage.run.returncode
+            if code in (0, 1) and (not killed or len(known) == len(TESTS)):
+                break
+            self._interrupted(code, killed)
+            if record.problems:
+                return
+            before.append(known)
+            told.append(standing_in(stage.out).where)
+        problems = record_problems(stage.out, before, len(TESTS))
+        problems += told_problems(stage.out, told)
+        record.problems += [f"{stage.out.name}: {problem}" for problem in problems]
+        standing = standing_in(stage.out)
+        record.campaigns += 1
+        record.tests += len(standing.finished)
+        record.attempts += sum(map(len, standing.attempts.values()))
+
+    def _session(self, number: int) -> bool:
+        """Let a run go on until its part is killed, or to its end; tell whether it was killed."""
+        self._await_entries(number, "begin", "resume")
+        span = CONNECTING_S
+        if self._random.random() > CONNECTING:
+            tests = len(self._entries("phase"))
+            self._await_entries(tests + 1, "phase")
+            span = TESTING_S
+        while len(self.record.kills) < self._wanted:
+            self._begin_to_follow()
+            delay = self._random.uniform(0.0, span)
+            if not self._pause(delay) or not self._can_be_killed():
+                return False
+            self._kill()
+            if self._part not in OUTLIVED:
+                return True
+            span = AGAIN_S
+        return False
+
+    def _entries(self, *kinds: str) -> list[Entry]:
+        """Return the journal's entries of some kinds; none where it is not there yet."""
+        path = self._stage.out / JOURNAL
+        return list(of_kind(read_journal(path), *kinds)) if path.exists() else []
+
+    def _await_entries(self, count: int, *kinds: str) -> None:
+        """Wait until the journal has so many entries, or the run has ended."""
+        run = self._stage.run
+        self._stage.wait(
+            lambda: len(self._entries(*kinds)) >= count or run.poll() is not None,
+            f"the campaign to come to {kinds[0]}",
+            COMPILE_S,
+        )
+
+    def _pause(self, seconds: float) -> bool:
+        """Wait; tell whether the run still goes on."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until and self._stage.run.poll() is None:
+            time.sleep(0.005)
+        return self._stage.run.poll() is None
+
+    def _can_be_killed(self) -> bool:
+        """Wait until the part is there; False if the run ends before."""
+        while self._stage.run.poll() is None:
+            self._stage.find_children()
+            living = self._stage.living()
+            if self._part == "console" or any(part in living for part in PARTS[self._part]):
+                return True
+            time.sleep(0.02)
+        return False
+
+    def _kill(self) -> None:
+        stage = self._stage
+        standing = standing_in(stage.out)
+        self._recording = standing.recording
+        self._main_s = main_s(stage.out)
+        stage.injected_ns = time.monotonic_ns()
+        if self._reader is not None:
+            self._reader.kill()
+            self._reader.wait()
+            self._reader = None
+        else:
+            living = stage.living()
+            stage.send(SIGKILL, *(part for part in PARTS[self._part] if part in living))
+        self.record.kills.append(standing.where)
+        self._told = f"{len(self.record.kills)}: killed in {standing.where or 'no test'}"
+        if self._part in OUTLIVED:
+            self._tell(self._told)
+
+    def _begin_to_follow(self) -> None:
+        if self._part == "console" and self._reader is None:
+            self._reader = self._stage.follow()
+
+    def _gone(self) -> None:
+        """Wait until no process of the run is left."""
+        stage = self._stage
+        stage.wait(lambda: not stage.living(), "its processes to end", _GONE_S)
+
+    def _interrupted(self, code: int, killed: bool) -> None:
+        """Look at what a run left that did not come to its end."""
+        stage, record = self._stage, self.record
+        expected = code == -SIGKILL if "supervisor" in PARTS[self._part] else code == 3
+        cause = self._cause()
+        if not killed or not expected:
+            if code == 3 and cause in STALLS and len(record.stalls) < MOST_STALLS:
+                record.stalls.append(cause)
+                self._tell(f"the machine stalled: {cause} ; {self._last_words()}")
+            else:
+                record.problems.append(f"exit code {code}, {cause}: {stage.printed[-2000:]}")
+                return
+        elif code == 3 and cause not in (CAUSED[self._part], *STALLS):
+            record.problems.append(f"tripped by {cause} when {self._part} was killed")
+        if not killed:
+            return
+        if self._emulated:
+            stage.wait(stage.is_safe, "the safe state")
+            time.sleep(SETTLED_S)
+            self._look_at_devices()
+        self._look_at_recording()
+        self._tell(self._told)
+
+    def _last_words(self) -> str:
+        entries = read_journal(self._stage.out / JOURNAL)
+        return ", ".join(str(entry["phase"] or entry.kind) for entry in entries[-4:])
+
+    def _cause(self) -> str:
+        """Return the cause of the run's trip, as its trip report has it."""
+        for report in self._stage.out.glob("trip-*.json"):
+            if report not in self._reports:
+                self._reports.add(report)
+                return str(json.loads(report.read_text())["cause"])
+        return "no trip"
+
+    def _look_at_devices(self) -> None:
+        """Note when the devices were safe, by the emulator's own record."""
+        events = [json.loads(line) for line in self._stage.record.read_text().splitlines()]
+        at_ns = self._stage.injected_ns
+        before = [event for event in events if event["at_ns"] <= at_ns]
+        safe = safe_at(events)
+        after = {
+            device: 1e-9 * (safe_ns - at_ns)
+            for device in driven(before)
+            if (safe_ns := safe[device]) is not None
+        }
+        self.record.safe_s.append(after)
+        times = ", ".join(f"{device} {at_s:.2f} s" for device, at_s in after.items())
+        self._told += f", safe after: {times}" if times else ", which was safe"
+
+    def _look_at_recording(self) -> None:
+        """Note what is missing at the end of the recording that was being written."""
+        stage, name = self._stage, self._recording
+        if name is None or not (stage.out / name).exists():
+            return
+        copy, saved = stage.folder / "cut.mcap", stage.folder / "recovered.mcap"
+        shutil.copy(stage.out / name, copy)
+        saved.unlink(missing_ok=True)
+        recording = readable(copy, saved)
+        rows = 0 if recording is None else len(recording)
+        if rows * TICK_S >= DURATION_S:
+            missing = 0.0
+        elif recording is None or not self._emulated:
+            missing = max(0.0, min(self._main_s, DURATION_S) - rows * TICK_S)
+        else:
+            found = lost_s(stage.trace, stage.injected_ns, recording)
+            if found is None:
+                # The motion had hardly begun.
+                return
+            missing = found
+        self.record.lost_s.append(missing)
+        self._told += f", {missing:.2f} s of the recording lost"
+        if missing > LOST_S:
+            self.record.problems.append(f"{name}: its last {missing:.1f} s are lost")
+
+
+def relay(
+    folder: Path,
+    part: str,
+    kills: int,
+    seed: int,
+    *,
+    emulated: bool,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Record:
+    """Kill a part of campaigns on a rig, in an empty folder; return what came of it."""
+    when = random.Random(f"{part} {seed}")
+    with Stage(folder, tests=TESTS, emulated=emulated) as stage:
+        runs = Relay(stage, part, kills, when, emulated=emulated, tell=tell)
+        try:
+            return runs.run()
+        except StageError as error:
+            runs.record.problems.append(str(error))
+            return runs.record
