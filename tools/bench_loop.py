@@ -14,11 +14,8 @@ import platform
 import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -28,14 +25,10 @@ from numpy.typing import NDArray
 from estimator.filters import start_memory
 from rig.compile_cache import use_compile_cache
 from rig.configuration.rig import Rig, load_rig
-from rig.io.registry import DriverSpec
-from rig.io.settings import HomingSettings
 from rig.loop.board import Board, Word
-from rig.loop.ladder import Cause, explain, limit_table
-from rig.loop.orders import Close, Open, Segment
+from rig.loop.ladder import limit_table
 from rig.loop.realtime import RealTime
 from rig.loop.ring import RingReader
-from rig.loop.tolerances import Tolerances, tolerances
 from rig.loop.wire_cycle import wire_ticks
 from rig.loop.wire_layout import (
     Drive,
@@ -44,26 +37,18 @@ from rig.loop.wire_layout import (
     interlock,
     pace,
     shared_memory,
-    wire_channels,
     wire_memory,
 )
-from rig.plant import Model
 from rig.plant.integrator import TICK
-from rig.supervisor.child import Child
-from rig.supervisor.recorder import Begin, Finish
+
+from .loop_chain import CHANNELS, CPU, MODEL, PRIORITY, Chain, fast, wire_tolerances
 
 Array = NDArray[np.float64]
 
-CPU: Final = 1
-PRIORITY: Final = 80
-MODEL: Final = Model()
-CHANNELS: Final = wire_channels(start_memory("product", MODEL).filter.states, open_loop=False)
 BEGIN_MARK: Final = "<!-- table by make bench-loop: begin -->"
 END_MARK: Final = "<!-- table by make bench-loop: end -->"
-
-_PATIENCE_S: Final = 180.0
-"""How long the loop may take to start: it may have to be compiled."""
-_POLL_S: Final = 0.01
+SPARE_S: Final = 60.0
+"""For which the motion goes on after what is measured of it."""
 
 
 @dataclasses.dataclass(eq=False)
@@ -106,7 +91,7 @@ def idle(rig: Rig, seconds: float) -> Array:
     """Return the rows of the loop with nothing to exchange."""
     board = Board.create(len(CHANNELS))
     board.words[Word.SWITCH] = 1
-    spec = _fast(rig)
+    spec = fast(rig)
     memory = start_memory("product", MODEL)
     # Another plan's type would be another compilation.
     plan = spec.create().plan()  # type: ignore[attr-defined]
@@ -114,7 +99,7 @@ def idle(rig: Rig, seconds: float) -> Array:
     def run(number: int) -> None:
         wire_ticks(
             course(number, np.empty(0), Drive.NULL), estimation(memory, MODEL.parameters),
-            interlock(limit_table((), TICK), _tolerances(rig, spec)),
+            interlock(limit_table((), TICK), wire_tolerances(rig, spec)),
             pace(rig.loop, 1.0 / TICK), -1, plan, wire_memory(), shared_memory(board),
         )  # fmt: skip
 
@@ -133,55 +118,19 @@ def idle(rig: Rig, seconds: float) -> Array:
 
 def whole_chain(rig: Rig, seconds: float) -> Array:
     """Return the rows of the loop on an emulated rig, with recorder and subscriber."""
-    ticks = round(seconds / TICK)
-    with tempfile.TemporaryDirectory() as folder, _emulated() as port:
-        spec = _fast(rig)
-        spec = dataclasses.replace(spec, options=dataclasses.replace(spec.options, port=port))
-        board = Board.create(len(CHANNELS))
-        words = board.words
-        loop = Child("loop", "rig.supervisor.loop_process", board, Path(folder) / "log")
-        recorder = Child("recorder", "rig.supervisor.recorder", board, Path(folder) / "log")
+    with Chain(rig, seconds + SPARE_S) as chain:
+        fd = chain.board.fd
         subscriber = subprocess.Popen(
-            [sys.executable, "-m", "tools.bench_loop", "--subscribe", str(board.fd)],
-            pass_fds=(board.fd,),
+            [sys.executable, "-m", "tools.bench_loop", "--subscribe", str(fd)], pass_fds=(fd,)
         )
         try:
-            words[Word.SWITCH] = 1
-            first = Segment(1, Drive.NULL, start_memory("product", MODEL), MODEL.parameters)
-            settings = dataclasses.replace(rig.loop, cpu=CPU, priority=PRIORITY)
-            loop.send(Open(spec, settings, limit_table((), TICK), _tolerances(rig, spec), first))
-            loop.answer(_PATIENCE_S)
-            _switch(loop, words, dataclasses.replace(
-                first, number=2, valve_enable=True, reset_lamp=True, rearm=True, reset=True
-            ))  # fmt: skip
-            column = CHANNELS.index("valve_enabled")
-            _wait(words, lambda: board.ring[int(words[Word.ROWS]) - 1, column] == 1.0)
-            here = board.ring[int(words[Word.ROWS]) - 1, CHANNELS.index("position_m")]
-            motion = here + 0.01 * np.sin(2.0 * np.pi * np.arange(ticks) * TICK)
-            test = dataclasses.replace(
-                first, number=3, drive=Drive.TRACK, setpoint=motion, valve_enable=True
-            )
-            recorder.send(Begin(3, Path(folder) / "bench.mcap", CHANNELS, {}, time.time_ns()))
-            recorder.answer(_PATIENCE_S)
-            reader = RingReader(board)
-            _switch(loop, words, test)
-            rows: list[Array] = []
-            while words[Word.TICK] < ticks or words[Word.SEGMENT] != 3:
-                rows.append(reader.take())
-                _wait(words, lambda: True)
-                time.sleep(0.2)
-            rows.append(reader.take())
-            recorder.send(Finish(ticks))
-            recorder.answer(_PATIENCE_S)
-            loop.send(Close())
-            loop.answer(_PATIENCE_S)
+            rows = chain.rows(round(seconds / TICK))
         finally:
             subscriber.kill()
             subscriber.wait()
-            recorder.end()
-            loop.end()
-    found = np.concatenate(rows)
-    return found[found[:, CHANNELS.index("segment")] == 3.0]
+        if lacking := chain.finish():
+            raise RuntimeError(f"{lacking} rows were not recorded")
+    return rows
 
 
 def subscribe(fd: int) -> None:
@@ -243,51 +192,6 @@ def write_page(page: Path, text: str) -> None:
     before, _, rest = page.read_text().partition(BEGIN_MARK)
     _, _, after = rest.partition(END_MARK)
     page.write_text(f"{before}{BEGIN_MARK}\n{text}{END_MARK}{after}")
-
-
-def _fast(rig: Rig) -> DriverSpec:
-    return next(spec for spec in rig.drivers if spec.kind == "fast")
-
-
-def _tolerances(rig: Rig, spec: DriverSpec) -> Tolerances:
-    return tolerances(
-        MODEL.parameters, rig.sensors, frozenset(spec.inputs), TICK, rig.loop.stale_limit,
-        rig.homing or HomingSettings(),
-    )  # fmt: skip
-
-
-@contextmanager
-def _emulated() -> Iterator[int]:
-    """Serve the emulated rig in a process of its own; yield its DAQ's port."""
-    command = [str(Path(sys.executable).with_name("rig")), "emulate", "emulated", "--json"]
-    for driver in ("daq", "bypass"):
-        command += ["--set-port", f"{driver}=0"]
-    emulator = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert emulator.stdout is not None
-    try:
-        yield int(json.loads(emulator.stdout.readline())["ports"]["daq"])
-    finally:
-        emulator.terminate()
-        emulator.wait()
-        emulator.stdout.close()
-
-
-def _switch(loop: Child, words: NDArray[np.int64], segment: Segment) -> None:
-    loop.send(segment)
-    loop.answer(_PATIENCE_S)
-    words[Word.SWITCH] = segment.number
-
-
-def _wait(words: NDArray[np.int64], done: Callable[[], bool]) -> None:
-    until = time.monotonic() + _PATIENCE_S
-    while True:
-        if words[Word.LOOP_TRIP]:
-            raise RuntimeError(explain(Cause(int(words[Word.LOOP_TRIP]))).sentence)
-        if done():
-            return
-        if time.monotonic() > until:
-            raise RuntimeError("the emulated rig was not enabled in time")
-        time.sleep(_POLL_S)
 
 
 def _add(measured: Measured, rows: Array, *channels: str) -> None:

@@ -1,6 +1,6 @@
 """The recorder: takes the rows of a test from the ring to its MCAP file, in a process of its own.
 
-It flushes every second, so that a kill -9 of anything costs a second of data at most. If the
+It flushes twice a second, so that a kill -9 of anything costs a second of data at most. If the
 supervisor is gone it writes what is in the ring and why the others tripped, closes the file and
 ends. Its exit code is the `errno` of what stopped it.
 """
@@ -29,7 +29,8 @@ from .watch import trips_of
 Array = NDArray[np.float64]
 
 POLL_S: Final = 0.02
-FLUSH_S: Final = 1.0
+FLUSH_S: Final = 0.5
+"""Half of the second that a kill may cost: the machine may hold this process up besides."""
 _DRAIN_S: Final = 0.5
 """How long rows may still come after the supervisor is gone: the loop ramps down and ends."""
 

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.loop.ladder import EXPLANATIONS
-from rig.recording import Recording, RecordingError, read_recording, recover
+from rig.recording import RecordingError, recover
+from rig.recording.mcap_reader import read_mcap
+from rig.recording.table import Table
 
 from .scenario import Scenario
 from .stage import Stage
@@ -142,7 +144,7 @@ def _after(stage: Stage, at_ns: int | None) -> float | None:
     return None if at_ns is None else 1e-9 * (at_ns - stage.injected_ns)
 
 
-def _cause(out: Path, recording: Recording | None, printed: str) -> str:
+def _cause(out: Path, recording: Table | None, printed: str) -> str:
     report = out / "trip-1.json"
     if report.exists():
         return str(json.loads(report.read_text())["cause"])
@@ -156,28 +158,26 @@ def _cause(out: Path, recording: Recording | None, printed: str) -> str:
     return str(test["message"])
 
 
-def readable(path: Path, saved: Path) -> Recording | None:
-    """Return a recording, recovered to `saved` if it was cut; None if nothing is readable."""
-    # Rows of a device that did not answer have no readings.
-    needed = ("time_s", "command_V")
+def readable(path: Path, saved: Path) -> Table | None:
+    """Return a recording's rows, recovered to `saved` if it was cut; None if none is readable."""
     try:
-        return read_recording(path, required=needed)
+        return read_mcap(str(path))
     except RecordingError:
         pass
     try:
         recover(path, saved)
     except RecordingError:
         return None
-    return read_recording(saved, required=needed)
+    return read_mcap(str(saved))
 
 
-def lost_s(trace: Path, at_ns: int, recording: Recording) -> float | None:
+def lost_s(trace: Path, at_ns: int, recording: Table) -> float | None:
     """Return the time from the last row on disk to a moment: 0 if there are later rows.
 
     The emulator's trace tells when it received the commands that the rows bear; None if it received
     none of them.
     """
-    commands = recording["command_V"].astype(np.float32)
+    commands = recording.columns["command_V"].astype(np.float32)
     # A kill of the emulator leaves half a line.
     whole = trace.read_text().rpartition("\n")[0].splitlines()
     received = np.loadtxt(whole, delimiter=",", skiprows=1, usecols=(0, 1), ndmin=2)

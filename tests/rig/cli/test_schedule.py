@@ -1,12 +1,17 @@
 """`rig schedule`: a schedule run in earnest, added to, listed, and gone on with."""
 
 import json
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from rig.configuration.lookup import shipped_config_dir
+from rig.runner.phases import CLEANUP_S
 
 Invoke = Callable[..., Any]
 
@@ -60,3 +65,34 @@ def test_a_schedule_or_campaign_with_mistakes_is_bad_input(
     assert done.code == 2
     assert "entries" in done.err
     assert not (tmp_path / "out").exists()
+
+
+UNIT = shipped_config_dir() / "systemd" / "rig-schedule@.service"
+
+
+def setting_of(name: str) -> str:
+    (line,) = [line for line in UNIT.read_text().splitlines() if line.startswith(f"{name}=")]
+    return line.partition("=")[2]
+
+
+@pytest.mark.skipif(
+    shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed"
+)
+def test_systemd_takes_the_shipped_unit(tmp_path: Path) -> None:
+    # It looks whether the program is there, which it is elsewhere.
+    unit = tmp_path / UNIT.name
+    program = setting_of("ExecStart").split()[0]
+    unit.write_text(UNIT.read_text().replace(program, sys.executable))
+    command = ["systemd-analyze", "verify", str(unit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_the_shipped_unit_runs_what_there_is_and_lets_a_stop_end_in_its_own_time(
+    invoke: Invoke, schedule: Path
+) -> None:
+    words = setting_of("ExecStart").replace("/etc/rig/schedules/%i.yaml", str(schedule)).split()
+    assert invoke(*words[1:], "--until-idle").code == 0
+    assert float(setting_of("TimeoutStopSec")) > CLEANUP_S
+    assert setting_of("KillSignal") == "SIGTERM"
+    assert setting_of("KillMode") == "mixed"  # the schedule alone is asked, and asks its run

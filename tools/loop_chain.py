@@ -1,0 +1,207 @@
+"""The whole chain of a loop, for benchmarks: an emulated rig, the loop on it, and the recorder."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.filters import start_memory
+from rig.configuration.rig import Rig
+from rig.io.registry import DriverSpec
+from rig.io.settings import HomingSettings
+from rig.loop.board import RING_ROWS, Board, Word
+from rig.loop.ladder import Cause, explain, limit_table
+from rig.loop.orders import Close, Open, Segment
+from rig.loop.ring import RingReader
+from rig.loop.tolerances import Tolerances, tolerances
+from rig.loop.wire_layout import Drive, wire_channels
+from rig.plant import Model
+from rig.plant.integrator import TICK
+from rig.recording.mcap_reader import read_mcap
+from rig.supervisor.child import Child
+from rig.supervisor.recorder import Begin, Finish
+
+Array = NDArray[np.float64]
+
+CPU: Final = 1
+PRIORITY: Final = 80
+MODEL: Final = Model()
+CHANNELS: Final = wire_channels(start_memory("product", MODEL).filter.states, open_loop=False)
+TEST: Final = 3
+"""Number of the segment that is recorded."""
+
+_PATIENCE_S: Final = 180.0
+"""How long the loop may take to start: it may have to be compiled."""
+_POLL_S: Final = 0.01
+
+
+class TrippedError(Exception):
+    """The loop tripped; says why."""
+
+
+class Chain:
+    """A loop that follows a sine on an emulated rig and is recorded; a context manager.
+
+    Args:
+        rig: the emulated rig, as configured.
+        seconds: for how long it moves, at most.
+
+    Attributes:
+        board: shared by loop and recorder.
+        recording: file of the recording.
+    """
+
+    def __init__(self, rig: Rig, seconds: float) -> None:
+        self._rig = rig
+        self._ticks = round(seconds / TICK)
+        self._ends = ExitStack()
+        self._begun = 0
+
+    def __enter__(self) -> Self:
+        with self._ends:
+            folder = Path(self._ends.enter_context(tempfile.TemporaryDirectory()))
+            port = self._ends.enter_context(_emulated())
+            self.recording = folder / "bench.mcap"
+            self.board = Board.create(len(CHANNELS))
+            self._loop = Child("loop", "rig.supervisor.loop_process", self.board, folder / "log")
+            self._ends.callback(self._loop.end)
+            self._recorder = Child(
+                "recorder", "rig.supervisor.recorder", self.board, folder / "log"
+            )
+            self._ends.callback(self._recorder.end)
+            self._drive(port)
+            self._ends = self._ends.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._ends.close()
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of the motion so far."""
+        words = self.board.words
+        return int(words[Word.TICK]) if words[Word.SEGMENT] == TEST else 0
+
+    def rows(self, count: int) -> Array:
+        """Return the next rows as they come, (count, columns)."""
+        reader = RingReader(self.board)
+        found: list[Array] = []
+        while sum(map(len, found)) < count:
+            time.sleep(0.2)
+            found.append(reader.take())
+            self.check()
+        if reader.lost:
+            raise TrippedError(f"this benchmark itself was late, by {reader.lost} rows")
+        return np.concatenate(found)[:count]
+
+    def check(self) -> None:
+        """Look whether the loop goes on.
+
+        Raises:
+            TrippedError: it does not.
+        """
+        trip = int(self.board.words[Word.LOOP_TRIP])
+        if trip:
+            raise TrippedError(explain(Cause(trip)).sentence)
+
+    def finish(self) -> int:
+        """Have everything recorded so far, and end; return how many rows the recording lacks."""
+        due = int(self.board.words[Word.ROWS]) - self._begun
+        self._recorder.send(Finish(due))
+        recorded = int(self._recorder.answer(_PATIENCE_S))
+        self._loop.send(Close())
+        self._loop.answer(_PATIENCE_S)
+        table = read_mcap(str(self.recording))
+        lost = [event.text for event in table.events if event.kind == "lost"]
+        # Rows that are in the file twice would hide others that are not.
+        ticks = np.round(table.columns["time_s"] / TICK)
+        holes = int(np.count_nonzero(np.diff(ticks) != 1.0))
+        return max(due - recorded, recorded - len(table), holes, len(lost))
+
+    def _drive(self, port: int) -> None:
+        """Open the device, enable the valve, and begin to move and to record."""
+        rig, board, words, loop = self._rig, self.board, self.board.words, self._loop
+        spec = fast(rig)
+        spec = dataclasses.replace(spec, options=dataclasses.replace(spec.options, port=port))
+        words[Word.SWITCH] = 1
+        first = Segment(1, Drive.NULL, start_memory("product", MODEL), MODEL.parameters)
+        settings = dataclasses.replace(rig.loop, cpu=CPU, priority=PRIORITY)
+        loop.send(Open(spec, settings, limit_table((), TICK), wire_tolerances(rig, spec), first))
+        loop.answer(_PATIENCE_S)
+        armed = dataclasses.replace(
+            first, number=2, valve_enable=True, reset_lamp=True, rearm=True, reset=True
+        )
+        self._switch(armed)
+        column = CHANNELS.index("valve_enabled")
+        self._wait(lambda: board.ring[int(words[Word.ROWS]) - 1, column] == 1.0)
+        here = board.ring[int(words[Word.ROWS]) - 1, CHANNELS.index("position_m")]
+        motion = here + 0.01 * np.sin(2.0 * np.pi * np.arange(self._ticks) * TICK)
+        test = dataclasses.replace(
+            first, number=TEST, drive=Drive.TRACK, setpoint=motion, valve_enable=True
+        )
+        self._recorder.send(Begin(TEST, self.recording, CHANNELS, {}, time.time_ns()))
+        self._recorder.answer(_PATIENCE_S)
+        self._switch(test)
+        self._wait(lambda: self.ticks > 0)
+        # Rows of the segment before are not recorded.
+        end = int(words[Word.ROWS])
+        known = np.arange(max(end - RING_ROWS // 2, 0), end)
+        segments = board.ring[known % RING_ROWS, CHANNELS.index("segment")]
+        self._begun = int(known[np.argmax(segments == TEST)])
+
+    def _switch(self, segment: Segment) -> None:
+        self._loop.send(segment)
+        self._loop.answer(_PATIENCE_S)
+        self.board.words[Word.SWITCH] = segment.number
+
+    def _wait(self, done: Callable[[], bool]) -> None:
+        until = time.monotonic() + _PATIENCE_S
+        while not done():
+            self.check()
+            if time.monotonic() > until:
+                raise RuntimeError("the emulated rig was not enabled in time")
+            time.sleep(_POLL_S)
+
+
+def fast(rig: Rig) -> DriverSpec:
+    """Return the driver that exchanges samples with the loop."""
+    return next(spec for spec in rig.drivers if spec.kind == "fast")
+
+
+def wire_tolerances(rig: Rig, spec: DriverSpec) -> Tolerances:
+    """Return the tolerances of the plausibility checks at 1 kHz."""
+    return tolerances(
+        MODEL.parameters, rig.sensors, frozenset(spec.inputs), TICK, rig.loop.stale_limit,
+        rig.homing or HomingSettings(),
+    )  # fmt: skip
+
+
+@contextmanager
+def _emulated() -> Iterator[int]:
+    """Serve the emulated rig in a process of its own; yield its DAQ's port."""
+    command = [str(Path(sys.executable).with_name("rig")), "emulate", "emulated", "--json"]
+    for driver in ("daq", "bypass"):
+        command += ["--set-port", f"{driver}=0"]
+    emulator = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert emulator.stdout is not None
+    try:
+        yield int(json.loads(emulator.stdout.readline())["ports"]["daq"])
+    finally:
+        emulator.terminate()
+        emulator.wait()
+        emulator.stdout.close()
