@@ -48,6 +48,10 @@ nothing has: ten times what matters."""
 MOST: Final = 0.5
 """Part of that excess that an effect must take away."""
 _TRIED: Final = 5
+_TRIED_AGAIN: Final = 2
+_PROMISED: Final = 2.0
+"""Times the best gain so far that an effect must promise, by the linearisation, to be tried again
+with gains of its own."""
 _TWINS: Final = 2
 _SWAPS: Final = 3
 """Times that alternatives are tried; each but the last may exchange one effect for another."""
@@ -241,6 +245,13 @@ class Search:
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
             if _earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
                 best = (effect, fitted, bar)
+        gained = before.cost - best[1].cost if best is not None else 0.0
+        for candidate in [c for c in hopeful if c.gain > _PROMISED * gained][:_TRIED_AGAIN]:
+            fitted = self._with_own_gains(before, found.variables, candidate)
+            effect = self.plant.effects[candidate.effect]
+            bar = self._bar(candidate, chance, MATERIAL * found.samples)
+            if _earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
+                best = (effect, fitted, bar)
         return best
 
     def _next_held_out(
@@ -295,6 +306,19 @@ class Search:
         values = started(self.plant, present.values, effect, candidate.start)
         kept = self._kept(present.values, variables)
         return self.fitter.fit(values, freed(tuple(variables), effect), 5, 3e-4, kept)
+
+    def _with_own_gains(
+        self, present: Fitted, variables: Sequence[Variable], candidate: Screened
+    ) -> Fitted:
+        """Return the fit with a candidate added, whose gains are its own.
+
+        With those of a model without it, a large effect of a valve's edges hardly gains at all.
+        """
+        fitted = self._with(present, variables, candidate)
+        effect = self.plant.effects[candidate.effect]
+        fitted = self._settled(fitted, freed(tuple(variables), effect))
+        self.fitter.refresh(present.values)
+        return fitted
 
     def _kept(self, values: Values, variables: Sequence[Variable]) -> dict[str, Changes]:
         """Return the changes by variables, by the names of their columns."""

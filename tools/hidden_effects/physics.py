@@ -142,15 +142,19 @@ def slopes(r, clock, reference, y, out):
     tank_2 *= 1.0 - r.port_2_loss
 
     # Chambers.
-    across = r.leak_across
+    across, out_1, out_2 = r.leak_across, r.leak_1, r.leak_2
+    if clock >= r.opens_at:
+        across += r.opening_leak_across
+        out_1 += r.opening_leak_1
+        out_2 += r.opening_leak_2
     if r.worn_leak != 0.0:
         across += r.worn_leak * _bump(position, r.worn_place, r.worn_width)
     leak = across * _root(p1 - p2) if across != 0.0 else 0.0
     lost_1, lost_2 = _relief(r, p1), _relief(r, p2)
-    if r.leak_1 != 0.0:
-        lost_1 += r.leak_1 * _root(p1 - tank)
-    if r.leak_2 != 0.0:
-        lost_2 += r.leak_2 * _root(p2 - tank)
+    if out_1 != 0.0:
+        lost_1 += out_1 * _root(p1 - tank)
+    if out_2 != 0.0:
+        lost_2 += out_2 * _root(p2 - tank)
     volume_1 = r.dead_volume + r.ram_area * position
     volume_2 = r.dead_volume + r.ram_area * (0.6069 - position)
     out[P1] = (supply_1 - tank_1 - leak - lost_1 - r.ram_area * speed) / (

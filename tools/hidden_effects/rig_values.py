@@ -9,7 +9,8 @@ class RigValues(NamedTuple):
 
     The first block is the thesis's table 2.1 with C_d = 0.6 and k_sp in m/V, and the bristle law
     of the corrections to it. The second holds the effects that the workflow's catalogue has, the
-    third those that it has not; both are absent at their defaults.
+    third those that it has not, the last leaks that open while a recording is made; all are absent
+    at their defaults.
     """
 
     # The rig.
@@ -105,6 +106,14 @@ class RigValues(NamedTuple):
     """s up to which each command is late, at random."""
     valve_heat: float = 0.0
     """1/s: share by which each volt moves the spool less, each second."""
+
+    # Leaks that open within a recording.
+    opens_at: float = 1e9
+    """s since the recording began."""
+    opening_leak_1: float = 0.0
+    """m^3/(s sqrt Pa), out of chamber 1."""
+    opening_leak_2: float = 0.0
+    opening_leak_across: float = 0.0
 
 
 TABLE = RigValues()

@@ -1,14 +1,18 @@
 """What a search names on rigs that are the model but for what is hidden in them."""
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from estimator.gap.records import record_of
 from estimator.gap.search import Found, Search
 from estimator.gap.servo_effects import EFFECTS, NOT_TOLD_APART
 from rig.plant import CATALOGUE
 from tests.estimator.gap.courses import fitter, recorded, rig
+from tools.worked_gap_example.trials import CASES, hiding, recording_of
+from tools.worked_gap_example.trials import recorded as steps_of_hidden_rig
 
 RIVALS = (
     "spool_null_bias", "valve_flow_asymmetry", "command_delay", "internal_leakage",
@@ -49,6 +53,18 @@ def test_two_effects_at_once_are_both_named() -> None:
     found = search(("internal_leakage", "command_delay", "spool_null_bias"), hidden)
     assert sorted(named(found)) == ["command_delay", "internal_leakage"]
     assert found.fitted.values["internal_leakage"] == pytest.approx(5e-9, rel=0.05)
+
+
+def test_a_large_effect_is_named_that_gains_only_with_gains_of_its_own() -> None:
+    # Rests between long steps: to a filter that shuts the valve there, open edges explain nothing.
+    made = steps_of_hidden_rig(hiding(CASES[0], 1), "steps", [1, 2, 1], 30.0)
+    recording = recording_of(replace(made, table=made.table[:9000]))
+    plant = rig([CASES[0].effect])
+    with fitter(plant, record_of(recording, plant)) as of_record:
+        found = Search(of_record).run()
+    assert named(found) == [CASES[0].effect]
+    assert found.fitted.values[CASES[0].effect] == pytest.approx(CASES[0].value, rel=0.02)
+    assert found.fitted.cost < 0.2 * found.refitted.cost
 
 
 def test_a_nuisance_within_its_tolerance_is_refitted_and_never_named() -> None:

@@ -156,3 +156,16 @@ def test_a_restart_goes_on_as_the_run_did() -> None:
         whole[120].copy(), physics.STEPS,
     )  # fmt: skip
     assert again[120:] == pytest.approx(whole[120:], rel=1e-9, abs=1e-12)
+
+
+def test_a_leak_that_opens_changes_nothing_before_and_is_one_that_was_there_after() -> None:
+    wave = 2.0 * np.sin(0.012 * np.arange(200))
+    opens = 100
+    tight, _ = ran(TABLE, wave)
+    opening = TABLE._replace(opens_at=1e-3 * opens + 1e-9, opening_leak_1=4e-9)
+    leaking, truth = ran(opening, wave)
+    assert np.array_equal(tight[: opens + 1, :4], leaking[: opens + 1, :4])
+    assert np.abs(tight[-50:, 2] - leaking[-50:, 2]).min() > 1e4
+    always, _ = ran(TABLE._replace(leak_1=4e-9), wave[opens:], truth[opens])
+    # The spool's reference is where it was; the rest is the same rig.
+    assert np.abs(always[:, 2] - leaking[opens:, 2]).max() < 500.0

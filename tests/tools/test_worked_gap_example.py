@@ -1,0 +1,61 @@
+"""The worked example judges the same recordings with two models, and counts honestly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rig.plant import Model
+from tools.worked_gap_example.tables import by_case, by_size, interval, right, wrong
+from tools.worked_gap_example.trials import (
+    CASES,
+    ONSET_S,
+    Heard,
+    Trial,
+    heard,
+    hiding,
+    leaking,
+    recorded,
+    recording_of,
+    true_flow,
+)
+
+QUIET = Heard("healthy", None, None, None, None, None)
+NAMED = Heard("external_leakage_1", ONSET_S + 2.0, ONSET_S + 2.0, 0.1, 0.09, 0.11)
+EARLY = replace(NAMED, alarm_s=ONSET_S - 4.0)
+OTHER = replace(NAMED, verdict="internal_leakage")
+LEAK = Trial("external_leakage_1", 0.1, QUIET, NAMED)
+
+
+def test_a_leak_is_named_right_only_by_its_name_and_not_before_it_opened() -> None:
+    assert right(LEAK, NAMED)
+    assert not any(right(LEAK, other) for other in (QUIET, EARLY, OTHER))
+    assert [wrong(LEAK, each) for each in (QUIET, NAMED, EARLY, OTHER)] == [
+        False, False, True, True,
+    ]  # fmt: skip
+    assert wrong(Trial(None, 0.0, QUIET, QUIET), OTHER)
+
+
+def test_tables_hold_counts_with_exact_intervals() -> None:
+    assert interval(0, 30) == pytest.approx((0.0, 0.1157), abs=1e-4)
+    assert interval(30, 30) == pytest.approx((0.8843, 1.0), abs=1e-4)
+    trials = [Trial(None, 0.0, OTHER, QUIET)] + [
+        replace(LEAK, flow=flow) for flow in (0.04, 0.07, 0.15, 0.25)
+    ]
+    table = by_size(trials)
+    assert "| healthy | 1 of 1 (2 to 100 %) | 0 of 1 (0 to 98 %) |" in table
+    assert "| all leaks | 0 of 4 (0 to 60 %) | 0 of 4 (0 to 60 %) | 0 of 4" in table
+    assert "| revised model | 2.0 s |" in table
+    assert "valve underlap leakage, 8.00 um" in by_case({CASES[0]: trials})
+
+
+def test_a_recording_of_the_hidden_rig_is_judged_by_the_detector() -> None:
+    rig = hiding(CASES[0], 1)
+    leaks = leaking(rig, "external_leakage_1", 0.2)
+    made = recorded(leaks, "multisine", [1], ONSET_S + 4.0)
+    assert true_flow(leaks, "external_leakage_1", made) == pytest.approx(0.2, rel=0.15)
+    same = recorded(rig, "multisine", [1], ONSET_S + 4.0)
+    before = made.table[:, 0] < ONSET_S
+    assert np.array_equal(made.table[before], same.table[before])
+    model = Model().with_effect(CASES[0].effect, value=CASES[0].value)
+    assert heard(recording_of(made), model).verdict == "external_leakage_1"

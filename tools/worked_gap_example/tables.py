@@ -1,0 +1,119 @@
+"""Tables of the worked example in docs/gap.md: what two models were worth to the detector."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from scipy.stats import beta
+
+from rig.plant import CATALOGUE
+from rig.report.gap_words import in_words, with_unit
+from tools.marked_tables import markdown
+
+from .trials import ONSET_S, Case, Heard, Trial
+
+MODELS: Final = ("nominal", "revised")
+EDGES: Final = (0.0, 0.05, 0.1, 0.2, np.inf)
+"""L/min: leaks of about one size."""
+
+
+def interval(count: int, of: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share, by Clopper and Pearson (1934)."""
+    low = float(beta.ppf(0.025, count, of - count + 1)) if count > 0 else 0.0
+    high = float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
+    return low, high
+
+
+def counted(flags: Iterable[bool]) -> str:
+    """Return how many of how many, with the 95 % interval of the share in per cent."""
+    found = list(flags)
+    if not found:
+        return "–"
+    low, high = interval(sum(found), len(found))
+    return f"{sum(found)} of {len(found)} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
+
+
+def judged(trials: Iterable[Trial], model: str) -> list[tuple[Trial, Heard]]:
+    """Return trials with what the detector made of them with one of `MODELS`."""
+    return [(trial, getattr(trial, model)) for trial in trials]
+
+
+def right(trial: Trial, heard: Heard) -> bool:
+    """Tell whether a leak was named right, and nothing was alarmed before it opened."""
+    early = heard.alarm_s is not None and heard.alarm_s < ONSET_S
+    return heard.verdict == trial.leak and not early
+
+
+def wrong(trial: Trial, heard: Heard) -> bool:
+    """Tell whether an alarm was false: in health, before the onset, or by another name."""
+    return heard.alarm_s is not None and not right(trial, heard)
+
+
+def by_size(trials: Sequence[Trial]) -> str:
+    """Return a table of one case: what became of healthy rigs and of leaks, by size."""
+    head = ["recordings", *(f"{what}, {model}" for what in ("alarm, wrong", "named right")
+                            for model in MODELS)]  # fmt: skip
+    rows = [_row("healthy", [trial for trial in trials if trial.leak is None])]
+    leaks = [trial for trial in trials if trial.leak is not None]
+    for low, high in pairwise(EDGES):
+        which = [trial for trial in leaks if low <= trial.flow < high]
+        name = f"{low:g} L/min and more" if np.isinf(high) else f"{low:g} to {high:g} L/min"
+        rows.append(_row(name, which))
+    rows.append(_row("all leaks", leaks))
+    table = markdown(head, rows)
+    return f"{table}\n\n{_quality(leaks)}"
+
+
+def _row(name: str, trials: Sequence[Trial]) -> list[str]:
+    wrongs = [counted(wrong(*each) for each in judged(trials, model)) for model in MODELS]
+    rights = [
+        counted(right(*each) for each in judged(trials, model)) if trials[0].leak else ""
+        for model in MODELS
+    ]
+    return [name, *wrongs, *rights]
+
+
+def _quality(leaks: Sequence[Trial]) -> str:
+    """Return a table of how soon, how exact and how honest leaks named right were sized."""
+    rows = []
+    for model in MODELS:
+        named = [(trial, heard) for trial, heard in judged(leaks, model) if right(trial, heard)]
+        rows.append([f"{model} model", *_figures(named)])
+    return markdown(["named right", "latency, median", "rms error", "true flow in 95 % interval"],
+                    rows)  # fmt: skip
+
+
+def _figures(named: Sequence[tuple[Trial, Heard]]) -> list[str]:
+    if not named:
+        return ["–"] * 3
+    latency = np.median([(heard.named_s or np.nan) - ONSET_S for _, heard in named])
+    errors = [(heard.flow or np.nan) - trial.flow for trial, heard in named]
+    covered = [
+        heard.low is not None and heard.high is not None and heard.low <= trial.flow <= heard.high
+        for trial, heard in named
+    ]
+    return [
+        f"{latency:.1f} s",
+        f"{1e3 * float(np.sqrt(np.mean(np.square(errors)))):.1f}e-3 L/min",
+        f"{sum(covered)} of {len(covered)}",
+    ]
+
+
+def by_case(found: Mapping[Case, Sequence[Trial]]) -> str:
+    """Return a table with a row for each hidden effect."""
+    head = ["hidden", "revised model", "wrong alarms, nominal", "revised",
+            "leaks named right, nominal", "revised"]  # fmt: skip
+    rows = []
+    for case, trials in found.items():
+        leaks = [trial for trial in trials if trial.leak is not None]
+        cells = [
+            counted(judge(*each) for each in judged(which, model))
+            for judge, which in ((wrong, trials), (right, leaks))
+            for model in MODELS
+        ]
+        unit = CATALOGUE[case.effect].parameters[0].unit
+        size = with_unit(case.value, unit)
+        named = f"{in_words(case.effect)}, {size}"
+        rows.append([named, "of `rig gap`" if case.found else "the effect's own", *cells])
+    return markdown(head, rows)

@@ -1,0 +1,236 @@
+"""The worked example's rigs, recordings, and what the detector made of them with two models."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from math import exp, log
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from rich.progress import track
+
+from estimator.flow_account import reference_drop
+from estimator.replay import replay
+from rig.configuration.model import load_model
+from rig.plant import NOMINAL, Model
+from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.recording import Recording
+from tools.hidden_effects.menu import with_effects
+from tools.hidden_effects.motions import drawn
+from tools.hidden_effects.physics import P1, P2, TANK, TICK
+from tools.hidden_effects.recordings import COLUMNS, Recorded, record, write
+from tools.hidden_effects.rig_values import TABLE, RigValues
+from tools.hidden_effects.sizes import NUISANCES
+from tools.hidden_effects.workflow import rig_gap
+
+SECONDS: Final = 30.0
+ONSET_S: Final = 12.0
+SIZES: Final = (0.03, 0.3)
+"""L/min at the reference drop, drawn by their logarithm."""
+SETTLED_AFTER_S: Final = 2.0
+"""From the onset; a leak's true flow is the mean from then on, as the detector's is."""
+OPENING: Final = {
+    "external_leakage_1": "opening_leak_1",
+    "external_leakage_2": "opening_leak_2",
+    "internal_leakage": "opening_leak_across",
+}
+MOTIONS: Final = ("multisine", "steps", "sines", "pseudorandom", "ramps", "sweep")
+_SILENT: Final = ("healthy", "inconclusive")
+_SHARE_OF_TOLERANCE: Final = 0.8
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hidden effect and how much is tried on its rig.
+
+    Attributes:
+        effect, value: hidden, in SI.
+        found: whether `rig gap` finds the revised model; otherwise it is the effect's own.
+        healthy, leaks: recordings that are judged.
+    """
+
+    effect: str
+    value: float
+    found: bool = True
+    healthy: int = 30
+    leaks: int = 60
+
+
+CASES: Final = (
+    Case("valve_underlap_leakage", 8e-6),
+    Case("valve_deadband", 1e-5),
+    Case("internal_leakage", 4e-9),
+)
+PLAIN: Final = tuple(
+    Case(effect, value, False, 8, 12)
+    for effect, value in (
+        ("pressure_1_gain", 0.85),
+        ("valve_flow_asymmetry", 0.25),
+        ("return_back_pressure", 1.5e13),
+        ("supply_droop", 1.5e13),
+        ("entrained_air", 0.05),
+        ("position_gain", 1.08),
+        ("pressure_lag", 0.03),
+        ("spool_null_bias", 4e-5),
+    )
+)
+"""Effects that the detector is expected to bear, at the far end of what is plausible."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What the detector made of a recording with one model.
+
+    Attributes:
+        verdict: the last one.
+        alarm_s: when it first held any alarm; None if never.
+        named_s: when it first held the last verdict; None if that is no alarm.
+        flow, low, high: of the leak, L/min, with the 95 % interval; None if it sized none.
+    """
+
+    verdict: str
+    alarm_s: float | None
+    named_s: float | None
+    flow: float | None
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A recording and both judgements of it.
+
+    Attributes:
+        leak: that opened at `ONSET_S`; None for a healthy rig.
+        flow: its true mean flow, L/min.
+        nominal, revised: by the model.
+    """
+
+    leak: str | None
+    flow: float
+    nominal: Heard
+    revised: Heard
+
+
+def hiding(case: Case, seed: int) -> RigValues:
+    """Return a rig with the case's effect, and nuisances drawn within healthy rigs' tolerances."""
+    rng = np.random.default_rng([seed, 1])
+    nuisances = {
+        name: nominal * (1.0 + _SHARE_OF_TOLERANCE * tolerance * float(rng.uniform(-1.0, 1.0)))
+        for name, (nominal, tolerance) in NUISANCES.items()
+    }
+    return with_effects(TABLE._replace(**nuisances), {case.effect: {"value": case.value}})
+
+
+def recorded(rig: RigValues, motion: str, seed: Sequence[int], seconds: float) -> Recorded:
+    """Record a motion of a kind, drawn from a seed."""
+    rng = np.random.default_rng(seed)
+    return record(rig, drawn(motion, rng, round(seconds / TICK)), rng)
+
+
+def revised_model(case: Case, rig: RigValues, folder: Path, seed: int) -> Model:
+    """Return the model that `rig gap` writes of a rig; one that is there already is read.
+
+    Raises:
+        WorkflowFailedError: it did not end in a result.
+    """
+    if not case.found:
+        return Model().with_effect(case.effect, value=case.value)
+    written = folder / "found" / "model.yaml"
+    if not written.is_file():
+        files = []
+        motions = {"identify_1": "multisine", "identify_2": "steps", "holdout": "sines"}
+        for place, (name, motion) in enumerate(motions.items()):
+            files.append(folder / f"{name}.csv.gz")
+            write(recorded(rig, motion, [seed, 2, place], SECONDS).table, files[-1])
+        answer = rig_gap(files[:2], files[2], folder / "found")
+        (folder / "answer.json").write_text(json.dumps(answer, indent=1) + "\n", encoding="utf-8")
+    return load_model(str(written))
+
+
+def leaking(rig: RigValues, leak: str, flow: float) -> RigValues:
+    """Return a rig in which a leak of so many L/min at its reference drop opens at `ONSET_S`."""
+    coefficient = flow * LITRE_PER_MINUTE / reference_drop(NOMINAL, leak) ** 0.5
+    return rig._replace(opens_at=ONSET_S, **{OPENING[leak]: coefficient})
+
+
+def runs(case: Case, rig: RigValues, seed: int) -> Iterator[tuple[str | None, float, Recorded]]:
+    """Yield the case's recordings: the leak, its true flow in L/min, and the recording."""
+    for number in range(case.healthy + case.leaks):
+        motion = MOTIONS[number % len(MOTIONS)]
+        draws = [seed, 3, number]
+        if number < case.healthy:
+            yield None, 0.0, recorded(rig, motion, draws, SECONDS)
+            continue
+        leak = tuple(OPENING)[number // len(MOTIONS) % len(OPENING)]
+        low, high = map(log, SIZES)
+        size = exp(np.random.default_rng([*draws, 1]).uniform(low, high))
+        values = leaking(rig, leak, size)
+        found = recorded(values, motion, draws, SECONDS)
+        yield leak, true_flow(values, leak, found), found
+
+
+def true_flow(rig: RigValues, leak: str, made: Recorded) -> float:
+    """Return the mean flow of a leak in L/min once it has settled."""
+    states = made.truth[round((ONSET_S + SETTLED_AFTER_S) / TICK) :]
+    ends = {
+        "external_leakage_1": states[:, P1] - states[:, TANK],
+        "external_leakage_2": states[:, P2] - states[:, TANK],
+        "internal_leakage": states[:, P1] - states[:, P2],
+    }
+    coefficient = getattr(rig, OPENING[leak])
+    return float(np.mean(coefficient * np.sqrt(np.abs(ends[leak])))) / LITRE_PER_MINUTE
+
+
+def recording_of(made: Recorded) -> Recording:
+    """Return a recording as the product reads it."""
+    return Recording(
+        {name: np.ascontiguousarray(made.table[:, i]) for i, name in enumerate(COLUMNS)}
+    )
+
+
+def heard(recording: Recording, model: Model) -> Heard:
+    """Have the detector judge a recording with a model."""
+    result = replay(recording, model)
+    alarms = [time_s for time_s, held in result.history if held.verdict not in _SILENT]
+    final = result.decision
+    sized = final.interval_m3_per_s
+    low, high = (None, None) if sized is None else (s / LITRE_PER_MINUTE for s in sized)
+    flow = final.leak_m3_per_s
+    return Heard(
+        final.verdict,
+        alarms[0] if alarms else None,
+        result.detected_at_s,
+        None if flow is None else flow / LITRE_PER_MINUTE,
+        low,
+        high,
+    )
+
+
+def tried(case: Case, out: Path, seed: int) -> list[Trial]:
+    """Return a case's trials; those kept in the folder from before are read."""
+    folder = out / case.effect
+    folder.mkdir(parents=True, exist_ok=True)
+    rig = hiding(case, seed)
+    model = revised_model(case, rig, folder, seed)
+    kept = folder / "trials.json"
+    if kept.is_file():
+        return [_trial(fields) for fields in json.loads(kept.read_text(encoding="utf-8"))]
+    found = []
+    count = case.healthy + case.leaks
+    for leak, flow, made in track(runs(case, rig, seed), case.effect, count, transient=True):
+        recording = recording_of(made)
+        found.append(Trial(leak, flow, heard(recording, Model()), heard(recording, model)))
+    kept.write_text(json.dumps([asdict(trial) for trial in found]) + "\n", encoding="utf-8")
+    return found
+
+
+def _trial(fields: dict[str, object]) -> Trial:
+    nominal, revised = fields["nominal"], fields["revised"]
+    assert isinstance(nominal, dict)
+    assert isinstance(revised, dict)
+    leak, flow = fields["leak"], fields["flow"]
+    assert leak is None or isinstance(leak, str)
+    assert isinstance(flow, float)
+    return Trial(leak, flow, Heard(**nominal), Heard(**revised))
