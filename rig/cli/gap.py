@@ -1,41 +1,11 @@
 """`rig gap`: finds where a model and recordings disagree, and what the model lacks."""
 
-import json
-import sys
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import click
 
-from estimator.gap.plant import Plant
-from estimator.gap.results import GapResult
-from estimator.gap.workflow import find_gap
-from rig.configuration.model import load_model
-from rig.configuration.plant_file import PlantModel
-from rig.configuration.plant_loading import load_plant
-from rig.configuration.rig import load_rig
-from rig.recording import Recording, read_recording
-from rig.recording.targets import replacing
-from rig.report.gap_page import gap_page
-from rig.runner.gap import answer, gap_figures, provenance_of, rig_plant
-from rig.runner.gap_closing import CHANNELS, ROUNDS
-from rig.runner.gap_plan import room_of
-from rig.runner.pacing import Pace
-from rig.runner.recorded import sensors_of
-
-from .application import EXIT_STOPPED
-from .gap_live import close_on_rig, experiment_file, show_motions
-from .gap_table import gap_lines, gap_table
-from .problems import Problems
-from .screen import Screen
-
 HOLDOUT: Final = "--holdout"
-MODEL_FILE: Final = "model.yaml"
-REPORT_FILE: Final = "report.html"
-FIGURES_FILE: Final = "gap.json"
-EXPERIMENT_FILE: Final = "experiment.yaml"
 
 
 class ManyHeldOut(click.Command):
@@ -75,9 +45,7 @@ class ManyHeldOut(click.Command):
 @click.option(
     "--rounds",
     type=click.IntRange(1, 20),
-    default=ROUNDS,
-    show_default=True,
-    help="Of --live: at most.",
+    help="Of --live: at most; 4 if not given.",
 )
 @click.option("--dry-run", is_flag=True, help="Of --live: tell the motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="The model to be tested.")
@@ -99,8 +67,8 @@ def command(
     holdout: tuple[str, ...],
     live: bool,
     rig_reference: str | None,
-    pace: Pace | None,
-    rounds: int,
+    pace: Literal["real", "fast"] | None,
+    rounds: int | None,
     dry_run: bool,
     model: str,
     outside: str | None,
@@ -123,142 +91,12 @@ def command(
     2 if any input is bad: then every problem is on stderr, and nothing is written; with --live 3
     if the rig tripped or was stopped.
     """
-    problems = Problems()
-    own: PlantModel | None = None
-    with problems.collected():
-        if outside is None:
-            tested = load_model(model)
-        else:
-            own = load_plant(outside, model)
-    if outside is not None and own is None:
-        # Which channels a recording must have, the plant would have told.
-        return problems.report()
-    if live:
-        if recordings or holdout or outside or rig_reference is None:
-            limit = "makes its own recordings, on a hydraulic rig"
-            problems.add(f"--live: {limit}; give --rig, no recordings and no --plant")
-        else:
-            with problems.collected():
-                rig = load_rig(rig_reference)
-        if dry_run and not problems.found:
-            return show_motions(rig, tested)
-    else:
-        if not recordings or not holdout:
-            problems.add("give recordings to fit to, and some to judge with after --holdout")
-        if rig_reference or pace or dry_run:
-            problems.add("--rig, --pace, --dry-run: are of motions on a rig; give --live")
-    if out is None or (out.exists() and not out.is_dir()):
-        what = (
-            "name a folder for what is found" if out is None else f"{out} is a file; name a folder"
+    # What finds it takes seconds to load: not for --help, nor for a wrong option.
+    from .gap_finding import Asked, found_by
+
+    return found_by(
+        Asked(
+            recordings, holdout, live, rig_reference, pace, rounds, dry_run, model, outside, out,
+            as_json,
         )
-        problems.add(f"--out: {what}")
-    read = own.read if own is not None else _read_of_rig
-    fitted, judged = _read(recordings, read, problems), _read(holdout, read, problems)
-    _refuse_repeated(fitted, judged, problems)
-    if problems.found or out is None:
-        return problems.report()
-    if live:
-        found = close_on_rig(rig, tested, pace, rounds, out, as_json=as_json)
-        if isinstance(found, int):
-            return found
-        plant, name, result = rig_plant(tested, rig.sensors, room_of(rig)), tested.name, found
-    else:
-        if own is not None:
-            plant, name = own.plant, own.name
-        else:
-            plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
-        result = find_gap(fitted, judged, plant)
-    told = ("rig", *sys.argv[1:])
-    _write(result, plant, name, told, out, (rig_reference or "simulated", model))
-    if as_json:
-        click.echo(json.dumps(answer(result), allow_nan=False))
-        return _code(result)
-    screen = Screen()
-    for line in gap_lines(result):
-        screen.print(line)
-    screen.print(gap_table(result, plain=not screen.is_terminal))
-    screen.print(f"report: {out / REPORT_FILE}")
-    screen.print(f"model: {out / MODEL_FILE}")
-    if (out / EXPERIMENT_FILE).is_file():
-        screen.print(f"experiment: {out / EXPERIMENT_FILE}")
-    return _code(result)
-
-
-def _code(result: GapResult) -> int:
-    """Return the exit code of a finding; on a rig that tripped it is written, and told."""
-    if not result.ended_by:
-        return 0
-    click.echo(f"rig: {result.ended_by}", err=True)
-    return EXIT_STOPPED
-
-
-def _read_of_rig(name: str) -> Recording:
-    return read_recording(name, required=CHANNELS)
-
-
-def _read(
-    names: Sequence[str], read: Callable[[str], Recording], problems: Problems
-) -> list[Recording]:
-    """Return the recordings that can be read; what is wrong with others goes to the problems."""
-    found = []
-    for name in names:
-        with problems.collected():
-            found.append(read(name))
-    return found
-
-
-def _refuse_repeated(
-    fitted: Sequence[Recording], judged: Sequence[Recording], problems: Problems
-) -> None:
-    """Take note of recordings with the same content: evidence must not be counted twice."""
-    seen: dict[str, tuple[str, bool]] = {}
-    for recording, held in [*((r, False) for r in fitted), *((r, True) for r in judged)]:
-        content = recording.content_hash()
-        if content not in seen:
-            seen[content] = (recording.source, held)
-            continue
-        first, first_held = seen[content]
-        if held != first_held:
-            problems.add(
-                f"--holdout: {recording.source} holds the same samples as {first}, which is fitted "
-                "to; hold out a recording of its own"
-            )
-        else:
-            problems.add(f"{recording.source}: holds the same samples as {first}; give it once")
-
-
-def _write(
-    result: GapResult,
-    plant: Plant,
-    model: str,
-    told: tuple[str, ...],
-    out: Path,
-    references: tuple[str, str],
-) -> None:
-    """Write model, report, figures and experiment: all of them, or, if one fails, none.
-
-    Args:
-        result: of the workflow.
-        plant: that was looked at.
-        model: name of the model that was tested.
-        told: the command line.
-        out: folder; made if missing.
-        references: rig and model of the experiment's campaign.
-    """
-    page = gap_page(result, plant, model, told)
-    figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
-    campaign = next((each.campaign for each in result.experiments if each.campaign), None)
-    out.mkdir(parents=True, exist_ok=True)
-    if campaign is None:
-        (out / EXPERIMENT_FILE).unlink(missing_ok=True)
-    with ExitStack() as stack:
-        written, drawn, told_of = (
-            stack.enter_context(replacing(out / name))
-            for name in (MODEL_FILE, REPORT_FILE, FIGURES_FILE)
-        )
-        plant.write(result.values, result.names, provenance_of(result, told), written)
-        drawn.write_text(page, encoding="utf-8")
-        told_of.write_text(figures + "\n", encoding="utf-8")
-        if campaign is not None:
-            to_run = stack.enter_context(replacing(out / EXPERIMENT_FILE))
-            to_run.write_text(experiment_file(campaign, *references), encoding="utf-8")
+    )  # fmt: skip

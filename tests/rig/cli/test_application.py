@@ -10,22 +10,37 @@ import pytest
 import rig.cli.application
 from rig import __version__
 from rig.cli.application import COMMANDS
+from rig.runner.gap_closing import ROUNDS
 
 Invoke = Callable[..., Any]
 
 
-def test_help_lists_every_command_and_loads_none_of_what_they_need() -> None:
+def helped(*command: str) -> tuple[str, set[str]]:
+    """Return what a command's help says in a process of its own, and the modules that it loads."""
     program = (
-        "import sys; sys.argv[1:] = ['--help']\n"
+        f"import sys; sys.argv[1:] = {[*command, '--help']}\n"
         "from rig.cli import main\n"
         "try: main()\n"
         "finally: print('LOADED', *sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    listed, _, loaded = done.stdout.partition("LOADED")
+    said, _, loaded = done.stdout.partition("LOADED")
+    return said, set(loaded.split())
+
+
+HEAVY = {"numpy", "numba", "pyarrow", "pint", "plotly", "pydantic", "rich", "yaml"}
+
+
+def test_help_lists_every_command_and_loads_none_of_what_they_need() -> None:
+    listed, loaded = helped()
     assert all(f"  {name} " in listed for name in COMMANDS)
-    heavy = {"numpy", "numba", "pyarrow", "pint", "plotly", "pydantic", "rich", "yaml"}
-    assert heavy.isdisjoint(loaded.split())
+    assert HEAVY.isdisjoint(loaded)
+
+
+def test_the_help_of_the_gap_workflow_compiles_nothing() -> None:
+    said, loaded = helped("gap")
+    assert f"at most; {ROUNDS} if not given" in said
+    assert HEAVY.isdisjoint(loaded)
 
 
 def test_the_version_is_the_package_s(invoke: Invoke) -> None:

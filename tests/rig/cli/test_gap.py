@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimator.gap.results import ChannelGap, Curve, Estimate, GapResult, NamedEffect, Rival
-from rig.cli import gap
+from rig.cli import gap_finding
 from rig.configuration.model import load_model
 from rig.plant import NOMINAL, Parameters
 from rig.plant.integrator import TICK
@@ -69,7 +69,7 @@ def found() -> GapResult:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the search give its answer at once."""
-    monkeypatch.setattr(gap, "find_gap", lambda *_: found())
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: found())
 
 
 def test_what_a_rig_hides_is_named_and_written_into_a_model(invoke: Invoke, files: Path) -> None:
@@ -171,7 +171,7 @@ def test_several_recordings_are_held_out_by_one_option(
         given.extend((len(fitted), len(held)))
         return found()
 
-    monkeypatch.setattr(gap, "find_gap", noted)
+    monkeypatch.setattr(gap_finding, "find_gap", noted)
     invoke("gap", "fit.csv", "--holdout", "held.csv", "held_2.csv", "--out", "out")
     assert given == [1, 2]
 
