@@ -1,19 +1,24 @@
 """The gap on recordings that nothing was fitted to: prediction error above the noise floor."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
+from .bands import band_powers, edges
 from .linear import SETTLING_S
 from .plant import Array
 from .predictor import Predictor
 from .records import Record
-from .results import ChannelGap
+from .results import Band, ChannelGap
 from .variables import Values
 
 
-def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array]:
-    """Return mean squares of predictions over the horizon, SI, and the innovations' whiteness."""
+def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array, Array]:
+    """Return mean squares of predictions over the horizon, SI; of innovations whiteness and power.
+
+    The power is that of each frequency band, (bands, outputs).
+    """
     settled = slice(round(SETTLING_S / predictor.plant.period), None)
     predictor.filter(record, values)
     innovations, states = predictor.innovations(record, values)
@@ -21,7 +26,8 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
     e = innovations[settled]
     products = (e[1:] * e[:-1]).sum(0)
     with np.errstate(all="ignore"):
-        return np.nanmean(errors**2, axis=0), products / (e**2).sum(0)
+        square, whiteness = np.nanmean(errors**2, axis=0), products / (e**2).sum(0)
+    return square, whiteness, band_powers(e, predictor.plant.period)
 
 
 def channel_gaps(
@@ -40,11 +46,12 @@ def channel_gaps(
             parts.append(_errors(predictor, used, values))
         weights = np.array([len(record) for record in records], dtype=np.float64)
         mean[name] = tuple(
-            np.average([part[k] for part in parts], axis=0, weights=weights) for k in (0, 1)
+            np.average([part[k] for part in parts], axis=0, weights=weights) for k in range(3)
         )
-    gaps = []
+    ends = edges(predictor.plant.period)
+    gaps: list[ChannelGap] = []
     for k, output in enumerate(outputs):
-        square = {name: float(mean[name][0][k]) for name in mean}
+        square, white = ({name: float(mean[name][i][k]) for name in mean} for i in (0, 1))
         gaps.append(
             ChannelGap(
                 output.channel,
@@ -53,7 +60,11 @@ def channel_gaps(
                 max(square["before"] - square["floor"], 0.0) ** 0.5,
                 max(square["after"] - square["floor"], 0.0) ** 0.5,
                 output.unit, output.shown or (output.unit, 1.0),
-                *(float(mean[name][1][k]) for name in ("before", "after", "floor")),
+                white["before"], white["after"], white["floor"],
+                tuple(
+                    Band(low, high, *(float(mean[name][2][band, k]) for name in mean))
+                    for band, (low, high) in enumerate(pairwise(ends))
+                ),
             )
         )  # fmt: skip
     return gaps

@@ -114,6 +114,24 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Band:
+    """Mean square of a channel's innovations between two frequencies, in predicted variances.
+
+    Attributes:
+        low, high: Hz.
+        before: of the model as given.
+        after: of the model as written.
+        floor: of a rig that is exactly that model, on the same course.
+    """
+
+    low: float
+    high: float
+    before: float
+    after: float
+    floor: float
+
+
+@dataclass(frozen=True)
 class ChannelGap:
     """Prediction error of a channel over the horizon, held out.
 
@@ -128,6 +146,7 @@ class ChannelGap:
         whiteness_before: autocorrelation of the innovations at one sample.
         whiteness_after: likewise.
         whiteness_floor: likewise, of the twin.
+        bands: power of the innovations by frequency.
     """
 
     channel: str
@@ -141,6 +160,7 @@ class ChannelGap:
     whiteness_before: float
     whiteness_after: float
     whiteness_floor: float
+    bands: tuple[Band, ...] = ()
 
 
 @dataclass(frozen=True)

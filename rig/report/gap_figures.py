@@ -8,7 +8,7 @@ import numpy as np
 from estimator.gap.plant import Array
 from estimator.gap.results import ChannelGap, Curve, FreeRun, GapResult
 
-from .gap_words import channel, unit_for
+from .gap_words import band, channel, unit_for
 
 MOST_CURVES: Final = 4
 _NORMAL_95: Final = 1.96
@@ -36,6 +36,8 @@ def figures_of(result: GapResult) -> dict[str, Any]:
     }
     if result.channels:
         drawn["gap"] = _bars(result.channels)
+    if result.channels and result.channels[0].bands:
+        drawn["bands"] = _band_bars(result.channels)
     for number, run in enumerate(result.free_runs):
         drawn[f"run_{number}"] = _run(run)
     return drawn
@@ -97,6 +99,31 @@ def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
         ],
         "across": "",
         "up": "above the floor, noise variances",
+    }
+
+
+def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
+    """Return the mean over channels of the one-step errors above the floor, by frequency."""
+    bands = channels[0].bands
+    floor = np.array([[each.floor for each in gap.bands] for gap in channels])
+    before = np.array([[each.before for each in gap.bands] for gap in channels]) - floor
+    after = np.array([[each.after for each in gap.bands] for gap in channels]) - floor
+    return {
+        "traces": [
+            {
+                "type": "bar",
+                "name": name,
+                "x": [band(each) for each in bands],
+                "y": _numbers(np.maximum(excess, 0.0).mean(axis=0)),
+                "meta": {"role": role},
+            }
+            for name, excess, role in (
+                ("model as given", before, "bad"),
+                ("model as written", after, "found"),
+            )
+        ],
+        "across": "",
+        "up": "above the floor, predicted variances",
     }
 
 

@@ -4,7 +4,16 @@ from collections.abc import Iterator, Sequence
 from math import ceil, floor, isfinite, log10
 from typing import Final
 
-from estimator.gap.results import Curve, DetectionLimit, Estimate, GapResult, NamedEffect, Round
+from estimator.gap.results import (
+    Band,
+    ChannelGap,
+    Curve,
+    DetectionLimit,
+    Estimate,
+    GapResult,
+    NamedEffect,
+    Round,
+)
 
 VERDICT_WORDS: Final = {
     "adequate": "The model is adequate",
@@ -172,6 +181,18 @@ def share(part: float) -> str:
 def channel(name: str) -> str:
     """Return a channel's name without its unit."""
     return in_words(name.rsplit("_", 1)[0]) if "_" in name else name
+
+
+def band(of: Band) -> str:
+    """Return a frequency band in words."""
+    return f"{of.low:g} to {of.high:g} Hz"
+
+
+def band_shares(gap: ChannelGap) -> list[str]:
+    """Return the part of a channel's one-step excess that each frequency band has, before."""
+    excesses = [max(each.before - each.floor, 0.0) for each in gap.bands]
+    total = sum(excesses)
+    return [share(each / total) if total > 0.0 else "none" for each in excesses]
 
 
 def excess(variances: float) -> str:

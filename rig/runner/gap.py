@@ -156,6 +156,16 @@ def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
                     "after": _plain(gap.whiteness_after),
                     "floor": _plain(gap.whiteness_floor),
                 },
+                "frequency": [
+                    {
+                        "from_Hz": band.low,
+                        "to_Hz": band.high,
+                        "before": _plain(band.before),
+                        "after": _plain(band.after),
+                        "floor": _plain(band.floor),
+                    }
+                    for band in gap.bands
+                ],
             }
             for gap in result.channels
         ],
