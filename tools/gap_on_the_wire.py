@@ -22,6 +22,15 @@ import yaml
 
 ROOT: Final = Path(__file__).parents[1]
 _PATIENCE_S: Final = 60.0
+_STOPPED: Final = {
+    "stale_limit": "5 s",
+    "loop_silence": "10 s",
+    "field_silence": "10 s",
+    "supervisor_silence": "10 s",
+    "recorder_silence": "30 s",
+}
+"""So long the whole machine may stop, as a virtual one does for a moment: rig and programs stop and
+go on together, and no ram has run away. A rig of metal does not wait."""
 
 
 def emulated_rig(effects: dict[str, str], folder: Path) -> dict[str, Any]:
@@ -37,7 +46,11 @@ def emulated_rig(effects: dict[str, str], folder: Path) -> dict[str, Any]:
     drivers["daq"]["port"], drivers["bypass"]["port"], bus = _free_ports(3)
     drivers["meters"]["port"] = str(folder / "meters")
     for node in ("drive", "pump"):
-        drivers[node] |= {"channel": "239.74.163.97", "port": bus}
+        drivers[node] |= {"channel": "239.74.163.97", "port": bus, "silence": "5 s"}
+    rig["loop"] |= _STOPPED
+    drivers["daq"]["watchdog"], drivers["bypass"]["watchdog"] = "1 s", "5 s"
+    drivers["drive"]["watchdog"] = "12 s"
+    drivers["meters"]["stale"] = "5 s"
     return rig
 
 
