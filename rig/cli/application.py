@@ -23,6 +23,7 @@ COMMANDS: Final = {
     "run": "Run a fault-injection campaign and write its report.",
     "control": "Pause, resume, abort, skip or retry in a running campaign; take notes.",
     "monitor": "Watch rigs that run, live, in the terminal.",
+    "console": "Serve the operator's web page: watch, start, hold, stop.",
     "router": "Route the live streams of many rigs.",
     "schedule": "Run campaigns at times or intervals, unattended.",
     "runs": "Find, show, compare and prune past runs.",

@@ -43,9 +43,10 @@ EXIT_DEAD: Final = 1
 )
 @click.option(
     "--send", "order", type=click.Choice(COMMANDS),
-    help="Send a command instead: abort, hold, resume or acknowledge. 1 if it is not obeyed.",
+    help="Send a command instead; see docs/stream.md for each. 1 if it is not obeyed.",
 )  # fmt: skip
 @click.option("--text", default="", help="A remark that is recorded with the command.")
+@click.option("--test", default="", metavar="NAME", help="The test to skip or to retry.")
 def command(
     rig_id: str,
     connect: tuple[str, ...],
@@ -55,6 +56,7 @@ def command(
     wait_s: float,
     order: CommandName | None,
     text: str,
+    test: str,
 ) -> int:
     """Watch rigs that run, live: rates, lateness, pressures, residual and threshold, verdict.
 
@@ -62,7 +64,7 @@ def command(
     rig. A stream that has died is shown as dead, with its age.
     """
     settings = load_stream(profile)
-    where = _endpoints(connect)
+    where = endpoints(connect)
     from rig.stream.client import StreamClient, UnknownRigError
     from rig.stream.commands import KeyFileError
     from rig.stream.sessions import StreamError
@@ -72,7 +74,7 @@ def command(
             if once or order:
                 _await(client, wait_s)
             if order is not None:
-                answer = client.send(order, None if rig_id == "*" else rig_id, text)
+                answer = client.send(order, None if rig_id == "*" else rig_id, text, test=test)
                 click.echo(f"{order}: {'obeyed' if answer.accepted else answer.reason}")
                 return 0 if answer.accepted else EXIT_DEAD
             if once:
@@ -85,7 +87,12 @@ def command(
         return EXIT_STOPPED
 
 
-def _endpoints(texts: Sequence[str]) -> tuple[Endpoint, ...]:
+def endpoints(texts: Sequence[str]) -> tuple[Endpoint, ...]:
+    """Return the endpoints that --connect names.
+
+    Raises:
+        ConfigError: every text that names none.
+    """
     problems, found = [], []
     for text in texts:
         try:

@@ -16,6 +16,9 @@ REQUESTS: Final = {
     "abort": Request.ABORT,
     "hold": Request.PAUSE,
     "resume": Request.RESUME,
+    "skip": Request.SKIP,
+    "retry": Request.RETRY,
+    "note": Request.NOTE,
     "acknowledge": Request.ACKNOWLEDGE,
 }
 """What the desk is asked for by each command of the stream."""
@@ -66,7 +69,7 @@ def streamed(
     def obey(command: Command) -> str:
         """Hand a command to the desk; return why it is not obeyed, if not."""
         try:
-            desk.ask(REQUESTS[command.name], command.by, command.text[:LONGEST_TEXT])
+            desk.ask(REQUESTS[command.name], command.by, command.text[:LONGEST_TEXT], command.test)
         except RefusedError as error:
             return str(error)
         return ""

@@ -48,6 +48,7 @@ class StreamedRun(Observer, Onlooker):
         self._test: CampaignTest | None = None
         self._decision: Decision | None = None
         self._told_at = self._listed_at = 0.0
+        self._unlisted = False
 
     def ends(self) -> None:
         """Tell that the run has ended, and end the stream."""
@@ -114,6 +115,8 @@ class StreamedRun(Observer, Onlooker):
             self.stream.tell("decision", self._decided(time_s, decision))
         if time.monotonic() - self._told_at >= PROGRESS_S:
             self._tell_progress(time_s)
+            if self._unlisted:
+                self._list_tests(last=False)
 
     def test_ends(self, outcome: TestOutcome) -> None:
         """Tell how a test ended."""
@@ -150,7 +153,7 @@ class StreamedRun(Observer, Onlooker):
     def _decided(self, time_s: float, decision: Decision) -> dict[str, Any]:
         interval = decision.interval_m3_per_s
         return {
-            **{name: value for name, value in asdict(decision).items() if name != "details"},
+            **asdict(decision),
             "time_s": time_s,
             "test": self._number,
             "name": self._test.name if self._test else "",
@@ -176,7 +179,8 @@ class StreamedRun(Observer, Onlooker):
 
     def _list_tests(self, *, last: bool) -> None:
         now = time.monotonic()
+        self._unlisted = True
         if last or now - self._listed_at >= CAMPAIGN_S:
-            self._listed_at = now
+            self._listed_at, self._unlisted = now, False
             tests = [dict(test) for test in self._tests.values()]
             self.stream.tell("campaign", {**self._campaign, "tests": tests})

@@ -178,6 +178,7 @@ class StreamClient:
         rig: str | None = None,
         text: str = "",
         timeout_s: float = ANSWER_S,
+        test: str = "",
     ) -> Answer:
         """Send a command, and return the rig's answer; that nobody answers is one, too.
 
@@ -186,6 +187,7 @@ class StreamClient:
             rig: its id; the only one, if not given.
             text: a remark, which is recorded with it.
             timeout_s: how long to wait.
+            test: name of the test to skip or retry; the present one, if not given.
 
         Raises:
             UnknownRigError: the rig was not heard of, or there are several.
@@ -193,7 +195,7 @@ class StreamClient:
         """
         with self._lock:
             view = self._view(rig)
-            payload = self._signer().sign(view.rig, view.session, command, text)
+            payload = self._signer().sign(view.rig, view.session, command, text, test)
         return self._answer_to(command_key(view.rig, command), payload, timeout_s)
 
     def _signer(self) -> Sender:

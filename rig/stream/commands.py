@@ -28,6 +28,8 @@ WINDOW_S: Final = 5.0
 """How far the sender's clock may be from the rig's; longer on the way is stale."""
 LONGEST_TEXT: Final = 500
 """Characters of the sender's remark."""
+LONGEST_TEST: Final = 200
+"""Characters of a test's name."""
 KEY_BYTES: Final = 32
 SENDERS_KEPT: Final = 1024
 """Senders whose sequence is remembered; each for as long as what it sent is not stale."""
@@ -38,6 +40,8 @@ _BODY: Final = {
     "rig": str, "session": str, "command": str, "sender": bytes, "sequence": int, "at_ns": int,
     "text": str,
 }  # fmt: skip
+_BODY_OF_A_TEST: Final = {**_BODY, "test": str}
+"""Of a command that names a test."""
 
 
 class KeyFileError(ValueError):
@@ -66,12 +70,14 @@ class Command:
         by: who sends it.
         text: the sender's remark.
         number: of the command within the rig's session.
+        test: name of the test that it is about; empty for the present one.
     """
 
     name: str
     by: str
     text: str
     number: int
+    test: str = ""
 
 
 @dataclass(frozen=True)
@@ -97,21 +103,21 @@ class Sender:
         self._sender = secrets.token_bytes(8)
         self._sequence = 0
 
-    def sign(self, rig: str, session: str, command: str, text: str = "") -> bytes:
+    def sign(self, rig: str, session: str, command: str, text: str = "", test: str = "") -> bytes:
         """Return the payload of a command to a rig in its present session."""
         self._sequence += 1
-        body = pack(
-            {
-                "rig": rig,
-                "session": session,
-                "command": command,
-                "sender": self._sender,
-                "sequence": self._sequence,
-                "at_ns": self._clock_ns(),
-                "text": text[:LONGEST_TEXT],
-            }
-        )
-        return seal(self._credentials, body)
+        body = {
+            "rig": rig,
+            "session": session,
+            "command": command,
+            "sender": self._sender,
+            "sequence": self._sequence,
+            "at_ns": self._clock_ns(),
+            "text": text[:LONGEST_TEXT],
+        }
+        if test:
+            body["test"] = test
+        return seal(self._credentials, pack(body))
 
 
 def seal(credentials: Credentials, body: bytes) -> bytes:
@@ -166,11 +172,12 @@ class Gate:
             raise Refused("unauthenticated", "nobody of this name may command", by)
         if not genuine:
             raise Refused("forged", "its signature does not fit", by)
-        body = _mapping(envelope["body"], _BODY, by)
+        body = _mapping(envelope["body"], _BODY, by, _BODY_OF_A_TEST)
         self._check(name, body, by, allowed)
         self._passed += 1
         text = str(body["text"])[:LONGEST_TEXT]
-        return Command(name, by, "".join(c if c.isprintable() else " " for c in text), self._passed)
+        said = "".join(c if c.isprintable() else " " for c in text)
+        return Command(name, by, said, self._passed, str(body.get("test", ""))[:LONGEST_TEST])
 
     def _check(self, name: str, body: Mapping[str, Any], by: str, allowed: frozenset[str]) -> None:
         if body["command"] != name or name not in COMMANDS:
@@ -201,19 +208,27 @@ class Gate:
         self._seen[sender] = sequence, now_ns
 
 
-def _mapping(payload: bytes, kinds: Mapping[str, type], by: str = "") -> dict[str, Any]:
-    """Return a packed map of just these keys and types.
+def _mapping(
+    payload: bytes,
+    kinds: Mapping[str, type],
+    by: str = "",
+    otherwise: Mapping[str, type] | None = None,
+) -> dict[str, Any]:
+    """Return a packed map of just these keys and types, or of those of `otherwise`.
 
     Raises:
         Refused: it is none.
     """
+    most = max(len(kinds), len(otherwise or {}))
     try:
         content = msgpack.unpackb(
-            payload, raw=False, strict_map_key=True, max_map_len=len(kinds), max_array_len=0,
+            payload, raw=False, strict_map_key=True, max_map_len=most, max_array_len=0,
             max_ext_len=0,
         )  # fmt: skip
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         raise Refused("malformed", f"is no MessagePack: {error}"[:200], by) from None
+    if otherwise is not None and isinstance(content, dict) and content.keys() != kinds.keys():
+        kinds = otherwise
     fits = isinstance(content, dict) and content.keys() == kinds.keys()
     if not fits or any(type(content[name]) is not kind for name, kind in kinds.items()):
         raise Refused("malformed", "has not the fields of a command", by)
@@ -289,14 +304,19 @@ def make_key(path: Path) -> None:
         raise KeyFileError(f"{path}: key cannot be written: {error.strerror}") from None
 
 
+def local_state() -> Path:
+    """Return the folder in which this user's secrets and state are kept on this machine."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return state / "hydraulic-rig"
+
+
 def local_key() -> bytes:
     """Return this user's own key on this machine; made when first asked for.
 
     Raises:
         KeyFileError: it cannot be made or used.
     """
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    path = state / "hydraulic-rig" / "stream.key"
+    path = local_state() / "stream.key"
     if not path.exists():
         make_key(path)
     return read_key(path)

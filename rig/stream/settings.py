@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Final, Literal
 
 Mode = Literal["peer", "client", "router"]
-CommandName = Literal["abort", "hold", "resume", "acknowledge"]
-COMMANDS: Final[tuple[CommandName, ...]] = ("abort", "hold", "resume", "acknowledge")
+CommandName = Literal["abort", "hold", "resume", "skip", "retry", "note", "acknowledge"]
+COMMANDS: Final[tuple[CommandName, ...]] = (
+    "abort", "hold", "resume", "skip", "retry", "note", "acknowledge",
+)  # fmt: skip
 
 DEFAULT_PORT: Final = 7447
 LOOPBACK_NAMES: Final = ("localhost", "::1")

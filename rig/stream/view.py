@@ -130,6 +130,7 @@ class RigView:
         self._heartbeat_s = 0.5
         self._sequences: dict[str, int] = {}
         self._next_row: int | None = None
+        self._is_begun = False
         self._sent_ns = 0
         self._holes: deque[tuple[int, int]] = deque(maxlen=HOLES_KEPT)
         self._channels: dict[int, Channels] = {}
@@ -176,8 +177,8 @@ class RigView:
         if kind == "samples":
             self._insert(Samples.of(content), received_ns)
         elif kind == "event":
-            if all(event["sequence"] != content["sequence"] for event in self._events):
-                ordered = sorted([*self._events, content], key=lambda event: event["sequence"])
+            if all(_numbered(event) != _numbered(content) for event in self._events):
+                ordered = sorted([*self._events, content], key=_sent)
                 self._events = deque(ordered, maxlen=EVENTS_SHOWN)
         elif content["sequence"] >= self._lasting.get(kind, {"sequence": -1})["sequence"]:
             self._file(kind, content, received_ns)
@@ -249,7 +250,7 @@ class RigView:
     def _begin_session(self, name: str) -> None:
         if self._session:
             self._restarts += 1
-        self._session = name
+        self._session, self._is_begun = name, False
         self._sequences.clear()
         self._channels.clear()
 
@@ -297,7 +298,16 @@ class RigView:
                 self._lost(kind, sequence - last, received_ns)
                 self._sequences[kind] = sequence
 
+    def _begin_rows(self, samples: Samples) -> None:
+        """Forget the rows of another run: a publisher that begins anew within a run counts on."""
+        if not self._is_begun and samples.first_row < (self._next_row or 0):
+            self._batches.clear()
+            self._holes.clear()
+            self._next_row = None
+        self._is_begun = True
+
     def _append(self, samples: Samples, received_ns: int) -> None:
+        self._begin_rows(samples)
         if self._next_row is not None and samples.first_row > self._next_row:
             self._lost("rows", samples.first_row - self._next_row, received_ns)
             self._holes.append((self._next_row, samples.first_row))
@@ -315,6 +325,7 @@ class RigView:
         channels = self._channels.get(samples.channels_id)
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
+        self._begin_rows(samples)
         known = {batch.samples.first_row for batch in self._batches}
         if samples.first_row in known:
             return
@@ -346,6 +357,14 @@ class RigView:
                 if batch.received_ns > now_ns - 10**9 and not batch.is_past
             )
         )
+
+
+def _numbered(event: Mapping[str, Any]) -> tuple[str, int]:
+    return event["session"], event["sequence"]
+
+
+def _sent(event: Mapping[str, Any]) -> tuple[int, int]:
+    return event["sent_ns"], event["sequence"]
 
 
 def _column(batches: list[_Received], name: str) -> Singles:

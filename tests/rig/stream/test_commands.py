@@ -56,6 +56,12 @@ def ann(clock: Clock) -> Sender:
     return Sender(ANN, clock)
 
 
+def test_a_command_may_name_the_test_that_it_is_about(clock: Clock, ann: Sender) -> None:
+    gate = Gate("bench", "s1", {"ann": (ANN, frozenset({"skip"}))}, clock)
+    assert gate.judge("skip", ann.sign("bench", "s1", "skip", "worn", "second")).test == "second"
+    assert gate.judge("skip", ann.sign("bench", "s1", "skip")).test == ""
+
+
 def why(gate: Gate, payload: bytes, name: str = "abort") -> str:
     with pytest.raises(Refused) as refused:
         gate.judge(name, payload)

@@ -110,6 +110,20 @@ def test_a_publisher_that_begins_anew_is_told_with_the_rows_that_it_missed(
     assert snapshot.missing == {"rows": 1000}
 
 
+def test_the_rows_of_another_run_are_not_mixed_with_those_of_this_one(
+    view: RigView, publisher: Publisher
+) -> None:
+    publisher.send("channels", CHANNELS)
+    publisher.samples(500)
+    again = Publisher(view, "s2")
+    again.send("channels", CHANNELS)
+    again.samples(0)
+    assert view.window(30.0).row.tolist() == list(range(10))
+    past = again.message("samples", batch(20).content())
+    view.take_past("samples", past, 0)
+    assert view.window(30.0).row[-1] == 29
+
+
 def test_a_silent_stream_is_dead_with_its_age(view: RigView, publisher: Publisher) -> None:
     publisher.heartbeat(at_ns=S)
     assert view.snapshot(2 * S).alive

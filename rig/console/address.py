@@ -1,0 +1,113 @@
+"""Where the console may listen, and under which names: off this machine over TLS only."""
+
+import ipaddress
+import ssl
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+LOOPBACK_NAMES: Final = ("localhost", "127.0.0.1", "[::1]")
+
+
+class AddressError(ValueError):
+    """An address at which the console is not served; says why, and what to do."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the console listens.
+
+    Attributes:
+        host: name or address, without brackets.
+        port: 0 for any free one.
+        names: what a browser may call it, with port, as in the header Host.
+        certificate: PEM; None without TLS.
+        key: of the certificate, PEM.
+    """
+
+    host: str
+    port: int
+    names: frozenset[str]
+    certificate: Path | None = None
+    key: Path | None = None
+
+    @property
+    def secure(self) -> bool:
+        """Whether it is served over TLS."""
+        return self.certificate is not None
+
+    @property
+    def url(self) -> str:
+        """Where to go with a browser."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'https' if self.secure else 'http'}://{host}:{self.port}/"
+
+
+def address_of(
+    listen: str, names: Sequence[str], certificate: Path | None, key: Path | None
+) -> Address:
+    """Return the address that a console is to listen on.
+
+    Raises:
+        AddressError: it is none, or open to others without TLS, or its certificate is unusable.
+    """
+    host, colon, port_text = listen.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not colon or not host or not port_text.isdecimal() or int(port_text) > 65535:
+        raise AddressError("is no address; write it like 127.0.0.1:8480")
+    port = int(port_text)
+    if (certificate is None) != (key is None):
+        raise AddressError("--certificate and --key go together; give both")
+    if certificate is None and not _is_loopback(host):
+        raise AddressError(
+            "is reached from other machines, so that the token could be read on the way; give "
+            "--certificate and --key, or listen on 127.0.0.1 and forward the port: "
+            f"ssh -L {port}:127.0.0.1:{port} THIS-MACHINE"
+        )
+    if certificate is not None and key is not None:
+        _check(certificate, key)
+    if _is_any(host) and not names:
+        raise AddressError("is every address of this machine; say by --name how browsers call it")
+    known = [] if _is_any(host) else [f"[{host}]" if ":" in host else host]
+    if _is_loopback(host) or _is_any(host):
+        known += LOOPBACK_NAMES
+    return Address(host, port, _with_port([*known, *names], port), certificate, key)
+
+
+def with_port(address: Address, port: int) -> Address:
+    """Return an address at the port that was free."""
+    bare = [name.rpartition(":")[0] for name in address.names if name.endswith(f":{address.port}")]
+    names = _with_port(bare, port)
+    return Address(address.host, port, names, address.certificate, address.key)
+
+
+def _with_port(names: Sequence[str], port: int) -> frozenset[str]:
+    # A browser leaves out the port that its scheme has anyway.
+    bare = names if port in (80, 443) else ()
+    return frozenset(name.lower() for name in (*(f"{name}:{port}" for name in names), *bare))
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _is_any(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        return False
+
+
+def _check(certificate: Path, key: Path) -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise AddressError(f"{certificate} and {key} cannot be used: {reason}") from None

@@ -1,0 +1,160 @@
+"""What the charts show: samples in the units of the screen, a hundred a second, the last seconds.
+
+Of each hundredth of a second the newest sample is shown; the moving averages have seen all of them.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.stream.view import Window
+
+Array = NDArray[np.float64]
+
+SHOWN_S: Final = 10.0
+POINT_S: Final = 0.01
+POINTS: Final = round(SHOWN_S / POINT_S)
+AVERAGED_S: Final = 4.0
+"""Of the moving average of absolute innovations, as in the thesis (section 4.4)."""
+
+MM: Final = 1e3
+MPA: Final = 1e-6
+KPA: Final = 1e-3
+LITRES_PER_MINUTE: Final = 6e4
+
+PLAIN: Final = {
+    "position_mm": ("position_m", MM, 2),
+    "setpoint_mm": ("setpoint_m", MM, 2),
+    "pressure_1_MPa": ("pressure_1_Pa", MPA, 4),
+    "pressure_2_MPa": ("pressure_2_Pa", MPA, 4),
+    "estimate_1_MPa": ("est_pressure_1_Pa", MPA, 4),
+    "estimate_2_MPa": ("est_pressure_2_Pa", MPA, 4),
+    "supply_MPa": ("supply_pressure_Pa", MPA, 4),
+    "leak_L_per_min": ("decided_leak_m3_per_s", LITRES_PER_MINUTE, 4),
+    "leak_low_L_per_min": ("decided_leak_low_m3_per_s", LITRES_PER_MINUTE, 4),
+    "leak_high_L_per_min": ("decided_leak_high_m3_per_s", LITRES_PER_MINUTE, 4),
+}
+"""Curves that are a channel: its name, the factor to the unit of the screen, digits behind it."""
+AVERAGED: Final = {
+    "average_1_kPa": "innovation_pressure_1_Pa",
+    "average_2_kPa": "innovation_pressure_2_Pa",
+}
+CURVES: Final = (*PLAIN, *AVERAGED)
+CHANNELS: Final = (*(channel for channel, _, _ in PLAIN.values()), *AVERAGED.values())
+"""What is needed of the stream."""
+
+
+class MovingAverage:
+    """Mean of the absolute values of the last `count` samples, those that are none left out."""
+
+    def __init__(self, count: int) -> None:
+        self._last = np.full(count, np.nan)
+
+    def take(self, values: Array) -> Array:
+        """Take the next values, (n,), and return the mean after each of them."""
+        count = len(self._last)
+        joined = np.concatenate([self._last, np.abs(values)])
+        self._last = joined[-count:]
+        there = np.isfinite(joined)
+        sums = np.concatenate([[0.0], np.cumsum(np.where(there, joined, 0.0))])
+        counts = np.concatenate([[0], np.cumsum(there)])
+        with np.errstate(invalid="ignore"):
+            means = (sums[count:] - sums[:-count]) / (counts[count:] - counts[:-count])
+        return np.asarray(means[1:], np.float64)
+
+
+class Curves:
+    """The points of a rig's charts; takes windows of samples, gives what came since a count.
+
+    Attributes:
+        epoch: another one after each run: what was shown before does not go on.
+        count: points since the first one, those that were given up included.
+    """
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self.count = 0
+        self.next_row = 0
+        self._points: deque[tuple[float, int, tuple[float | None, ...]]] = deque(maxlen=POINTS)
+        self._test: int | None = None
+        self._averages: dict[str, MovingAverage] = {}
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no point."""
+        return not self._points
+
+    def begin(self) -> None:
+        """Forget all: another run begins."""
+        self.epoch += 1
+        self.next_row = 0
+        self._points.clear()
+        self._test = None
+
+    def take(self, window: Window, period_s: float) -> None:
+        """Take the rows of a window that are new.
+
+        Args:
+            window: samples of `CHANNELS`.
+            period_s: time between two of them.
+        """
+        if len(window.row) and window.row[-1] + 1 < self.next_row:
+            self.begin()
+        begin = int(np.searchsorted(window.row, self.next_row))
+        if begin == len(window.row):
+            return
+        rows = window.row[begin:]
+        self.next_row = int(rows[-1]) + 1
+        values = {name: window.values[name][begin:].astype(np.float64) for name in window.values}
+        test = window.test[begin:]
+        shown = np.flatnonzero(rows % max(1, round(POINT_S / period_s)) == 0)
+        columns = self._columns(values, test, shown, period_s)
+        times = np.round(rows[shown] * period_s, 3).tolist()
+        for time_s, number, *point in zip(times, test[shown].tolist(), *columns, strict=True):
+            self._points.append((time_s, number, tuple(point)))
+            self.count += 1
+
+    def since(self, count: int) -> dict[str, Any] | None:
+        """Return the points after the first `count`, as far as they are kept; None without any."""
+        missing = min(self.count - count, len(self._points))
+        if missing <= 0:
+            return None
+        found = [self._points[-k] for k in range(missing, 0, -1)]
+        columns = zip(*(point for _, _, point in found), strict=True)
+        return {
+            "epoch": self.epoch,
+            "time_s": [time_s for time_s, _, _ in found],
+            "test": [number for _, number, _ in found],
+            **{name: list(column) for name, column in zip(CURVES, columns, strict=True)},
+        }
+
+    def _columns(
+        self, values: Mapping[str, Array], test: NDArray[np.int64], shown: Any, period_s: float
+    ) -> list[list[float | None]]:
+        found = []
+        for channel, factor, digits in PLAIN.values():
+            found.append(_listed(values[channel][shown] * factor, digits))
+        averages: dict[str, list[Array]] = {name: [] for name in AVERAGED}
+        # What a filter innovated in one test says nothing of the next one.
+        for begin, end in _stretches(test):
+            if self._test != test[begin]:
+                self._test = int(test[begin])
+                length = max(1, round(AVERAGED_S / period_s))
+                self._averages = {name: MovingAverage(length) for name in AVERAGED}
+            for name, channel in AVERAGED.items():
+                averages[name].append(self._averages[name].take(values[channel][begin:end]))
+        found += [_listed(np.concatenate(averages[name])[shown] * KPA, 2) for name in AVERAGED]
+        return found
+
+
+def _stretches(test: NDArray[np.int64]) -> list[tuple[int, int]]:
+    edges = [0, *(np.flatnonzero(np.diff(test)) + 1).tolist(), len(test)]
+    return list(pairwise(edges))
+
+
+def _listed(values: Array, digits: int) -> list[float | None]:
+    return [None if value != value else value for value in np.round(values, digits).tolist()]

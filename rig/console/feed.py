@@ -1,0 +1,163 @@
+"""What all viewers are sent: sections that have a number, a new one with each change, and curves.
+
+A viewer asks for what is newer than what it has. Nobody waits for one that is slow: it gets less.
+"""
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from rig.stream.client import StreamClient
+from rig.stream.messages import MessageError
+
+from .curves import AVERAGED_S, CHANNELS, SHOWN_S, Curves
+from .told import sections
+
+TICK_S: Final = 0.05
+TOLD_S: Final = 0.2
+"""How often numbers and lists are looked at; curves go on with every tick."""
+CAUGHT_UP_S: Final = 0.3
+"""How much of the past is looked through for new rows, each tick."""
+PAST_COMES_S: Final = (0.5, 2.0, 6.0)
+"""When the curves are drawn anew, after a stream was heard first: with the past, which was asked
+for and comes later than the present."""
+NOTICES: Final = 40
+USUAL_PERIOD_S: Final = 1e-3
+
+
+class Sections:
+    """JSON by section, each with the number of its last change."""
+
+    def __init__(self) -> None:
+        self._texts: dict[str, str] = {}
+        self._changed: dict[str, int] = {}
+        self.number = 0
+
+    def put(self, name: str, content: Any) -> None:
+        """Say what a section is now."""
+        text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+        if self._texts.get(name) != text:
+            self.number += 1
+            self._texts[name] = text
+            self._changed[name] = self.number
+
+    def since(self, number: int) -> dict[str, str]:
+        """Return the JSON of the sections that have changed after a number."""
+        return {name: self._texts[name] for name, at in self._changed.items() if at > number}
+
+
+class RigFeed:
+    """What is shown of one rig."""
+
+    def __init__(self, rig: str) -> None:
+        self.rig = rig
+        self.sections = Sections()
+        self.curves = Curves()
+        self._session = ""
+        self._told_at = 0.0
+        self._anew: list[float] = []
+        self._period_s = USUAL_PERIOD_S
+
+    def follow(self, client: StreamClient, now: float) -> None:
+        """Take what has come since the last time."""
+        if now - self._told_at >= TOLD_S:
+            self._told_at = now
+            snapshot = client.snapshot(self.rig)
+            for name, content in sections(snapshot).items():
+                self.sections.put(name, content)
+            if snapshot.session != self._session:
+                self._session = snapshot.session
+                self._anew = [now + later for later in PAST_COMES_S]
+        if self._anew and now >= self._anew[0]:
+            del self._anew[0]
+            self.curves.begin()
+        self._take(client, SHOWN_S + AVERAGED_S if self.curves.is_empty else CAUGHT_UP_S)
+
+    def _take(self, client: StreamClient, last_s: float) -> None:
+        window = client.window(last_s, CHANNELS, self.rig)
+        if len(window.row) > 1:
+            steps = np.diff(window.time_s)
+            period_s = float(np.median(steps)) if np.isfinite(steps).all() else 0.0
+            if 1e-5 < period_s < 1.0:
+                self._period_s = period_s
+        self.curves.take(window, self._period_s)
+
+
+class Cursor:
+    """What one viewer has been sent."""
+
+    def __init__(self) -> None:
+        self.rig = ""
+        self.common = self.own = self.points = 0
+
+    def choose(self, rig: str) -> None:
+        """Look at another rig, from its beginning."""
+        self.rig, self.own, self.points = rig, 0, 0
+
+
+class Feed:
+    """What is shown of all rigs, and of the console itself.
+
+    Args:
+        client: follows the streams; is not closed.
+        wall_ns: wall clock, ns since 1970.
+    """
+
+    def __init__(self, client: StreamClient, wall_ns: Callable[[], int] = time.time_ns) -> None:
+        self._client = client
+        self._wall_ns = wall_ns
+        self._rigs: dict[str, RigFeed] = {}
+        self._notices: deque[dict[str, Any]] = deque(maxlen=NOTICES)
+        self.common = Sections()
+        self.common.put("notices", [])
+
+    def tick(self, now: float) -> None:
+        """Take what has come of every rig."""
+        living = {}
+        for rig in self._client.rigs():
+            feed = self._rigs.setdefault(rig, RigFeed(rig))
+            try:
+                feed.follow(self._client, now)
+                living[rig] = self._client.snapshot(rig).alive
+            except (MessageError, LookupError, KeyError, TypeError, ValueError):
+                # Whoever may publish on these keys may publish nonsense.
+                living[rig] = False
+        self.common.put("rigs", [{"rig": rig, "alive": alive} for rig, alive in living.items()])
+
+    def notice(self, text: str) -> None:
+        """Tell all viewers of something that the console did, or was asked for."""
+        self._notices.append({"at_ms": self._wall_ns() // 10**6, "text": text})
+        self.common.put("notices", list(self._notices))
+
+    def first_rig(self) -> str:
+        """Return the rig to show where none is asked for: one that lives, else any; or nothing."""
+        rigs = self._client.rigs()
+        alive = [rig for rig in rigs if self._client.snapshot(rig).alive]
+        return next(iter(alive or rigs), "")
+
+    def news(self, cursor: Cursor) -> str | None:
+        """Return a message of all that a viewer has not been sent yet; None if it has all."""
+        if not cursor.rig or cursor.rig not in self._rigs:
+            cursor.choose(self.first_rig())
+        common = self.common.since(cursor.common)
+        cursor.common = self.common.number
+        parts = [f'"common":{_object(common)}'] if common else []
+        feed = self._rigs.get(cursor.rig)
+        if feed is not None:
+            own = feed.sections.since(cursor.own)
+            cursor.own = feed.sections.number
+            points = feed.curves.since(cursor.points)
+            cursor.points = feed.curves.count
+            parts += [f'"sections":{_object(own)}'] if own else []
+            parts += [f'"points":{json.dumps(points, allow_nan=False)}'] if points else []
+        if not parts:
+            return None
+        return f'{{"rig":{json.dumps(cursor.rig)},{",".join(parts)}}}'
+
+
+def _object(texts: Mapping[str, str]) -> str:
+    return "{" + ",".join(f"{json.dumps(name)}:{text}" for name, text in texts.items()) + "}"

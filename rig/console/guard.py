@@ -1,0 +1,134 @@
+"""What a request must be like before anybody looks at it: from this page, and not too large.
+
+A browser is made to send requests to a console by any page that its user visits. It cannot forge
+the header Origin, nor Host: a request from another origin, or under a name that is not the
+console's (DNS rebinding), is refused, of a websocket before it is opened.
+"""
+
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any, Final
+
+from starlette.exceptions import HTTPException
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+Headers = tuple[tuple[bytes, bytes], ...]
+Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+LARGEST_BODY: Final = 4096
+"""Bytes of a request."""
+
+_POLICY: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+    "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
+_HEADERS: Final = (
+    (b"content-security-policy", _POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"same-origin"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cache-control", b"no-store"),
+)
+
+
+class Guard:
+    """Refuses what no page of the console sends, and adds headers to what it answers.
+
+    Args:
+        application: what is guarded.
+        hosts: what a browser may call the console, with port.
+        secure: whether it is served over TLS.
+        refused: is told of each refusal: from where, and why.
+    """
+
+    def __init__(
+        self,
+        application: Application,
+        hosts: frozenset[str],
+        secure: bool,
+        refused: Callable[[str, str], None],
+    ) -> None:
+        self._application = application
+        self._hosts = hosts
+        scheme = "https" if secure else "http"
+        self._origins = frozenset(f"{scheme}://{host}" for host in hosts)
+        self._headers: Headers = _HEADERS
+        if secure:
+            self._headers += ((b"strict-transport-security", b"max-age=31536000"),)
+        self._refused = refused
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve a request."""
+        if scope["type"] == "lifespan":
+            await self._application(scope, receive, send)
+            return
+        problem = self._problem(scope)
+        if problem:
+            status, text = problem
+            self._refused(address_of(scope), text)
+            await _refuse(scope, send, status, text, self._headers)
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self._headers]
+            await send(message)
+
+        await self._application(scope, self._limited(scope, receive), with_headers)
+
+    def _problem(self, scope: Scope) -> tuple[int, str] | None:
+        """Return status and reason of a refusal; None if there is none."""
+        given = {b"host": [], b"origin": [], b"content-length": []}  # type: dict[bytes, list[str]]
+        for name, value in scope["headers"]:
+            if name in given:
+                given[name].append(value.decode("latin-1"))
+        host = given[b"host"]
+        if len(host) != 1 or host[0].lower() not in self._hosts:
+            return 421, f"the name {', '.join(host)[:80]!r} is not this console's"
+        acts = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
+        if acts and (len(given[b"origin"]) != 1 or given[b"origin"][0] not in self._origins):
+            return 403, f"a request from another site ({', '.join(given[b'origin'])[:80]})"
+        if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD", "POST"):
+            return 405, f"the method {scope['method'][:20]}"
+        length = given[b"content-length"]
+        if length and length[0].isdecimal() and int(length[0]) > LARGEST_BODY:
+            return 413, f"a body of {length[0]} bytes, more than {LARGEST_BODY}"
+        return None
+
+    def _limited(self, scope: Scope, receive: Receive) -> Receive:
+        """Return `receive` for a request, of which no more than `LARGEST_BODY` bytes are taken."""
+        if scope["type"] != "http":
+            return receive
+        taken = 0
+
+        async def receive_some() -> Message:
+            nonlocal taken
+            message = await receive()
+            taken += len(message.get("body", b""))
+            if taken > LARGEST_BODY:
+                text = f"a body of more than {LARGEST_BODY} bytes"
+                self._refused(address_of(scope), text)
+                raise HTTPException(413, text)
+            return message
+
+        return receive_some
+
+
+async def _refuse(scope: Scope, send: Send, status: int, text: str, headers: Headers) -> None:
+    if scope["type"] == "websocket":
+        # Before it is accepted, so that the browser has status 403.
+        await send({"type": "websocket.close", "code": 1008, "reason": ""})
+        return
+    plain = (b"content-type", b"text/plain; charset=utf-8")
+    await send({"type": "http.response.start", "status": status, "headers": [plain, *headers]})
+    await send({"type": "http.response.body", "body": f"refused: {text}\n".encode()})
+
+
+def address_of(scope: Scope) -> str:
+    """Return where a request comes from."""
+    client = scope.get("client")
+    return client[0] if client else "unknown"

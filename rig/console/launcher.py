@@ -1,0 +1,295 @@
+"""Starts campaigns that were offered, and goes on with runs that were stopped.
+
+Each is a `rig run` in a process of its own, which outlives the console; what it prints goes to a
+file beside the run's folder. Only what was offered can be started: no path comes from the page.
+"""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from rig.configuration.document import Sources
+from rig.configuration.lookup import shipped_config_dir
+from rig.configuration.problems import ConfigError, Problem
+
+JOURNAL: Final = "journal.jsonl"
+MOST_RUNS: Final = 8
+"""Unfinished runs that are offered, the newest."""
+TAIL_BYTES: Final = 1 << 20
+"""Of a journal, in which its last line begins."""
+LOG_BYTES: Final = 2000
+ENDINGS: Final = {
+    0: "all as expected",
+    1: "a test failed or was skipped",
+    2: "bad input",
+    3: "tripped or stopped",
+}
+
+Open = Callable[..., "subprocess.Popen[bytes]"]
+
+
+class LaunchRefused(Exception):  # noqa: N818 (a refusal, not a failure)
+    """A campaign that is not started; says why."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A campaign that may be started.
+
+    Attributes:
+        reference: as `rig run` takes it.
+        name: of the campaign; what the page asks for.
+        description: in a line.
+        rig: that it names.
+        tests: how many, a matrix counted once.
+    """
+
+    reference: str
+    name: str
+    description: str
+    rig: str
+    tests: int
+
+
+@dataclass
+class Launched:
+    """A process that was started here."""
+
+    name: str
+    folder: Path
+    process: "subprocess.Popen[bytes]"
+    log: Path
+    exit_code: int | None = None
+
+
+def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
+    """Return the campaigns in files, folders and among the shipped; all the shipped if none.
+
+    Raises:
+        ConfigError: every one that cannot be read.
+    """
+    shipped = shipped_config_dir() / "campaigns"
+    found: dict[str, Offer] = {}
+    problems = []
+    for path in _files(references or [str(shipped)], shipped):
+        sources = Sources()
+        root = sources.read_yaml(path)
+        problems += sources.problems.found
+        if root is None:
+            continue
+        told = {key: root.get(key) for key in ("name", "description", "rig", "tests")}
+        values = {key: item.value for key, item in told.items() if item is not None}
+        name = str(values.get("name") or path.stem)
+        tests = values.get("tests")
+        if name in found:
+            problems.append(_problem(path, f"{name} is there twice", "give each another name"))
+        reference = path.stem if path.parent == shipped else str(path.resolve())
+        rig, description = str(values.get("rig", "")), str(values.get("description", ""))
+        count = len(tests) if isinstance(tests, list) else 0
+        found[name] = Offer(reference, name, " ".join(description.split())[:200], rig, count)
+    if problems:
+        raise ConfigError(problems)
+    return tuple(sorted(found.values(), key=lambda offer: offer.name))
+
+
+def _files(references: Sequence[str], shipped: Path) -> list[Path]:
+    found, problems = [], []
+    for reference in references:
+        path = Path(reference)
+        if path.is_dir():
+            found += sorted(file for file in path.iterdir() if file.suffix in (".yaml", ".yml"))
+        elif path.is_file():
+            found.append(path)
+        elif (shipped / f"{reference}.yaml").is_file() and "/" not in reference:
+            found.append(shipped / f"{reference}.yaml")
+        else:
+            remedy = "give a file, a folder of campaigns, or a shipped name"
+            problems.append(_problem(path, "does not exist", remedy))
+    if problems:
+        raise ConfigError(problems)
+    return found
+
+
+def _problem(path: Path, limit: str, remedy: str) -> Problem:
+    return Problem(str(path), 0, 0, "campaign", "", limit, remedy)
+
+
+class Launcher:
+    """Starts runs below a folder.
+
+    Args:
+        offers: what may be started.
+        folder: in which each run gets a folder of its own.
+        profile: of the stream that the runs are to have; empty: nothing may be started.
+        rig: on which they run, instead of the campaign's own.
+        say: is told, in a sentence, of what was started and how it ended.
+        popen: starts a process.
+    """
+
+    def __init__(
+        self,
+        offers: Sequence[Offer],
+        folder: Path,
+        profile: str,
+        rig: str | None,
+        say: Callable[[str], None],
+        popen: Open = subprocess.Popen,
+    ) -> None:
+        self.offers = {offer.name: offer for offer in offers}
+        self._folder = folder
+        self._profile = profile
+        self._rig = rig
+        self._say = say
+        self._popen = popen
+        self._launched: list[Launched] = []
+
+    def start(self, name: str) -> None:
+        """Start a campaign that is offered, in a new folder.
+
+        Raises:
+            LaunchRefused: it is not offered, or another one runs.
+        """
+        self._require_idle()
+        offer = self.offers.get(name)
+        if offer is None:
+            raise LaunchRefused("this campaign is not offered")
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:80].strip("._-") or "run"
+        folder = self._folder / f"{stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+        rig = [] if self._rig is None else ["--rig", self._rig]
+        self._run(name, folder, [offer.reference, *rig, "--out", str(folder)])
+
+    def go_on(self, name: str) -> None:
+        """Go on with a run that is offered, by its folder's name.
+
+        Raises:
+            LaunchRefused: it is not offered, or another one runs.
+        """
+        self._require_idle()
+        if name not in {run["folder"] for run in self.unfinished()}:
+            raise LaunchRefused("there is no such unfinished run")
+        folder = self._folder / name
+        self._run(name, folder, [str(folder), "--resume"])
+
+    def interrupt(self) -> bool:
+        """Stop what runs here as Ctrl-C does; return whether there was anything."""
+        running = [launched for launched in self._launched if launched.exit_code is None]
+        for launched in running:
+            with suppress(ProcessLookupError):
+                launched.process.send_signal(signal.SIGINT)
+        return bool(running)
+
+    def look(self) -> None:
+        """Take note of what has ended."""
+        for launched in self._launched:
+            if launched.exit_code is None:
+                launched.exit_code = launched.process.poll()
+                if launched.exit_code is not None:
+                    self._say(f"{launched.name} has ended: {_ending(launched)}")
+
+    def content(self) -> dict[str, Any]:
+        """Return what may be started, what may be gone on with, and what runs here."""
+        last = self._launched[-1] if self._launched else None
+        offers = [
+            {"name": offer.name, "description": offer.description, "tests": offer.tests,
+             "rig": self._rig or offer.rig}
+            for offer in self.offers.values()
+        ]  # fmt: skip
+        return {
+            "allowed": bool(self._profile),
+            "offers": offers if self._profile else [],
+            "unfinished": self.unfinished() if self._profile else [],
+            "last": None if last is None else _content(last),
+        }
+
+    def unfinished(self) -> list[dict[str, str]]:
+        """Return the newest runs that were stopped or killed."""
+        journals = sorted(self._folder.glob(f"*/{JOURNAL}"), key=_modified, reverse=True)
+        found: list[dict[str, str]] = []
+        for journal in journals[:50]:
+            campaign = _unfinished_campaign(journal)
+            if campaign is not None and len(found) < MOST_RUNS:
+                found.append({"folder": journal.parent.name, "campaign": campaign})
+        return found
+
+    def _require_idle(self) -> None:
+        self.look()
+        if not self._profile:
+            raise LaunchRefused("runs are started on the rig's own machine only")
+        if any(launched.exit_code is None for launched in self._launched):
+            raise LaunchRefused("a campaign that was started here still runs")
+
+    def _run(self, name: str, folder: Path, arguments: Sequence[str]) -> None:
+        log = folder.with_name(f"{folder.name}.console.log")
+        whole = ["run", *arguments, "--pace", "real", "--stream", self._profile]
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with log.open("ab") as output:
+                process = self._popen(
+                    [sys.executable, "-m", "rig.cli", *whole],
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    # A console that is ended with Ctrl-C ends no campaign.
+                    start_new_session=True,
+                )
+        except OSError as error:
+            raise LaunchRefused(f"it cannot be started: {error.strerror or error}") from None
+        self._launched.append(Launched(name, folder, process, log))
+        del self._launched[:-20]
+
+
+def _content(launched: Launched) -> dict[str, Any]:
+    ended = launched.exit_code is not None
+    return {
+        "name": launched.name,
+        "folder": launched.folder.name,
+        "exit_code": launched.exit_code,
+        "ending": _ending(launched) if ended else "",
+    }
+
+
+def _ending(launched: Launched) -> str:
+    code = launched.exit_code
+    if code is not None and code < 0:
+        return f"killed by {signal.Signals(-code).name}"
+    text = f"exit code {code}, {ENDINGS.get(code or 0, 'crashed')}"
+    said = _last_lines(launched.log)
+    return f"{text}: {said}" if code == 2 and said else text
+
+
+def _last_lines(log: Path) -> str:
+    with suppress(OSError), log.open("rb") as file:
+        file.seek(max(0, log.stat().st_size - LOG_BYTES))
+        return " ".join(file.read().decode(errors="replace").split())
+    return ""
+
+
+def _modified(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _unfinished_campaign(journal: Path) -> str | None:
+    """Return the campaign of a run that can be gone on with; None of any other."""
+    with suppress(OSError, ValueError, KeyError, TypeError), journal.open("rb") as file:
+        begun = json.loads(file.readline(TAIL_BYTES))
+        file.seek(max(0, journal.stat().st_size - TAIL_BYTES))
+        lines = file.read().splitlines()
+        last: Mapping[str, Any] = {}
+        for line in reversed(lines):
+            with suppress(ValueError):
+                last = json.loads(line)
+                break
+        if begun["kind"] == "begin" and not (last.get("kind") == "end" and not last["reason"]):
+            return str(begun["campaign"])[:100]
+    return None

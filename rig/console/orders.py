@@ -1,0 +1,131 @@
+"""What may be asked of the console, by whom: every order of the page goes through here."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, cast
+
+from rig.stream.client import Answer, StreamClient, UnknownRigError
+from rig.stream.commands import KeyFileError
+from rig.stream.settings import COMMANDS, CommandName
+
+from .launcher import Launcher, LaunchRefused
+from .seat import Seat, SeatTaken
+from .visitors import Visitor
+
+LONGEST_TEXT: Final = 400
+"""Characters of a remark; with its writer's name it fits into a command."""
+LONGEST_NAME: Final = 200
+STOP: Final = "stop"
+ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", *COMMANDS)
+STOP_S: Final = 2.5
+"""How long an answer to a stop is waited for."""
+COMMAND_S: Final = 5.0
+
+_KEYS: Final = frozenset({"order", "rig", "text", "name"})
+
+
+class MalformedError(ValueError):
+    """What is no order; says why."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What somebody asks for.
+
+    Attributes:
+        order: one of `ORDERS`.
+        rig: its id, for a command.
+        text: a remark.
+        name: of the test to skip or retry, the campaign to start, the run to go on with.
+    """
+
+    order: str
+    rig: str = ""
+    text: str = ""
+    name: str = ""
+
+
+def parse(body: bytes) -> Order:
+    """Return the order in a request.
+
+    Raises:
+        MalformedError: it is none.
+    """
+    try:
+        content = json.loads(body)
+    except (ValueError, RecursionError):
+        raise MalformedError("is no JSON") from None
+    if not isinstance(content, dict) or not content.keys() <= _KEYS:
+        raise MalformedError("has not the keys of an order")
+    if not all(isinstance(value, str) for value in content.values()):
+        raise MalformedError("has a value that is no text")
+    if content.get("order") not in ORDERS:
+        raise MalformedError("is none that there is")
+    if any(len(content.get(key, "")) > LONGEST_NAME for key in ("rig", "name")):
+        raise MalformedError("has a name that is too long")
+    if len(content.get("text", "")) > LONGEST_TEXT:
+        raise MalformedError(f"has a remark of more than {LONGEST_TEXT} characters")
+    return Order(**content)
+
+
+class Orders:
+    """Carries orders out; methods may wait for a rig's answer, and are called from any thread.
+
+    Args:
+        client: sends commands.
+        seat: who may act.
+        launcher: starts runs.
+    """
+
+    def __init__(self, client: StreamClient, seat: Seat, launcher: Launcher) -> None:
+        self._client = client
+        self._seat = seat
+        self._launcher = launcher
+
+    def carry_out(self, order: Order, visitor: Visitor) -> Answer:
+        """Do what is asked for, if this visitor may, and return what came of it.
+
+        Anybody who is logged in may stop a rig; for all else one needs the operator's seat.
+        """
+        try:
+            if order.order == STOP:
+                return self._stop(order, visitor)
+            if order.order in ("take", "take over"):
+                self._seat.take(visitor, over=order.order == "take over")
+                return Answer(True)
+            self._seat.require(visitor)
+            if order.order == "release":
+                self._seat.release(visitor)
+                return Answer(True)
+            if order.order in ("start", "go on"):
+                self._launch(order)
+                return Answer(True)
+            return self._send(cast(CommandName, order.order), order, visitor, COMMAND_S)
+        except (SeatTaken, LaunchRefused, UnknownRigError, KeyFileError) as refusal:
+            return Answer(False, str(refusal))
+
+    def _send(self, command: CommandName, order: Order, visitor: Visitor, wait_s: float) -> Answer:
+        said = f"{visitor.name}: {order.text}" if order.text else visitor.name
+        return self._client.send(command, order.rig, said, wait_s, order.name)
+
+    def _stop(self, order: Order, visitor: Visitor) -> Answer:
+        """Abort by the stream; what was started here also as Ctrl-C does, if that is not heard."""
+        try:
+            answer = self._send("abort", Order(STOP, order.rig, order.text), visitor, STOP_S)
+        except (UnknownRigError, KeyFileError) as refusal:
+            answer = Answer(False, str(refusal))
+        if not answer.accepted and self._launcher.interrupt():
+            return Answer(True, "the stream did not answer; the process was interrupted")
+        return answer
+
+    def _launch(self, order: Order) -> None:
+        alive = [rig for rig in self._client.rigs() if self._client.snapshot(rig).alive]
+        offer = self._launcher.offers.get(order.name)
+        same = offer is not None and Path(offer.rig).stem in alive
+        if alive and (order.order == "go on" or same):
+            raise LaunchRefused(f"{', '.join(alive)} has a campaign running")
+        if order.order == "start":
+            self._launcher.start(order.name)
+        else:
+            self._launcher.go_on(order.name)

@@ -1,0 +1,253 @@
+// The page: shows what the console tells, and asks it for what the operator wants.
+
+import { Chart } from "./chart.js";
+import { ask } from "./dialog.js";
+import { Link } from "./link.js";
+import * as views from "./views.js";
+import { clock, element, lasted } from "./words.js";
+
+const by = (id) => document.getElementById(id);
+const SILENT_MS = 1500;
+
+const CHARTS = {
+  motion: {
+    title: "Position", unit: "mm", least: 5, floor: null,
+    series: [
+      { key: "setpoint_mm", label: "setpoint", colour: "reference", dash: [5, 4], width: 1.6, digits: 1 },
+      { key: "position_mm", label: "position", colour: "first", digits: 1 },
+    ],
+  },
+  pressures: {
+    title: "Chamber pressures", unit: "MPa", least: 1, floor: 0,
+    series: [
+      { key: "supply_MPa", label: "supply", colour: "reference", width: 1.2, digits: 2 },
+      { key: "pressure_1_MPa", label: "1 measured", colour: "first-pale", width: 2.6, digits: 2 },
+      { key: "pressure_2_MPa", label: "2 measured", colour: "second-pale", width: 2.6, digits: 2 },
+      { key: "estimate_1_MPa", label: "1 estimated", colour: "first", width: 1.1, digits: 2 },
+      { key: "estimate_2_MPa", label: "2 estimated", colour: "second", width: 1.1, digits: 2 },
+    ],
+  },
+  residuals: {
+    title: "Residuals, mean over 4 s", unit: "kPa", least: 20, floor: 0,
+    series: [
+      { key: "average_1_kPa", label: "chamber 1", colour: "first", digits: 1 },
+      { key: "average_2_kPa", label: "chamber 2", colour: "second", digits: 1 },
+    ],
+  },
+  leak: {
+    title: "Leak flow, with 95 % interval", unit: "L/min", least: 0.2, floor: 0, empty: "no leak found",
+    series: [
+      { key: "leak_L_per_min", label: "estimated", colour: "leak", digits: 3,
+        band: ["leak_low_L_per_min", "leak_high_L_per_min"] },
+    ],
+  },
+};
+
+const charts = {};
+for (const figure of document.querySelectorAll("[data-chart]")) {
+  charts[figure.dataset.chart] = new Chart(figure, CHARTS[figure.dataset.chart]);
+}
+
+const dirty = new Set();
+let drawing = false;
+const link = new Link((changed) => {
+  for (const name of changed) dirty.add(name);
+  if (!drawing) {
+    drawing = true;
+    requestAnimationFrame(render);
+  }
+});
+window.rigConsole = link; // for whoever looks at it from the browser's own tools
+
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  for (const chart of Object.values(charts)) { chart.resized = true; if (chart.points) chart.draw(chart.points); }
+});
+
+function render() {
+  drawing = false;
+  const { sections, common } = link;
+  if (dirty.has("rig")) views.clear(charts);
+  if (dirty.has("points") && link.points) {
+    for (const chart of Object.values(charts)) chart.draw(link.points);
+    frames += 1;
+  }
+  if (dirty.has("decision")) {
+    const levels = (sections.decision?.thresholds_kPa ?? []).filter((value) => value !== null);
+    charts.residuals.levels = levels.map((value) => ({ value }));
+  }
+  for (const name of dirty) {
+    if (views[name] && (name in sections || name in common)) views[name](link);
+  }
+  if (["life", "campaign", "progress", "seat", "launch", "rig", "interlocks"].some((name) => dirty.has(name))) actions();
+  if (["campaign", "progress"].some((name) => dirty.has(name))) views.queue(link);
+  if (["decision", "progress"].some((name) => dirty.has(name))) views.judged(link);
+  if (["events", "notices"].some((name) => dirty.has(name))) views.happened(link);
+  dirty.clear();
+  alive();
+}
+
+// ---- what is so now -----------------------------------------------------------------------------
+
+let frames = 0;
+let stopTold = null;
+export const drawn = () => frames;
+window.rigConsoleFrames = drawn;
+
+function alive() {
+  const life = link.sections.life;
+  const silent = performance.now() - link.heardAt;
+  const lost = !link.open || silent > SILENT_MS;
+  const pill = by("life");
+  let [text, how] = ["no rig yet", "off"];
+  if (lost) [text, how] = ["no console", "bad"];
+  else if (life?.life === "live") [text, how] = [`live, ${life.rate_hz} samples/s`, "good"];
+  else if (life?.life === "dead") [text, how] = [`dead for ${lasted(life.age_s)}`, "bad"];
+  else if (life?.life === "ended") [text, how] = [`campaign ended, ${lasted(life.age_s)} ago`, "off"];
+  if (pill.textContent !== text) pill.textContent = text;
+  pill.className = `pill ${how}`;
+  const stale = lost || !life || life.life !== "live";
+  document.body.classList.toggle("stale", stale);
+  banners(lost, silent, life);
+}
+
+function banners(lost, silent, life) {
+  const told = [];
+  if (stopTold) told.push(stopTold);
+  if (lost && link.heardAt) {
+    told.push(["bad", "The console does not answer", `for ${lasted(silent / 1000)}. What is shown is what was; stop the rig at the rig.`]);
+  } else if (life?.life === "dead") {
+    told.push(["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.`]);
+  }
+  const { interlocks, progress } = link.sections;
+  const first = interlocks?.first_out?.[0];
+  if (first) {
+    told.push(["bad", `Tripped: ${first.sentence}`, `First out: ${first.by}, ${first.cause}. Remedy: ${first.remedy}.`]);
+  } else if (interlocks?.sentence) {
+    told.push(["warn", interlocks.action, interlocks.sentence]);
+  }
+  if (life?.state === "arming" && life.life === "live") {
+    told.push(["warn", "Waiting for the reset button", "Press reset at the rig while its lamp is lit."]);
+  }
+  const key = JSON.stringify([told, progress?.number]);
+  if (banners.shown === key) return;
+  banners.shown = key;
+  by("banners").replaceChildren(...told.map(([how, title, text]) =>
+    element("p", `banner ${how}`, element("strong", "", title), " ", text)));
+}
+setInterval(alive, 250);
+
+// ---- what may be done ---------------------------------------------------------------------------
+
+const isMine = () => link.common.seat?.number !== null && link.common.seat?.number === link.you;
+
+function actions() {
+  const { life, campaign, progress } = link.sections;
+  const { seat, launch } = link.common;
+  const isLive = life?.life === "live" && campaign?.status === "running";
+  const canStart = launch?.allowed && !(isLive && launch.offers.length === 0);
+  const may = {
+    start: canStart && launch.offers.length > 0 && !isLive,
+    reset: canStart && launch.unfinished.length > 0 && !isLive,
+  };
+  for (const name of ["hold", "resume", "skip", "retry", "acknowledge", "note", "abort"]) may[name] = isLive;
+  for (const button of document.querySelectorAll("[data-do]")) {
+    button.disabled = !isMine() || !may[button.dataset.do];
+  }
+  by("actions-why").textContent = isMine()
+    ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : ""
+    : seat?.number === null ? "Take control to act. Stop works for everybody." : `${seat?.name ?? "Nobody"} has control. Stop works for everybody.`;
+  by("stop").setAttribute("aria-label", `Stop ${link.rig || "the rig"}: end the campaign now`);
+  by("progress-meter").hidden = !progress?.duration_s;
+}
+
+function toast(text, how = "") {
+  const shown = element("p", `toast ${how}`, text);
+  by("toasts").append(shown);
+  setTimeout(() => shown.remove(), how === "bad" ? 12000 : 5000);
+}
+
+async function order(name, told) {
+  const answer = await link.order(name, told);
+  toast(answer.accepted ? `${name[0].toUpperCase()}${name.slice(1)}: obeyed` : `${name}: ${answer.reason}`, answer.accepted ? "" : "bad");
+  return answer;
+}
+
+async function stop() {
+  const button = by("stop");
+  button.classList.add("pressed");
+  by("stop-word").textContent = "Stopping";
+  stopTold = ["warn", "Stop sent", `at ${clock(Date.now())}; waiting for the rig's answer.`];
+  alive();
+  const answer = await link.order("stop");
+  button.classList.remove("pressed");
+  by("stop-word").textContent = "Stop";
+  stopTold = answer.accepted
+    ? ["warn", "Stop obeyed", `at ${clock(Date.now())}. The ram is brought to rest; then valve null, bypass shut, pump unloaded.${answer.reason ? ` (${answer.reason})` : ""}`]
+    : ["bad", "Stop not confirmed", `${answer.reason}. If the rig moves, press the emergency stop at the rig.`];
+  alive();
+  setTimeout(() => { stopTold = null; alive(); }, answer.accepted ? 20000 : 60000);
+}
+
+by("stop").addEventListener("click", stop);
+document.addEventListener("keydown", (event) => {
+  if ((event.key === "F9" || event.key === "Pause") && !event.repeat) { event.preventDefault(); stop(); }
+}, { capture: true });
+
+const tests = () => link.sections.campaign?.tests ?? [];
+const present = () => link.sections.progress?.name;
+const DIALOGS = {
+  start: () => ({
+    title: "Start a campaign", confirm: "Start",
+    text: "It begins at once: on hardware the rig is armed, and its reset button is waited for.",
+    choice: { label: "Campaign", options: link.common.launch.offers.map((offer) => [offer.name, `${offer.name}, on ${offer.rig}`]) },
+  }),
+  reset: () => ({
+    title: "Reset and go on", confirm: "Go on",
+    text: "The cause has been found and removed, and nobody is near the ram. The run goes on with its next unfinished test; on hardware the rig is armed anew, and its reset button is waited for.",
+    choice: { label: "Run", options: link.common.launch.unfinished.map((run) => [run.folder, `${run.campaign} (${run.folder})`]) },
+  }),
+  hold: () => ({ title: "Hold the campaign", confirm: "Hold", remark: "Remark (recorded)",
+    text: `It pauses after the present test, ${present() ?? ""}, with the ram held.` }),
+  resume: () => ({ title: "Resume the campaign", confirm: "Resume", remark: "Remark (recorded)", text: "The next test begins: the ram moves." }),
+  skip: () => ({
+    title: "Skip a test", confirm: "Skip", remark: "Remark (recorded)",
+    text: "The present test ends at once; another one is not run. It counts as skipped.",
+    choice: { label: "Test", options: tests().filter((test) => !test.status || test.name === present())
+      .map((test) => [test.name, test.name === present() ? `${test.name} (runs)` : test.name])
+      .sort((one) => (one[0] === present() ? -1 : 0)) },
+  }),
+  retry: () => ({
+    title: "Run a test again", confirm: "Retry", remark: "Remark (recorded)",
+    text: "The present test begins anew; one that has ended is run again. What was found before does not count.",
+    choice: { label: "Test", options: tests().filter((test) => test.status || test.name === present())
+      .map((test) => [test.name, test.name === present() ? `${test.name} (runs)` : `${test.name} (${test.status})`])
+      .sort((one) => (one[0] === present() ? -1 : 0)) },
+  }),
+  acknowledge: () => ({ title: "Acknowledge", confirm: "Acknowledge", remark: "What was seen (recorded)",
+    text: "What failed, tripped, was interrupted or held was seen by you; the record names you." }),
+  note: () => ({ title: "Note", confirm: "Keep", remark: "Goes into journal, recording and report", needed: true }),
+  abort: () => ({ title: "Abort the campaign", confirm: "Abort", danger: true, remark: "Remark (recorded)",
+    text: "The motion comes to rest, the rig is made safe, the campaign ends. It can be gone on with later. The Stop button does the same without a question." }),
+};
+const ORDERS = { reset: "go on" };
+
+for (const button of document.querySelectorAll("[data-do]")) {
+  button.addEventListener("click", async () => {
+    const told = await ask(DIALOGS[button.dataset.do]());
+    if (!told) return;
+    const name = ["start", "reset", "skip", "retry"].includes(button.dataset.do) ? { name: told.name } : {};
+    await order(ORDERS[button.dataset.do] ?? button.dataset.do, { ...name, ...(told.text ? { text: told.text } : {}) });
+  });
+}
+
+by("seat-button").addEventListener("click", async () => {
+  const { seat } = link.common;
+  if (isMine()) { await order("release"); return; }
+  if (seat?.number === null) { await order("take"); return; }
+  const away = seat.here ? "" : " Nobody watches under this name now.";
+  const told = await ask({ title: `Take over from ${seat.name}`, confirm: "Take over", danger: true,
+    text: `${seat.name} has had control since ${clock(seat.since_ms)}.${away} Everybody is told.` });
+  if (told) await order("take over");
+});
+
+by("rig").addEventListener("change", (event) => link.choose(event.target.value));

@@ -1,0 +1,210 @@
+// Each section as it is shown: a function of its name is called when it has changed.
+
+import { clock, element, figure, lasted, leak, tone, verdict } from "./words.js";
+
+const by = (id) => document.getElementById(id);
+const SHOWN_EVENTS = 80;
+
+function put(target, made) {
+  // Lists are shown anew only if they changed: a selection within them stays otherwise.
+  const text = made.map((each) => each.outerHTML).join("");
+  if (target.dataset.shown === text.length + ":" + text) return;
+  target.dataset.shown = text.length + ":" + text;
+  target.replaceChildren(...made);
+}
+
+function pairs(target, items) {
+  const made = items.flatMap(([name, value, how]) => [
+    element("dt", "", name), element("dd", how ?? "", value),
+  ]);
+  put(target, made);
+}
+
+const head = (...names) => element("thead", "", element("tr", "", ...names.map((name) => element("th", "", name))));
+
+export function clear(charts) {
+  for (const chart of Object.values(charts)) { chart.ends = null; chart.draw({ time_s: [], test: [] }); }
+  for (const id of ["readings", "contacts", "first-out", "confirmed", "bypass", "loop", "stages", "parts", "tests", "verdicts", "events", "probabilities"]) {
+    by(id).replaceChildren();
+    delete by(id).dataset.shown;
+  }
+}
+
+// ---- console ------------------------------------------------------------------------------------
+
+export function rigs({ common, rig }) {
+  const several = common.rigs.length > 1;
+  by("rig-choice").hidden = !several;
+  by("rig-name").hidden = several;
+  by("rig").replaceChildren(...common.rigs.map((each) =>
+    new Option(each.alive ? each.rig : `${each.rig} (dead)`, each.rig, false, each.rig === rig)));
+  by("rig-name").textContent = rig;
+}
+
+export function seat({ common, you }) {
+  const { number, name, since_ms: since, here } = common.seat;
+  const mine = number !== null && number === you;
+  by("seat").textContent = number === null ? "nobody has control"
+    : mine ? "you have control" : `${name} has control since ${clock(since)}${here ? "" : " (away)"}`;
+  by("seat").className = mine ? "mine" : "";
+  by("seat-button").textContent = mine ? "Give up" : number === null ? "Take control" : "Take over";
+}
+
+export function viewers({ common }) {
+  const names = common.viewers.map((each) => each.name);
+  by("viewers").textContent = names.length > 1 ? `${names.length} watch` : "";
+  by("viewers").title = names.join(", ");
+}
+
+// ---- rig ----------------------------------------------------------------------------------------
+
+export function life({ sections, rig }) {
+  by("state").textContent = sections.life.life === "live" ? sections.life.state : "";
+  by("rig-name").textContent = rig;
+  document.title = `${rig || "Rig"} console`;
+  loop(sections);
+}
+
+export function readings({ sections }) {
+  pairs(by("readings"), sections.readings.map(({ name, value, unit }) => [name, `${value ?? "-"} ${unit}`]));
+}
+
+export function bypass({ sections }) {
+  const valves = sections.bypass;
+  const position = (part) => (part === null ? "-" : part >= 0.99 ? "open" : part <= 0.01 ? "shut" : "moves");
+  put(by("bypass"), valves.length === 0 ? [element("caption", "quiet", "This rig has none.")] : [
+    head("valve", "ball", "needle", "meter L/min"),
+    element("tbody", "", ...valves.map((valve) => element("tr", "",
+      element("td", "", verdict(valve.name)),
+      element("td", valve.ball === null ? "" : `state ${valve.ball > 0.01 ? "live" : "off"}`, position(valve.ball)),
+      element("td", "number", valve.needle === null ? "-" : `${figure(100 * valve.needle, 1)} %`),
+      element("td", "number", figure(valve.metered_L_per_min, 2))))),
+  ]);
+}
+
+export function interlocks({ sections }) {
+  const { contacts, action, sentence, first_out: firstOut, confirmed } = sections.interlocks;
+  pairs(by("contacts"), contacts.map(({ name, text, how }) => [name, text, `state ${how}`]));
+  by("action").className = sentence ? "warn" : "quiet";
+  by("action").textContent = sentence ? `${action}: ${sentence}`
+    : firstOut.length ? "" : contacts.length ? "no limit acts" : "A simulated rig has none.";
+  put(by("first-out"), firstOut.map((trip, k) => element("li", "",
+    element("strong", "", k === 0 ? "first out: " : `${figure(trip.after_ms, 0)} ms later: `),
+    `${trip.by}, ${trip.sentence} (${trip.cause}). `, element("span", "quiet", `Remedy: ${trip.remedy}.`))));
+  pairs(by("confirmed"), confirmed.map(({ step, after_ms: after }) =>
+    [step, after === null ? "not confirmed" : `${figure(after, 0)} ms`, after === null ? "state bad" : "state good"]));
+}
+
+function loop(sections) {
+  const told = sections.health ?? {};
+  const rows = [["rate", `${figure(told.rate_hz, 0)} Hz`]];
+  if (told.missed !== undefined) {
+    rows.push(["ticks missed", `${told.missed ?? "-"}`, told.missed ? "warn" : ""]);
+    rows.push(["exchanges failed", `${told.exchange_errors ?? "-"}`, told.exchange_errors ? "warn" : ""]);
+  }
+  const missing = Object.entries(sections.life?.missing ?? {});
+  rows.push(["not arrived here", missing.length ? missing.map(([kind, n]) => `${n} ${kind}`).join(", ") : "0"]);
+  if (sections.life?.restarts) rows.push(["stream begun anew", `${sections.life.restarts} times`]);
+  pairs(by("loop"), rows);
+}
+
+export function health({ sections }) {
+  loop(sections);
+  const { stages_us: stages, silent_ms: silent } = sections.health;
+  put(by("stages"), stages.length === 0 ? [] : [
+    head("µs", "median", "99 %", "most"),
+    element("tbody", "", ...stages.map((stage) => element("tr", "", element("td", "", stage.name),
+      ...["p50", "p99", "max"].map((key) => element("td", "number", figure(stage[key], 0)))))),
+  ]);
+  pairs(by("parts"), Object.entries(silent).map(([part, ms]) =>
+    [`${part} heard`, `${figure(ms, 0)} ms ago`, ms > 1500 ? "bad" : ""]));
+}
+
+export function progress({ sections }) {
+  const told = sections.progress;
+  by("progress-text").textContent = told.name ? `${told.number} of ${told.count}: ${told.name}` : "";
+  by("progress-time").textContent = told.duration_s ? `${figure(told.time_s, 0)} of ${figure(told.duration_s, 0)} s` : "";
+  const part = told.duration_s ? Math.min(told.time_s / told.duration_s, 1) : 0;
+  by("progress-bar").style.width = `${100 * part}%`;
+}
+
+export function campaign({ sections }) {
+  const told = sections.campaign;
+  by("campaign-name").textContent = told.name ? `${told.name}, ${told.status}` : "none";
+  by("campaign-more").textContent = told.name
+    ? `rig ${told.rig}, model ${told.model}, filter ${told.filter}; begun ${clock(told.begun_ms)}, ${lasted(told.rig_time_s)} of rig time` : "";
+}
+
+export function launch({ common }) {
+  const { last } = common.launch;
+  if (last?.ending) by("campaign-card").dataset.ending = last.ending;
+}
+
+export function queue({ sections }) {
+  const { campaign: told, progress: now } = sections;
+  if (!told?.tests) return;
+  const running = told.status === "running" ? now?.name : null;
+  put(by("tests"), [
+    head("", "test", "expected", "found", ""),
+    element("tbody", "", ...told.tests.map((test, k) => {
+      const runs = test.name === running && (!test.status || test.status === "running" || now.time_s < now.duration_s);
+      const status = runs ? "running" : test.status || (told.status === "running" ? "waits" : "not run");
+      return element("tr", runs ? "runs" : "",
+        element("td", "number quiet", `${k + 1}`), element("td", "", test.name),
+        element("td", "", verdict(test.expect)), element("td", "", runs ? "" : test.verdict ? verdict(test.verdict) : ""),
+        element("td", `status ${status.replaceAll(" ", "-")}`, status));
+    })),
+  ]);
+}
+
+// ---- verdicts and events ------------------------------------------------------------------------
+
+export function judged({ sections }) {
+  const told = sections.decision;
+  const name = told?.verdict ?? "";
+  const chance = told?.probabilities?.[name];
+  by("verdict").textContent = name ? verdict(name) : "None yet";
+  by("verdict").className = tone(name);
+  const parts = [];
+  if (chance !== undefined && chance !== null) parts.push(chance > 0.999 ? "over 99.9 %" : `${figure(100 * chance, 1)} %`);
+  if (told?.suspected) parts.push(`suspected: ${verdict(told.suspected)}`);
+  if (told?.leak_L_per_min && leak(told.leak_L_per_min)) parts.push(leak(told.leak_L_per_min));
+  if (told?.onset_s !== null && told?.onset_s !== undefined) parts.push(`since ${figure(told.onset_s, 1)} s of the test`);
+  const expected = sections.progress?.expect;
+  if (expected) parts.push(`expected at the end: ${verdict(expected).toLowerCase()}`);
+  by("verdict-more").textContent = parts.join("; ");
+  by("statistic").hidden = told?.statistic === undefined || told?.statistic === null;
+  if (!by("statistic").hidden) {
+    by("statistic-text").textContent = `${figure(told.statistic, 1)}, threshold ${figure(told.threshold, 1)}`;
+    // The mark of the threshold stands in the middle.
+    const part = told.threshold ? told.statistic / told.threshold / 2 : 0;
+    by("statistic-bar").style.width = `${100 * Math.min(part, 1)}%`;
+    by("statistic-bar").className = part >= 0.5 ? "over" : "";
+  }
+  const likely = Object.entries(told?.probabilities ?? {}).filter(([, p]) => p > 0.0005)
+    .sort((one, other) => other[1] - one[1]).slice(0, 3);
+  pairs(by("probabilities"), likely.map(([fault, p]) => [verdict(fault), `${figure(100 * p, 1)} %`]));
+}
+
+export function verdicts({ sections }) {
+  const rows = [...sections.verdicts].reverse();
+  put(by("verdicts"), [
+    head("", "test", "at", "verdict", "leak"),
+    element("tbody", "", ...rows.map((each) => element("tr", "",
+      element("td", "quiet", clock(each.at_ms)), element("td", "", each.test),
+      element("td", "number", `${figure(each.time_s, 1)} s`),
+      element("td", tone(each.verdict), verdict(each.verdict)),
+      element("td", "number", leak(each.leak_L_per_min))))),
+  ]);
+}
+
+export function happened({ sections, common }) {
+  const own = (common.notices ?? []).map((notice) => ({ ...notice, who: "console", kind: "told" }));
+  const rows = [...(sections.events ?? []), ...own].sort((one, other) => other.at_ms - one.at_ms);
+  const grave = new Set(["trip", "error", "refused"]);
+  put(by("events"), [
+    element("tbody", "", ...rows.slice(0, SHOWN_EVENTS).map((event) => element("tr", grave.has(event.kind) ? "grave" : "",
+      element("td", "quiet", clock(event.at_ms)), element("td", "", event.kind.replaceAll("_", " ")),
+      element("td", "", event.text)))),
+  ]);
+}

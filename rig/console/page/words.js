@@ -1,0 +1,48 @@
+// How things are called on the page, and how numbers and times are written.
+
+const VERDICTS = {
+  healthy: "Healthy",
+  external_leakage_1: "External leakage, chamber 1",
+  external_leakage_2: "External leakage, chamber 2",
+  internal_leakage: "Internal leakage",
+  supply_leakage: "Supply leakage",
+  return_blockage: "Return blockage",
+  multiple: "Several faults",
+  unknown_fault: "Unknown fault",
+  inconclusive: "Inconclusive",
+};
+
+export const verdict = (name) => (name ? VERDICTS[name] ?? name.replaceAll("_", " ") : "-");
+
+// good, bad or open: by which colour a verdict is shown.
+export function tone(name) {
+  if (name === "healthy") return "good";
+  return !name || name === "inconclusive" ? "open" : "fault";
+}
+
+export const figure = (value, digits) =>
+  value === null || value === undefined ? "-" : Number(value).toFixed(digits);
+
+export function leak([flow, low, high]) {
+  if (flow === null || flow === undefined) return "";
+  const interval = low === null || low === undefined ? "" : ` (${figure(low, 2)} to ${figure(high, 2)})`;
+  return `${figure(flow, 2)}${interval} L/min`;
+}
+
+const CLOCK = new Intl.DateTimeFormat("en-GB", { timeStyle: "medium" });
+export const clock = (ms) => (ms ? CLOCK.format(ms) : "");
+
+export function lasted(seconds) {
+  if (seconds === null || seconds === undefined) return "-";
+  if (seconds < 120) return `${figure(seconds, seconds < 10 ? 1 : 0)} s`;
+  if (seconds < 7200) return `${Math.round(seconds / 60)} min`;
+  return `${(seconds / 3600).toFixed(1)} h`;
+}
+
+// Makes an element of a tag, with a class, holding texts or elements; nothing is ever parsed as HTML.
+export function element(tag, className, ...held) {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  made.append(...held.map((item) => item ?? ""));
+  return made;
+}

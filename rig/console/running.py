@@ -1,0 +1,96 @@
+"""Runs the console's server until it is asked to end."""
+
+import signal
+import socket
+from collections.abc import Callable
+from typing import Final
+
+import uvicorn
+
+from rig.stream.client import StreamClient
+
+from .address import Address, with_port
+from .server import LARGEST_MESSAGE, Console, Served
+
+BACKLOG: Final = 64
+END_S: Final = 2
+"""How long viewers may take to go, once the server is to end."""
+LARGEST_HEADERS: Final = 16_384
+"""Bytes of a request's head."""
+MOST_CONNECTIONS: Final = 200
+
+
+def serve(
+    client: StreamClient,
+    token: str,
+    served: Served,
+    address: Address,
+    *,
+    log: Callable[[str], None],
+    ready: Callable[[str], None],
+) -> None:
+    """Serve a console; return after SIGINT or SIGTERM.
+
+    Args:
+        client: follows the streams.
+        token: to log in with.
+        served: what is served.
+        address: where.
+        log: is told of refusals and of what operators do.
+        ready: is called with the URL once it listens.
+
+    Raises:
+        OSError: the port is taken.
+    """
+    listener = listener_of(address)
+    address = with_port(address, listener.getsockname()[1])
+    # Uvicorn raises the signal again that has ended it.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+    with listener:
+        server = server_of(Console(client, token, address, served, log))
+        ready(address.url)
+        server.run(sockets=[listener])
+
+
+def server_of(console: Console) -> uvicorn.Server:
+    """Return the server of a console."""
+    config = uvicorn.Config(
+        console.application(),
+        ws="websockets-sansio",
+        ws_max_size=LARGEST_MESSAGE,
+        ws_per_message_deflate=False,
+        ws_ping_interval=5.0,
+        ws_ping_timeout=20.0,
+        http="h11",
+        h11_max_incomplete_event_size=LARGEST_HEADERS,
+        limit_concurrency=MOST_CONNECTIONS,
+        timeout_graceful_shutdown=END_S,
+        access_log=False,
+        log_config=None,
+        server_header=False,
+        proxy_headers=False,
+        ssl_certfile=console.address.certificate,
+        ssl_keyfile=console.address.key,
+    )
+    return uvicorn.Server(config)
+
+
+def listener_of(address: Address) -> socket.socket:
+    """Return a socket that listens at an address.
+
+    Raises:
+        OSError: it is taken.
+    """
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((address.host, address.port))
+    except OSError as error:
+        listener.close()
+        where = f"{address.host}:{address.port}"
+        reason = f"{error.strerror}; give another --listen"
+        raise OSError(f"cannot listen on {where}: {reason}") from None
+    listener.listen(BACKLOG)
+    return listener

@@ -1,0 +1,297 @@
+"""The console's web server: pages, login, orders by POST, and the live view by a websocket."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import parse_qs
+
+from starlette.applications import Starlette
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from rig.stream.client import StreamClient
+
+from .address import Address
+from .feed import TICK_S, Cursor, Feed
+from .guard import Application, Guard
+from .launcher import Launcher, Offer
+from .orders import STOP, MalformedError, Orders, parse
+from .seat import Seat
+from .visitors import LIFETIME_S, LoginRefused, Visitor, Visitors
+
+PAGE: Final = Path(__file__).parent / "page"
+KINDS: Final = {
+    ".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml",
+}  # fmt: skip
+LARGEST_MESSAGE: Final = 1024
+"""Bytes that a page's websocket may send at once."""
+MESSAGES_PER_S: Final = 10
+MOST_VIEWERS: Final = 40
+LOOK_S: Final = 0.5
+"""How often it is looked after what was started, and who watches."""
+LOGGED_OUT: Final = 4401
+UNWELCOME: Final = 1008
+TOO_LARGE: Final = 1009
+FULL: Final = 1013
+
+
+@dataclass(frozen=True)
+class Served:
+    """What a console serves, and to whom.
+
+    Attributes:
+        offers: campaigns that may be started.
+        folder: where their runs go.
+        profile: of their stream; empty: nothing may be started.
+        rig: on which they run, instead of the campaigns' own.
+    """
+
+    offers: tuple[Offer, ...] = ()
+    folder: Path = Path("runs")
+    profile: str = ""
+    rig: str | None = None
+
+
+@dataclass
+class Console:
+    """The console behind its pages.
+
+    Attributes:
+        client: follows the streams, and is closed with the console.
+        token: to log in with.
+        address: at which it is served.
+        served: what is served.
+        log: is told of refusals and of what operators do.
+    """
+
+    client: StreamClient
+    token: str
+    address: Address
+    served: Served
+    log: Callable[[str], None]
+    viewers: dict[int, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.feed = Feed(self.client)
+        self.visitors = Visitors(self.token)
+        self.seat = Seat(self.say)
+        served = self.served
+        self.launcher = Launcher(served.offers, served.folder, served.profile, served.rig, self.say)
+        self.orders = Orders(self.client, self.seat, self.launcher)
+        self.cookie = f"rig-console-{self.address.port}"
+        self._looked_at = 0.0
+        self._names: dict[int, str] = {}
+
+    def say(self, text: str) -> None:
+        """Log something, and show it to all viewers."""
+        self.log(text)
+        self.feed.notice(text)
+
+    def application(self) -> Application:
+        """Return what uvicorn serves."""
+        routes = [
+            Route("/", self._page, methods=["GET"]),
+            Route("/login", self._login_page, methods=["GET"]),
+            Route("/login", self._log_in, methods=["POST"]),
+            Route("/logout", self._log_out, methods=["POST"]),
+            Route("/order", self._order, methods=["POST"]),
+            Route("/page/{name}", self._file, methods=["GET"]),
+            WebSocketRoute("/live", self._live),
+        ]
+        inner = Starlette(routes=routes, lifespan=self._lifespan)
+        return Guard(inner, self.address.names, self.address.secure, self._refused)
+
+    def _refused(self, address: str, why: str) -> None:
+        self.log(f"refused, from {address}: {why}")
+
+    def _visitor(self, connection: HTTPConnection) -> Visitor | None:
+        return self.visitors.visitor(connection.cookies.get(self.cookie))
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        following = asyncio.create_task(self._follow())
+        yield
+        following.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await following
+
+    async def _follow(self) -> None:
+        """Take what the streams bring, twenty times a second."""
+        loop = asyncio.get_running_loop()
+        while True:
+            now = loop.time()
+            self.feed.tick(now)
+            if now - self._looked_at >= LOOK_S:
+                self._looked_at = now
+                self._look()
+            await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
+
+    def _look(self) -> None:
+        self.launcher.look()
+        self.feed.common.put("launch", self.launcher.content())
+        self.feed.common.put("seat", {**self.seat.content(), "here": self._is_here()})
+        watching = [{"number": number, "name": self._names[number]} for number in self.viewers]
+        self.feed.common.put("viewers", watching)
+
+    def _is_here(self) -> bool:
+        return self.seat.holder is not None and self.seat.holder.number in self.viewers
+
+    async def _page(self, request: Request) -> Response:
+        if self._visitor(request) is None:
+            return RedirectResponse("/login", status_code=303)
+        return HTMLResponse((PAGE / "console.html").read_text())
+
+    async def _file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in {file.name for file in PAGE.iterdir()} or Path(name).suffix == ".html":
+            return Response("not found\n", 404)
+        file = PAGE / name
+        return Response(file.read_bytes(), media_type=KINDS.get(file.suffix, "text/plain"))
+
+    async def _login_page(self, request: Request) -> Response:
+        if self._visitor(request) is not None:
+            return RedirectResponse("/", status_code=303)
+        return _login_page("")
+
+    async def _log_in(self, request: Request) -> Response:
+        fields = parse_qs((await request.body()).decode(errors="replace"), max_num_fields=4)
+        token, name = (fields.get(key, [""])[0] for key in ("token", "name"))
+        address = request.client.host if request.client else "unknown"
+        try:
+            cookie = self.visitors.log_in(token, name, address)
+        except LoginRefused as refused:
+            self._refused(address, f"login: {refused}")
+            status = 429 if refused.wait_s else 403
+            return _login_page(str(refused), status, refused.wait_s)
+        visitor = self.visitors.visitor(cookie)
+        assert visitor is not None
+        self.log(f"{visitor.name} logs in, from {address}")
+        answer = RedirectResponse("/", status_code=303)
+        answer.set_cookie(
+            self.cookie, cookie, max_age=round(LIFETIME_S), httponly=True, samesite="strict",
+            secure=self.address.secure,
+        )  # fmt: skip
+        return answer
+
+    async def _log_out(self, request: Request) -> Response:
+        visitor = self._visitor(request)
+        if visitor is not None:
+            self.seat.release(visitor)
+            self.visitors.log_out(request.cookies.get(self.cookie))
+        answer = RedirectResponse("/login", status_code=303)
+        answer.delete_cookie(self.cookie)
+        return answer
+
+    async def _order(self, request: Request) -> Response:
+        visitor = self._visitor(request)
+        address = request.client.host if request.client else "unknown"
+        if visitor is None:
+            self._refused(address, "an order from nobody who is logged in")
+            return JSONResponse({"accepted": False, "reason": "log in first"}, 401)
+        try:
+            if request.headers.get("content-type", "").split(";")[0] != "application/json":
+                raise MalformedError("is not declared as JSON")
+            order = parse(await request.body())
+        except MalformedError as error:
+            self._refused(address, f"an order that {error}")
+            return JSONResponse({"accepted": False, "reason": f"the order {error}"}, 400)
+        answer = await asyncio.to_thread(self.orders.carry_out, order, visitor)
+        about = " ".join(part for part in (order.order, order.name) if part)
+        told = f"{visitor.name}: {about}"
+        if order.order == STOP or not answer.accepted:
+            told += "" if answer.accepted else f" refused, {answer.reason}"
+            self.say(told) if order.order == STOP else self.log(told)
+        else:
+            self.log(told)
+        self._look()
+        content = {"accepted": answer.accepted, "reason": answer.reason}
+        return JSONResponse(content, 200 if answer.accepted else 409)
+
+    async def _live(self, socket: WebSocket) -> None:
+        visitor = self._visitor(socket)
+        if visitor is None:
+            self._refused(_host(socket), "a live view for nobody who is logged in")
+            await socket.accept()
+            await socket.close(LOGGED_OUT)
+            return
+        await socket.accept()
+        if sum(self.viewers.values()) >= MOST_VIEWERS:
+            self._refused(_host(socket), f"more than {MOST_VIEWERS} viewers")
+            await socket.close(FULL)
+            return
+        self._names[visitor.number] = visitor.name
+        self.viewers[visitor.number] = self.viewers.get(visitor.number, 0) + 1
+        cursor = Cursor()
+        tasks = [
+            asyncio.create_task(self._show(socket, cursor, visitor)),
+            asyncio.create_task(self._listen(socket, cursor)),
+        ]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            self.viewers[visitor.number] -= 1
+            if not self.viewers[visitor.number]:
+                del self.viewers[visitor.number]
+
+    async def _show(self, socket: WebSocket, cursor: Cursor, visitor: Visitor) -> None:
+        """Send what is new, as fast as the viewer takes it."""
+        await socket.send_text(json.dumps({"you": visitor.number, "name": visitor.name}))
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            while self._visitor(socket) is not None:
+                news = self.feed.news(cursor)
+                if news is not None:
+                    await socket.send_text(news)
+                await asyncio.sleep(TICK_S)
+            await socket.close(LOGGED_OUT)
+
+    async def _listen(self, socket: WebSocket, cursor: Cursor) -> None:
+        """Take which rig to show; everything else is refused."""
+        loop = asyncio.get_running_loop()
+        taken: list[float] = []
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                if message.get("code") == TOO_LARGE:
+                    self._refused(_host(socket), f"a message of more than {LARGEST_MESSAGE} bytes")
+                return
+            taken = [at for at in taken if loop.time() - at < 1.0]
+            taken.append(loop.time())
+            problem = "too many messages" if len(taken) > MESSAGES_PER_S else ""
+            rig = _chosen(message)
+            if rig is None or problem:
+                self._refused(_host(socket), problem or "a malformed message")
+                await socket.close(UNWELCOME)
+                return
+            cursor.choose(rig)
+
+
+def _chosen(message: Any) -> str | None:
+    """Return the rig that a message asks for; None if it is malformed."""
+    try:
+        content = json.loads(message["text"])
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
+    if not isinstance(content, dict) or content.keys() != {"rig"}:
+        return None
+    rig = content["rig"]
+    return rig if isinstance(rig, str) and len(rig) <= 200 else None
+
+
+def _host(connection: HTTPConnection) -> str:
+    return connection.client.host if connection.client else "unknown"
+
+
+def _login_page(problem: str, status: int = 200, wait_s: float = 0.0) -> Response:
+    page = (PAGE / "login.html").read_text()
+    headers = {"retry-after": str(round(wait_s) + 1)} if wait_s else {}
+    shown = f'<p class="problem" role="alert">{problem}</p>' if problem else ""
+    return HTMLResponse(page.replace("<!-- problem -->", shown), status, headers)

@@ -1,0 +1,295 @@
+"""A rig's snapshot as the page shows it: in sections, in the units of the screen, as plain JSON."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from math import isfinite
+from typing import Any, Final
+
+from rig.stream.view import Snapshot
+
+from .curves import KPA, LITRES_PER_MINUTE, MM, MPA
+
+EVENTS: Final = 60
+VERDICTS: Final = 30
+MOST_TESTS: Final = 2000
+CELSIUS: Final = -273.15
+"""To add to a temperature in K."""
+
+READINGS: Final = (
+    ("position", "position_m", MM, 2, "mm"),
+    ("setpoint", "setpoint_m", MM, 2, "mm"),
+    ("command", "command_V", 1.0, 3, "V"),
+    ("spool", "spool_m", MM, 4, "mm"),
+    ("pressure 1", "pressure_1_Pa", MPA, 3, "MPa"),
+    ("pressure 1, estimated", "est_pressure_1_Pa", MPA, 3, "MPa"),
+    ("pressure 2", "pressure_2_Pa", MPA, 3, "MPa"),
+    ("pressure 2, estimated", "est_pressure_2_Pa", MPA, 3, "MPa"),
+    ("supply", "supply_pressure_Pa", MPA, 3, "MPa"),
+    ("load", "load_N", 1e-3, 3, "kN"),
+    ("compensation", "compensation_V", 1.0, 3, "V"),
+)
+"""Name, channel, factor and digits of what is shown as a number, with its unit."""
+
+BYPASSES: Final = (
+    "external_leakage_1", "external_leakage_2", "internal_leakage", "supply_leakage",
+    "return_blockage",
+)  # fmt: skip
+LEAK_METERS: Final = {
+    "external_leakage_1": "flow_1_m3_per_s",
+    "external_leakage_2": "flow_2_m3_per_s",
+    "internal_leakage": "flow_internal_m3_per_s",
+}
+CONTACTS: Final = (
+    ("emergency stop", "estop_closed", {1: ("closed", "good"), 0: ("open", "bad")}),
+    ("I/O watchdog", "watchdog_tripped", {0: ("watching", "good"), 1: ("tripped", "bad")}),
+    ("encoder", "encoder_fault", {0: ("counting", "good"), 1: ("fault", "bad")}),
+    ("valve", "valve_enabled", {1: ("enabled", "live"), 0: ("disabled", "off")}),
+    ("pump", "pump_loaded", {1: ("loaded", "live"), 0: ("unloaded", "off")}),
+)
+"""Interlock, its channel, and what its values mean: in a word, and whether that is good."""
+STAGES: Final = (
+    ("lateness", "wakeup"), ("exchange", "exchange"), ("compute", "compute"), ("sample age", "age"),
+)  # fmt: skip
+
+
+def sections(snapshot: Snapshot) -> dict[str, Any]:
+    """Return all that is shown of a rig but its curves, by section."""
+    return {
+        "life": _life(snapshot),
+        "readings": _readings(snapshot),
+        "bypass": _bypasses(snapshot),
+        "interlocks": _interlocks(snapshot),
+        "health": _health(snapshot),
+        "progress": _progress(snapshot),
+        "campaign": _campaign(snapshot),
+        "decision": _decision(snapshot),
+        "verdicts": [_verdict(content) for content in snapshot.verdicts[-VERDICTS:]],
+        "events": [_event(content) for content in snapshot.events[-EVENTS:]],
+    }
+
+
+def _life(snapshot: Snapshot) -> dict[str, Any]:
+    """Return whether a rig is there; one whose campaign has ended went without a failure."""
+    ended = snapshot.campaign.get("status") == "ended"
+    life = "live" if snapshot.alive else "ended" if ended else "dead"
+    return {
+        "life": "unheard" if snapshot.age_s is None else life,
+        "age_s": _rounded(snapshot.age_s, 1),
+        "rate_hz": round(snapshot.rate_hz),
+        "time_s": _rounded(snapshot.time_s, 1),
+        "state": _text(snapshot.state.get("state")),
+        "restarts": snapshot.restarts,
+        "missing": {str(kind): int(count) for kind, count in snapshot.missing.items() if count},
+    }
+
+
+def _readings(snapshot: Snapshot) -> list[dict[str, Any]]:
+    found = []
+    for name, channel, factor, digits, unit in READINGS:
+        value = snapshot.latest.get(channel)
+        if value is not None:
+            found.append(_reading(name, value * factor, digits, unit))
+    oil_K = snapshot.latest.get("oil_temperature_K")  # noqa: N806
+    if oil_K is not None:
+        found.append(_reading("oil", oil_K + CELSIUS, 1, "°C"))
+    return found
+
+
+def _reading(name: str, value: float, digits: int, unit: str) -> dict[str, Any]:
+    text = f"{value:.{digits}f}" if isfinite(value) else None
+    return {"name": name, "value": text, "unit": unit}
+
+
+def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
+    """Return what is known of each bypass valve; nothing of a rig that has none."""
+    latest = snapshot.latest
+    found = []
+    for bypass in BYPASSES:
+        ball = _rounded(latest.get(f"{bypass}_ball"), 2)
+        needle = _rounded(latest.get(f"{bypass}_needle"), 3)
+        if ball is None and needle is None:
+            continue
+        flow = latest.get(LEAK_METERS.get(bypass, ""), float("nan"))
+        found.append(
+            {
+                "name": bypass,
+                "ball": ball,
+                "needle": needle,
+                "metered_L_per_min": _rounded(flow * LITRES_PER_MINUTE, 2),
+            }
+        )
+    return found
+
+
+def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
+    health, latest = snapshot.health, snapshot.latest
+    contacts = []
+    for name, channel, meanings in CONTACTS:
+        value = latest.get(channel, float("nan"))
+        if channel in latest:
+            known = meanings.get(round(value)) if isfinite(value) else None
+            text, how = known or ("not known", "off")
+            contacts.append({"name": name, "text": text, "how": how})
+    if contacts:
+        homed = bool(health.get("homed"))
+        text, how = ("homed", "good") if homed else ("not homed", "off")
+        contacts.append({"name": "position", "text": text, "how": how})
+    trips = _mapping(health.get("trips"))
+    return {
+        "contacts": contacts,
+        "action": _text(health.get("action")),
+        "sentence": _text(health.get("sentence")),
+        "first_out": [
+            {
+                "by": _text(trip.get("by")),
+                "cause": _text(trip.get("cause")),
+                "sentence": _text(trip.get("sentence")),
+                "remedy": _text(trip.get("remedy")),
+                "after_ms": _rounded(_scaled(trip.get("after_s"), 1e3), 0),
+            }
+            for trip in _mappings(trips.get("first_out"))
+        ],
+        "confirmed": [
+            {"step": str(step), "after_ms": _rounded(_scaled(after_s, 1e3), 0)}
+            for step, after_s in _mapping(trips.get("confirmed")).items()
+        ],
+    }
+
+
+def _health(snapshot: Snapshot) -> dict[str, Any]:
+    health = snapshot.health
+    timing = _mapping(health.get("timing"))
+    stages = []
+    for name, stage in STAGES:
+        told = _mapping(timing.get(stage))
+        if told:
+            times = {key: _rounded(_scaled(told.get(f"{key}_s"), 1e6), 0) for key in ("p50", "p99")}
+            most = _rounded(_scaled(told.get("max_s"), 1e6), 0)
+            stages.append({"name": name, **times, "max": most})
+    return {
+        "rate_hz": _rounded(health.get("rate_hz"), 0),
+        "missed": _rounded(health.get("missed"), 0),
+        "exchange_errors": _rounded(health.get("exchange_errors"), 0),
+        "stages_us": stages,
+        "silent_ms": {
+            str(part): _rounded(_scaled(silent_s, 1e3), 0)
+            for part, silent_s in _mapping(health.get("silent_s")).items()
+        },
+    }
+
+
+def _progress(snapshot: Snapshot) -> dict[str, Any]:
+    progress = snapshot.progress
+    if not progress:
+        return {}
+    return {
+        "number": _rounded(progress.get("number"), 0),
+        "count": _rounded(progress.get("count"), 0),
+        "name": _text(progress.get("name")),
+        "expect": _text(progress.get("expect")),
+        "time_s": _rounded(progress.get("time_s"), 1),
+        "duration_s": _rounded(progress.get("duration_s"), 1),
+    }
+
+
+def _campaign(snapshot: Snapshot) -> dict[str, Any]:
+    campaign = snapshot.campaign
+    if not campaign:
+        return {}
+    names = ("status", "name", "description", "rig", "model", "filter", "directory")
+    return {
+        **{name: _text(campaign.get(name)) for name in names},
+        "begun_ms": _milliseconds(campaign.get("begun_ns")),
+        "rig_time_s": _rounded(campaign.get("rig_time_s"), 0),
+        "tests": [
+            {name: _text(test.get(name)) for name in ("name", "expect", "status", "verdict")}
+            | {"duration_s": _rounded(test.get("duration_s"), 1)}
+            for test in _mappings(campaign.get("tests"))[:MOST_TESTS]
+        ],
+    }
+
+
+def _decision(snapshot: Snapshot) -> dict[str, Any]:
+    """Return what the detector holds; nothing while that is of an earlier run."""
+    decision = snapshot.decision
+    begun_ns = snapshot.campaign.get("begun_ns")
+    sent_ms, begun_ms = _milliseconds(decision.get("sent_ns")), _milliseconds(begun_ns)
+    if not decision or (sent_ms or 0) < (begun_ms or 0):
+        return {}
+    details = _mapping(decision.get("details"))
+    probabilities = _mapping(decision.get("probabilities"))
+    return {
+        **_verdict(decision),
+        "statistic": _rounded(decision.get("statistic"), 2),
+        "threshold": _rounded(decision.get("threshold"), 2),
+        "thresholds_kPa": [
+            _rounded(_scaled(details.get(f"threshold_{chamber}_Pa"), KPA), 1) for chamber in (1, 2)
+        ],
+        "onset_s": _rounded(decision.get("onset_s"), 1),
+        "suspected": _text(decision.get("suspected")),
+        "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
+    }
+
+
+def _verdict(content: Mapping[str, Any]) -> dict[str, Any]:
+    interval = content.get("interval_m3_per_s")
+    ends = interval if isinstance(interval, Sequence) and len(interval) == 2 else (None, None)
+    return {
+        "verdict": _text(content.get("verdict")),
+        "test": _text(content.get("name")),
+        "number": _rounded(content.get("test"), 0),
+        "time_s": _rounded(content.get("time_s"), 1),
+        "at_ms": _milliseconds(content.get("sent_ns")),
+        "leak_L_per_min": [
+            _rounded(_scaled(value, LITRES_PER_MINUTE), 3)
+            for value in (content.get("leak_m3_per_s"), *ends)
+        ],
+    }
+
+
+def _event(content: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "at_ms": _milliseconds(content.get("at_ns")),
+        "time_s": _rounded(content.get("time_s"), 1),
+        "who": _text(content.get("who")),
+        "kind": _text(content.get("kind")),
+        "text": _text(content.get("text")),
+    }
+
+
+# What comes by the stream is as trustworthy as whoever may publish there: anything may be anything.
+
+
+def _text(value: Any) -> str:
+    return str(value)[:500] if value is not None else ""
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _mappings(value: Any) -> list[Mapping[str, Any]]:
+    items = value if isinstance(value, list) else []
+    return [item for item in items if isinstance(item, Mapping)]
+
+
+def _number(value: Any) -> float | None:
+    if not isinstance(value, int | float):
+        return None
+    with suppress(OverflowError):
+        return float(value) if isfinite(value) else None
+    return None
+
+
+def _scaled(value: Any, factor: float) -> float | None:
+    number = _number(value)
+    return None if number is None else number * factor
+
+
+def _rounded(value: Any, digits: int) -> float | None:
+    number = _number(value)
+    return None if number is None or not isfinite(number) else round(number, digits)
+
+
+def _milliseconds(value: Any) -> int | None:
+    return value // 10**6 if isinstance(value, int) else None

@@ -1,0 +1,158 @@
+"""Chromium, an emulated rig with a campaign that runs on it, and a console that watches it."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import pytest
+import yaml
+from playwright.sync_api import Browser, Error, Page, sync_playwright
+
+from tools.chaos.stage import PATIENCE_S, Stage, StageError
+from tools.readme_picture import browser as chromium
+
+WAIT_MS = 60_000
+"""How long anything may take that is to be seen; only a failure takes as long."""
+TRIES = 3
+WIDTH, HEIGHT = 1400, 1000
+LEAKING = {
+    "name": "internal leak in a sine",
+    "duration": "120 s",
+    "settle": "0.5 s",
+    "setpoint": {"type": "sine", "mean": "0.3 m", "amplitude": "0.15 m", "frequency": "0.5 Hz"},
+    "faults": [
+        {"type": "internal_leakage", "at": "9 s", "flow": "0.6 L/min", "pressure": "2.5 MPa"}
+    ],
+    "expect": "internal_leakage",
+}
+WAITING = {**LEAKING, "name": "the same with a leak to outside", "expect": "healthy", "faults": []}
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    try:
+        path = chromium()
+    except ValueError as error:
+        pytest.skip(f"{error}")
+    with sync_playwright() as playwright:
+        # As root Chromium does not start in a sandbox of its own.
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        try:
+            opened = playwright.chromium.launch(executable_path=path, args=arguments)
+        except Error as error:
+            pytest.skip(f"Chromium does not start here: {error.message}")
+        yield opened
+        opened.close()
+
+
+@dataclass
+class Served:
+    """A console that runs."""
+
+    url: str
+    token: str
+    log: list[str]
+    process: "subprocess.Popen[str]"
+
+    def enter(self, page: Page, name: str, token: str = "") -> None:
+        """Log in."""
+        page.goto(self.url)
+        page.fill("[name=name]", name)
+        page.fill("[name=token]", token or self.token)
+        page.click("button[type=submit]")
+
+    def until_logged(self, text: str) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not any(text in line for line in list(self.log)):
+            assert time.monotonic() < end, (text, self.log)
+            time.sleep(0.05)
+
+
+Serve = Callable[..., Served]
+
+
+@pytest.fixture(scope="module")
+def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
+    """Return what starts a console in a folder; all are ended with the module."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(folder: Path, *options: str) -> Served:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rig.cli", "console", "--listen", "127.0.0.1:0", *options],
+            cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        )  # fmt: skip
+        started.append(process)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        log: list[str] = []
+        threading.Thread(target=_copy, args=(process.stderr, log), daemon=True).start()
+        ready, _, _ = select.select([process.stdout], [], [], PATIENCE_S)
+        assert ready, log
+        url, token = process.stdout.readline(), process.stdout.readline()
+        assert url.startswith("console: "), (url, log)
+        return Served(url.split()[1], token.split()[1], log, process)
+
+    yield start
+    for process in started:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(PATIENCE_S)
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def _copy(stream: IO[str], log: list[str]) -> None:
+    with stream:
+        log.extend(iter(stream.readline, ""))
+
+
+@pytest.fixture(scope="module")
+def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Keep keys and tokens of these tests in a folder of their own."""
+    folder = tmp_path_factory.mktemp("state")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def stage(state: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    """Return an emulated rig on which a campaign runs, with its leak open."""
+    with ExitStack() as ends:
+        yield _staged(tmp_path_factory, ends)
+
+
+def _staged(tmp_path_factory: pytest.TempPathFactory, ends: ExitStack) -> Stage:
+    """Return the stage; a machine that has other work as well may need more than one try."""
+    for left in reversed(range(TRIES)):
+        folder = tmp_path_factory.mktemp("stage")
+        with ExitStack() as trying:
+            stage = trying.enter_context(Stage(folder, tests=(LEAKING, WAITING)))
+            _be_patient(folder / "rig.yaml")
+            try:
+                stage.begin()
+            except StageError:
+                if not left:
+                    raise
+            else:
+                ends.push(trying.pop_all())
+                return stage
+    raise AssertionError
+
+
+def _be_patient(path: Path) -> None:
+    """Have a rig that a browser beside it does not trip: none of this is about its timing."""
+    rig = yaml.safe_load(path.read_text())
+    rig["loop"] |= {"stale_limit": "3 s", "loop_silence": "10 s"}
+    path.write_text(yaml.safe_dump(rig))

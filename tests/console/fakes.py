@@ -1,0 +1,85 @@
+"""A stream that a test feeds, in place of one that comes by Zenoh."""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rig.console.curves import CHANNELS
+from rig.stream.client import Answer, StreamClient, UnknownRigError
+from rig.stream.view import Snapshot, Window
+
+RUNNING = Snapshot(
+    rig="bench",
+    session="s1",
+    alive=True,
+    age_s=0.05,
+    names=("position_m", "oil_temperature_K"),
+    units=("m", "K"),
+    time_s=12.34,
+    latest={"position_m": 0.30012, "oil_temperature_K": 313.15, "load_N": float("nan")},
+    rate_hz=1000.0,
+    campaign={
+        "status": "running",
+        "name": "leaks",
+        "rig": "bench",
+        "directory": "out",
+        "begun_ns": 10**18,
+        "tests": [{"name": "first", "expect": "healthy", "status": "running", "verdict": ""}],
+    },
+    progress={"number": 1, "count": 1, "name": "first", "time_s": 12.3, "duration_s": 40.0},
+    health={"rate_hz": 1000.0, "missed": 0, "silent_s": {"loop": 0.002}, "action": "none"},
+)
+
+
+class FakeClient(StreamClient):
+    """A client of one rig that says what a test has it say, and keeps what it is sent."""
+
+    def __init__(self, *shots: Snapshot) -> None:
+        self.shots = {shot.rig: shot for shot in shots}
+        self.sent: list[tuple[Any, ...]] = []
+        self.answer = Answer(True)
+        self.rows = 0
+
+    def become(self, rig: str, **changed: Any) -> None:
+        """Change what is known of a rig."""
+        self.shots[rig] = replace(self.shots[rig], **changed)
+
+    def rigs(self) -> tuple[str, ...]:
+        return tuple(self.shots)
+
+    def snapshot(self, rig: str | None = None) -> Snapshot:
+        if rig not in self.shots:
+            raise UnknownRigError(f"rig {rig} was not heard of")
+        return self.shots[rig]
+
+    def window(self, last_s: float, names: tuple[str, ...] = (), rig: str | None = None) -> Window:
+        self.rows += 20
+        row = np.arange(max(0, self.rows - round(1e3 * last_s)), self.rows, dtype=np.int64)
+        values = {name: np.zeros(len(row), np.float32) for name in CHANNELS}
+        return Window(row, np.asarray(row * 1e-3, np.float64), np.ones(len(row), np.int64), values)
+
+    def send(
+        self,
+        command: str,
+        rig: str | None = None,
+        text: str = "",
+        timeout_s: float = 5.0,
+        test: str = "",
+    ) -> Answer:
+        if rig not in self.shots:
+            raise UnknownRigError(f"rig {rig} was not heard of")
+        self.sent.append((command, rig, text, test))
+        return self.answer
+
+    def close(self) -> None:
+        pass
+
+
+def until(done: Any, what: str = "", patience_s: float = 30.0) -> None:
+    """Wait until something holds."""
+    end = time.monotonic() + patience_s
+    while not done():
+        assert time.monotonic() < end, f"waited in vain: {what}"
+        time.sleep(0.01)

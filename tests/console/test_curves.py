@@ -1,0 +1,114 @@
+"""The charts show the last ten seconds, and moving averages that have seen every sample."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.console.curves import AVERAGED_S, CHANNELS, CURVES, POINTS, Curves, MovingAverage
+from rig.stream.view import Window
+
+MS = 1e-3
+
+
+def window(first_row: int, rows: int, test: int = 1, **given: Any) -> Window:
+    number = np.arange(first_row, first_row + rows, dtype=np.int64)
+    none = np.full(rows, np.nan, np.float32)
+    values = {name: np.asarray(given.get(name, none), np.float32) for name in CHANNELS}
+    return Window(
+        number, np.asarray(number * MS, np.float64), np.full(rows, test, np.int64), values
+    )
+
+
+def shown(curves: Curves, count: int = 0) -> dict[str, Any]:
+    points = curves.since(count)
+    assert points is not None
+    return points
+
+
+def test_a_hundred_points_a_second_in_the_units_of_the_screen() -> None:
+    curves = Curves()
+    ramp = np.arange(1000) * 1e-4
+    curves.take(window(0, 1000, position_m=ramp, pressure_1_Pa=np.full(1000, 7.5e6)), MS)
+    points = shown(curves)
+    assert points["time_s"] == pytest.approx(np.arange(100) * 0.01)
+    assert points["position_mm"] == pytest.approx(np.arange(100) * 1.0, abs=0.01)
+    assert set(points["pressure_1_MPa"]) == {7.5}
+    assert set(points["leak_L_per_min"]) == {None}
+    assert set(points) == {"epoch", "time_s", "test", *CURVES}
+
+
+def test_what_was_shown_is_not_shown_again() -> None:
+    curves = Curves()
+    curves.take(window(0, 1000), MS)
+    count = curves.count
+    curves.take(window(500, 700), MS)
+    assert shown(curves, count)["time_s"] == pytest.approx(np.arange(1.0, 1.2, 0.01))
+    assert curves.since(curves.count) is None
+
+
+def test_the_last_ten_seconds_are_kept() -> None:
+    curves = Curves()
+    for first in range(0, 20_000, 1000):
+        curves.take(window(first, 1000), MS)
+    points = shown(curves)
+    assert len(points["time_s"]) == POINTS
+    assert points["time_s"][0] == pytest.approx(10.0)
+    assert len(shown(curves, curves.count - 3)["time_s"]) == 3
+
+
+def test_another_run_begins_anew() -> None:
+    curves = Curves()
+    curves.take(window(50_000, 1000), MS)
+    curves.take(window(0, 500), MS)
+    points = shown(curves)
+    assert (points["epoch"], len(points["time_s"])) == (1, 50)
+
+
+def test_a_slow_rig_has_all_of_its_samples_shown() -> None:
+    curves = Curves()
+    number = np.arange(40, dtype=np.int64)
+    values = {name: np.zeros(40, np.float32) for name in CHANNELS}
+    curves.take(
+        Window(number, np.asarray(number * 0.05, np.float64), np.ones(40, np.int64), values), 0.05
+    )
+    assert shown(curves)["time_s"] == pytest.approx(np.arange(40) * 0.05)
+
+
+def test_the_residuals_of_one_test_are_not_averaged_with_those_of_the_next() -> None:
+    curves = Curves()
+    curves.take(window(0, 2000, 1, innovation_pressure_1_Pa=np.full(2000, 4e4)), MS)
+    curves.take(window(2000, 2000, 2, innovation_pressure_1_Pa=np.full(2000, -1e4)), MS)
+    averages = shown(curves)["average_1_kPa"]
+    assert set(averages[:200]) == {40.0}
+    assert set(averages[200:]) == {10.0}
+
+
+@given(
+    st.lists(st.floats(-1e6, 1e6, width=32) | st.just(float("nan")), max_size=200),
+    st.lists(st.integers(0, 200), max_size=5),
+)
+def test_the_moving_average_is_the_mean_of_the_last_however_they_come(
+    values: list[float], cuts: list[int]
+) -> None:
+    count = 7
+    edges = sorted({0, *(min(cut, len(values)) for cut in cuts), len(values)})
+    average = MovingAverage(count)
+    parts = [np.array(values[a:b], float) for a, b in pairwise(edges)]
+    found = np.concatenate([average.take(part) for part in parts] or [np.empty(0)])
+    for k, mean in enumerate(found):
+        last = np.abs(values[max(0, k + 1 - count) : k + 1])
+        last = last[np.isfinite(last)]
+        if len(last):
+            assert mean == pytest.approx(last.mean(), abs=1e-6 * (1.0 + np.nanmax(np.abs(values))))
+        else:
+            assert np.isnan(mean)
+
+
+def test_the_window_is_that_of_the_thesis() -> None:
+    from estimator.residuals import THESIS_WINDOW
+
+    assert pytest.approx(THESIS_WINDOW) == AVERAGED_S / MS

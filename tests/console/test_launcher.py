@@ -1,0 +1,149 @@
+"""The console starts what was offered, and nothing else; what it started outlives it."""
+
+import json
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.configuration.problems import ConfigError
+from rig.console.launcher import Launcher, LaunchRefused, offers_of
+
+CAMPAIGN = (
+    "name: {name}\ndescription: |\n  Two\n  lines.\nrig: bench\ntests:\n  - name: a\n  - name: b\n"
+)
+
+
+class Process:
+    """A process that ends when it is told."""
+
+    def __init__(self, arguments: list[str], **options: Any) -> None:
+        self.arguments, self.options = arguments, options
+        self.exit_code: int | None = None
+        self.signals: list[signal.Signals] = []
+        options["stdout"].write(b"rig: it\nis wrong\n")
+
+    def poll(self) -> int | None:
+        return self.exit_code
+
+    def send_signal(self, number: signal.Signals) -> None:
+        self.signals.append(number)
+
+
+@pytest.fixture
+def started() -> list[Process]:
+    return []
+
+
+@pytest.fixture
+def said() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def launcher(tmp_path: Path, started: list[Process], said: list[str]) -> Launcher:
+    (tmp_path / "leaks.yaml").write_text(CAMPAIGN.format(name="leaks"))
+
+    def popen(*given: Any, **options: Any) -> Any:
+        started.append(Process(*given, **options))
+        return started[-1]
+
+    offers = offers_of([str(tmp_path)])
+    return Launcher(offers, tmp_path / "runs", "loopback", "bench.yaml", said.append, popen)
+
+
+def run_of(folder: Path, name: str, *kinds: dict[str, Any]) -> None:
+    """Write the journal of a run."""
+    (folder / "runs" / name).mkdir(parents=True)
+    lines = [{"kind": "begin", "campaign": "leaks"}, *kinds]
+    text = "".join(json.dumps(line) + "\n" for line in lines)
+    (folder / "runs" / name / "journal.jsonl").write_text(text)
+
+
+def test_the_shipped_campaigns_are_offered_unless_others_are_given(tmp_path: Path) -> None:
+    offers = {offer.name: offer for offer in offers_of([])}
+    assert offers["quickstart"].reference == "quickstart"
+    assert len(offers) >= 8
+    (tmp_path / "mine.yaml").write_text(CAMPAIGN.format(name="mine"))
+    (mine,) = offers_of([str(tmp_path / "mine.yaml")])
+    assert (mine.reference, mine.rig, mine.tests) == (str(tmp_path / "mine.yaml"), "bench", 2)
+    assert mine.description == "Two lines."
+
+
+def test_campaigns_that_cannot_be_offered_are_all_told(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("- no mapping\n")
+    for name in ("b", "c"):
+        (tmp_path / f"{name}.yaml").write_text(CAMPAIGN.format(name="twin"))
+    with pytest.raises(ConfigError, match=r"(?s)a.yaml.*c.yaml.*is there twice"):
+        offers_of([str(tmp_path)])
+    with pytest.raises(ConfigError, match="does not exist"):
+        offers_of(["../quickstart"])
+
+
+def test_an_offer_is_started_in_a_process_and_a_folder_of_its_own(
+    launcher: Launcher, started: list[Process], tmp_path: Path
+) -> None:
+    launcher.start("leaks")
+    (process,) = started
+    assert process.arguments[1:5] == ["-m", "rig.cli", "run", str(tmp_path / "leaks.yaml")]
+    assert process.arguments[5:7] == ["--rig", "bench.yaml"]
+    assert process.arguments[-4:] == ["--pace", "real", "--stream", "loopback"]
+    assert Path(process.arguments[8]).parent == tmp_path / "runs"
+    assert process.options["start_new_session"]
+    assert process.options["stdin"] is subprocess.DEVNULL
+
+
+@pytest.mark.parametrize("name", ["", "other", "../leaks", "/etc/passwd", "leaks.yaml", "--help"])
+def test_nothing_else_is_started(launcher: Launcher, started: list[Process], name: str) -> None:
+    with pytest.raises(LaunchRefused, match="not offered"):
+        launcher.start(name)
+    with pytest.raises(LaunchRefused, match="no such unfinished run"):
+        launcher.go_on(name)
+    assert started == []
+
+
+def test_one_runs_at_a_time_and_its_end_is_told(
+    launcher: Launcher, started: list[Process], said: list[str]
+) -> None:
+    launcher.start("leaks")
+    with pytest.raises(LaunchRefused, match="still runs"):
+        launcher.start("leaks")
+    started[0].exit_code = 2
+    launcher.look()
+    assert said == ["leaks has ended: exit code 2, bad input: rig: it is wrong"]
+    assert launcher.content()["last"]["exit_code"] == 2
+    launcher.start("leaks")
+    started[1].exit_code = -9
+    launcher.look()
+    assert said[-1] == "leaks has ended: killed by SIGKILL"
+
+
+def test_runs_that_were_stopped_or_killed_can_be_gone_on_with(
+    launcher: Launcher, started: list[Process], tmp_path: Path
+) -> None:
+    run_of(tmp_path, "done", {"kind": "end", "reason": "", "exit_code": 0})
+    run_of(tmp_path, "stopped", {"kind": "end", "reason": "Anna", "exit_code": 3})
+    run_of(tmp_path, "killed", {"kind": "phase"})
+    with (tmp_path / "runs" / "killed" / "journal.jsonl").open("a") as journal:
+        journal.write('{"kind": "outc')
+    run_of(tmp_path, "nonsense")
+    (tmp_path / "runs" / "nonsense" / "journal.jsonl").write_text("[]\n")
+    assert {run["folder"] for run in launcher.unfinished()} == {"stopped", "killed"}
+    launcher.go_on("stopped")
+    assert started[0].arguments[4:6] == [str(tmp_path / "runs" / "stopped"), "--resume"]
+
+
+def test_what_runs_here_can_be_interrupted(launcher: Launcher, started: list[Process]) -> None:
+    assert not launcher.interrupt()
+    launcher.start("leaks")
+    assert launcher.interrupt()
+    assert started[0].signals == [signal.SIGINT]
+
+
+def test_away_from_the_rigs_machine_nothing_is_started(tmp_path: Path) -> None:
+    launcher = Launcher(offers_of([]), tmp_path, "", None, print)
+    assert launcher.content()["offers"] == []
+    with pytest.raises(LaunchRefused, match="on the rig's own machine"):
+        launcher.start("quickstart")

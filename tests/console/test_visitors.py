@@ -1,0 +1,116 @@
+"""Whoever has not the token stays outside, however often it is tried."""
+
+from pathlib import Path
+
+import pytest
+
+from rig.console.visitors import (
+    FAILURES,
+    FAILURES_S,
+    LIFETIME_S,
+    LONGEST_NAME,
+    MOST_ADDRESSES,
+    MOST_VISITORS,
+    LoginRefused,
+    Visitors,
+    console_token,
+)
+
+TOKEN = "ab" * 32
+
+
+class Clock:
+    """A clock that stands still unless it is moved."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def visitors(clock: Clock) -> Visitors:
+    return Visitors(TOKEN, clock)
+
+
+def fail(visitors: Visitors, address: str = "a", token: str = "wrong") -> str:
+    with pytest.raises(LoginRefused) as refused:
+        visitors.log_in(token, "Eve", address)
+    return str(refused.value)
+
+
+def test_the_token_lets_in_and_its_cookie_tells_who_it_is(visitors: Visitors) -> None:
+    cookie = visitors.log_in(f" {TOKEN}\n", "  Anna\tMeier ", "a")
+    visitor = visitors.visitor(cookie)
+    assert visitor is not None
+    assert (visitor.name, visitor.number) == ("Anna Meier", 1)
+    assert TOKEN not in cookie
+
+
+@pytest.mark.parametrize("token", ["", "wrong", TOKEN[:-1], TOKEN + "0", TOKEN.upper(), "\ud800"])
+def test_another_token_is_refused(visitors: Visitors, token: str) -> None:
+    assert fail(visitors, token=token) == "this is not the token"
+
+
+@pytest.mark.parametrize("cookie", [None, "", "guess"])
+def test_nobody_is_known_by_another_cookie(visitors: Visitors, cookie: str | None) -> None:
+    visitors.log_in(TOKEN, "Anna", "a")
+    assert visitors.visitor(cookie) is None
+
+
+def test_who_guesses_has_to_wait_even_with_the_right_token(
+    visitors: Visitors, clock: Clock
+) -> None:
+    for _ in range(FAILURES):
+        fail(visitors)
+    assert "wait 60 s" in fail(visitors, token=TOKEN)
+    assert visitors.visitor(visitors.log_in(TOKEN, "Anna", "elsewhere"))
+    clock.now += FAILURES_S + 1.0
+    assert visitors.visitor(visitors.log_in(TOKEN, "Eve", "a"))
+
+
+def test_guessing_from_everywhere_takes_no_more_memory(visitors: Visitors) -> None:
+    for number in range(MOST_ADDRESSES + 50):
+        fail(visitors, address=str(number))
+    assert len(visitors._failures) == MOST_ADDRESSES
+
+
+def test_a_shift_later_one_has_to_log_in_anew(visitors: Visitors, clock: Clock) -> None:
+    cookie = visitors.log_in(TOKEN, "Anna", "a")
+    clock.now += LIFETIME_S + 1.0
+    assert visitors.visitor(cookie) is None
+
+
+def test_who_logs_out_is_not_known_any_more(visitors: Visitors) -> None:
+    cookie = visitors.log_in(TOKEN, "Anna", "a")
+    visitors.log_out(cookie)
+    visitors.log_out(None)
+    assert visitors.visitor(cookie) is None
+
+
+@pytest.mark.parametrize("name", ["", " \n ", "x" * (LONGEST_NAME + 1)])
+def test_a_name_is_needed(visitors: Visitors, name: str) -> None:
+    with pytest.raises(LoginRefused, match="give a name"):
+        visitors.log_in(TOKEN, name, "a")
+
+
+def test_the_first_of_too_many_visitors_is_forgotten(visitors: Visitors) -> None:
+    first, *_, last = [visitors.log_in(TOKEN, "x", "a") for _ in range(MOST_VISITORS + 1)]
+    assert visitors.visitor(first) is None
+    assert visitors.visitor(last)
+
+
+def test_the_token_is_kept_where_only_its_user_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    token, path = console_token()
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert len(token) == 64
+    assert console_token() == (token, path)
