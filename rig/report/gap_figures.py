@@ -123,7 +123,7 @@ def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
             )
         ],
         "across": "",
-        "up": "above the floor, predicted variances",
+        "up": "excess, predicted variances",
     }
 
 
