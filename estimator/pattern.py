@@ -104,6 +104,26 @@ def _pieces(absolute: Array) -> Array:
     return np.asarray(sums[known] / measured[known])
 
 
+PATTERNS: Final = ("healthy", "external_leakage_1", "external_leakage_2", "internal_leakage")
+"""Verdicts, by the number that `pattern_of` gives them."""
+
+
+def pattern_of(averages: Array, baseline: PatternBaseline) -> NDArray[np.intp]:
+    """Return which of `PATTERNS` moving averages show (section 5.3).
+
+    Args:
+        averages: float64 (..., 2, *rigs) of both chambers, Pa, the levels and thresholds of the
+            baseline being (2, *rigs).
+        baseline: learnt from healthy running.
+    """
+    axis = -baseline.normal.ndim
+    up = averages > baseline.thresholds
+    rise = np.maximum(averages - baseline.normal, 0.0)
+    both = up.all(axis=axis) & (rise.max(axis=axis) < EXTERNAL_RATIO * rise.min(axis=axis))
+    pattern = np.where(both, 3, 1 + np.argmax(rise, axis=axis))
+    return np.where(up.any(axis=axis), pattern, 0)
+
+
 class PatternDetector:
     """Compares moving averages of the absolute innovations of both chambers with their thresholds.
 
@@ -156,12 +176,7 @@ class PatternDetector:
         details = {f"average_{i + 1}_Pa": float(self._current[i]) for i in range(2)}
         details |= {f"threshold_{i + 1}_Pa": float(thresholds[i]) for i in range(2)}
         ratio = float((self._current / thresholds).max())
-        up = self._current > thresholds
-        if self._onset is None or not up.any():
+        verdict = PATTERNS[int(pattern_of(self._current, self.baseline))]
+        if self._onset is None or verdict == "healthy":
             return Decision("healthy", statistic=ratio, threshold=1.0, details=details)
-        rise = np.maximum(self._current - self.baseline.normal, 0.0)
-        if up.all() and rise.max() < EXTERNAL_RATIO * rise.min():
-            verdict = "internal_leakage"
-        else:
-            verdict = f"external_leakage_{int(np.argmax(rise)) + 1}"
         return Decision(verdict, self._onset, statistic=ratio, threshold=1.0, details=details)

@@ -22,7 +22,7 @@ from .product_model import DYNAMIC, STATE_COUNT
 from .product_noise import DRY, ProductNoise, product_noise
 from .readings import true_position, true_pressures
 from .ud import correct
-from .watch import SUPPLY, TICKS, WINDOW, take_innovation
+from .watch import READINGS, RESETS, SQUARES, SUPPLY, TICKS, WINDOW, take_innovation
 
 Array = NDArray[np.float64]
 
@@ -189,6 +189,19 @@ class ProductLanes:
             np.zeros((STATE_COUNT, LANES)),
         )
         self._started = False
+
+    @property
+    def resets(self) -> NDArray[np.int64]:
+        """How often each filter (LANES,) was found lost and has started anew."""
+        return self._watch[RESETS].astype(np.int64)
+
+    @property
+    def squares(self) -> Array:
+        """Mean squared innovation over its variance, (LANES,), in the window so far.
+
+        A window is half a second from the first sample on; with its last sample the next begins.
+        """
+        return np.asarray(self._watch[SQUARES] / np.maximum(self._watch[READINGS], 1.0))
 
     def _start(self, sample: Array) -> None:
         x, factors, work = self._alone

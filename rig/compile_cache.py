@@ -13,7 +13,15 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
-_COMPILED: Final = ("rig/plant", "rig/io", "rig/loop", "rig/emulator", "control", "estimator")
+_COMPILED: Final = (
+    "rig/plant",
+    "rig/io",
+    "rig/loop",
+    "rig/emulator",
+    "rig/sweep",
+    "control",
+    "estimator",
+)
 _KEPT: Final = 12
 """Folders that stay when a new one is made, last used first: other checkouts have theirs here."""
 

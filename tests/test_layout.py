@@ -22,6 +22,7 @@ COMPILED_PACKAGES = (
     "rig/io",
     "rig/loop",
     "rig/emulator",
+    "rig/sweep",
     "control",
     "estimator",
     "tools",

@@ -111,7 +111,7 @@ class Pseudorandom:
         require_seed(checks, self.seed)
         checks.finish()
 
-    def _sequence(self, until_s: float) -> tuple[Samples, Samples]:
+    def sequence(self, until_s: float) -> tuple[Samples, Samples]:
         """Return (ends, levels): level i ends at ends[i]; the last end is after `until_s`."""
         count = 2 + int(max(until_s, 0.0) / self.hold_min_s)
         # Level and hold are drawn in pairs, so the sequence does not depend on how many are drawn.
@@ -123,12 +123,12 @@ class Pseudorandom:
     def sample(self, time_s: Times) -> Samples:
         """Return the setpoint at each time, as `Setpoint.sample`."""
         time = np.asarray(time_s, dtype=np.float64) + _ROUNDING_S
-        ends, levels = self._sequence(float(np.max(time, initial=0.0)))
+        ends, levels = self.sequence(float(np.max(time, initial=0.0)))
         return levels[np.searchsorted(ends, time, side="right")]
 
     def peak_rate(self, duration_s: float) -> float:
         """Return inf if the setpoint jumps within the duration, else 0."""
-        ends, _ = self._sequence(duration_s)
+        ends, _ = self.sequence(duration_s)
         return inf if ends[0] <= duration_s + _ROUNDING_S and self.upper > self.lower else 0.0
 
 

@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "router": "Route the live streams of many rigs.",
     "schedule": "Run campaigns at times or intervals, unattended.",
     "runs": "Find, show, compare and prune past runs.",
+    "sweep": "Run thousands of cases drawn at random, on all cores or a cluster.",
     "emulate": "Serve an emulated rig where drivers look for a real one.",
     "check": "Validate configurations; dry-run campaigns.",
     "replay": "Run filter and detector over recordings.",
@@ -38,7 +39,7 @@ COMMANDS: Final = {
     "home": "Home a rig's encoder, to see that it can be homed.",
     "calibrate": "Measure a rig's needle valves with its flow meters.",
     "doctor": "Tell what this machine grants to a rig, and the remedies.",
-    "init": "Copy the shipped rigs, models, campaigns and maps to edit.",
+    "init": "Copy the shipped rigs, models, campaigns, sweeps and maps to edit.",
 }
 """Subcommands, each `command` of the module of its name, with what it does."""
 

@@ -11,7 +11,7 @@ from .problems import Problems
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--rig", "rig_reference", metavar="RIG", help="Check campaigns against this rig.")
 def command(files: tuple[str, ...], rig_reference: str | None) -> int:
-    """Validate rigs, models, campaigns, maps and stream profiles, given as files or by name.
+    """Validate rigs, models, campaigns, sweeps, maps and stream profiles, by file or by name.
 
     A campaign is dry-run: duration, commanded motion, faults, and what the rig could not follow.
     Exit code 0 if all are valid, else 2, with every problem of every file on stderr.

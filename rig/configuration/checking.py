@@ -26,6 +26,8 @@ from .register_maps import MAPS, Map, read_dbc, read_map
 from .rig import Rig, RigFile, read_rig
 from .schedule import ScheduleFile, read_schedule
 from .stream import StreamFile, read_stream, stream_lines
+from .sweep import SweepFile, read_sweep, sweep_lines
+from .sweep_plan import Sweep
 from .timetable import Schedule
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ _KEYS: Final[dict[Kind, frozenset[str]]] = {
     "rig": frozenset(RigFile.model_fields),
     "model": frozenset(ModelFile.model_fields),
     "schedule": frozenset(ScheduleFile.model_fields),
+    "sweep": frozenset(SweepFile.model_fields),
     "map": frozenset(key for kind in MAPS for key in options_of(kind)),
     "stream": frozenset(StreamFile.model_fields),
 }
@@ -100,6 +103,9 @@ def check(
     elif kind == "schedule":
         schedule = read_schedule(path, sources)
         report = _report_schedule(path, schedule) if schedule else None
+    elif kind == "sweep":
+        sweep = read_sweep(path, sources)
+        report = _report_sweep(path, sweep) if sweep else None
     elif kind == "dbc":
         database = read_dbc(path, sources)
         report = _report_dbc(path, database) if database else None
@@ -118,7 +124,16 @@ def check(
 
 def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, Kind | None]:
     """Return the file a reference means, and the kind of configuration it holds."""
-    order: tuple[Kind, ...] = ("campaign", "rig", "model", "map", "dbc", "stream", "schedule")
+    order: tuple[Kind, ...] = (
+        "campaign",
+        "rig",
+        "model",
+        "map",
+        "dbc",
+        "stream",
+        "schedule",
+        "sweep",
+    )
     if is_path(reference):
         folder = Path(reference).parent.name
         guess = next((kind for kind, name in FOLDERS.items() if name == folder), order[0])
@@ -222,6 +237,10 @@ def _report_schedule(path: Path, schedule: Schedule) -> CheckReport:
             f"{entry.missed}, retries {entry.retries}"
         )
     return CheckReport("schedule", path, schedule.name, tuple(lines))
+
+
+def _report_sweep(path: Path, sweep: Sweep) -> CheckReport:
+    return CheckReport("sweep", path, sweep.name, tuple(sweep_lines(sweep)))
 
 
 def _known(campaign: Campaign) -> str:

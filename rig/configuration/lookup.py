@@ -7,13 +7,14 @@ from typing import Final, Literal
 from .document import Located
 from .problems import ConfigError, Place, Problem, Problems, display_path, nearest
 
-Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream", "schedule"]
+Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream", "schedule", "sweep"]
 
 FOLDERS: Final[dict[Kind, str]] = {
     "model": "models",
     "rig": "rigs",
     "campaign": "campaigns",
     "schedule": "schedules",
+    "sweep": "sweeps",
     "map": "maps",
     "dbc": "dbc",
     "stream": "stream",

@@ -76,7 +76,7 @@ _EFFECT_SCHEMAS: Final = {
     effect.name: _schema(effect.name, {p.name: p.field for p in effect.parameters})
     for effect in CATALOGUE.values()
 }
-_BELONGS_TO_EFFECT: Final = {
+BELONGS_TO_EFFECT: Final = {
     field: f"set it under effects: {{{effect}: ...}}"
     if key == "value"
     else f"set it under effects: {{{effect}: {{{key}: ...}}}}"
@@ -163,7 +163,7 @@ class _Overrides:
         self.effects: list[str] = list(self.base.effects)
 
     def apply_parameters(self, item: Located) -> None:
-        file = check(_PARAMETERS_SCHEMA, item, self.sources.problems, _BELONGS_TO_EFFECT)
+        file = check(_PARAMETERS_SCHEMA, item, self.sources.problems, BELONGS_TO_EFFECT)
         for field in PARAMETERS:
             self._set(field, getattr(file, field, None), item.find((field,)))
 

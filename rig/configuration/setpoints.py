@@ -40,10 +40,15 @@ class Level(NamedTuple):
     quantity: Quantity
 
 
-class _LevelField(Field):
+class LevelField(Field):
     """Annotates a `Level` of a schema: read in metres or volts, whichever the unit says."""
 
     def parse(self, raw: object) -> Level:
+        """Return the level, and what its unit says it is.
+
+        Raises:
+            QuantityError: neither metres nor volts, or beyond what either may be.
+        """
         for physical, quantity in _LEVELS:
             try:
                 return Level(physical.parse(raw), quantity)
@@ -53,7 +58,7 @@ class _LevelField(Field):
         raise QuantityError("is neither a length nor a voltage", remedy)
 
 
-AnyLevel = Annotated[Level, _LevelField()]
+AnyLevel = Annotated[Level, LevelField()]
 Frequency = Annotated[float, Physical("Hz", 1e-3, 500.0, 0.5)]
 SweepEnd = Annotated[float, Physical("Hz", 0.0, 500.0, 1.0)]
 Phase = Annotated[float, Physical("rad", -1e3, 1e3)]
@@ -238,7 +243,7 @@ def _common_quantity(item: Located, sources: Sources) -> Quantity | None:
     for key, entry in item.items():
         for level in entry.elements() or [entry]:
             try:
-                quantity = _LevelField().parse(level.value).quantity
+                quantity = LevelField().parse(level.value).quantity
             except QuantityError:
                 continue
             found.setdefault(quantity, key)

@@ -12,7 +12,7 @@ from typing import Final
 from numba import njit
 
 from rig.plant.compiled import inlined
-from rig.plant.dynamics import STATE_COUNT, PlantState
+from rig.plant.dynamics import PlantState
 from rig.plant.integrator import SUBSTEPS, TICK, next_step
 from rig.plant.lanes import anywhere, gather, load, load_fields, scatter, select, store
 from rig.plant.parameters import Parameters
@@ -20,9 +20,16 @@ from rig.plant.sensors import encoder_position, pressure_reading, spool_reading
 from rig.plant.step_length import SHORTEST, resolving_step
 from rig.plant.transducers import reading_means
 
-LOGGED: Final = STATE_COUNT + 1
-"""What a row of the log holds: the plant's states, and the command."""
-COMMAND: Final = STATE_COUNT
+LOGGED: Final = 7
+"""Rows of lanes that each step leaves in the log: what transducers see, the return pressure, and
+the command. The fewer they are, the longer a log stays in the processor's cache."""
+POSITION: Final = 0
+PRESSURE_1: Final = 1
+PRESSURE_2: Final = 2
+SPOOL: Final = 3
+SUPPLY: Final = 4
+RETURN: Final = 5
+COMMAND: Final = 6
 MOST_STEPS: Final = 80
 """Rows of log that are enough for a tick: 64 steps of the shortest length, and some that end
 where a ram comes to rest."""
@@ -45,22 +52,35 @@ _PRESSURE_1: Final = PlantState._fields.index("pressure_1")
 _PRESSURE_2: Final = PlantState._fields.index("pressure_2")
 _POSITION: Final = PlantState._fields.index("position")
 _SUPPLY: Final = PlantState._fields.index("supply_pressure")
+_RETURN: Final = PlantState._fields.index("return_pressure")
 _LONGEST: Final = TICK / SUBSTEPS
 _SHORTEST: Final = SHORTEST * _LONGEST
 
 
 @inlined
-def _store_states(rows, first, y):
-    """Write the states `y` (lanes) to nine rows of an array (n, LANES)."""
-    store(rows, first, y[0])
-    store(rows, first + 1, y[1])
-    store(rows, first + 2, y[2])
-    store(rows, first + 3, y[3])
-    store(rows, first + 4, y[4])
-    store(rows, first + 5, y[5])
-    store(rows, first + 6, y[6])
-    store(rows, first + 7, y[7])
-    store(rows, first + 8, y[8])
+def _store_states(plant, y):
+    """Write the states `y` (lanes) to an array (9, LANES)."""
+    store(plant, 0, y[0])
+    store(plant, 1, y[1])
+    store(plant, 2, y[2])
+    store(plant, 3, y[3])
+    store(plant, 4, y[4])
+    store(plant, 5, y[5])
+    store(plant, 6, y[6])
+    store(plant, 7, y[7])
+    store(plant, 8, y[8])
+
+
+@inlined
+def _log_step(log, first, y, command):
+    """Write what is seen of the states `y` (lanes), and the command, to `LOGGED` rows."""
+    store(log, first + POSITION, y[_POSITION])
+    store(log, first + PRESSURE_1, y[_PRESSURE_1])
+    store(log, first + PRESSURE_2, y[_PRESSURE_2])
+    store(log, first + SPOOL, y[_SPOOL])
+    store(log, first + SUPPLY, y[_SUPPLY])
+    store(log, first + RETURN, y[_RETURN])
+    store(log, first + COMMAND, command)
 
 
 @inlined
@@ -95,7 +115,7 @@ def plant_ticks(
         parameters: (fields, LANES), `Parameters` of each rig.
         like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
-        log: (steps, 10, LANES), to be filled; `MOST_STEPS` steps a tick are enough.
+        log: (steps, `LOGGED`, LANES), to be filled; `MOST_STEPS` steps a tick are enough.
         rows: (ticks, LANES), to be filled: which row of the log is a lane's tick.
 
     Returns:
@@ -124,10 +144,9 @@ def plant_ticks(
             remaining = select(begins, TICK, remaining)
             scatter(rows, tick, nothing + row, begins)
         if not anywhere(remaining > 0.0):
-            _store_states(plant, 0, y)
+            _store_states(plant, y)
             return True
-        _store_states(log, row * LOGGED, y)
-        store(log, row * LOGGED + COMMAND, command)
+        _log_step(log, row * LOGGED, y, command)
         y, remaining = next_step(y, remaining, longest, _SHORTEST, command, par, fault)
     return False
 
@@ -137,7 +156,7 @@ def reading_ticks(log, rows, noise, parameters, like, sensors, readings):
     """Sample the transducers at every tick.
 
     Args:
-        log: (steps, 10, LANES), of `plant_ticks`.
+        log: (steps, `LOGGED`, LANES), of `plant_ticks`.
         rows: (ticks, LANES), of `plant_ticks`.
         noise: (ticks, 4, LANES) standard normal numbers: of pressures 1 and 2, spool, supply.
         parameters: (fields, LANES), `Parameters` of each rig.
@@ -150,8 +169,8 @@ def reading_ticks(log, rows, noise, parameters, like, sensors, readings):
         row = load(rows, k) * LOGGED
         first, drawn = k * READING_COUNT, k * NOISE_COUNT
         shown = reading_means(
-            gather(log, row + _POSITION), gather(log, row + _PRESSURE_1),
-            gather(log, row + _PRESSURE_2), gather(log, row + _SPOOL), gather(log, row + _SUPPLY),
+            gather(log, row + POSITION), gather(log, row + PRESSURE_1),
+            gather(log, row + PRESSURE_2), gather(log, row + SPOOL), gather(log, row + SUPPLY),
             par,
         )  # fmt: skip
         position = encoder_position(shown.position, sensors)

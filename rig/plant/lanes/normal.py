@@ -92,8 +92,8 @@ def _logarithm(number):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _sine_and_cosine(turns):
-    """Return sine and cosine of an angle in turns, from 0 to 1."""
+def sine_and_cosine(turns):
+    """Return sine and cosine, right to 1e-9, of an angle in turns, from 0 to 1."""
     quarter = floor(4.0 * turns + 0.5)
     r = (turns - 0.25 * quarter) * (2.0 * math.pi)
     q = r * r
@@ -118,6 +118,6 @@ def fill_normal(state, numbers):
     _fill_uniform(state, numbers)
     for i in range(0, numbers.shape[0], 2):
         radius = sqrt(-2.0 * _logarithm(load(numbers, i)))
-        sine, cosine = _sine_and_cosine(load(numbers, i + 1))
+        sine, cosine = sine_and_cosine(load(numbers, i + 1))
         store(numbers, i, radius * cosine)
         store(numbers, i + 1, radius * sine)

@@ -1,0 +1,4 @@
+"""Sweeps: thousands of cases drawn at random, run in lanes on all cores or on a Dask cluster.
+
+A case is a function of the sweep's file and the case's number, whoever runs it.
+"""

@@ -1,0 +1,128 @@
+"""Runs chunks of cases on a Dask cluster; needs the extra `dask`."""
+
+import queue
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+from .cases import Judged, Setting, SweepError, run_chunk
+from .drawing import Cases
+from .local import Stopped
+
+_QUEUED: Final = 3
+"""Chunks on their way for each thread of the cluster."""
+_POLL_S: Final = 0.2
+_CONNECT_S: Final = 10.0
+_LOOK_S: Final = 2.0
+"""How often the cluster's workers are counted."""
+
+
+class ClusterError(ValueError):
+    """A cluster that cannot be used.
+
+    Attributes:
+        problems: every reason, one line each.
+    """
+
+    def __init__(self, problem: str) -> None:
+        self.problems = [problem]
+        super().__init__(problem)
+
+
+def connect(address: str) -> Any:
+    """Return a client of the cluster whose scheduler is at an address.
+
+    Raises:
+        ClusterError: the extra is not installed, or nobody answers there.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        line = "--cluster: distributed is not installed; pip install hydraulic-rig[dask]"
+        raise ClusterError(line) from None
+    try:
+        return Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        why = " ".join(str(error).split()) or type(error).__name__
+        line = f"--cluster {address}: no scheduler answers ({why}); start `dask scheduler` there"
+        raise ClusterError(line) from None
+
+
+def run_cluster(
+    chunks: Iterator[Cases],
+    setting: Setting,
+    client: Any,
+    stopped: Stopped,
+    tell: Callable[[str], None],
+) -> Iterator[Judged]:
+    """Yield what comes of chunks, run by a cluster's workers, in the order in which they end.
+
+    Args:
+        chunks: of cases.
+        setting: of the sweep.
+        client: of `connect`.
+        stopped: once it holds, nothing more is sent, and what has not begun is taken back.
+        tell: takes what the operator should know.
+
+    Raises:
+        SweepError: a case could not be run, or the cluster is lost.
+    """
+    ended: queue.Queue[Any] = queue.Queue()
+    running: set[Any] = set()
+    look = _Look(client, tell)
+    try:
+        while True:
+            while len(running) < look.wanted() and not stopped():
+                cases = next(chunks, None)
+                if cases is None:
+                    break
+                future = client.submit(run_chunk, setting, cases, pure=False, retries=2)
+                running.add(future)
+                future.add_done_callback(ended.put)
+            if not running or stopped():
+                return
+            try:
+                future = ended.get(timeout=_POLL_S)
+            except queue.Empty:
+                continue
+            running.discard(future)
+            yield _result(future)
+    finally:
+        if running:
+            client.cancel(list(running))
+
+
+class _Look:
+    """Looks after the cluster's workers now and then."""
+
+    def __init__(self, client: Any, tell: Callable[[str], None]) -> None:
+        self._client, self._tell = client, tell
+        self._next = 0.0
+        self._threads = 1
+        self._told = False
+
+    def wanted(self) -> int:
+        """Return how many chunks should be on their way."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + _LOOK_S
+            threads = sum(self._client.nthreads().values())
+            if threads == 0 and not self._told:
+                self._tell("the cluster has no workers; waiting for one")
+            self._told = threads == 0
+            self._threads = max(threads, 1)
+        return _QUEUED * self._threads
+
+
+def _result(future: Any) -> Judged:
+    if future.status == "finished":
+        judged: Judged = future.result()
+        return judged
+    try:
+        future.result()
+    except SweepError:
+        raise
+    except Exception as error:
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise SweepError(f"the cluster could not run a chunk: {why}; --resume goes on") from error
+    raise SweepError("the cluster was lost; --resume goes on")

@@ -1,0 +1,198 @@
+"""The motions of cases as tables that compiled code samples: sines, and levels held in turn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.setpoints import Pseudorandom
+from rig.configuration.distributions import Distribution
+from rig.configuration.sweep_plan import SweptMotion
+
+Array = NDArray[np.float64]
+
+AMPLITUDE: Final = 0
+FREQUENCY: Final = 1
+CHIRP: Final = 2
+PHASE: Final = 3
+SINE_ROWS: Final = 4
+"""Rows of a sine: amplitude (m or V), frequency (Hz), half its change (Hz/s), phase (turns)."""
+_UNITS: Final = {"frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "phase": "rad",
+                 "hold": "s", "hold_min": "s", "hold_max": "s", "frequencies": "Hz"}  # fmt: skip
+
+
+class Draws(Protocol):
+    """Where random numbers come from: `rig.sweep.drawing.Streams`."""
+
+    count: int
+
+    def uniform(self, name: str) -> Array:
+        """Return a number in [0, 1) for each case."""
+
+    def seeds(self, name: str) -> NDArray[np.uint64]:
+        """Return a seed for each case."""
+
+    def drawn(self, name: str, law: Distribution) -> Array:
+        """Return a quantity of each case."""
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Setpoints of n cases: r(t) = level(t) + sum of sines, m, or V in open loop.
+
+    Attributes:
+        sines: float64 (4 s, n), `SINE_ROWS` rows for each of s sines.
+        peak: float64 (n,), NaN, or what the sum of sines is scaled to come to at most.
+        levels: float64 (k, n).
+        ends: float64 (k, n), s: level i is held until ends[i]; the last for ever.
+        open_loop: float64 (n,), 1 where the setpoint is the valve's command.
+    """
+
+    sines: Array
+    peak: Array
+    levels: Array
+    ends: Array
+    open_loop: Array
+
+    def of(self, lanes: NDArray[np.intp]) -> "Motions":
+        """Return the motions of some of the cases."""
+        parts = (self.sines, self.levels, self.ends)
+        sines, levels, ends = (np.ascontiguousarray(part[:, lanes]) for part in parts)
+        return Motions(sines, self.peak[lanes], levels, ends, self.open_loop[lanes])
+
+
+class _Table:
+    """Fills the tables of one case after another."""
+
+    def __init__(self, count: int) -> None:
+        self.sines: list[list[float]] = [[] for _ in range(count)]
+        self.levels: list[Sequence[float]] = [(0.0,)] * count
+        self.ends: list[Sequence[float]] = [(np.inf,)] * count
+        self.peak = np.full(count, np.nan)
+        self.open_loop = np.zeros(count)
+
+    def finish(self) -> Motions:
+        levels = _columns(self.levels, padding=None)
+        ends = _columns(self.ends, padding=np.inf)
+        ends[-1] = np.inf
+        none = np.zeros((0, self.peak.size))
+        sines = _columns(self.sines, padding=0.0) if any(self.sines) else none
+        return Motions(sines, self.peak, levels, ends, self.open_loop)
+
+
+def _columns(of_cases: Sequence[Sequence[float]], padding: float | None) -> Array:
+    """Return rows of different lengths as columns (longest, n); None repeats the last value."""
+    longest = max(map(len, of_cases))
+    table = np.empty((longest, len(of_cases)))
+    for column, values in enumerate(of_cases):
+        table[: len(values), column] = values
+        table[len(values) :, column] = values[-1] if padding is None else padding
+    return table
+
+
+def drawn_motions(
+    motions: Sequence[SweptMotion], draws: Draws, duration_s: float
+) -> tuple[Motions, dict[str, tuple[Any, str, str]]]:
+    """Return the setpoints of some cases, and columns (values, unit, about) that tell of them.
+
+    Args:
+        motions: of the sweep.
+        draws: the random numbers of these cases.
+        duration_s: of a case.
+    """
+    shares = np.cumsum([motion.share for motion in motions])
+    chosen = np.searchsorted(shares / shares[-1], draws.uniform("motion"), side="right")
+    chosen = np.minimum(chosen, len(motions) - 1)
+    names = np.array([motion.name for motion in motions])
+    columns: dict[str, tuple[Any, str, str]] = {"motion": (names[chosen], "", "name of the motion")}
+    table = _Table(draws.count)
+    for index, motion in enumerate(motions):
+        drawn = {
+            key: [draws.drawn(f"motion {motion.name} {key} {i}", law) for i, law in enumerate(laws)]
+            for key, laws in motion.values.items()
+        }
+        cases = np.flatnonzero(chosen == index)
+        table.open_loop[cases] = motion.quantity == "command"
+        seeds = draws.seeds(f"motion {motion.name}")
+        phases = [draws.uniform(f"motion {motion.name} phase {i}")
+                  for i in range(len(drawn.get("frequencies", ())))]  # fmt: skip
+        for case in cases:
+            own = {key: [float(values[case]) for values in each] for key, each in drawn.items()}
+            turns = [float(phase[case]) for phase in phases]
+            _FILL[motion.type](table, int(case), own, duration_s, int(seeds[case]), turns)
+        columns |= _told(motion, drawn, chosen == index)
+    return table.finish(), columns
+
+
+def _told(
+    motion: SweptMotion, drawn: dict[str, list[Array]], chosen: NDArray[np.bool_]
+) -> dict[str, tuple[Any, str, str]]:
+    """Return what is drawn of a motion as columns, NaN where a case has another."""
+    level = "m" if motion.quantity == "position" else "V"
+    told = {}
+    for key, laws in motion.values.items():
+        for index, law in enumerate(laws):
+            if not law.is_drawn:
+                continue
+            name = f"{motion.name}_{key}" + (f"_{index + 1}" if len(laws) > 1 else "")
+            values = np.where(chosen, drawn[key][index], np.nan)
+            told[name] = (values, _UNITS.get(key, level), f"{key} of the motion {motion.name}")
+    return told
+
+
+Own = dict[str, list[float]]
+
+
+def _turns(phase_rad: float) -> float:
+    return phase_rad / (2.0 * np.pi)
+
+
+def _constant(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
+    t.levels[case] = own["value"]
+
+
+def _sine(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
+    t.levels[case] = own["mean"]
+    t.sines[case] = [own["amplitude"][0], own["frequency"][0], 0.0, _turns(own["phase"][0])]
+
+
+def _chirp(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
+    t.levels[case] = own["mean"]
+    first, last = own["start_frequency"][0], own["end_frequency"][0]
+    rate = 0.5 * (last - first) / until
+    t.sines[case] = [own["amplitude"][0], first, rate, _turns(own["phase"][0])]
+
+
+def _multisine(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
+    t.levels[case] = own["mean"]
+    t.peak[case] = own["amplitude"][0]
+    t.sines[case] = [
+        value
+        for frequency, turn in zip(own["frequencies"], turns, strict=True)
+        for value in (1.0, frequency, 0.0, turn)
+    ]
+
+
+def _steps(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
+    t.levels[case] = own["levels"]
+    t.ends[case] = [own["hold"][0] * (i + 1) for i in range(len(own["levels"]))]
+
+
+def _random(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
+    keys = ("lower", "upper", "hold_min", "hold_max")
+    lower, upper, shortest, longest = (own[key][0] for key in keys)
+    levels = Pseudorandom(lower, upper, shortest, longest, seed)
+    ends, held = levels.sequence(until)
+    t.ends[case], t.levels[case] = ends.tolist(), held.tolist()
+
+
+_FILL: Final = {
+    "constant": _constant,
+    "sine": _sine,
+    "chirp": _chirp,
+    "multisine": _multisine,
+    "steps": _steps,
+    "pseudorandom": _random,
+}

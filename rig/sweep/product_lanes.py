@@ -1,0 +1,163 @@
+"""Judges cases by the product's filter in lanes, and its detector for each.
+
+A detector to which nothing speaks for a fault is not asked for its verdict, which would be silent
+and takes longer than everything else.
+"""
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.detection import Decision, OilAccountDetector, Samples
+from estimator.filters import FILTERS, OUTPUTS, FilterRun
+from estimator.product_lanes import ProductLanes
+from rig.loop.lane_ticks import LANE_READINGS, LOGGED, MOST_STEPS
+from rig.plant.integrator import TICK
+from rig.plant.lanes import LANES
+
+from .ticks import BLOCK, reading_block
+from .truth import outcome_columns, true_flow
+
+if TYPE_CHECKING:
+    from .cases import Figures, Group
+
+Array = NDArray[np.float64]
+
+_SPOOL: Final = LANE_READINGS.index("spool_m")
+_SUPPLY: Final = LANE_READINGS.index("supply_pressure_Pa")
+_LEAST_HEALTHY: Final = 1e-12
+
+
+def judged_by_product(group: "Group") -> "Figures":
+    """Return what the table tells of a group's cases, (LANES,) by column.
+
+    Raises:
+        SweepError: a rig needed more integration steps than there may be.
+    """
+    setting = group.setting
+    watch = _Watch(group)
+    bench = _Bench(group)
+    filters = ProductLanes(setting.model, setting.sensors)
+    squares = np.zeros(LANES)
+    for block in range(setting.blocks):
+        first = 0 if block == 0 else block * BLOCK + 1
+        readings = bench.readings(first, (block + 1) * BLOCK + 1 - first)
+        # With a window's last sample its sums are gone.
+        before = filters.advance(readings[:-1])
+        squares += filters.squares
+        states = np.concatenate([before, filters.advance(readings[-1:])])
+        watch.take(first, readings, states)
+    return watch.figures() | {
+        "nis": squares / setting.blocks,
+        "leak_true_m3_per_s": true_flow(bench.flow[0], group),
+        "resets": filters.resets,
+        "lost": filters.resets > 0,
+    }
+
+
+class _Bench:
+    """Plants and transducers of a group, a block at a time."""
+
+    def __init__(self, group: "Group") -> None:
+        self._group = group
+        self._level = np.zeros((1, LANES))
+        self._until_onset = group.onset.copy()
+        self._streams = group.stream(0), group.stream(1)
+        self._log = np.empty(((BLOCK + 1) * MOST_STEPS, LOGGED, LANES))
+        self.flow = np.zeros((1, LANES))
+
+    def readings(self, first: int, ticks: int) -> Array:
+        """Return the readings (ticks, 6, LANES) from tick `first` on."""
+        from .cases import SweepError
+
+        group, setting = self._group, self._group.setting
+        motions = group.motions
+        readings = np.empty((ticks, len(LANE_READINGS), LANES))
+        enough = reading_block(
+            first, motions.sines, motions.levels, motions.ends, self._level, group.open_loop,
+            setting.gain, setting.limit, group.plant, group.parameters, setting.like,
+            setting.sensors, group.faults, self._until_onset, group.onset, group.noise,
+            *self._streams, self._log, readings, self.flow,
+        )  # fmt: skip
+        if not enough:
+            raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
+        if not setting.has_spool:
+            readings[:, _SPOOL] = np.nan
+        if not setting.has_supply:
+            readings[:, _SUPPLY] = np.nan
+        return readings
+
+
+class _Watch:
+    """The detectors of a group, and what they held."""
+
+    def __init__(self, group: "Group") -> None:
+        self._group = group
+        setting = group.setting
+        self._last = setting.ticks - 1
+        self._detectors = [
+            OilAccountDetector(setting.model, setting.false_alarms_per_day) for _ in range(LANES)
+        ]
+        self._held: list[list[str]] = []
+        self._ends_s: list[float] = []
+        self._decisions = [Decision("inconclusive")] * LANES
+        self._absolute = np.zeros((2, LANES))
+        self._ticks = 0
+
+    def take(self, first: int, readings: Array, states: Array) -> None:
+        """Judge a block: readings (ticks, 6, LANES), estimates (ticks, 11, LANES)."""
+        ticks = readings.shape[0]
+        time_s = np.arange(first, first + ticks, dtype=np.float64) * TICK
+        self._ends_s.append(float(time_s[-1]))
+        self._held.append([
+            self._judge(lane, time_s, readings, states, last=first + ticks > self._last)
+            for lane in range(LANES)
+        ])  # fmt: skip
+
+    def _judge(
+        self, lane: int, time_s: Array, readings: Array, states: Array, *, last: bool
+    ) -> str:
+        position, p1, p2, spool, supply, command = np.ascontiguousarray(readings[:, :, lane].T)
+        outputs = np.full((time_s.size, len(OUTPUTS)), np.nan)
+        estimates = np.ascontiguousarray(states[:, :, lane])
+        run = FilterRun(FILTERS["product"], time_s, estimates, outputs, np.empty((0, 0)))
+        detector = self._detectors[lane]
+        detector.update(Samples(time_s, command, position, p1, p2, spool, supply), run)
+        held = self._decisions[lane].verdict not in ("healthy", "inconclusive")
+        if held or last or detector.accuses:
+            self._decisions[lane] = detector.decide()
+        return self._decisions[lane].verdict
+
+    def figures(self) -> "Figures":
+        """Return the columns that the detectors tell of."""
+        decisions = self._decisions
+        healthy = np.array([each.probabilities.get("healthy", np.nan) for each in decisions])
+        leak = np.array([_or_nan(each.leak_m3_per_s) for each in decisions])
+        ends = [each.interval_m3_per_s or (np.nan, np.nan) for each in decisions]
+        nothing = np.full(LANES, np.nan)
+        return outcome_columns(self._group, np.array(self._held), np.array(self._ends_s)) | {
+            "statistic": np.array([each.statistic for each in decisions]),
+            "threshold": np.array([each.threshold for each in decisions]),
+            # The odds of any fault: what speaks for one also where none is claimed.
+            "score": np.nan_to_num(_log_odds(healthy), nan=-40.0),
+            "probability_healthy": healthy,
+            "leak_m3_per_s": leak,
+            "leak_low_m3_per_s": np.array([low for low, _ in ends]),
+            "leak_high_m3_per_s": np.array([high for _, high in ends]),
+            "innovation_1_Pa": nothing,
+            "innovation_2_Pa": nothing,
+            "nis_position": nothing,
+            "nis_pressure_1": nothing,
+            "nis_pressure_2": nothing,
+        }
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _log_odds(healthy: Array) -> Array:
+    """Return ln((1 - p) / p) of the probability of health."""
+    bounded = np.clip(healthy, _LEAST_HEALTHY, 1.0 - _LEAST_HEALTHY)
+    return np.asarray(np.log1p(-bounded) - np.log(bounded))

@@ -1,0 +1,144 @@
+"""Runs a sweep: what is not done yet, chunk by chunk, each kept as soon as it is there."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from math import ceil
+from typing import Any, Final
+
+from rig.configuration.sweep_plan import Sweep
+from rig.plant.lanes import LANES
+
+from .cases import Judged, Setting, SweepError, setting_of, sources
+from .drawing import Cases, draw
+from .folder import SweepFolder
+from .local import Stopped
+from .table import rows_of
+
+Runner = Callable[[Iterator[Cases], Setting, Stopped], Iterator[Judged]]
+"""Runs chunks somewhere, and yields what comes of each as it ends."""
+
+_CHUNK_RIG_S: Final = 1000.0
+"""Rig-seconds of a chunk, at least a group of lanes: what a kill costs each process, some tenths
+of a second."""
+_MOST_CHUNKS: Final = 2000
+
+
+@dataclass
+class Timing:
+    """What it took to run the cases that were not done before.
+
+    Attributes:
+        cases: how many.
+        rig_s: rig-seconds of them.
+        process_s: processor seconds of all processes that ran them, without start-up.
+        busy_s: seconds of these processes, added up, without start-up.
+        start_s: seconds until the first of them ran a case.
+        elapsed_s: seconds from the start to the last result.
+        workers: which processes they were.
+    """
+
+    cases: int = 0
+    rig_s: float = 0.0
+    process_s: float = 0.0
+    busy_s: float = 0.0
+    start_s: float = 0.0
+    elapsed_s: float = 0.0
+    workers: set[str] = field(default_factory=set)
+
+    def told(self) -> dict[str, Any]:
+        """Return it as JSON holds it, with rates."""
+        processes = max(len(self.workers), 1)
+        after_start = (self.elapsed_s - self.start_s) * processes
+        return {
+            "cases": self.cases,
+            "rig_s": self.rig_s,
+            "processes": len(self.workers),
+            "start_s": self.start_s,
+            "elapsed_s": self.elapsed_s,
+            "rig_seconds_per_second": {
+                "of_processor": _rate(self.rig_s, self.process_s),
+                "of_process": _rate(self.rig_s, self.busy_s),
+                "of_process_after_start": _rate(self.rig_s, after_start),
+            },
+        }
+
+
+def _rate(rig_s: float, seconds: float) -> float | None:
+    return rig_s / seconds if rig_s > 0.0 and seconds > 0.0 else None
+
+
+def chunk_size(sweep: Sweep) -> int:
+    """Return how many cases a chunk has: whole groups of lanes."""
+    groups = max(1, round(_CHUNK_RIG_S / (sweep.duration_s * LANES)))
+    groups = max(groups, ceil(sweep.cases / (_MOST_CHUNKS * LANES)))
+    return groups * LANES
+
+
+def chunks_of(sweep: Sweep) -> list[tuple[int, int]]:
+    """Return first case and number of cases of each chunk."""
+    size = chunk_size(sweep)
+    return [(first, min(size, sweep.cases - first)) for first in range(0, sweep.cases, size)]
+
+
+def chunks_left(sweep: Sweep, done: dict[int, int]) -> list[tuple[int, int]]:
+    """Return first case and number of cases of each chunk that is not done."""
+    if done.get(0) == sweep.cases:
+        return []
+    return [chunk for chunk in chunks_of(sweep) if done.get(chunk[0]) != chunk[1]]
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: SweepFolder,
+    runner: Runner,
+    stopped: Stopped,
+    advanced: Callable[[int], None],
+) -> Timing:
+    """Run the cases of a sweep that are not done yet, and keep them in its folder.
+
+    Args:
+        sweep: what to run.
+        folder: of the sweep, with what is done.
+        runner: where.
+        stopped: whether to end before all is done.
+        advanced: is told how many cases more are done, those from before first.
+
+    Raises:
+        SweepError: a case could not be run, or a worker has another version of this program.
+        OSError: the folder cannot be written.
+    """
+    started, timing, begun = time.perf_counter(), Timing(), False
+    done = folder.done(chunks_of(sweep))
+    left = chunks_left(sweep, done)
+    advanced(sum(done.values()))
+    drawn: dict[int, Cases] = {}
+
+    def chunks() -> Iterator[Cases]:
+        for first, count in left:
+            drawn[first] = draw(sweep, first, count)
+            yield drawn[first]
+
+    for judged in runner(chunks(), setting_of(sweep), stopped):
+        _require_same_sources(judged)
+        cases = drawn.pop(judged.first)
+        folder.keep(judged.first, rows_of(cases, dict(judged.figures)))
+        now = time.perf_counter() - started
+        if not begun:
+            timing.start_s, begun = now - judged.wall_s, True
+        timing.cases += cases.count
+        timing.rig_s += cases.count * sweep.duration_s
+        timing.process_s += judged.process_s
+        timing.busy_s += judged.wall_s
+        timing.elapsed_s = now
+        timing.workers.add(judged.worker)
+        advanced(cases.count)
+    return timing
+
+
+def _require_same_sources(judged: Judged) -> None:
+    if judged.source != sources():
+        raise SweepError(
+            f"the worker {judged.worker} runs another version of this program; install the same "
+            "on all machines"
+        )

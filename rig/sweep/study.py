@@ -1,0 +1,290 @@
+"""What a sweep's table shows: confusion, ROC, how small a leak is found, how well it is sized."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import exp, log, sqrt
+from statistics import NormalDist
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from rig.configuration.sweep_plan import HEALTHY
+from rig.plant.parameters import LITRE_PER_MINUTE
+
+from .table import columns_of
+from .truth import SILENT
+
+Array = NDArray[np.float64]
+
+POWER: Final = 0.95
+"""Part of the leaks of a size that has to be named right for it to be the smallest found."""
+_BINS_PER_DECADE: Final = 5
+_LEAST_CASES: Final = 20
+_STEPS: Final = 50
+_Z: Final = NormalDist().inv_cdf(0.975)
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of some cases, with its 95 % interval (Wilson 1927)."""
+
+    count: int
+    of: int
+
+    @property
+    def part(self) -> float:
+        """The part itself; NaN of no cases."""
+        return self.count / self.of if self.of else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its 95 % interval."""
+        if not self.of:
+            return 0.0, 1.0
+        p, n, z2 = self.part, self.of, _Z * _Z
+        middle = (p + z2 / (2 * n)) / (1 + z2 / n)
+        half = _Z / (1 + z2 / n) * sqrt(p * (1 - p) / n + z2 / (4 * n * n))
+        return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+@dataclass(frozen=True)
+class PowerBin:
+    """Leaks of about one size: its limits in m^3/s, those named right, median latency in s."""
+
+    low: float
+    high: float
+    right: Share
+    latency_s: float | None
+
+
+@dataclass(frozen=True)
+class PowerCurve:
+    """How the part of leaks that are named grows with their flow.
+
+    Attributes:
+        bins: of sizes.
+        intercept, slope: of a logistic curve in ln(flow in m^3/s); None where none can be fitted.
+        limit_m3_per_s: flow of which 95 in 100 are named by that curve, with its 95 % interval;
+            None where the cases do not bracket it.
+        interval_m3_per_s: of the limit.
+    """
+
+    bins: tuple[PowerBin, ...]
+    intercept: float | None = None
+    slope: float | None = None
+    limit_m3_per_s: float | None = None
+    interval_m3_per_s: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Roc:
+    """Parts of healthy and of leaky cases whose score is at or above each of some thresholds."""
+
+    false_alarms: Array
+    found: Array
+    area: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a sweep's table shows.
+
+    Attributes:
+        cases: how many.
+        confusion: cases by what was injected, and then by the verdict at the end.
+        false_alarms: parts of healthy cases that were accused at some time.
+        right: parts of the cases that were named right, by what was injected.
+        power: by place, and of all places as `all`.
+        roc: likewise.
+        latency_s: 50 and 95 % of the latencies of leaks named right.
+        sizing: relative bias and rms error of the flow, and how many intervals hold it; None where
+            the detector estimates none.
+        lost: cases whose filter followed its rig no more.
+    """
+
+    cases: int
+    confusion: dict[str, dict[str, int]]
+    false_alarms: Share
+    right: dict[str, Share]
+    power: dict[str, PowerCurve]
+    roc: dict[str, Roc]
+    latency_s: tuple[float, float] | None
+    sizing: dict[str, Any] | None
+    lost: Share
+
+    def told(self) -> dict[str, Any]:
+        """Return it as JSON holds it; flows in L/min."""
+        return {
+            "cases": self.cases,
+            "confusion": self.confusion,
+            "false_alarms": _told(self.false_alarms),
+            "right": {name: _told(share) for name, share in self.right.items()},
+            "limit_L_per_min": {
+                name: None if curve.limit_m3_per_s is None else {
+                    "value": curve.limit_m3_per_s / LITRE_PER_MINUTE,
+                    "interval": [end / LITRE_PER_MINUTE for end in curve.interval_m3_per_s or ()],
+                }
+                for name, curve in self.power.items()
+            },
+            "roc_area": {name: roc.area for name, roc in self.roc.items()},
+            "latency_s": self.latency_s and {"median": self.latency_s[0], "p95": self.latency_s[1]},
+            "sizing": self.sizing,
+            "lost": _told(self.lost),
+        }  # fmt: skip
+
+
+def _told(share: Share) -> dict[str, Any]:
+    part = None if not share.of else share.part
+    return {"count": share.count, "of": share.of, "part": part, "interval": list(share.interval)}
+
+
+def study_of(table: pa.Table) -> Study:
+    """Return what a table shows."""
+    column = columns_of(table)
+    faults, verdicts = column["fault"], column["verdict"]
+    right = np.asarray(column["right"], dtype=np.bool_)
+    healthy = faults == HEALTHY
+    places = [str(name) for name in np.unique(faults[~healthy])]
+    parts = {"all": ~healthy, **{place: faults == place for place in places}}
+    names = [HEALTHY, *places] if healthy.any() else places
+    return Study(
+        cases=int(faults.size),
+        confusion={name: _counts(verdicts[faults == name]) for name in names},
+        false_alarms=_share(np.asarray(column["false_alarm"], dtype=np.bool_)[healthy]),
+        right={name: _share(right[faults == name]) for name in names},
+        power={
+            name: _power(column["leak_true_m3_per_s"][at], right[at], column["latency_s"][at])
+            for name, at in parts.items()
+            if at.any()
+        },
+        roc={
+            name: _roc(column["score"][healthy], column["score"][at])
+            for name, at in parts.items()
+            if at.any() and healthy.any()
+        },
+        latency_s=_latency(column["latency_s"]),
+        sizing=_sizing(column, right & ~healthy),
+        lost=_share(np.asarray(column["lost"], dtype=np.bool_)),
+    )
+
+
+def verdict_order(confusion: dict[str, dict[str, int]]) -> list[str]:
+    """Return the verdicts that occur: what was injected first, then others, silent ones last."""
+    found = {verdict for counts in confusion.values() for verdict in counts}
+    first = [name for name in confusion if name in found]
+    rest = sorted(found - set(first), key=lambda name: (name in SILENT, name))
+    return first + rest
+
+
+def _counts(verdicts: NDArray[np.str_]) -> dict[str, int]:
+    names, counts = np.unique(verdicts, return_counts=True)
+    return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
+
+
+def _share(true: NDArray[np.bool_]) -> Share:
+    return Share(int(true.sum()), int(true.size))
+
+
+def _latency(latency_s: Array) -> tuple[float, float] | None:
+    known = latency_s[np.isfinite(latency_s)]
+    if not known.size:
+        return None
+    middle, late = np.percentile(known, [50.0, 95.0])
+    return float(middle), float(late)
+
+
+def _power(flow: Array, right: NDArray[np.bool_], latency_s: Array) -> PowerCurve:
+    known = np.isfinite(flow) & (flow > 0.0)
+    flow, right, latency_s = flow[known], right[known], latency_s[known]
+    if not flow.size:
+        return PowerCurve(())
+    first = np.floor(np.log10(flow.min()) * _BINS_PER_DECADE)
+    last = np.floor(np.log10(flow.max()) * _BINS_PER_DECADE)
+    edges = 10.0 ** (np.arange(first, last + 2.0) / _BINS_PER_DECADE)
+    bins = []
+    for low, high in pairwise(edges):
+        at = (flow >= low) & (flow < high)
+        if at.any():
+            known_s = latency_s[at][np.isfinite(latency_s[at])]
+            middle = float(np.median(known_s)) if known_s.size else None
+            bins.append(PowerBin(float(low), float(high), _share(right[at]), middle))
+    return _with_limit(tuple(bins), np.log(flow), right)
+
+
+def _with_limit(bins: tuple[PowerBin, ...], size: Array, right: NDArray[np.bool_]) -> PowerCurve:
+    """Return the curve with the flow of which `POWER` are named, where the cases bracket it."""
+    if size.size < _LEAST_CASES or right.all() or not right.any():
+        return PowerCurve(bins)
+    fitted = _logistic(size, right.astype(np.float64))
+    if fitted is None:
+        return PowerCurve(bins)
+    (intercept, slope), covariance = fitted
+    curve = PowerCurve(bins, intercept, slope)
+    if slope <= 0.0:
+        return curve
+    wanted = log(POWER / (1.0 - POWER))
+    limit = (wanted - intercept) / slope
+    if not size.min() <= limit <= size.max():
+        return curve
+    gradient = np.array([-1.0 / slope, -limit / slope])
+    half = _Z * sqrt(float((gradient * (covariance * gradient).sum(axis=1)).sum()))
+    interval = exp(limit - half), exp(limit + half)
+    return PowerCurve(bins, intercept, slope, exp(limit), interval)
+
+
+def _logistic(x: Array, y: Array) -> tuple[tuple[float, float], Array] | None:
+    """Return (intercept, slope) of a logistic curve, most likely, and their covariance (2, 2).
+
+    None where there is none: a size from which on all are named, and below none.
+    """
+    centre = float(x.mean())
+    design = np.column_stack([np.ones(x.size), x - centre])
+    beta = np.zeros(2)
+    for _ in range(_STEPS):
+        chance = 1.0 / (1.0 + np.exp(-np.clip(design.dot(beta), -30.0, 30.0)))
+        weight = chance * (1.0 - chance)
+        information = (design.T * weight).dot(design)
+        determinant = information[0, 0] * information[1, 1] - information[0, 1] ** 2
+        if determinant <= 1e-12 * information[0, 0] * max(information[1, 1], 1e-300):
+            return None
+        covariance = np.array(
+            [[information[1, 1], -information[0, 1]], [-information[0, 1], information[0, 0]]]
+        ) / determinant  # fmt: skip
+        step = covariance.dot(design.T.dot(y - chance))
+        beta = beta + np.clip(step, -5.0, 5.0)
+        if np.abs(step).max() < 1e-9:
+            # Of sizes that tell apart completely, the slope grows without an end.
+            if abs(beta[1]) * float(x.std()) > 25.0:
+                return None
+            back = np.array([[1.0, -centre], [0.0, 1.0]])
+            turned = back.dot(covariance).dot(back.T)
+            return (float(beta[0] - beta[1] * centre), float(beta[1])), turned
+    return None
+
+
+def _roc(healthy: Array, leaky: Array) -> Roc:
+    """Return the receiver operating characteristic of a score (Fawcett 2006)."""
+    scores = np.concatenate([healthy, leaky])
+    thresholds = np.concatenate([[np.inf], np.unique(scores)[::-1]])
+    alarms = (healthy[:, None] >= thresholds).mean(axis=0)
+    found = (leaky[:, None] >= thresholds).mean(axis=0)
+    area = float(((found[1:] + found[:-1]) * np.diff(alarms)).sum() * 0.5)
+    return Roc(alarms, found, area)
+
+
+def _sizing(column: dict[str, Any], named: NDArray[np.bool_]) -> dict[str, Any] | None:
+    true, found = column["leak_true_m3_per_s"], column["leak_m3_per_s"]
+    at = named & np.isfinite(found) & np.isfinite(true)
+    if not at.any():
+        return None
+    low, high = column["leak_low_m3_per_s"][at], column["leak_high_m3_per_s"][at]
+    relative = found[at] / true[at] - 1.0
+    covered = _share((low <= true[at]) & (true[at] <= high))
+    return {
+        "leaks": int(at.sum()),
+        "relative_bias": float(relative.mean()),
+        "relative_rms": float(np.sqrt(np.square(relative).mean())),
+        "in_interval": _told(covered),
+    }

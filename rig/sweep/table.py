@@ -1,0 +1,125 @@
+"""The table of a sweep: a row a case, units in the fields' metadata, as Parquet."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rig.recording.targets import replacing
+
+from .cases import Figures
+from .drawing import Cases, Column
+
+FIGURES: Final = {
+    "leak_true_m3_per_s": ("m^3/s", "mean leak flow from 2 s after the onset on"),
+    "verdict": ("", "what the detector held at the end"),
+    "right": ("", "whether that is what was injected"),
+    "detected_at_s": ("s", "when it first held that verdict; none if it is no fault"),
+    "latency_s": ("s", "from the onset to there, where the verdict is right"),
+    "false_alarm": ("", "whether a fault was held while there was none"),
+    "statistic": ("", "test statistic at the end"),
+    "threshold": ("", "what a healthy rig exceeds at the stated rate of false alarms"),
+    "score": ("", "how much speaks for a fault: what a ROC is drawn by"),
+    "probability_healthy": ("", "of no fault; the thesis's filter tells none"),
+    "leak_m3_per_s": ("m^3/s", "leak flow as estimated; the thesis's filter tells none"),
+    "leak_low_m3_per_s": ("m^3/s", "its 95 % interval"),
+    "leak_high_m3_per_s": ("m^3/s", "its 95 % interval"),
+    "innovation_1_Pa": ("Pa", "mean |innovation| of pressure 1; of the thesis's filter"),
+    "innovation_2_Pa": ("Pa", "mean |innovation| of pressure 2; of the thesis's filter"),
+    "nis": ("", "mean squared innovation over its variance; 1 of a consistent filter"),
+    "nis_position": ("", "that of the position; the product's filter keeps all in one"),
+    "nis_pressure_1": ("", "that of pressure 1"),
+    "nis_pressure_2": ("", "that of pressure 2"),
+    "resets": ("", "how often the filter was found lost and started anew"),
+    "lost": ("", "whether the filter followed its rig no more"),
+}
+"""Unit and meaning of each column that tells what came of a case."""
+_ABOUT: Final = b"about"
+_UNIT: Final = b"unit"
+
+
+def rows_of(cases: Cases, figures: Figures) -> pa.Table:
+    """Return the rows of some cases: what was drawn, and what came of it."""
+    told = {name: Column(figures[name], *FIGURES[name]) for name in FIGURES}
+    columns = {**cases.columns, **told}
+    fields = [
+        pa.field(name, kind, metadata={_UNIT: column.unit, _ABOUT: column.about})
+        for name, column in columns.items()
+        for kind in [_kind(column.values)]
+    ]
+    arrays = [_array(column.values) for column in columns.values()]
+    return pa.table(arrays, schema=pa.schema(fields))
+
+
+def _kind(values: np.ndarray) -> pa.DataType:
+    if values.dtype.kind in "US":
+        return pa.string()
+    return pa.from_numpy_dtype(values.dtype)
+
+
+def _array(values: np.ndarray) -> pa.Array:
+    if values.dtype.kind in "US":
+        return pa.array(values.tolist(), type=pa.string())
+    if values.dtype.kind == "f":
+        return pa.array(values, mask=np.isnan(values))
+    return pa.array(values)
+
+
+def write_durably(table: pa.Table, path: Path) -> None:
+    """Write a table that is there after a power cut, or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with replacing(path) as partial:
+        pq.write_table(table, partial, compression="zstd")
+        with partial.open("rb") as written:
+            os.fsync(written.fileno())
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def read_tables(paths: Iterable[Path]) -> pa.Table:
+    """Return tables as one, sorted by case.
+
+    Raises:
+        OSError: one cannot be read.
+        pyarrow.ArrowException: one is damaged.
+    """
+    return pa.concat_tables([read_table(path) for path in paths]).sort_by("case").combine_chunks()
+
+
+def read_table(path: Path) -> pa.Table:
+    """Return the table in a file.
+
+    Raises:
+        OSError: it cannot be read.
+        pyarrow.ArrowException: it is damaged.
+    """
+    with pq.ParquetFile(path) as file:
+        return file.read()
+
+
+def columns_of(table: pa.Table) -> dict[str, Any]:
+    """Return the columns of a table as arrays (n,): NaN where a number is missing."""
+    found: dict[str, Any] = {}
+    for name in table.column_names:
+        column = table.column(name)
+        if pa.types.is_string(column.type):
+            found[name] = np.array(column.to_pylist(), dtype=np.str_)
+        else:
+            found[name] = column.to_numpy(zero_copy_only=False)
+    return found
+
+
+def unit_of(table: pa.Table, name: str) -> str:
+    """Return the unit of a column."""
+    metadata = table.schema.field(name).metadata or {}
+    return str(metadata.get(_UNIT, b"").decode())

@@ -1,0 +1,285 @@
+"""A sweep's table is the same wherever, by however many, and with whatever interruptions."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from rig.cli.sweep import command
+from rig.configuration.sweep import load_sweep
+from rig.configuration.sweep_plan import Sweep
+from rig.runner.directory import DirectoryError
+from rig.sweep import running
+from rig.sweep.cases import Judged, Setting, SweepError
+from rig.sweep.cluster import ClusterError, connect, run_cluster
+from rig.sweep.drawing import Cases
+from rig.sweep.folder import SweepFolder
+from rig.sweep.local import run_here, run_pool
+from rig.sweep.running import Runner, Timing, chunk_size, run_sweep
+from rig.sweep.table import unit_of
+
+TEXT = """\
+name: small
+rig: ideal
+cases: 36
+duration: 20 s
+seed: 3
+parameters:
+  bulk_modulus: {uniform: [-15 %, +15 %]}
+leaks:
+  flow: {log_uniform: [0.1 L/min, 3 L/min]}
+  onset: 15.5 s
+motions:
+  - {type: sine, mean: 0.3 m, amplitude: {uniform: [0.05 m, 0.2 m]}, frequency: 0.5 Hz}
+  - {type: pseudorandom, lower: 0.1 m, upper: 0.5 m, hold_min: 1 s, hold_max: 2 s}
+"""
+PATIENCE_S = 240.0
+Ran = Callable[[Sweep, Path, Runner], bytes]
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
+    file = tmp_path_factory.mktemp("sweep") / "small.yaml"
+    file.write_text(TEXT)
+    return load_sweep(file)
+
+
+@pytest.fixture(autouse=True)
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "_CHUNK_RIG_S", 100.0)
+
+
+def run(sweep: Sweep, folder: Path, runner: Runner, *, resume: bool = False) -> Timing:
+    with SweepFolder(folder, sweep, resume=resume) as opened:
+        timing = run_sweep(sweep, opened, runner, lambda: False, lambda _: None)
+        opened.finish()
+    return timing
+
+
+@pytest.fixture(scope="module")
+def table(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return the table of the sweep, run in this process."""
+    folder = tmp_path_factory.mktemp("here")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(running, "_CHUNK_RIG_S", 100.0)
+        run(sweep, folder / "run", run_here)
+    return (folder / "run" / "sweep.parquet").read_bytes()
+
+
+def test_the_table_has_a_row_a_case_in_order_with_units(table: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "sweep.parquet"
+    file.write_bytes(table)
+    rows = pq.read_table(file)
+    assert rows.column("case").to_pylist() == list(range(36))
+    assert unit_of(rows, "bulk_modulus") == "Pa"
+    assert unit_of(rows, "leak_true_m3_per_s") == "m^3/s"
+    assert set(rows.column("fault").to_pylist()) > {"healthy", "internal_leakage"}
+    leaks = [f is not None for f in rows.column("leak_true_m3_per_s").to_pylist()]
+    assert leaks == [fault != "healthy" for fault in rows.column("fault").to_pylist()]
+
+
+def test_chunks_are_whole_groups_of_lanes(sweep: Sweep) -> None:
+    assert chunk_size(sweep) == 8
+
+
+class Interruption(Exception):  # noqa: N818
+    pass
+
+
+def test_an_interrupted_sweep_goes_on_and_repeats_nothing(
+    sweep: Sweep, table: bytes, tmp_path: Path
+) -> None:
+    ran: list[int] = []
+
+    def until_the_third(
+        chunks: Iterator[Cases], setting: Setting, stopped: object
+    ) -> Iterator[Judged]:
+        for judged in run_here(chunks, setting, lambda: False):
+            if len(ran) == 2:
+                raise Interruption
+            ran.append(judged.first)
+            yield judged
+
+    def the_rest(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
+        for judged in run_here(chunks, setting, lambda: False):
+            ran.append(judged.first)
+            yield judged
+
+    folder = tmp_path / "run"
+    with pytest.raises(Interruption):
+        run(sweep, folder, until_the_third)
+    (folder / "parts" / "part-00000008.parquet").write_bytes(b"cut off")
+    ran.remove(8)  # a damaged part is none
+    run(sweep, folder, the_rest, resume=True)
+    assert sorted(ran) == [0, 8, 16, 24, 32]
+    assert (folder / "sweep.parquet").read_bytes() == table
+
+
+def test_what_the_file_means_must_be_the_same_to_go_on(sweep: Sweep, tmp_path: Path) -> None:
+    SweepFolder(tmp_path / "run", sweep, resume=False).close()
+    other = tmp_path / "other.yaml"
+    other.write_text("# a comment changes nothing\n" + TEXT)
+    SweepFolder(tmp_path / "run", load_sweep(other), resume=True).close()
+    other.write_text(TEXT.replace("seed: 3", "seed: 4"))
+    with pytest.raises(DirectoryError, match="seed changed"):
+        SweepFolder(tmp_path / "run", load_sweep(other), resume=True)
+
+
+def test_a_folder_is_not_shared_and_nothing_foreign_is_replaced(
+    sweep: Sweep, tmp_path: Path
+) -> None:
+    with (
+        SweepFolder(tmp_path / "run", sweep, resume=False),
+        pytest.raises(DirectoryError, match="a sweep is running in it"),
+    ):
+        SweepFolder(tmp_path / "run", sweep, resume=True)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("dear")
+    with pytest.raises(DirectoryError, match="holds letter"):
+        SweepFolder(tmp_path / "mine", sweep, resume=False)
+    assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
+
+
+def test_two_processes_make_the_same_table_though_one_is_killed(
+    sweep: Sweep, table: bytes, tmp_path: Path
+) -> None:
+    killed: list[int] = []
+
+    def with_a_death(
+        chunks: Iterator[Cases], setting: Setting, stopped: object
+    ) -> Iterator[Judged]:
+        for judged in run_pool(chunks, setting, 2, lambda: False):
+            if not killed:
+                killed.append(int(judged.worker.rpartition(":")[2]))
+                os.kill(killed[0], signal.SIGKILL)
+            yield judged
+
+    timing = run(sweep, tmp_path / "run", with_a_death)
+    assert killed
+    assert len(timing.workers) > 1
+    assert (tmp_path / "run" / "sweep.parquet").read_bytes() == table
+
+
+def deadly(setting: Setting, cases: Cases) -> Judged:
+    os._exit(9)
+
+
+def test_a_chunk_that_kills_every_process_is_given_up_by_name(
+    sweep: Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.sweep.local.run_chunk", deadly)
+    monkeypatch.setattr("rig.sweep.local._MOST_DEATHS", 1)
+    with pytest.raises(SweepError, match=r"cases \d+ to \d+: 2 processes died"):
+        run(
+            sweep,
+            tmp_path / "run",
+            lambda chunks, setting, _: run_pool(chunks, setting, 1, lambda: False),
+        )
+
+
+def command_line(*arguments: str, folder: Path) -> list[str]:
+    (folder / "small.yaml").write_text(TEXT.replace("cases: 36", "cases: 200"))
+    return [sys.executable, "-m", "rig.cli", "sweep", *arguments]
+
+
+def until(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < end, "it never came to this"
+        time.sleep(0.02)
+
+
+def test_a_sweep_killed_at_any_point_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "_CHUNK_RIG_S", 1000.0)  # as in the other process
+    out = tmp_path / "run"
+    arguments = command_line("small.yaml", "--out", str(out), "--jobs", "1", folder=tmp_path)
+    with subprocess.Popen(arguments, cwd=tmp_path, stdout=subprocess.DEVNULL) as process:
+        until(lambda: any((out / "parts").glob("part-*.parquet")))
+        process.kill()
+    kept = {part.name: part.stat().st_mtime_ns for part in (out / "parts").glob("part-*")}
+    assert kept
+    assert not (out / "sweep.parquet").exists()
+    done = CliRunner().invoke(command, [str(out), "--resume", "--jobs", "1"])
+    assert done.exit_code == 0, done.output
+    whole = pq.read_table(out / "sweep.parquet")
+    assert whole.column("case").to_pylist() == list(range(200))
+
+
+@pytest.fixture(scope="module")
+def cluster(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Start a scheduler and two workers on loopback; return its address, and the workers."""
+    folder = tmp_path_factory.mktemp("cluster")
+    told = folder / "scheduler.json"
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+    dask += ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told)]
+
+    def quietly(arguments: list[str]) -> subprocess.Popen[bytes]:
+        nowhere = subprocess.DEVNULL
+        return subprocess.Popen(arguments, stdout=nowhere, stderr=nowhere, cwd=folder)
+
+    started = [quietly(dask)]
+    try:
+        until(told.exists)
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1"]
+        worker += ["--scheduler-file", str(told), "--no-nanny", "--no-dashboard"]
+        worker += ["--host", "127.0.0.1"]
+        started += [quietly(worker) for _ in range(2)]
+        until(lambda: "address" in told.read_text())
+        yield json.loads(told.read_text())["address"], started[1:]
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
+    sweep: Sweep, table: bytes, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen[bytes]]]
+) -> None:
+    address, workers = cluster
+    pids = {process.pid for process in workers}
+    killed: list[int] = []
+    with connect(address) as client:
+        client.wait_for_workers(2, timeout=PATIENCE_S)
+
+        def with_a_death(
+            chunks: Iterator[Cases], setting: Setting, stopped: object
+        ) -> Iterator[Judged]:
+            for judged in run_cluster(chunks, setting, client, lambda: False, print):
+                if not killed:
+                    killed.append(int(judged.worker.rpartition(":")[2]))
+                    assert killed[0] in pids
+                    os.kill(killed[0], signal.SIGKILL)
+                yield judged
+
+        run(sweep, tmp_path / "run", with_a_death)
+    assert killed
+    assert (tmp_path / "run" / "sweep.parquet").read_bytes() == table
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_cluster_that_is_not_there_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.sweep.cluster._CONNECT_S", 0.3)
+    with pytest.raises(ClusterError, match="no scheduler answers"):
+        connect("tcp://127.0.0.1:9")
+
+
+def test_a_worker_with_another_version_is_refused(sweep: Sweep, tmp_path: Path) -> None:
+    def elsewhere(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
+        cases = next(chunks)
+        yield Judged(cases.first, {}, 0.0, 0.0, "0123", "far:1")
+
+    with pytest.raises(SweepError, match="far:1 runs another version"):
+        run(sweep, tmp_path / "run", elsewhere)
