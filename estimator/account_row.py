@@ -12,6 +12,7 @@ from typing import Final
 from numba import njit
 
 from rig.plant import NO_FAULT
+from rig.plant.added_terms import FLOW_1, FLOW_2, added
 from rig.plant.compiled import inlined
 from rig.plant.dynamics import (
     aeration_compliance,
@@ -280,3 +281,21 @@ def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
     row[_BULK + 1] -= squeezed_2
     row[_AIR] += soft_1 * stored_1
     row[_AIR + 1] += soft_2 * stored_2
+
+
+@njit(cache=True, error_model="numpy")
+def add_terms(spool, position, moved, p1, p2, par, row):
+    """Add the flows of the model's terms in symbols to the sums in `row`.
+
+    Args:
+        spool: its displacement in the middle of the sample, m; it has followed its command.
+        position: of the ram, m.
+        moved: how fast it moved, m/s.
+        p1: pressure of chamber 1, Pa.
+        p2: pressure of chamber 2, Pa.
+        par: the `Parameters` assumed.
+        row: (WIDTH,) sums; flows in m^3/s.
+    """
+    command = spool / par.valve_gain
+    row[MISSING] += added(FLOW_1, moved, position, spool, p1, p2, command, par)
+    row[MISSING + 1] += added(FLOW_2, moved, position, spool, p1, p2, command, par)

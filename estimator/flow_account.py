@@ -38,6 +38,7 @@ from .account_row import (
     add_motion,
     add_sample,
     add_supply,
+    add_terms,
 )
 from .nuisances import NUISANCE_COUNT, NUISANCES
 from .product_noise import DRY
@@ -126,6 +127,9 @@ def _accumulate(
             rise_1, rise_2 = (p1[k] - last[2]) / TICK, (p2[k] - last[3]) / TICK
             middle = 0.5 * (position[k] + last[4])
             add_motion(middle, moved, oil_1, oil_2, rise_1, rise_2, par, row)
+            if par.term_1_kind != 0.0:
+                shown = 0.5 * (spool[k] + last[1])
+                add_terms(shown, middle, moved, oil_1, oil_2, par, row)
             row[BRIDGED] += bridged
             if not np.isnan(supply[k]):
                 opening = 0.5 * (spool[k] + last[1]) + null_bias

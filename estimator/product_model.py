@@ -13,6 +13,7 @@ from typing import Final
 
 from numba import njit
 
+from rig.plant.added_terms import FLOW_1, FLOW_2, SPOOL, added
 from rig.plant.compiled import inlined, inner
 from rig.plant.dynamics import (
     ATMOSPHERE,
@@ -150,8 +151,9 @@ def predict_product(x, command, supply, par, jacobian):
     """Advance the state (11,) by one tick of constant command and fill the Jacobian's rows (6, 11).
 
     The spool follows eq. 2.5 exactly; pressures follow eq. 2.3 with the flows of eqs. 2.1, 2.2 and
-    5.2, at the supply pressure `supply`, air in the oil included. Row order is that of `STATES`;
-    rows 6 to 10 would be the identity's.
+    5.2, at the supply pressure `supply`, air in the oil and the model's terms in symbols included:
+    those of flows and spool, at the state before, without their slope; a force is the load's. Row
+    order is that of `STATES`; rows 6 to 10 would be the identity's.
     """
     h = _SUBSTEP
     valve = _valve_step(par)
@@ -161,6 +163,12 @@ def predict_product(x, command, supply, par, jacobian):
     conductance = valve_conductance(par)
     load, k1, k2, k12, bias = x[6], x[7], x[8], x[9], x[10]
     spool, p1, p2, position, velocity, spool_velocity = x[0], x[1], x[2], x[3], x[4], x[5]
+    inflow_1, inflow_2 = 0.0, 0.0
+    terms = par.term_1_kind != 0.0
+    if terms:
+        steady += added(SPOOL, velocity, position, spool, p1, p2, command, par)
+        inflow_1 = added(FLOW_1, velocity, position, spool, p1, p2, command, par)
+        inflow_2 = added(FLOW_2, velocity, position, spool, p1, p2, command, par)
 
     for i in range(DYNAMIC):
         for j in range(STATE_COUNT):
@@ -224,6 +232,8 @@ def predict_product(x, command, supply, par, jacobian):
             curve_1, curve_2 = flow * slope_1, flow * slope_2
         d1 = c1 * (flow_1 - area * velocity - k1 * e1 - k12 * e12)
         d2 = c2 * (area * velocity - flow_2 - k2 * e2 + k12 * e12)
+        if terms:
+            d1, d2 = d1 + c1 * inflow_1, d2 + c2 * inflow_2
 
         a11 = 1.0 + c1 * (curve_1 - k1 * slope_e1 - k12 * slope_e12) + d1 * slope_soft_1
         a12 = c1 * k12 * slope_e12

@@ -91,7 +91,6 @@ def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
             for each in description.regions
         },
         steering=_stated_steering(description),
-        write=_not_to_a_file,
         drive=drive,
         begin=_begin(description),
         period=PERIOD,
@@ -329,7 +328,7 @@ def _made(name: str, source: str, signature: Any, names: dict[str, Any], of: str
         ) from error
 
 
-# Steering and writing
+# Steering
 
 
 def _stated_steering(description: PlantDescription) -> tuple[tuple[int, int, float], ...]:
@@ -366,10 +365,3 @@ def _steered(plant: Plant, description: PlantDescription) -> Plant:
         return plant
     output = int(np.argmax(follows))
     return replace(plant, steering=((0, output, float(1.0 / moved[output])),))
-
-
-def _not_to_a_file(
-    values: Mapping[str, float], effects: tuple[str, ...], provenance: Any, path: Any
-) -> None:
-    """Refuse to write: `rig.configuration.plant_file` gives the plant its own."""
-    raise NotImplementedError

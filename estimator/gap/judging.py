@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from .fit import Fitter
-from .linear import slices_of
+from .linear import cost_of, slices_of
 from .results import Curve, Verdict
 from .search import CHANCE, HELD_OUT, MATERIAL, Found, Search, deviate
 from .variables import Values
@@ -19,7 +19,8 @@ SEVERAL: Final = 2
 TOO_MUCH: Final = 25.0
 """Noise variances of excess that are more than one missing effect leaves in every equation."""
 NOWHERE: Final = 0.3
-"""Part of such an excess that the best disturbance of a single equation must explain."""
+"""Part of an excess that the best disturbance of a single equation must explain: more than its
+share if force, both flows and the spool were wrong alike."""
 FREE: Final = 0.05
 """Part of the excess that a free curve may still take away once the whole answer is named."""
 CONFIRMED: Final = 0.1
@@ -37,7 +38,7 @@ class Judgement:
 def confirm(search: Search, found: Found, judged: Fitter) -> tuple[dict[str, float], list[str]]:
     """Drop named effects that do not lower the error held out.
 
-    What an exact effect would gain there is the square of what it changes in the predictions. Where
+    What an exact effect would gain there is the cost of what it changes in the predictions. Where
     that is below chance the motion held out tells nothing of the effect, and it is kept.
 
     Returns:
@@ -67,13 +68,16 @@ def confirm(search: Search, found: Found, judged: Fitter) -> tuple[dict[str, flo
 
 
 def _changed(fitter: Fitter, values: Values, others: Values) -> float:
-    """Return the square of the change in innovations, summed over the blocks."""
+    """Return the cost of the change in innovations, summed over the blocks.
+
+    Not its square: on a stop that the model has not, a few readings would outweigh all others.
+    """
     total = 0.0
     predictor = fitter.predictor
     for record in fitter.records:
         change = predictor.innovations(record, values)[0] - predictor.innovations(record, others)[0]
         for block in slices_of(record, predictor.plant.period):
-            total += float((change[block] ** 2).sum())
+            total += float(cost_of(change[block]).sum())
     return total
 
 
@@ -83,6 +87,7 @@ def judge(
     resting: Sequence[str],
     held_out: float,
     held_out_before: float = float("nan"),
+    located: float | None = None,
 ) -> Judgement:
     """Return the verdict.
 
@@ -92,9 +97,14 @@ def judge(
         resting: channels predicted worse than "nothing changes" would be, with all that was found.
         held_out: excess in squared error of the recordings held out, in variances a reading.
         held_out_before: the same, with nuisances refitted only.
+        located: part of the excess that a disturbance of one equation explains; that of the best of
+            `rest` if not given.
     """
     excess = found.fitted.cost / found.samples - found.floor
-    if len(resting) >= SEVERAL:
+    if located is None:
+        located = rest[0].share if rest else 0.0
+    # What one equation lacks is of this rig, however badly it is predicted without.
+    if len(resting) >= SEVERAL and not located > NOWHERE:
         return Judgement(
             "inconclusive",
             (
@@ -105,7 +115,7 @@ def judge(
     if not np.isfinite(excess) or (
         excess > TOO_MUCH
         and (not found.named or found.explained < EXPLAINED)
-        and not (rest and rest[0].share > NOWHERE)
+        and not located > NOWHERE
     ):
         return Judgement(
             "inconclusive",

@@ -99,13 +99,21 @@ class Linear:
         index = self.indices(names)
         matrix = self.products[:, index][:, :, index]
         scores = self.slopes[:, index] + matrix @ steps
-        total = matrix.sum(0)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-300))
-        inverse = np.linalg.pinv(total * np.outer(scale, scale), rcond=1e-10) * np.outer(
-            scale, scale
-        )
-        scatter = scores.T @ scores * len(scores) / max(len(scores) - len(index), 1)
-        return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ scatter @ inverse), 0.0)))
+        return standard_errors(matrix, scores)
+
+
+def standard_errors(products: Array, scores: Array) -> Array:
+    """Return standard errors of steps (k,), from the scatter of the blocks' scores there.
+
+    Args:
+        products: float64 (blocks, k, k), of the columns with each other.
+        scores: float64 (blocks, k), of the columns with what the steps leave of the innovations.
+    """
+    total = products.sum(0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-300))
+    inverse = np.linalg.pinv(total * np.outer(scale, scale), rcond=1e-10) * np.outer(scale, scale)
+    scatter = scores.T @ scores * len(scores) / max(len(scores) - scores.shape[1], 1)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ scatter @ inverse), 0.0)))
 
 
 def bounded_least_squares(matrix: Array, slope: Array, lower: Array, upper: Array) -> Array:

@@ -130,11 +130,13 @@ class Trace:
         inputs: float64 (n, inputs), as commanded.
         states: float64 (n, states), filtered.
         innovations: float64 (n, outputs), over their standard deviations.
+        readings: float64 (n, outputs); where the model is far off, so are the states.
     """
 
     inputs: Array
     states: Array
     innovations: Array
+    readings: Array
 
 
 Proposal = Callable[[Sequence[Trace], Mapping[str, float]], tuple[Mapping[str, float], ...]]
@@ -182,6 +184,21 @@ class Nuisance:
     tolerance: float
     nominal: float
     effect: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A disturbance in symbols as a plant's parameters hold it.
+
+    Attributes:
+        values: of all parameters, with it; empty if none of its terms can be held.
+        knobs: of its terms, to be refitted.
+        refused: number of each term that cannot be held, and why, in words.
+    """
+
+    values: Mapping[str, float]
+    knobs: tuple[Knob, ...]
+    refused: tuple[tuple[int, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +281,20 @@ def begin_held(state: Array, inputs: Array, values: Mapping[str, float]) -> Arra
     return np.array(inputs[0], dtype=np.float64)
 
 
+Write = Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None]
+
+
+def not_to_a_file(
+    values: Mapping[str, float], effects: tuple[str, ...], provenance: Mapping[str, Any], path: Any
+) -> None:
+    """Refuse to write: a plant that no model file was read for has none.
+
+    Raises:
+        TypeError: always.
+    """
+    raise TypeError(f"{path}: this plant was not made of a model file, and writes none")
+
+
 @dataclass(frozen=True)
 class Plant:
     """A plant as the workflow sees it.
@@ -291,15 +322,19 @@ class Plant:
             so quickly, and by laws known so badly, that no model predicts within a sample what
             happens when: on a stop, with an empty chamber; None if there is nothing of the kind.
         memories: parameters, neutral at 0, by which readings depend on the states before.
-        input_delay: parameter by which the inputs act later, in s, if there is one.
         period: one sample, s.
         horizon: how far ahead predictions are judged, s.
         steering: input, output and gain that keep a simulation on the course of a recording.
         write: (values of all parameters by name, names of effects, provenance, path): writes the
-            model file.
+            model file. `rig.runner.gap` and `rig.configuration.plant_loading` give it.
         not_told_apart: reasons, by pair of effects, why these are the same on principle.
         motions: () -> motions that an experiment may consist of; none if none is known.
         loop: as `steering`, of the loop that the rig itself closes in them.
+        hold_terms: (name of an equation or reading, terms (`terms.Term`), their coefficients, SI,
+            values of all parameters by name) -> how the model holds a disturbance in symbols; None
+            if it cannot hold any.
+        held_terms: (values of all parameters by name) -> that equation and its terms, each with
+            its coefficients.
     """
 
     name: str
@@ -316,18 +351,21 @@ class Plant:
     equations: tuple[Equation, ...]
     regions: Mapping[str, Region]
     steering: tuple[tuple[int, int, float], ...]
-    write: Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None]
+    write: Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any], None] = (
+        not_to_a_file
+    )
     drive: Any = hold
     remember: Any = forget
     begin: Callable[[Array, Array, Mapping[str, float]], Array] = begin_held
     violent: Callable[[Array, Mapping[str, float]], NDArray[np.bool_]] | None = None
     memories: tuple[str, ...] = ()
-    input_delay: str | None = None
     period: float = 1e-3
     horizon: float = 0.02
     not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)
     motions: Callable[[], tuple[Motion, ...]] = tuple
     loop: tuple[tuple[int, int, float], ...] = ()
+    hold_terms: Callable[[str, Sequence[Any], Array, Mapping[str, float]], Held] | None = None
+    held_terms: Callable[[Mapping[str, float]], tuple[str, Any]] | None = None
 
     def remembers(self, values: Mapping[str, float]) -> bool:
         """Return whether readings depend on the states before."""

@@ -25,6 +25,14 @@ _MATRIX: Final = float64[:, ::1]
 _CUBE: Final = float64[:, :, ::1]
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _advance(drive, step, remember, x, inputs, memory, parameters):
+    """Move a state (count,) and its memory (length,) in place by a sample of inputs."""
+    drive(inputs, memory, parameters)
+    step(x, memory, parameters)
+    remember(x, memory, parameters)
+
+
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR,
          _MATRIX, _CUBE, _MATRIX, _CUBE, _CUBE, _CUBE),
@@ -285,13 +293,9 @@ def predict_ahead(
             read(x, free, parameters, expected)
             for i in range(outputs):
                 errors[t, i] = readings[t, i] - expected[i]
-        drive(inputs[t], free, parameters)
-        step(x, free, parameters)
-        remember(x, free, parameters)
+        _advance(drive, step, remember, x, inputs[t], free, parameters)
         point[:] = states[t]
-        drive(inputs[t], remembered, parameters)
-        step(point, remembered, parameters)
-        remember(point, remembered, parameters)
+        _advance(drive, step, remember, point, inputs[t], remembered, parameters)
 
 
 @njit(
@@ -330,6 +334,4 @@ def run_free(
             for i in range(expected.size):
                 value += steering[j, i] * (readings[t, i] - expected[i])
             driven[t, j] = value
-        drive(driven[t], remembered, parameters)
-        step(x, remembered, parameters)
-        remember(x, remembered, parameters)
+        _advance(drive, step, remember, x, driven[t], remembered, parameters)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .plant import Array, Plant
 from .prediction import predict_ahead, run_filter, run_free, run_frozen, run_tangent
-from .records import Gains, Record, inputs_of, made_of, roughness
+from .records import Gains, Record, made_of, roughness
 
 Values = Mapping[str, float]
 
@@ -45,7 +45,7 @@ class Predictor:
     ) -> None:
         start, spread = self._start(record, values)
         run_filter(
-            *self._functions, inputs_of(record, self.plant, values), record.readings,
+            *self._functions, record.inputs, record.readings,
             record.variances + roughness(record, self.plant, values),
             self.plant.vector(values), start, spread, self._changes,
             self._noises, self._memory(start, record, values), gains.states,
@@ -65,7 +65,7 @@ class Predictor:
         states = np.empty((len(record), count))
         gains = record.gains
         run_frozen(
-            *self._functions, inputs_of(record, self.plant, values), record.readings,
+            *self._functions, record.inputs, record.readings,
             gains.variances, gains.states, gains.couplings, self.plant.vector(values), start,
             self._memory(start, record, values),
             np.empty((0, count)) if kicks is None else kicks, innovations, states,
@@ -105,7 +105,7 @@ class Predictor:
         errors = np.empty_like(record.readings)
         memory = self._memory(states[0], record, values)
         predict_ahead(
-            *self._functions, inputs_of(record, self.plant, values), record.readings, states,
+            *self._functions, record.inputs, record.readings, states,
             self.plant.vector(values), memory, memory.copy(),
             round(self.plant.horizon / self.plant.period), errors,
         )  # fmt: skip
@@ -121,7 +121,7 @@ class Predictor:
         start = self._start(record, values)[0]
         driven, simulated = np.empty_like(record.inputs), np.empty_like(record.readings)
         run_free(
-            *self._functions, inputs_of(record, self.plant, values), record.readings,
+            *self._functions, record.inputs, record.readings,
             self.plant.vector(values), start, self._memory(start, record, values), steering,
             driven, simulated,
         )  # fmt: skip
@@ -139,7 +139,6 @@ class Predictor:
             if output.resolution > 0.0:
                 noisy = np.round(noisy / output.resolution) * output.resolution
             simulated[:, index] = np.clip(noisy, output.lower, output.upper)
-        # The delay is in the inputs already; the twin's model has it once more.
         twin = made_of(f"twin of {record.source}", driven, simulated, self.plant)
         # What the recording does not tell, its twin must not tell either.
         twin.variances[~np.isfinite(record.variances)] = np.inf

@@ -189,22 +189,3 @@ def _dwell(values: Array) -> Array:
     starts = np.flatnonzero(np.r_[True, values[1:] != values[:-1]])
     lengths = np.diff(np.r_[starts, len(values)])
     return np.minimum(np.repeat(lengths, lengths), LONGEST_DWELL).astype(np.float64)
-
-
-def delayed(inputs: Array, samples: float) -> Array:
-    """Return inputs (n, k), each held over its sample, that act later by a number of samples."""
-    if samples <= 0.0:
-        return inputs
-    whole = int(samples)
-    part = samples - whole
-    index = np.arange(len(inputs))
-    later = inputs[np.maximum(index - whole, 0)]
-    earlier = inputs[np.maximum(index - whole - 1, 0)]
-    return np.ascontiguousarray((1.0 - part) * later + part * earlier)
-
-
-def inputs_of(record: Record, plant: Plant, values: Mapping[str, float]) -> Array:
-    """Return the inputs (n, inputs) as they act, later by the plant's input delay."""
-    if plant.input_delay is None:
-        return record.inputs
-    return delayed(record.inputs, values[plant.input_delay] / plant.period)

@@ -245,6 +245,30 @@ class Round:
     check: Check | None = None
 
 
+@dataclass(frozen=True)
+class AddedTerm:
+    """An unknown disturbance in symbols as it was added to the model.
+
+    Attributes:
+        equation: it was added to.
+        text: its terms in symbols with units, refitted together with the nuisances.
+        estimates: of its sizes and places, SI.
+        values: of all parameters of the model with it.
+        explained: part of the excess over the floor in the identification data.
+        gap: mean of the channels' excess over the floor held out, in units of the noise variance,
+            of the model with it.
+        channels: the same by channel; `before` is that of the model as given.
+    """
+
+    equation: str
+    text: str
+    estimates: tuple[Estimate, ...]
+    values: dict[str, float]
+    explained: float
+    gap: float = float("nan")
+    channels: tuple[ChannelGap, ...] = ()
+
+
 @dataclass
 class GapResult:
     """What the workflow found.
@@ -261,6 +285,7 @@ class GapResult:
         where: disturbances that explain the disagreement, largest first, before anything was added.
         rest: the same after all that was named was added.
         term: an unknown effect in symbols with units, with the equation it enters; empty without.
+        added: that term in the model, if the model can hold it and is better for it.
         limits: smallest sizes that these motions would show, by effect.
         experiments: what to run to settle ambiguities.
         free_runs: short free runs, for the eye.
@@ -284,6 +309,7 @@ class GapResult:
     where: list[Curve] = field(default_factory=list)
     rest: list[Curve] = field(default_factory=list)
     term: str = ""
+    added: AddedTerm | None = None
     limits: list[DetectionLimit] = field(default_factory=list)
     experiments: list[Separation] = field(default_factory=list)
     free_runs: list[FreeRun] = field(default_factory=list)

@@ -177,7 +177,7 @@ class Search:
         values = {**self.plant.nominal}
         self.fitter.refresh(values)
         given = Fitted(dict(values), self.fitter.costs(values))
-        present = self._settled(given, self.nuisances)
+        present = self.settled(given, self.nuisances)
         found = Found(given, present, present, self.nuisances, [])
         screened = self._grow(found)
         for _ in range(_SWAPS):
@@ -203,7 +203,7 @@ class Search:
             effect, fitted, bar = added
             before = found.fitted
             found.variables = freed(found.variables, effect)
-            found.fitted = self._settled(fitted, found.variables)
+            found.fitted = self.settled(fitted, found.variables)
             gain = before.cost - fitted.cost
             found.named.append(
                 Named(
@@ -213,7 +213,7 @@ class Search:
             )  # fmt: skip
         return seen
 
-    def _settled(self, fitted: Fitted, variables: Sequence[Variable]) -> Fitted:
+    def settled(self, fitted: Fitted, variables: Sequence[Variable]) -> Fitted:
         """Return the fit of variables whose gains are its own."""
         for _ in range(_ROUNDS):
             self.fitter.refresh(fitted.values)
@@ -316,7 +316,7 @@ class Search:
         """
         fitted = self._with(present, variables, candidate)
         effect = self.plant.effects[candidate.effect]
-        fitted = self._settled(fitted, freed(tuple(variables), effect))
+        fitted = self.settled(fitted, freed(tuple(variables), effect))
         self.fitter.refresh(present.values)
         return fitted
 
@@ -392,7 +392,7 @@ class Search:
         if effect.propose is None:
             return effect.starts
         traces = [
-            Trace(record.inputs, states, innovations)
+            Trace(record.inputs, states, innovations, record.readings)
             for record, (innovations, states) in zip(
                 fitter.records, fitter.innovations(values), strict=True
             )
@@ -436,7 +436,7 @@ class Search:
             if without.cost - found.fitted.cost < named.bar:
                 found.named.remove(named)
                 found.variables = variables
-                found.fitted = self._settled(without, variables)
+                found.fitted = self.settled(without, variables)
 
     def _without(
         self, found: Found, name: str, exact: bool = False
@@ -483,7 +483,7 @@ class Search:
                 if found.fitted.cost - fitted.cost > CHANCE:
                     effect = self.plant.effects[candidate.effect]
                     found.variables = freed(variables, effect)
-                    found.fitted = self._settled(fitted, found.variables)
+                    found.fitted = self.settled(fitted, found.variables)
                     better = deviate(without.costs - fitted.costs)
                     found.named[position] = Named(
                         effect.name, without.cost - fitted.cost,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .plant import DRIVE, READ, REMEMBER, STEP, Array
 from .predictor import Predictor
-from .records import Record, inputs_of
+from .records import Record
 from .variables import Values
 
 _FUNCTIONS: Final = tuple(types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ))
@@ -217,10 +217,9 @@ def course_of(
     slopes = np.empty((len(samples), outputs, count))
     shifts = np.empty((len(samples), count + outputs, len(probes)))
     last = int(samples[-1]) + 1
-    inputs = inputs_of(record, plant, values)
     memory = plant.begin(states[0], record.inputs[:_FIRST], values)[None, :].copy()
     linearise_course(
-        plant.drive, plant.step, plant.remember, plant.read, inputs[:last], states[:last],
+        plant.drive, plant.step, plant.remember, plant.read, record.inputs[:last], states[:last],
         np.stack([plant.vector(v) for v in (values, *probes)]), memory,
         np.array([state.change for state in plant.states]), places[:last],
         transitions, slopes, shifts,

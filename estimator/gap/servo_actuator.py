@@ -39,6 +39,7 @@ from .plant import (
 )
 from .records import smoothed
 from .servo_effects import EFFECTS, NOT_TOLD_APART, nuisances
+from .servo_terms import held_terms, hold_terms
 
 STATES: Final = (
     "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
@@ -252,12 +253,6 @@ def _states(par: Parameters) -> tuple[State, ...]:
     )
 
 
-def _write(
-    values: Mapping[str, float], effects: tuple[str, ...], provenance: Any, path: Any
-) -> None:
-    raise NotImplementedError
-
-
 def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plant:
     """Return the rig with a model as the workflow sees it."""
     known = quantities()
@@ -277,6 +272,8 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         ),
         parameters=tuple(
             Parameter(name, known[name].unit, known[name].lower, known[name].upper)
+            if name in known
+            else Parameter(name, "", -np.inf, np.inf, 0.0)
             for name in Parameters._fields
         ),
         nominal=model.parameters._asdict(),
@@ -288,11 +285,12 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         equations=EQUATIONS,
         regions=REGIONS,
         steering=((0, 0, 200.0),),
-        write=_write,
         drive=_drive,
         remember=_remember,
         begin=_begin,
         violent=_violent,
         memories=("position_delay", "position_backlash"),
         not_told_apart=NOT_TOLD_APART,
+        hold_terms=hold_terms,
+        held_terms=held_terms,
     )  # fmt: skip

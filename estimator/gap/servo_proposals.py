@@ -18,10 +18,15 @@ _PRESSURE_READINGS: Final = (1, 2)
 
 _STIFFNESSES: Final = (3e3, 3e4)
 """N/m of springs that are tried."""
-_STOPS: Final = (4e6, 3e7)
-"""N/m of stops that are tried: soft ones give way by some mm."""
-_WITHIN: Final = (3e-4, 2e-3)
-"""m inside the farthest position at which a stop may begin."""
+_NEAR_STOP: Final = 6e-3
+"""m from the farthest position: within these a stop of 2 MN/m has given way to all the pistons'
+force."""
+_CONTACTS: Final = 5e-5
+"""m between places that are tried for a contact."""
+_RISES: Final = 300.0
+"""N by which a force has to grow towards the farthest position to look like a stop."""
+_STIFFER: Final = (0.6, 1.0, 1.8)
+"""Times the stiffness that the force's growth shows: friction blurs it."""
 _RIPPLE: Final = 3e4
 """Pa: a ripple as large as the noise of a reading."""
 _SLOWEST, _FASTEST = 5.0, 400.0
@@ -46,15 +51,45 @@ def propose_spring(traces: Sequence[Trace], values: Mapping[str, float]) -> Star
 
 
 def propose_end_stop(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return stops a little inside the farthest positions on both sides."""
-    position = np.concatenate([trace.states[:, _POSITION] for trace in traces])
-    low, high = float(position.min()), float(position.max())
+    """Return stops where the pistons' force begins to grow towards the farthest positions."""
+    area = values["piston_area"]
+    # As read: on a stop that the model has not, the filter's states are of no use.
+    readings = np.concatenate([trace.readings for trace in traces])
+    position = readings[:, 0] / values["position_gain"]
+    p1, p2 = (
+        (readings[:, i] - values[f"pressure_{i}_bias"]) / values[f"pressure_{i}_gain"]
+        for i in _PRESSURE_READINGS
+    )
     starts: list[Mapping[str, float]] = []
-    for stiffness in _STOPS:
-        for within in _WITHIN:
-            starts.append({"stiffness": stiffness, "low": low + within})
-            starts.append({"stiffness": stiffness, "high": high - within})
+    for key, sign in (("low", -1.0), ("high", 1.0)):
+        contact = _contact(sign * position, sign * area * (p1 - p2))
+        if contact is not None:
+            place, stiffness = contact
+            starts += [
+                {"stiffness": float(np.clip(share * stiffness, 1e6, 6e7)), key: sign * place}
+                for share in _STIFFER
+            ]
     return tuple(starts)
+
+
+def _contact(depth: Array, force: Array) -> tuple[float, float] | None:
+    """Return where a force (n,) begins to grow with the depth (n,), and how steeply.
+
+    The hinge f + K max(0, depth - c) that comes nearest to the force by least squares, over places
+    c; None if the force does not grow.
+    """
+    near = depth > depth.max() - _NEAR_STOP
+    depth, force = depth[near], force[near]
+    best: tuple[float, float, float] | None = None
+    for place in np.arange(depth.max() - _NEAR_STOP, depth.max() - _CONTACTS, _CONTACTS):
+        into = np.maximum(depth - place, 0.0)
+        away, level = into - into.mean(), force - force.mean()
+        spread = float(away @ away)
+        slope = float(away @ level) / max(spread, 1e-300)
+        rest = float(level @ level) - slope * slope * spread
+        if slope * into.max() > _RISES and (best is None or rest < best[0]):
+            best = (rest, float(place), slope)
+    return None if best is None else (best[1], best[2])
 
 
 def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:

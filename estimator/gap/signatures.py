@@ -14,7 +14,7 @@ from .fit import Fitter
 from .linear import Column, Linear, assemble
 from .plant import Array, Effect, Plant
 from .results import DetectionLimit
-from .search import CHANCE, MATERIAL
+from .search import CHANCE, MATERIAL, Found, Search
 from .variables import Values, Variable, effect_variables, started
 
 FEW_BLOCKS: Final = 2.0
@@ -59,6 +59,43 @@ def cosines(
     products = left(linear, list(changes), [column.name for column in base])
     squares = np.maximum(np.diag(products), 1e-300)
     return np.asarray(products[0] / np.sqrt(squares[0] * squares))
+
+
+ABSORBED: Final = 0.1
+"""Part of what an effect changes that the refit of nuisances must leave to be told from it."""
+_REFITTED: Final = 0.01
+"""Of a nuisance's value: a refit that is worth a remark."""
+
+
+def absorbed(search: Search, found: Found) -> list[str]:
+    """Return which effects a refit of a nuisance may be as well, in words.
+
+    Of the pairs that are the same on principle (`Plant.not_told_apart`), those whose effect would
+    change these recordings by hardly more than the nuisances make up for.
+    """
+    plant, fitter, values = search.plant, search.fitter, found.fitted.values
+    named = {each.effect for each in found.named}
+    base = fitter.columns(values, found.variables)
+    said = []
+    for nuisance in plant.nuisances:
+        shift = values[nuisance.parameter] / plant.nominal[nuisance.parameter] - 1.0
+        if nuisance.effect is None or nuisance.effect in named or abs(shift) < _REFITTED:
+            continue
+        for pair, why in plant.not_told_apart.items():
+            others = pair - {nuisance.effect}
+            if len(others) != 1 or others & named:
+                continue
+            (other,) = others
+            column = fitter.columns(values, effect_variables(plant.effects[other])[:1])[0]
+            linear = fitter.linearise(values, [*base, column])
+            products = left(linear, [column.name], [each.name for each in base])
+            whole = float(linear.products[:, -1, -1].sum())
+            if float(products[0, 0]) < ABSORBED * whole:
+                said.append(
+                    f"the refit of {nuisance.parameter} by {shift:+.1%} may be {other} as well, "
+                    f"of which these motions show no more: {why}"
+                )
+    return said
 
 
 def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> list[DetectionLimit]:

@@ -18,8 +18,8 @@ WAVES: Final = 48
 SHORTEST_WAVE: Final = 5e-3
 """m. A pitch of a rack, screw or motor is longer."""
 BUMPS: Final = 10
-_DIRECTION: Final = "direction"
-_TIME: Final = "time"
+DIRECTION: Final = "direction"
+TIME_NAME: Final = "time"
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Term:
         """Return the unit of its coefficient, SI, if the disturbance is in `unit`."""
         power = {"x": 1, "|x|": 1, "x^2": 2, "x |x|": 2}.get(self.form, 0)
         below = [f"({regions[self.region].unit})" + ("^2" if power == 2 else "")] if power else []
-        below += ["s"] if self.times == _TIME else []
+        below += ["s"] if self.times == TIME_NAME else []
         return "/".join([unit, *below])
 
     def text(self, coefficients: Sequence[float], unit: str, regions: Mapping[str, Region]) -> str:
@@ -102,10 +102,10 @@ def _shown(value: float, region: Region) -> str:
 
 def dictionary(along: Mapping[str, Array], regions: Mapping[str, Region]) -> list[Term]:
     """Return the terms of some regions, by the quantities (n,) that the motion covered."""
-    times = ["", *(name for name in (_DIRECTION, _TIME) if name in along)]
+    times = ["", *(name for name in (DIRECTION, TIME_NAME) if name in along)]
     found = [Term("", "1", factor) for factor in times]
     for name, values in along.items():
-        if name in (_DIRECTION, _TIME):
+        if name in (DIRECTION, TIME_NAME):
             continue
         low, high = np.quantile(values, (0.01, 0.99))
         if not high > low:
@@ -114,7 +114,7 @@ def dictionary(along: Mapping[str, Array], regions: Mapping[str, Region]) -> lis
         forms = ("x", "x^2") if low >= 0.0 else ("x", "|x|", "x^2", "x |x|")
         found += [Term(name, form, factor) for form in forms for factor in times]
         if regions[name].periodic:
-            found += _along_a_length(name, low, high, [t for t in times if t != _TIME])
+            found += _along_a_length(name, low, high, [t for t in times if t != TIME_NAME])
     return found
 
 

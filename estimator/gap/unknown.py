@@ -14,16 +14,18 @@ import numpy as np
 from .disturbances import TIME, Attribution, Place, places_of
 from .plant import Array, Plant, Region
 from .results import Curve
-from .search import CHANCE, MATERIAL, deviate
+from .search import CHANCE, MATERIAL
 from .terms import Term, dictionary
 
 MOST_TERMS: Final = 3
 EARNS: Final = 0.05
 """Part of what all terms explain together that each must add."""
 _CERTAIN: Final = 4.0
-"""Least normal deviate of a term's gain, by the scatter of the blocks."""
+"""Standard errors that a coefficient must be, by the scatter of the blocks' scores."""
 _FINER: Final = 9
 _PLACES: Final = 3
+_NEARLY: Final = 0.7
+"""Part of what the best place's terms gain that an equation's must, to be taken for a reading's."""
 _DEPENDENT: Final = 1e-4
 """What is left, of one, of a column that others make up."""
 
@@ -50,13 +52,17 @@ class Unknown:
 
     def text(self, plant: Plant) -> str:
         """Return the terms with their coefficients and units: "+ 180 N sin(2 pi x / 42 mm)"."""
+        return " ".join(self.terms_text(plant))
+
+    def terms_text(self, plant: Plant) -> list[str]:
+        """Return each term with its coefficients and units."""
         regions = {**plant.regions, TIME.name: TIME}
         parts, first = [], 0
         for term in self.terms:
             own = self.coefficients[first : first + term.columns]
             parts.append(term.text([float(c) for c in own], self.place.unit, regions))
             first += term.columns
-        return " ".join(parts)
+        return parts
 
 
 def _shapes(terms: Sequence[Term], along: Mapping[str, Array]) -> Array:
@@ -70,6 +76,10 @@ class _Forward:
         changes: float64 (blocks, readings, columns), the variables' first.
         innovations: float64 (blocks, readings).
         known: number of columns of the variables.
+
+    Attributes:
+        certain: how many standard errors, by the scatter of the blocks' scores, the columns chosen
+            last are.
     """
 
     def __init__(self, changes: Array, innovations: Array, known: int) -> None:
@@ -78,12 +88,14 @@ class _Forward:
         self._rest = innovations.ravel()
         self._basis = np.zeros((self._rest.size, 0))
         self._scale = np.maximum(np.linalg.norm(self._flat, axis=0), 1e-300)
+        self.certain = 0.0
         for column in range(known):
             self.choose([column])
 
-    def choose(self, columns: Sequence[int]) -> Array:
-        """Take columns in; return what they gain in each block (blocks,)."""
-        before = np.square(self._rest)
+    def choose(self, columns: Sequence[int]) -> float:
+        """Take columns in; return what they gain, and keep how many standard errors they are."""
+        before, known = float(self._rest @ self._rest), self._basis.shape[1]
+        steps = []
         for column in columns:
             new = self._flat[:, column] / self._scale[column]
             for _ in range(2):
@@ -91,9 +103,14 @@ class _Forward:
             size = float(np.linalg.norm(new))
             if size > _DEPENDENT:
                 self._basis = np.column_stack([self._basis, new / size])
-                self._rest = self._rest - self._basis[:, -1] * (self._basis[:, -1] @ self._rest)
-        gained = before - np.square(self._rest)
-        return np.asarray(gained.reshape(self._blocks, -1).sum(1))
+                steps.append(float(self._basis[:, -1] @ self._rest))
+                self._rest = self._rest - self._basis[:, -1] * steps[-1]
+        scores = (self._basis[:, known:] * self._rest[:, None]).reshape(
+            self._blocks, -1, len(steps)
+        )
+        errors = np.sqrt(np.square(scores.sum(1)).sum(0) * self._blocks / (self._blocks - 1))
+        self.certain = float(np.linalg.norm(np.array(steps) / np.maximum(errors, 1e-300)))
+        return before - float(self._rest @ self._rest)
 
     def gains(self, groups: Sequence[Sequence[int]]) -> Array:
         """Return what each group of one or two columns would gain (groups,)."""
@@ -146,10 +163,10 @@ def in_symbols(attribution: Attribution, place: Place, floor: float) -> Unknown 
     total = 0.0
     while len(chosen) < MOST_TERMS:
         best = int(np.argmax(forward.gains(groups)))
-        blocks = forward.choose(groups[best])
-        total += float(blocks.sum())
+        gained = forward.choose(groups[best])
+        total += gained
         bar = max(CHANCE, MATERIAL * readings, EARNS * total)
-        if blocks.sum() < bar or deviate(blocks) < _CERTAIN:
+        if gained < bar or forward.certain < _CERTAIN:
             break
         chosen.append(_finer(attribution, place, terms[best], laid_out))
     if not chosen:
@@ -165,13 +182,18 @@ def in_symbols(attribution: Attribution, place: Place, floor: float) -> Unknown 
 def find_unknown(attribution: Attribution, curves: Sequence[Curve], floor: float) -> Unknown | None:
     """Return the best terms of the places whose free curves explain most, best first in `curves`.
 
-    A wave along the stroke is too fine for a curve, so that more than the best place is tried.
+    A wave along the stroke is too fine for a curve, so that more than the best place is tried. An
+    equation is taken before a reading that explains hardly more: a model can hold its term.
     """
     places = {place.name: place for place in places_of(attribution.plant)}
-    names = list(dict.fromkeys(curve.equation for curve in curves))[:_PLACES]
-    found = [in_symbols(attribution, places[name], floor) for name in names]
+    names = list(dict.fromkeys(curve.equation for curve in curves if curve.equation in places))
+    found = [in_symbols(attribution, places[name], floor) for name in names[:_PLACES]]
     known = [unknown for unknown in found if unknown is not None]
-    return max(known, key=lambda unknown: unknown.gain) if known else None
+    if not known:
+        return None
+    best = max(known, key=lambda unknown: unknown.gain)
+    near = [u for u in known if u.place.equation and u.gain > _NEARLY * best.gain]
+    return max(near, key=lambda unknown: unknown.gain, default=best)
 
 
 def _groups(terms: Sequence[Term], known: int) -> list[list[int]]:

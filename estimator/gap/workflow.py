@@ -3,7 +3,7 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -11,20 +11,22 @@ import numpy as np
 from rig.recording import Recording
 
 from .disturbances import attribution
+from .drift import drifts
 from .experiments import separations
 from .fit import Fitter
 from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
-from .judging import confirm, judge
+from .judging import EXPLAINED, confirm, judge
 from .plant import Plant
 from .predictor import Predictor
 from .records import Record, record_of
-from .results import Estimate, GapResult, NamedEffect, Rival
-from .search import Found, Named, Search
-from .signatures import cosines, limits
+from .results import AddedTerm, Curve, Estimate, GapResult, NamedEffect, Rival
+from .search import MATERIAL, Found, Named, Search
+from .signatures import absorbed, cosines, limits
 from .suitability import unsuitable, usable, worse_than_resting
-from .unknown import find_unknown
+from .unknown import Unknown, find_unknown
 from .variables import Variable, effect_variables
+from .with_term import with_term
 
 _NORMAL_95: Final = 1.96
 _FORM: Final = 1e-3
@@ -93,20 +95,33 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     seen.held_out, dropped = confirm(search, found, judged)
     fitter.refresh(found.refitted.values)
     before = attribution(fitter, found.refitted.values, search.nuisances)
-    result.where = before.curves(found.floor)
+    result.where = _ranked(
+        before.curves(found.floor),
+        drifts(fitter, found.refitted.values, search.nuisances, found.floor),
+    )
+    weak = not found.named or found.explained < EXPLAINED
+    unknown = None
+    if weak and found.refitted.cost / found.samples - found.floor > MATERIAL:
+        unknown = find_unknown(before, result.where, found.floor)
     fitter.refresh(found.fitted.values)
     result.rest = result.where
     if found.named:
         after = attribution(fitter, found.fitted.values, found.variables)
-        result.rest = after.curves(found.floor)
+        result.rest = _ranked(
+            after.curves(found.floor),
+            drifts(fitter, found.fitted.values, found.variables, found.floor),
+        )
+    # Names that explain too little are not those of the model that is judged.
+    told = found.refitted.values if weak else found.fitted.values
     resting = {
         channel: None
         for record in (*fitter.records, *judged.records)
-        for channel in worse_than_resting(fitter.predictor, record, found.fitted.values)
+        for channel in worse_than_resting(fitter.predictor, record, told)
     }
     excess = search.held_out_excess(found.fitted.values)
     without = search.held_out_excess(found.refitted.values) if found.named else excess
-    judgement = judge(found, result.rest, list(resting), excess, without)
+    shown = _located(plant, result.where if weak else result.rest, unknown)
+    judgement = judge(found, result.rest, list(resting), excess, without, shown)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest = result.where
@@ -116,13 +131,18 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         found.fitted, found.named, found.variables = found.refitted, [], search.nuisances
         fitter.refresh(found.fitted.values)
         result.rest = result.where
-        unknown = find_unknown(before, result.where, found.floor)
+        if unknown is None:
+            unknown = find_unknown(before, result.where, found.floor)
         if unknown is not None:
             result.term = f"{unknown.place.name}: {unknown.text(plant)}"
             result.reasons.append(
                 f"in symbols, to be added to the {unknown.place.name}: {unknown.text(plant)}; it "
                 f"takes away {min(unknown.share, 1.0):.0%} of the excess"
             )
+            result.added, said = with_term(search, found, unknown)
+            result.reasons += said
+    else:
+        result.reasons += absorbed(search, found)
     result.explained = found.explained if found.named else float("nan")
     errors = _standard_errors(fitter, search, found)
     for named in found.named:
@@ -132,6 +152,23 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
     result.limits = limits(fitter, found.fitted.values, found.variables)
     result.experiments = separations(plant, found, fitter.pool)
+
+
+def _ranked(*curves: list[Curve]) -> list[Curve]:
+    """Return curves by what they explain, best first."""
+    return sorted((c for part in curves for c in part), key=lambda curve: -curve.share)
+
+
+def _located(plant: Plant, curves: Sequence[Curve], unknown: Unknown | None) -> float:
+    """Return the part of the excess that a disturbance of one equation explains.
+
+    An error of a reading does not count: of another rig, or of channels swapped, it explains much.
+    """
+    places = {equation.name for equation in plant.equations}
+    shares = [curve.share for curve in curves if curve.equation in places]
+    if unknown is not None and unknown.place.equation is not None:
+        shares.append(unknown.share)
+    return max(shares, default=0.0)
 
 
 def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
@@ -162,6 +199,29 @@ def _show(result: GapResult, predictor: Predictor, judged: Sequence[Record]) -> 
     if np.isfinite(before + after):
         result.channels, result.gap_before, result.gap_after = gaps, before, after
         result.free_runs = free_runs(predictor, judged, given, result.values)
+    if result.added is not None:
+        _show_added(result, result.added, predictor, judged)
+
+
+def _show_added(
+    result: GapResult, added: AddedTerm, predictor: Predictor, judged: Sequence[Record]
+) -> None:
+    """Set the held-out gap with the unknown term; it stays only if that is lower."""
+    gaps = channel_gaps(predictor, judged, predictor.plant.nominal, added.values)
+    after = mean_gap(gaps)[1]
+    told = f"{added.equation}: {added.text}"
+    if not after < result.gap_after:
+        result.added = None
+        result.reasons.append(
+            f"refitted in the model ({told}) the term does not lower the error held out: it was "
+            "not added"
+        )
+        return
+    result.added = replace(added, gap=after, channels=tuple(gaps))
+    result.reasons.append(
+        f"refitted in the model ({told}) it takes away {added.explained:.0%} of the excess fitted "
+        f"to, and held out the gap falls from {result.gap_after:.3g} to {after:.3g} noise variances"
+    )
 
 
 def _floor(search: Search, found: Found) -> None:

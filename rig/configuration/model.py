@@ -14,6 +14,7 @@ from .document import Located, Sources
 from .fields import Adjustable, Physical, Relative
 from .lookup import reference_in, resolve
 from .quantities import show
+from .unknown_term import KEY, read_terms
 from .validation import Schema, check, shown
 
 MAX_ANCESTORS: Final = 16
@@ -67,6 +68,7 @@ class ModelFile(Schema):
     parameters: Any = None
     friction_law: Literal["bristle", "karnopp"] | None = None
     effects: Any = None
+    unknown_term: Any = None
     provenance: Any = None
 
 
@@ -128,7 +130,7 @@ def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Mod
 
 
 def override(base: Model, item: Located, sources: Sources) -> Model:
-    """Return a model with the `parameters`, `friction_law` and `effects` of a mapping applied.
+    """Return a model with `parameters`, `friction_law`, `effects`, `unknown_term` applied.
 
     Values that are wrong leave the base's in place; the problems are recorded.
     """
@@ -141,6 +143,9 @@ def override(base: Model, item: Located, sources: Sources) -> Model:
     if effects is not None:
         changes.apply_effects(effects)
         changes.let_follow(effects)
+    terms = item.get(KEY)
+    if terms is not None:
+        changes.values |= read_terms(terms, sources)
     model = Model(
         base.name,
         base.parameters._replace(**changes.values),

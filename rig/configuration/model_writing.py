@@ -16,6 +16,7 @@ from rig.plant.parameters import FRICTION_LAWS, NOMINAL, quantities
 from .model import PARAMETERS, SHIFTABLE, physical
 from .problems import ConfigError, Problem, display_path
 from .quantities import QuantityError
+from .unknown_term import written_terms
 
 _QUANTITIES: Final = quantities()
 _COMMENT_COLUMN: Final = 48
@@ -31,7 +32,8 @@ def dump_model(model: Model, path: Path) -> None:
         OSError: the file cannot be written.
     """
     _require_loadable(model, path)
-    text = "\n".join([*_header(model), *_parameters(model), *_effects(model), *_provenance(model)])
+    parts = (_header, _parameters, _effects, written_terms, _provenance)
+    text = "\n".join(line for part in parts for line in part(model))
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:

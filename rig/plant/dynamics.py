@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
+from .added_terms import FLOW_1, FLOW_2, FORCE, SPOOL, added, added_friction
 from .lanes import anywhere, select
 from .parameters import KARNOPP, Parameters
 
@@ -289,9 +290,16 @@ def friction(velocity, friction_state, par):
     Bristle friction after Canudas de Wit et al. 1995, or Karnopp's while sliding (eq. 2.8), whose
     state, the direction of sliding, changes between steps only.
     """
+    direction = friction_state if par.friction_law == KARNOPP else velocity
+    level = slip_friction(abs(velocity), direction, par)
+    return friction_at(level, velocity, friction_state, par)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def friction_at(level, velocity, friction_state, par):
+    """Return as `friction` does, at a given friction level in N."""
     karnopp = par.friction_law == KARNOPP
     speed = abs(velocity)
-    level = slip_friction(speed, friction_state if karnopp else velocity, par)
     force = par.viscous * velocity
     if karnopp:
         return 0.0 * velocity, force + friction_state * level
@@ -321,6 +329,33 @@ def spool_rates(spool, velocity, command, par):
     return velocity, pull
 
 
+@njit(cache=True, error_model="numpy")
+def slip_level(velocity, direction, x, spool, p1, p2, command, par):
+    """Return the friction level in N (`slip_friction`) with what terms add to it."""
+    level = slip_friction(abs(velocity), direction, par)
+    return max(level + added_friction(velocity, x, spool, p1, p2, command, par), LEVEL_FLOOR)
+
+
+@njit(cache=True, error_model="numpy")
+def _with_terms(s, w, p1, p2, x, v, z, command, inflow_1, inflow_2, par):
+    """Return (dx_sp/dt, dw/dt, dp_1/dt, dp_2/dt, dv/dt, dz/dt) with the model's terms in symbols.
+
+    Arguments are states as of `rates`, the command, and the net inflows in m^3/s without terms.
+    """
+    oil_1, oil_2 = max(p1, 0.0), max(p2, 0.0)
+    direction = z if par.friction_law == KARNOPP else v
+    level = slip_level(v, direction, x, s, oil_1, oil_2, command, par)
+    dz, drag = friction_at(level, v, z, par)
+    inflow_1 = inflow_1 + added(FLOW_1, v, x, s, oil_1, oil_2, command, par)
+    inflow_2 = inflow_2 + added(FLOW_2, v, x, s, oil_1, oil_2, command, par)
+    dp1, dp2 = pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par)
+    force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
+    force -= added(FORCE, v, x, s, oil_1, oil_2, command, par)
+    shift = added(SPOOL, v, x, s, oil_1, oil_2, command, par)
+    ds, dw = spool_rates(s, w, command + shift / par.valve_gain, par)
+    return ds, dw, dp1, dp2, (force - drag) * (1.0 / total_mass(par)), dz
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
 def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
     """Return the time derivatives of all states, in the order of `PlantState`.
@@ -337,8 +372,12 @@ def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
     dp1, dp2 = pressure_rates(p1, p2, x, v, q1 - leak_12 - leak_1, leak_12 - leak_2 - q2, par)
     force = par.piston_area * (oil_1 - oil_2) - environment_force(x, v, par)
     dv = (force - drag) * (1.0 / total_mass(par))
+    ds, dw = spool_rates(s, w, command, par)
+    if anywhere(par.term_1_kind != 0.0):
+        ds, dw, dp1, dp2, dv, dz = _with_terms(
+            s, w, p1, p2, x, v, z, command, q1 - leak_12 - leak_1, leak_12 - leak_2 - q2, par
+        )
     if par.friction_law == KARNOPP:
         dv = select(z != 0.0, dv, 0.0 * dv)
-    ds, dw = spool_rates(s, w, command, par)
     dps, dpe = line_rates(opening, oil_1, oil_2, q1, q2, leak_1, leak_2, ps, pe, par, fault)
     return ds, dw, dp1, dp2, v, dv, dz, dps, dpe

@@ -14,7 +14,7 @@ from typing import Final
 from numba import njit
 
 from .compiled import inlined
-from .dynamics import environment_force, rates, slip_friction
+from .dynamics import environment_force, rates, slip_friction, slip_level
 from .lanes import anywhere, everywhere, select
 from .parameters import KARNOPP
 from .step_length import SHORTEST, break_away_step, resolving_step, sliding_step, smooth_step
@@ -78,20 +78,24 @@ def _rates(y, command, par, fault):
 
 
 @inlined
-def _bristle_weights(velocity, acceleration, h, par):
+def _bristle_weights(y, acceleration, h, command, par):
     """Return the bristles' relaxation rate (1/s), decay over half a step, and weights (s).
 
     The weights are those of half a step and of the first, both middle and the last stage. Without
     relaxation they are the classical h/2, h/6, h/3, h/6.
     """
     relaxation = 0.0
+    velocity = y[5]
     if par.friction_law != KARNOPP:
         # The faster end of the step: out of a reversal, bristles stiffen within it.
         fastest = max(abs(velocity), abs(velocity + h * acceleration))
         stiff = par.bristle_stiffness * fastest
         fast = h * stiff > _FAST_BRISTLE * par.coulomb
         if anywhere(fast):
-            relaxation = select(fast, stiff / slip_friction(abs(velocity), velocity, par), 0.0)
+            level = slip_friction(abs(velocity), velocity, par)
+            if anywhere(par.term_1_kind != 0.0):
+                level = slip_level(velocity, velocity, y[4], y[0], y[2], y[3], command, par)
+            relaxation = select(fast, stiff / level, 0.0)
     slow = relaxation * h < 1.0
     if everywhere(slow):
         return 0.0 * h, 1.0 + 0.0 * h, 0.5 * h, (1 / 6) * h, (1 / 3) * h, (1 / 6) * h
@@ -116,7 +120,7 @@ def _bristle_weights(velocity, acceleration, h, par):
 @inlined
 def _runge_kutta(y, k, h, command, par, fault):
     """Return the state one step of h (s) after `y`, where the rates are `k`."""
-    relaxation, half, reach, first, middle, last = _bristle_weights(y[5], k[5], h, par)
+    relaxation, half, reach, first, middle, last = _bristle_weights(y, k[5], h, command, par)
     z = y[6]
     drive_1 = k[6] + relaxation * z
     z_2 = half * z + reach * drive_1

@@ -177,12 +177,26 @@ class Parameters(NamedTuple):
     position_backlash: Annotated[
         float, _q("m", 0.0, 5e-3, "b_x", "play between ram and encoder, its full width")
     ] = 0.0
+    # A disturbance in symbols (rig.plant.added_terms): no quantities of their own, for their units
+    # are those of the terms.
+    term_1_kind: float = 0.0
+    term_1_size: float = 0.0
+    term_1_at: float = 0.0
+    term_1_by: float = 0.0
+    term_2_kind: float = 0.0
+    term_2_size: float = 0.0
+    term_2_at: float = 0.0
+    term_2_by: float = 0.0
+    term_3_kind: float = 0.0
+    term_3_size: float = 0.0
+    term_3_at: float = 0.0
+    term_3_by: float = 0.0
 
 
 NOMINAL: Final = Parameters()
 
 
 def quantities() -> dict[str, Quantity]:
-    """Return unit, range, symbol and source of every parameter, by field name."""
+    """Return unit, range, symbol and source of every parameter, by field name; not of terms."""
     hints = get_type_hints(Parameters, include_extras=True)
-    return {name: get_args(hint)[1] for name, hint in hints.items()}
+    return {name: get_args(hint)[1] for name, hint in hints.items() if get_args(hint)}

@@ -84,7 +84,9 @@ def _write_model(
 
 def provenance_of(result: GapResult, command: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return what a written model says of where it comes from."""
-    told = {"command": list(command)} if command else {}
+    told: dict[str, Any] = {"command": list(command)} if command else {}
+    if result.added is not None:
+        told["unknown_term"] = _term(result)
     return {
         "written_by": "rig gap",
         **told,
@@ -122,6 +124,21 @@ def answer(result: GapResult) -> dict[str, Any]:
         "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
         "where": [where_figures(curve) for curve in result.where[:3]],
         "experiment": _first_experiment(result),
+        "term": _term(result),
+    }
+
+
+def _term(result: GapResult) -> dict[str, Any] | None:
+    """Return the unknown term that was added to `model_with_term.yaml`; null without one."""
+    added = result.added
+    if added is None:
+        return None
+    return {
+        "equation": added.equation,
+        "text": added.text,
+        "parameters": {each.key: estimate_figures(each) for each in added.estimates},
+        "explained": _plain(added.explained),
+        "gap": {"before": _plain(result.gap_before), "after": _plain(added.gap)},
     }
 
 

@@ -22,6 +22,7 @@ from estimator.replay import filter_recording, replay, samples_of
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import NO_FAULT, NOMINAL, Model, Parameters
+from rig.plant.added_terms import AddedTerm, fields_of
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
@@ -47,6 +48,11 @@ EFFECTS: Final = {
 def recorded(effect: str, leak_L_per_min: float = 0.0, seconds: float = 16.0) -> Recording:  # noqa: N803
     """Return a run of a rig with an effect, and from `ONSET_S` on a leak of chamber 1."""
     model = Model().with_effect(effect, value=EFFECTS[effect]) if effect else Model()
+    return of_model(model, leak_L_per_min, seconds)
+
+
+def of_model(model: Model, leak_L_per_min: float = 0.0, seconds: float = 16.0) -> Recording:  # noqa: N803
+    """Return a run of a rig that is a model, and from `ONSET_S` on a leak of chamber 1."""
     time_s = np.arange(round(seconds / TICK)) * TICK
     faults = np.tile(np.array(NO_FAULT), (time_s.size, 1))
     faults[time_s >= ONSET_S, 0] = leak_L_per_min * LITRE_PER_MINUTE / np.sqrt(6.9e6)
@@ -91,6 +97,16 @@ def test_the_model_with_the_effect_accounts_for_the_oil_and_the_nominal_one_does
     assert informed.missing < 0.34 * nominal.missing
     assert (informed.pressure < 1.1 * usual.pressure).all()
     assert (informed.pressure < 1.02 * nominal.pressure).all()
+
+
+def test_a_model_with_a_term_in_symbols_accounts_for_its_flow() -> None:
+    term = AddedTerm(
+        "flow, chamber 1", "position", "bump", False, -0.3 * LITRE_PER_MINUTE, 0.3, 0.05
+    )
+    lost = Model(parameters=NOMINAL._replace(**fields_of((term,))))
+    recording = of_model(lost)
+    assert worth(recording, lost).missing < worth(recorded(""), Model()).missing + 0.01
+    assert worth(recording, Model()).missing > 0.1
 
 
 @pytest.mark.parametrize("effect", ["pressure_1_bias", "valve_deadband", "return_back_pressure"])

@@ -222,7 +222,7 @@ def measured_in(
 
 def parameters_with_units(units: pint.UnitRegistry[Any]) -> Any:
     names = tuple(quantity.unit for quantity in quantities().values())
-    return Parameters(*measured_in(units, NOMINAL, names))
+    return Parameters(*measured_in(units, NOMINAL[: len(names)], names))
 
 
 def check_units(units: pint.UnitRegistry[Any], size: int, state: Array, parameters: Any) -> None:

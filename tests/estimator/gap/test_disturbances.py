@@ -10,6 +10,7 @@ import pytest
 from numba import njit
 
 from estimator.gap.disturbances import attribution, hats, places_of
+from estimator.gap.drift import drifts
 from estimator.gap.fit import Fitter
 from estimator.gap.judging import judge
 from estimator.gap.plant import (
@@ -28,6 +29,7 @@ from estimator.gap.records import Record, made_of
 from estimator.gap.results import Curve
 from estimator.gap.sensitivities import course_of
 from estimator.gap.unknown import find_unknown, in_symbols
+from estimator.gap.variables import Variable
 
 TICK, MASS, DRAG = 1e-3, 10.0, 300.0
 POSITION_NOISE, SPEED_NOISE = 1e-6, 1e-3
@@ -157,6 +159,31 @@ def test_noise_has_no_terms(pool: ThreadPoolExecutor) -> None:
     assert all(in_symbols(found, place, 1.0) is None for place in places_of(SLED))
 
 
+FITTED = Variable("drag", "", "drag", 1.0, 0.0, 1e4)
+
+
+def _drifts(record: Record, pool: ThreadPoolExecutor) -> list[Curve]:
+    fitter = Fitter(Predictor(SLED), [record], pool)
+    fitter.refresh(SLED.nominal)
+    fitted = fitter.fit(SLED.nominal, [FITTED])
+    return drifts(fitter, fitted.values, [FITTED], 1.0)
+
+
+def test_a_drag_that_grows_within_the_recording_is_a_parameter_that_drifts(
+    pool: ThreadPoolExecutor,
+) -> None:
+    clock = iter(range(12000))
+    (drift,) = _drifts(_moved(lambda x, v: 4.0 * next(clock) * TICK * v), pool)
+    assert (drift.equation, drift.region, drift.unit) == ("drag", "time", "N s/m")
+    slope = (drift.values[1] - drift.values[0]) / (drift.at[1] - drift.at[0])
+    assert slope == pytest.approx(4.0, rel=0.1)
+    assert drift.share > 0.8
+
+
+def test_a_drag_that_stays_does_not_drift(pool: ThreadPoolExecutor) -> None:
+    assert _drifts(_moved(lambda x, v: 30.0 * v), pool) == []
+
+
 def test_the_linearised_course_answers_to_kicks_as_the_filter_does() -> None:
     record = _moved(lambda x, v: 0.0)
     predictor = Predictor(SLED)
@@ -204,6 +231,13 @@ def test_names_that_leave_much_to_a_free_curve_are_not_the_cause(
 ) -> None:
     found = _found(before, after, named)
     assert judge(found, [_curve(share)], [], 0.0).verdict == verdict
+
+
+def test_what_one_equation_lacks_is_of_this_rig_however_badly_it_is_predicted() -> None:
+    found, channels = _found(80.0, 80.0, False), ["pressure_1_Pa", "pressure_2_Pa"]
+    assert judge(found, [_curve(0.1)], channels, 80.0).verdict == "inconclusive"
+    located = judge(found, [_curve(0.1)], channels, 80.0, located=0.6)
+    assert located.verdict == "unknown_effect"
 
 
 def test_names_that_do_not_explain_the_recordings_held_out_are_not_claimed() -> None:

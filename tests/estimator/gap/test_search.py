@@ -6,9 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.gap.records import record_of
+from estimator.gap.plant import Trace
+from estimator.gap.predictor import Predictor
+from estimator.gap.records import Record, made_of, record_of
 from estimator.gap.search import Found, Search
 from estimator.gap.servo_effects import EFFECTS, NOT_TOLD_APART
+from estimator.gap.servo_proposals import propose_end_stop
 from rig.plant import CATALOGUE
 from tests.estimator.gap.courses import fitter, recorded, rig
 from tools.worked_gap_example.trials import CASES, hiding, recording_of
@@ -97,6 +100,32 @@ def test_a_pumps_ripple_is_found_by_its_line() -> None:
     assert named(found) == ["supply_ripple"]
     for parameter, value in hidden.items():
         assert found.fitted.values[parameter] == pytest.approx(value, rel=0.1)
+
+
+def stopped(values: dict[str, float]) -> Record:
+    """Return a record of a rig that now and then is pressed against a stop inside its stroke."""
+    plant = rig(())
+    time = np.arange(6000) * 1e-3
+    course = 0.3 + np.where(np.sin(3.0 * time) > 0.0, -0.07, 0.03)
+    readings = np.column_stack([course, *np.full((2, len(time)), 6.9e6), np.zeros(len(time))])
+    asked = made_of("course", np.zeros((len(time), 1)), readings, plant)
+    gentle = replace(plant, steering=((0, 0, 40.0),))
+    return Predictor(gentle).twin(asked, {**plant.nominal, **values}, 0)
+
+
+def test_a_stop_inside_the_stroke_is_found_where_the_force_begins_to_grow() -> None:
+    plant = rig(())
+    record = stopped({"stop_low": 0.26, "stop_stiffness": 7e6})
+    predictor = Predictor(plant)
+    predictor.filter(record, plant.nominal)
+    innovations, states = predictor.innovations(record, plant.nominal)
+    starts = propose_end_stop(
+        [Trace(record.inputs, states, innovations, record.readings)], plant.nominal
+    )
+    low = [start for start in starts if "low" in start]
+    assert low
+    assert min(abs(start["low"] - 0.26) for start in low) < 3e-4
+    assert min(start["stiffness"] for start in low) < 7e6 < max(s["stiffness"] for s in low)
 
 
 def test_every_effect_of_the_catalogue_can_be_searched_for() -> None:

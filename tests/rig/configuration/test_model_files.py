@@ -11,6 +11,15 @@ from hypothesis import strategies as st
 from rig.configuration import ConfigError
 from rig.configuration.model import SHIFTABLE, load_model
 from rig.configuration.model_writing import dump_model
+from rig.plant.added_terms import (
+    FORMS,
+    MOST_TERMS,
+    PLACES,
+    QUANTITIES,
+    AddedTerm,
+    fields_of,
+    terms_of,
+)
 from rig.plant.effects import CATALOGUE, Effect
 from rig.plant.model import Model
 from rig.plant.parameters import FRICTION_LAWS, KARNOPP, NOMINAL, quantities
@@ -230,3 +239,49 @@ def test_a_model_replaces_its_old_file_whole(tmp_path: Path) -> None:
     dump_model(Model("new"), path)
     assert load_model(path) == Model("new")
     assert [file.name for file in tmp_path.iterdir()] == ["model.yaml"]
+
+
+@st.composite
+def terms(draw: st.DrawFn) -> tuple[AddedTerm, ...]:
+    number = st.floats(-1e12, 1e12)
+    found = []
+    for _ in range(draw(st.integers(1, MOST_TERMS))):
+        form = draw(st.sampled_from(FORMS))
+        of = "" if form == "1" else draw(st.sampled_from(tuple(QUANTITIES)[1:]))
+        at = draw(st.floats(1e-3, 10.0)) if form in ("wave", "bump") else 0.0
+        by = draw(st.floats(1e-3, 10.0)) if at else 0.0
+        place = draw(st.sampled_from(tuple(PLACES)))
+        found.append(AddedTerm(place, of, form, draw(st.booleans()), draw(number), at, by))
+    return tuple(found)
+
+
+@given(added=terms())
+def test_terms_in_symbols_are_written_and_read_without_a_bit_lost(
+    tmp_path_factory: pytest.TempPathFactory, added: tuple[AddedTerm, ...]
+) -> None:
+    model = Model("with terms", NOMINAL._replace(**fields_of(added)))
+    path = tmp_path_factory.mktemp("models") / "terms.yaml"
+    dump_model(model, path)
+    assert terms_of(load_model(path).parameters) == added
+
+
+@pytest.mark.parametrize(
+    ("lines", "problem"),
+    [
+        ("{}", "unknown_term: a mapping is not a list of at most 3 terms"),
+        ("[{to: force, form: constant, size: 1 N}]", "to: force is not a choice here"),
+        ("[{to: spool, form: constant, size: 1 N}]", "size: 1 N is not a length"),
+        ("[{to: spool, form: x, size: 1}]", "of: is what form x is of"),
+        ("[{to: spool, form: constant, of: command, size: 1 m}]", "of: command does not go"),
+        ("[{to: spool, form: constant, size: 1 m, pitch: 1 m}]", "pitch: is not of form"),
+        ("[{to: spool, form: wave, of: position, size: 1 m, phase: 1 rad}]",
+         "unknown_term[0]: lacks the key pitch"),
+        ("[{to: spool, form: constant}]", "unknown_term[0]: lacks the key size"),
+        ("[{to: spool, form: constant, size: 1 m, sise: 2}]", "sise: is not a known key"),
+    ],
+)  # fmt: skip
+def test_a_term_that_cannot_be_is_told(tmp_path: Path, lines: str, problem: str) -> None:
+    path = write(tmp_path, f"name: x\nunknown_term: {lines}\n")
+    found = problems_of(path)
+    assert len(found) == 1, found
+    assert problem in found[0]
