@@ -37,8 +37,9 @@ imports: $(INSTALLED)
 bench: $(INSTALLED) ## measure filter, plant, campaign, lanes and start-up against their references
 	@$(BIN)/python -m tools.bench
 
-bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, and with the whole chain
+bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, with the whole chain, and beside readers of the stream
 	@$(BIN)/python -m tools.bench_loop
+	@$(BIN)/python -m tools.bench_readers
 
 chaos: $(INSTALLED) ## let everything fail that can, on the emulated rig, for docs/safety.md; kill campaigns and go on
 	@$(BIN)/python -m tools.chaos

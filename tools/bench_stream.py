@@ -29,9 +29,12 @@ from rig.supervisor.streaming import Stream
 COLUMNS: Final = 75
 """As many as a rig on hardware has."""
 NAMES: Final = ("time_s", *(f"channel_{k}_m" for k in range(COLUMNS - 2)), "segment")
-FLEET: Final = 100
+FLEETS: Final = ((100, 20), (100, 100), (200, 100), (400, 100))
+"""Rigs, and samples in a message; the profile `fleet` has 100."""
 FLEET_CHANNELS: Final = 8
 BATCH: Final = 20
+PUBLISHERS: Final = 4
+"""Processes that a fleet's rigs share."""
 BEGIN_MARK: Final = "<!-- table by tools.bench_stream: begin -->"
 END_MARK: Final = "<!-- table by tools.bench_stream: end -->"
 
@@ -112,7 +115,7 @@ def _write_rows(board: Board, going_on: Any) -> None:
             time.sleep(max(due - time.monotonic(), 0.0))
 
 
-def publish_fleet(endpoint: str, count: int) -> None:
+def publish_fleet(endpoint: str, count: int, batch: int) -> None:
     """Be `count` rigs, each with a session and stream of its own, until stdin is closed."""
     settings = StreamSettings(mode="client", listen=(), connect=(Endpoint.parse(endpoint),))
     rigs: list[tuple[object, StreamSender]] = []
@@ -122,6 +125,7 @@ def publish_fleet(endpoint: str, count: int) -> None:
         names = tuple(f"channel_{k}_m" for k in range(FLEET_CHANNELS))
         sender.send("channels", Channels(1, names, ("m",) * FLEET_CHANNELS).content())
         rigs.append((session, sender))
+    print("publishes", flush=True)
     ended = threading.Event()
 
     def wait_for_the_end() -> None:
@@ -129,27 +133,27 @@ def publish_fleet(endpoint: str, count: int) -> None:
         ended.set()
 
     threading.Thread(target=wait_for_the_end, daemon=True).start()
-    values = np.zeros((BATCH, FLEET_CHANNELS), np.float32)
+    values = np.zeros((batch, FLEET_CHANNELS), np.float32)
     row, due = 0, time.monotonic()
-    period = BATCH * 1e-3
+    period = batch * 1e-3
     while not ended.is_set():
         for number, (_, sender) in enumerate(rigs):
             # Rigs know nothing of each other: they are spread over the period.
             wait = due + period * number / count - time.monotonic()
             if wait > 0.0:
                 time.sleep(wait)
-            times = np.asarray((row + np.arange(BATCH)) * 1e-3, np.float64)
+            times = np.asarray((row + np.arange(batch)) * 1e-3, np.float64)
             sender.send("samples", Samples(1, row, 1, time.time_ns(), times, values).content())
             if row % 500 == 0:
                 told = {"heartbeat_s": 0.5, "sequences": dict(sender.sequences)}
                 sender.send("heartbeat", told)
-        row += BATCH
+        row += batch
         due += period
     print(json.dumps({"late_s": time.monotonic() - due}), flush=True)
     os._exit(0)
 
 
-def fleet(seconds: float, port: int, count: int = FLEET) -> dict[str, Any]:
+def fleet(seconds: float, port: int, count: int, batch: int) -> dict[str, Any]:
     """Return what one reader of many rigs by one router measured."""
     endpoint = f"tcp/127.0.0.1:{port}"
     router = subprocess.Popen(
@@ -158,14 +162,17 @@ def fleet(seconds: float, port: int, count: int = FLEET) -> dict[str, Any]:
     )  # fmt: skip
     assert router.stdout is not None
     router.stdout.readline()
+    publish = [sys.executable, "-m", "tools.bench_stream", "--publish"]
     publishers = [
         subprocess.Popen(
-            [sys.executable, "-m", "tools.bench_stream", "--publish", endpoint, str(count // 4)],
+            [*publish, endpoint, str(count // PUBLISHERS), str(batch)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )
-        for _ in range(4)
+        for _ in range(PUBLISHERS)
     ]  # fmt: skip
-    time.sleep(4.0)
+    for publisher in publishers:
+        assert publisher.stdout is not None
+        publisher.stdout.readline()
     before = _cpu_s(router.pid)
     begun = time.monotonic()
     told = json.loads(follower(endpoint, "client", seconds).communicate()[0])
@@ -207,19 +214,21 @@ def measured(seconds: float) -> str:
         lines.append(
             f"| one rig | {readers} | {_ms(sent)} | {_ms(taken)} | {lost} of {lost + rows} |"
         )
-    one = fleet(seconds, 17700)
-    rows = one["batches"] * BATCH
-    lines.append(
-        f"| {one['alive']} rigs of {FLEET_CHANNELS} channels by one router | 1 "
-        f"| {_ms(one['sent_s'])} | | {one['missing']} of {one['missing'] + rows} |"
-    )
-    lines += [
-        "",
-        f"The reader of {one['alive']} rigs takes {one['batches'] / seconds:.0f} batches a second "
-        f"with {100 * one['cpu']:.0f} % of a processor, the router has "
-        f"{100 * one['router_cpu']:.0f} %; "
-        f"publishers were {1e3 * max(one['late_s'], 0.0):.0f} ms behind their schedule at the end.",
-    ]
+    told = []
+    for number, (count, batch) in enumerate(FLEETS):
+        one = fleet(seconds, 17700 + number, count, batch)
+        rows = one["batches"] * batch
+        lines.append(
+            f"| {one['alive']} rigs of {FLEET_CHANNELS} channels by one router, in batches of "
+            f"{batch} | 1 | {_ms(one['sent_s'])} | | {one['missing']} of {one['missing'] + rows} |"
+        )
+        told.append(
+            f"The reader of {one['alive']} rigs takes {one['batches'] / seconds:.0f} batches of "
+            f"{batch} a second with {100 * one['cpu']:.0f} % of a processor, the router has "
+            f"{100 * one['router_cpu']:.0f} %; publishers were "
+            f"{1e3 * max(one['late_s'], 0.0):.0f} ms behind their schedule at the end."
+        )
+    lines += ["", *told]
     return "\n".join(lines).replace("LOAD", f"{os.getloadavg()[0]:.1f}") + "\n"
 
 
@@ -233,13 +242,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="how long, each time")
     parser.add_argument("--page", type=Path, help="page to put the tables into")
     parser.add_argument("--follow", nargs=2, help=argparse.SUPPRESS)
-    parser.add_argument("--publish", nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--publish", nargs=3, help=argparse.SUPPRESS)
     parser.add_argument("--route", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.follow:
         follow(given.follow[0], given.follow[1], given.seconds)
     elif given.publish:
-        publish_fleet(given.publish[0], int(given.publish[1]))
+        publish_fleet(given.publish[0], int(given.publish[1]), int(given.publish[2]))
     elif given.route:
         route(given.route)
     else:

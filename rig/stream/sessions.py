@@ -14,6 +14,9 @@ ANY_PORT: Final = Endpoint("tcp", "127.0.0.1", 0)
 RETRY_MS: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 DROP_WAIT_US: Final = 1000
 """How long a message waits for room before it is dropped: what a slow reader costs the others."""
+QUEUED_BATCHES: Final = 16
+"""Of 64 KiB, that wait for a reader's connection, the most there can be: a router or reader that is
+not run for a tenth of a second loses nothing of a hundred rigs."""
 LARGEST_RECEIVED: Final = 64 * 1024
 """Bytes of a message that a publisher takes: it is sent commands and questions only."""
 REACH_MS: Final = 2000
@@ -126,6 +129,8 @@ def _common(settings: StreamSettings) -> dict[str, Any]:
         "scouting/gossip/enabled": settings.is_local and settings.access is None,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": DROP_WAIT_US,
+        "transport/link/tx/queue/size/data": QUEUED_BATCHES,
+        "transport/link/tx/queue/size/data_low": QUEUED_BATCHES,
         "adminspace/enabled": False,
     }
     if settings.tls is not None:
