@@ -16,8 +16,8 @@ _SPOOL, _SPOOL_VELOCITY, _PRESSURES, _POSITION, _SUPPLY = 0, 1, (2, 3), 4, 7
 """States that proposals look at."""
 _PRESSURE_READINGS: Final = (1, 2)
 
-_STIFFNESSES: Final = (3e3, 3e4)
-"""N/m of springs that are tried."""
+_STIFFNESS: Final = 1e4
+"""N/m of springs that are tried: the force is in proportion, and a fit finds the proportion."""
 _NEAR_STOP: Final = 6e-3
 """m from the farthest position: within these a stop of 2 MN/m has given way to all the pistons'
 force."""
@@ -43,11 +43,7 @@ def propose_spring(traces: Sequence[Trace], values: Mapping[str, float]) -> Star
     """Return springs that the ram meets at places spread over its motion."""
     position = np.concatenate([trace.states[:, _POSITION] for trace in traces])
     places = np.quantile(position, (0.02, 0.25, 0.5, 0.75, 0.9))
-    return tuple(
-        {"stiffness": stiffness, "contact": float(place)}
-        for stiffness in _STIFFNESSES
-        for place in places
-    )
+    return tuple({"stiffness": _STIFFNESS, "contact": float(place)} for place in places)
 
 
 def propose_end_stop(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:

@@ -141,11 +141,10 @@ def _lost(record: Record, predictor: Predictor) -> list[str]:
 def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> list[str]:
     """Return the channels predicted worse over the horizon than "nothing changes" would be.
 
-    The record is filtered anew.
+    The record's gains are those of these values.
     """
     plant = predictor.plant
     horizon = round(plant.horizon / plant.period)
-    predictor.filter(record, values)
     states = predictor.innovations(record, values)[1]
     errors = predictor.ahead(record, values, states)
     from_ = np.arange(len(record)) // horizon * horizon

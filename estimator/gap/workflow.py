@@ -20,12 +20,12 @@ from .judging import EXPLAINED, confirm, judge
 from .plant import Plant
 from .predictor import Predictor
 from .records import Record, record_of
-from .results import AddedTerm, Curve, Estimate, GapResult, NamedEffect, Rival
+from .results import AddedTerm, Curve, DetectionLimit, Estimate, GapResult, NamedEffect, Rival
 from .search import MATERIAL, Found, Named, Search
 from .signatures import absorbed, cosines, limits
 from .suitability import unsuitable, usable, worse_than_resting
 from .unknown import Unknown, find_unknown
-from .variables import Variable, effect_variables
+from .variables import Values, Variable, effect_variables
 from .with_term import with_term
 
 _NORMAL_95: Final = 1.96
@@ -93,35 +93,33 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     _floor(search, found)
     seen = _Seen()
     seen.held_out, dropped = confirm(search, found, judged)
-    fitter.refresh(found.refitted.values)
-    before = attribution(fitter, found.refitted.values, search.nuisances)
-    result.where = _ranked(
-        before.curves(found.floor),
-        drifts(fitter, found.refitted.values, search.nuisances, found.floor),
-    )
     weak = not found.named or found.explained < EXPLAINED
-    unknown = None
-    if weak and found.refitted.cost / found.samples - found.floor > MATERIAL:
-        unknown = find_unknown(before, result.where, found.floor)
-    fitter.refresh(found.fitted.values)
-    result.rest = result.where
+    # First what takes the fitter as the search has left it: other values filter the records anew.
+    known = None if weak else _known(search, found, seen)
     if found.named:
         after = attribution(fitter, found.fitted.values, found.variables)
         result.rest = _ranked(
             after.curves(found.floor),
             drifts(fitter, found.fitted.values, found.variables, found.floor),
         )
-    # Names that explain too little are not those of the model that is judged.
-    told = found.refitted.values if weak else found.fitted.values
-    resting = {
-        channel: None
-        for record in (*fitter.records, *judged.records)
-        for channel in worse_than_resting(fitter.predictor, record, told)
-    }
+    resting = [] if weak else _resting(fitter, judged, found.fitted.values)
+    fitter.refresh(found.refitted.values)
+    before = attribution(fitter, found.refitted.values, search.nuisances)
+    result.where = _ranked(
+        before.curves(found.floor),
+        drifts(fitter, found.refitted.values, search.nuisances, found.floor),
+    )
+    result.rest = result.rest if found.named else result.where
+    unknown = None
+    if weak:
+        # Names that explain too little are not those of the model that is judged.
+        resting = _resting(fitter, judged, found.refitted.values)
+        if found.refitted.cost / found.samples - found.floor > MATERIAL:
+            unknown = find_unknown(before, result.where, found.floor)
     excess = search.held_out_excess(found.fitted.values)
     without = search.held_out_excess(found.refitted.values) if found.named else excess
     shown = _located(plant, result.where if weak else result.rest, unknown)
-    judgement = judge(found, result.rest, list(resting), excess, without, shown)
+    judgement = judge(found, result.rest, resting, excess, without, shown)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest = result.where
@@ -129,7 +127,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     if result.verdict == "unknown_effect":
         # A name that explains too little would be a wrong one: the model is refitted, no more.
         found.fitted, found.named, found.variables = found.refitted, [], search.nuisances
-        fitter.refresh(found.fitted.values)
+        known = None
         result.rest = result.where
         if unknown is None:
             unknown = find_unknown(before, result.where, found.floor)
@@ -141,17 +139,58 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
             )
             result.added, said = with_term(search, found, unknown)
             result.reasons += said
-    else:
-        result.reasons += absorbed(search, found)
+    if known is None:
+        fitter.refresh(found.fitted.values)
+        known = _known(search, found, seen)
+    if result.verdict != "unknown_effect":
+        result.reasons += known.absorbed
     result.explained = found.explained if found.named else float("nan")
-    errors = _standard_errors(fitter, search, found)
+    result.effects = [_named(plant, found, named, known.errors, seen) for named in found.named]
+    result.refitted = [
+        _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
+    ]
+    result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
+    result.limits = known.limits
+    result.experiments = separations(plant, found, fitter.pool)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What follows from the linearisation about what was found.
+
+    Attributes:
+        errors: standard errors, by parameter.
+        limits: what these motions would show of each effect.
+        absorbed: in words, which effects a refit may be as well.
+    """
+
+    errors: dict[str, float]
+    limits: list[DetectionLimit]
+    absorbed: list[str]
+
+
+def _known(search: Search, found: Found, seen: _Seen) -> _Known:
+    """Return what is known about a finding, and set its cosines; filtered with its values."""
+    fitter = search.fitter
     for named in found.named:
         seen.cosines[named.effect] = _cosines(search, found, named)
-    result.effects = [_named(plant, found, named, errors, seen) for named in found.named]
-    result.refitted = [_estimate(plant, found, v, errors) for v in found.variables if not v.key]
-    result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
-    result.limits = limits(fitter, found.fitted.values, found.variables)
-    result.experiments = separations(plant, found, fitter.pool)
+    return _Known(
+        _standard_errors(fitter, search, found),
+        limits(fitter, found.fitted.values, found.variables),
+        absorbed(search, found),
+    )
+
+
+def _resting(fitter: Fitter, judged: Fitter, values: Values) -> list[str]:
+    """Return the channels predicted worse than by resting; the fitter is filtered with `values`."""
+    judged.refresh(values)
+    found = {
+        channel: None
+        for each in (fitter, judged)
+        for record in each.records
+        for channel in worse_than_resting(each.predictor, record, values)
+    }
+    return list(found)
 
 
 def _ranked(*curves: list[Curve]) -> list[Curve]:
