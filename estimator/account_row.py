@@ -36,6 +36,7 @@ FAULTS: Final = (
     "return_blockage",
 )
 FAULT_COUNT: Final = len(FAULTS)
+INTERNAL_LEAKAGE: Final = FAULTS.index("internal_leakage")
 SUPPLY_LEAKAGE: Final = FAULTS.index("supply_leakage")
 """Index of the first fault that is no leak of a chamber."""
 

@@ -195,13 +195,16 @@ class OilAccountDetector:
         findings = self._test.search() if dropped is None else self._test.leaks_beside(dropped)
         threshold = self._test.limit() if dropped is None or findings else self._supply.limit()
         accounts = self._probabilities()
-        present = self._leaks.update(self._last_s, findings, accounts)
+        lines = self._test.may_be_lines(findings)
+        present = self._leaks.update(self._last_s, [] if lines else findings, accounts)
         probabilities = _with_supply(accounts, self._supply.odds(), bool(findings))
         if dropped is not None:
             findings = [*findings, dropped]
         if findings and (dropped is not None or not self._doubtful(findings, accounts)):
             decision = replace(
-                self._found(findings, threshold), probabilities=probabilities, present_leaks=present
+                self._found(findings, threshold, lines),
+                probabilities=probabilities,
+                present_leaks=present,
             )
             confirmed = self._hold.found(self._last_s)
             if confirmed and (self._alarm is None or decision.statistic >= self._alarm.statistic):
@@ -237,9 +240,12 @@ class OilAccountDetector:
         names = ("healthy", *FAULTS, "multiple")
         return dict(zip(names, map(float, self._test.probabilities()), strict=True))
 
-    def _found(self, findings: list[Finding], threshold: float) -> Decision:
+    def _found(self, findings: list[Finding], threshold: float, lines: bool) -> Decision:
         first = findings[0]
         details: dict[str, float] = {}
+        if lines:
+            return Decision("unknown_fault", first.onset_s, statistic=first.statistic,
+                            threshold=threshold)  # fmt: skip
         if len(findings) > 1:
             for finding in findings:
                 name = FAULTS[finding.fault]

@@ -10,6 +10,7 @@ spool null could feign: that surplus over its standard error follows Student's t
 has the formulae.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import exp, inf, log, pi, sqrt
 from statistics import NormalDist
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .account_regression import Regression, Scores
-from .account_row import FAULT_COUNT, SUPPLY_LEAKAGE
+from .account_row import FAULT_COUNT, INTERNAL_LEAKAGE, SUPPLY_LEAKAGE
 from .account_sums import MARKS, SHIFT, AccountSums, FaultProducts
 from .block_noise import RecentBlocks, lasting_noise
 from .flow_account import BLOCK_S, AccountBlock
@@ -283,6 +284,25 @@ class LeakTest:
         mark = min(self.sums.mark_at(dropped.onset_s), self.sums.marks - 1)
         leak = self._best(replace(dropped, onset=int(self.sums.mark_blocks[mark])))
         return [] if leak is None or leak.fault >= SUPPLY_LEAKAGE else [leak]
+
+    def may_be_lines(self, findings: Sequence[Finding]) -> bool:
+        """Tell whether leaks found may be a fault of the supply or return line.
+
+        Where the supply pressure is not measured, such a fault moves both accounts, as an internal
+        leak does or two leaks. It is told by what it explains beside the first leak: next to
+        nothing where that is the cause, and as much as a second leak where the lines are.
+        """
+        if not findings or self.sums.supply(0)[0]:
+            return False
+        if any(finding.fault >= SUPPLY_LEAKAGE for finding in findings):
+            return True
+        first, *others = findings
+        if not others and first.fault != INTERNAL_LEAKAGE:
+            return False
+        beside = self._candidates(first).gain
+        line = float(beside[:, SUPPLY_LEAKAGE:].max())
+        second = max((float(beside[:, other.fault].max()) for other in others), default=0.0)
+        return line >= (second - _RIVAL_GAIN if others else _RIVAL_GAIN)
 
     def nuisances(self) -> NuisanceBelief:
         """Return what the blocks so far say of the nuisances, beside the first fault in them."""
