@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from rig.configuration import check
+from rig.configuration.lookup import copy_shipped
+from rig.configuration.schedule import load_schedule
 from rig.io.simulated import simulated_rig
 from rig.plant import Model
 from rig.plant.simulation import simulate
@@ -55,6 +57,23 @@ def test_the_campaign_of_the_campaigns_page_checks_without_a_warning(workplace: 
     report = check("example.yaml")
     assert len(report.tests) == 11
     assert not report.warnings
+
+
+def test_the_files_of_the_operating_guide_check_among_the_copies_of_rig_init(
+    workplace: Path,
+) -> None:
+    copy_shipped(Path("mine"))
+    guide = (DOCS / "operating.md").read_text()
+    for path in ("mine/campaigns/today.yaml", "mine/schedules/tonight.yaml"):
+        assert path in guide
+    campaign, schedule = re.findall(r"```yaml\n(.*?)```", guide, re.DOTALL)
+    Path("mine/campaigns/today.yaml").write_text(campaign)
+    Path("mine/schedules/tonight.yaml").write_text(schedule)
+    report = check("mine/campaigns/today.yaml")
+    assert [test.name for test in report.tests] == ["healthy", "leak across the piston"]
+    assert not report.warnings
+    (entry,) = load_schedule(Path("mine/schedules/tonight.yaml")).entries
+    assert entry.name == "leaks"
 
 
 def test_every_section_of_the_api_page_has_an_example() -> None:
