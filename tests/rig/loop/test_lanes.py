@@ -10,6 +10,7 @@ from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
 from rig.loop.lane_ticks import LANE_READINGS
 from rig.loop.lanes import SimulatedLanes
 from rig.plant import KARNOPP, NO_FAULT, NOMINAL, FaultInput, Parameters
+from rig.plant.added_terms import AddedTerm, fields_of
 from rig.plant.dynamics import PlantState, rest_state
 from rig.plant.integrator import TICK, advance
 from rig.plant.lanes import LANES
@@ -21,10 +22,24 @@ SILENT: Final = DATA_SHEET._replace(pressure_noise=0.0, spool_noise=0.0, supply_
 TICKS: Final = 3000
 ONSET: Final = 1000
 STATES: Final = ("position", "pressure_1", "pressure_2", "spool", "supply_pressure")
+TERMS: Final = (
+    (),
+    (
+        AddedTerm("force balance", "position", "wave", False, 200.0, 0.02, 0.3),
+        AddedTerm("force balance", "position", "bump", True, 300.0, 0.3, 0.05),
+        AddedTerm("spool", "command", "x |x|", False, 1e-7),
+    ),
+    (),
+    (
+        AddedTerm("flow, chamber 1", "pressure difference", "|x|", True, 1e-12),
+        AddedTerm("flow, chamber 2", "velocity", "x^2", False, 1e-4),
+    ),
+    (),
+)
 
 
 def unlike_rigs(law: float = 0.0) -> list[Parameters]:
-    """Return rigs with air, springs, droop and other friction, each in some lanes."""
+    """Return rigs with air, springs, droop, terms and other friction, each in some lanes."""
     rng = np.random.default_rng(5)
     return [
         NOMINAL._replace(
@@ -43,6 +58,7 @@ def unlike_rigs(law: float = 0.0) -> list[Parameters]:
             constant_force=500.0 * (lane % 2),
             payload_mass=50.0 * (lane % 3 == 2),
             stop_high=0.5 if lane % 5 == 2 else 5.0,
+            **fields_of(TERMS[lane % len(TERMS)]),
         )
         for lane in range(LANES)
     ]
