@@ -30,7 +30,7 @@ from tools.bench_campaign import RIG_SECONDS
 from tools.bench_lanes import campaign, in_lanes
 
 WANTED: Final = 8000.0
-"""Rig-seconds per wall-second and core that are asked for (docs/performance.md)."""
+"""Rig-seconds per wall-second and core that are asked for, on a machine with nothing else to do."""
 _RATES: Final = ("of_process_after_start", "of_process", "of_processor")
 
 

@@ -93,19 +93,18 @@ def command(
             f"{loaded.filter_name}, in {path}")  # fmt: skip
         try:
             timing = _run(loaded, folder, runner, stop, screen, as_json=as_json)
+            done = sum(folder.done(chunks_of(loaded)).values())
+            if done < loaded.cases:
+                again = shlex.join(["rig", "sweep", str(path), "--resume"])
+                say(f"stopped by {stop.reason}: {done} of {loaded.cases} cases are done; {again}")
+                return EXIT_STOPPED
+            return _finish(loaded, folder, timing, say, as_json=as_json)
         except SweepError as error:
             click.echo(f"rig: {error}", err=True)
-            return EXIT_CRASHED
         except OSError as error:
             state = f"results cannot be written to {path}: {error.strerror or error}"
             click.echo(f"rig: {state}; free space, and go on with --resume", err=True)
-            return EXIT_CRASHED
-        done = sum(folder.done(chunks_of(loaded)).values())
-        if done < loaded.cases:
-            again = shlex.join(["rig", "sweep", str(path), "--resume"])
-            say(f"stopped by {stop.reason}: {done} of {loaded.cases} cases are done; {again}")
-            return EXIT_STOPPED
-        return _finish(loaded, folder, timing, say, as_json=as_json)
+        return EXIT_CRASHED
 
 
 def _runner(jobs: int, cluster: str | None, stack: ExitStack, tell: Callable[[str], Any]) -> Runner:

@@ -72,15 +72,19 @@ def resolving_step(y, longest, duration, par, fault):
     """Return the step in s that resolves oil, lines, spool and bristles over `duration` (s)."""
     volume = min(*chamber_volumes(y[4], par))
     mass = total_mass(par)
+    # Compared first: divisions and roots, which mostly shorten nothing, take as long as all rates.
+    h = longest + 0.0 * volume
     column = par.piston_area * par.piston_area * par.bulk_modulus / mass
-    h = longest * min(1.0, _COLUMN_RATE * sqrt(volume / column))
+    stiff = column > _COLUMN_RATE * _COLUMN_RATE * volume
+    if anywhere(stiff):
+        h = select(stiff, longest * min(1.0, _COLUMN_RATE * sqrt(volume / column)), h)
     opening = lapped(y[0] + par.spool_null_bias, par)
     underlap = par.valve_underlap_leakage
     edge = valve_conductance(par) * (abs(opening) + underlap)
     edge *= max(1.0, 1.0 - par.valve_flow_asymmetry)
-    filling = edge * par.bulk_modulus / volume
-    fast = filling > _EDGE_RATE
+    fast = edge * par.bulk_modulus > _EDGE_RATE * volume
     if anywhere(fast):
+        filling = edge * par.bulk_modulus / volume
         extending = opening >= 0.0
         drop_1 = select(extending, y[7] - y[2], y[2] - y[8])
         drop_2 = select(extending, y[3] - y[8], y[7] - y[3])
@@ -95,13 +99,21 @@ def resolving_step(y, longest, duration, par, fault):
         full = 4.0 * least < filling * filling * duration * duration
         h = select(fast & full, min(h, longest * _EDGE_RATE / filling), h)
     restriction = max(par.supply_droop, par.return_back_pressure + fault[7])
-    line_rate = (1.0 + restriction * edge * edge) / par.line_time_constant
+    filled = 1.0 + restriction * edge * edge
     valve_rate = par.valve_natural_frequency * max(1.0, 2.0 * par.valve_damping)
-    h = min(h, longest / max(max(line_rate / _LINE_RATE, valve_rate / _VALVE_RATE), 1.0))
+    quick = (filled > _LINE_RATE * par.line_time_constant) | (valve_rate > _VALVE_RATE)
+    if anywhere(quick):
+        line_rate = filled / par.line_time_constant
+        fastest = max(line_rate / _LINE_RATE, valve_rate / _VALVE_RATE)
+        h = select(quick, min(h, longest / max(fastest, 1.0)), h)
     if par.friction_law != KARNOPP:
-        damping = par.bristle_damping / mass
-        stiffness = sqrt(par.bristle_stiffness / mass)
-        h = min(h, longest * _BRISTLE_RATE / max(damping, stiffness))
+        bristles = _BRISTLE_RATE * mass
+        quick = (par.bristle_damping > bristles) | (
+            par.bristle_stiffness > _BRISTLE_RATE * bristles
+        )
+        if anywhere(quick):
+            fastest = max(par.bristle_damping / mass, sqrt(par.bristle_stiffness / mass))
+            h = select(quick, min(h, longest * _BRISTLE_RATE / fastest), h)
     return max(h, SHORTEST * longest)
 
 

@@ -30,6 +30,8 @@ from .ticks import BLOCK, SUMS, scale_sines, thesis7_cases
 Array = NDArray[np.float64]
 Figures = dict[str, NDArray[np.generic]]
 
+AHEAD: Final = 2
+"""Half seconds that plants run ahead of the thesis's filter (`python -m tools.bench_sweep`)."""
 _LEAST_BLOCKS: Final = 40
 """Half seconds that both detectors need to come to a verdict."""
 
@@ -71,7 +73,7 @@ class Judged:
     """What came of some cases.
 
     Attributes:
-        first: number of the first.
+        chunk: number of the chunk that they are.
         figures: by column of the table, (n,) each.
         process_s: processor seconds that it took.
         wall_s: seconds that it took.
@@ -80,7 +82,7 @@ class Judged:
         start_s: seconds that this process took to load the compiled code, if it was its first.
     """
 
-    first: int
+    chunk: int
     figures: Mapping[str, NDArray[np.generic]]
     process_s: float
     wall_s: float
@@ -150,8 +152,7 @@ class Group:
     @property
     def names(self) -> str:
         """Which cases these are, for messages."""
-        numbers = sorted({self.cases.first + int(at) for at in self.at})
-        return f"cases {numbers[0]} to {numbers[-1]}"
+        return f"cases {', '.join(map(str, np.unique(self.cases.numbers[self.at])))}"
 
 
 def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:
@@ -174,10 +175,11 @@ def run_thesis7(group: Group) -> Array:
     x, covariance = initial_state(with_load=True)
     sums = np.zeros((setting.blocks, len(SUMS), LANES))
     enough = thesis7_cases(
-        setting.ticks, motions.sines, motions.levels, motions.ends, group.open_loop, setting.gain,
-        setting.limit, group.plant, group.parameters, setting.like, setting.sensors, group.faults,
-        group.onset, group.noise, group.stream(0), np.repeat(x[:, None], LANES, axis=1),
-        np.repeat(covariance[:, :, None], LANES, axis=2), setting.model.parameters, sums,
+        setting.ticks, AHEAD, motions.sines, motions.levels, motions.ends, group.open_loop,
+        setting.gain, setting.limit, group.plant, group.parameters, setting.like, setting.sensors,
+        group.faults, group.onset, group.noise, group.stream(0),
+        np.repeat(x[:, None], LANES, axis=1), np.repeat(covariance[:, :, None], LANES, axis=2),
+        setting.model.parameters, sums,
     )  # fmt: skip
     if not enough:
         raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
@@ -211,7 +213,7 @@ def run_chunk(setting: Setting, cases: Cases) -> Judged:
     figures = judge_cases(setting, cases)
     took = time.thread_time() - process, time.perf_counter() - wall
     worker = f"{socket.gethostname()}:{os.getpid()}"
-    return Judged(cases.first, figures, *took, sources(), worker, start_s)
+    return Judged(cases.chunk, figures, *took, sources(), worker, start_s)
 
 
 @cache

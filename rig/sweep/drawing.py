@@ -68,10 +68,11 @@ class Streams:
 
 @dataclass(frozen=True)
 class Cases:
-    """Some cases that follow one another, as drawn: what runs them, and what the table tells.
+    """Some cases as drawn: what runs them, and what the table tells of them.
 
     Attributes:
-        first: number of the first.
+        chunk: number of the chunk that they make.
+        numbers: int64 (n,), of the cases.
         parameters: float64 (fields, n), `rig.plant.parameters.Parameters` of each rig.
         coefficients: float64 (3, n) of the leaks, in the order of `estimator.detection.LEAKS`.
         onset_tick: float64 (n,), first tick at which they act; that of a healthy rig is beyond.
@@ -83,7 +84,8 @@ class Cases:
         columns: of the table, by name.
     """
 
-    first: int
+    chunk: int
+    numbers: NDArray[np.int64]
     parameters: Array
     coefficients: Array
     onset_tick: Array
@@ -99,9 +101,27 @@ class Cases:
         """How many."""
         return int(self.noise.size)
 
+    def of(self, at: NDArray[np.intp], chunk: int) -> "Cases":
+        """Return some of the cases, as a chunk."""
+        return Cases(
+            chunk, self.numbers[at], self.parameters[:, at], self.coefficients[:, at],
+            self.onset_tick[at], self.noise[at], self.seeds[:, at], self.motions.of(at),
+            self.faults[at], self.onset_s[at],
+            {name: Column(each.values[at], each.unit, each.about)
+             for name, each in self.columns.items()},
+        )  # fmt: skip
+
+    def alike(self) -> NDArray[np.intp]:
+        """Return the cases (n,) in an order in which alike ones follow one another.
+
+        Lanes wait for the slowest of them, and all of them take the roots of a leak that one has.
+        """
+        leaky = self.coefficients.any(axis=0)
+        return np.lexsort((self.numbers, self.motions.pace, self.motions.kind, leaky))
+
 
 def draw(sweep: Sweep, first: int, count: int) -> Cases:
-    """Return `count` cases from number `first` on."""
+    """Return `count` cases from number `first` on, as one chunk."""
     streams = Streams(sweep.seed, first, count)
     parameters, columns = _parameters(sweep, streams)
     noise = streams.drawn("noise", sweep.noise)
@@ -113,7 +133,8 @@ def draw(sweep: Sweep, first: int, count: int) -> Cases:
     seeds = [streams.seeds(f"noise of {part}") for part in ("pressures", "others")]
     never = float(sweep.ticks)
     return Cases(
-        first=first,
+        chunk=0,
+        numbers=numbers,
         parameters=parameters,
         coefficients=coefficients,
         onset_tick=np.where(np.isnan(onset_s), never, np.ceil(np.nan_to_num(onset_s) * 1000.0)),
@@ -174,10 +195,12 @@ def still_case(setting: "Setting") -> Cases:
     count = 1
     still = Motions(
         np.zeros((0, count)), np.full(count, np.nan), np.full((1, count), setting.middle),
-        np.full((1, count), np.inf), np.zeros(count),
+        np.full((1, count), np.inf), np.zeros(count), np.zeros(count, dtype=np.intp),
+        np.zeros(count),
     )  # fmt: skip
     return Cases(
-        first=0,
+        chunk=0,
+        numbers=np.zeros(count, dtype=np.int64),
         parameters=np.array(setting.like, dtype=np.float64)[:, None],
         coefficients=np.zeros((len(LEAKS), count)),
         onset_tick=np.full(count, float(setting.ticks)),

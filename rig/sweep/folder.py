@@ -4,8 +4,10 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Collection, Mapping
+import shutil
+from collections.abc import Mapping
 from datetime import datetime
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +18,7 @@ from rig.recording.targets import replacing
 from rig.runner.directory import DirectoryError, file_stem
 
 from .cases import sources
-from .table import read_table, read_tables, write_durably
+from .table import read_part, read_table, together, write_part, write_table
 
 SWEEP: Final = "sweep.json"
 TABLE: Final = "sweep.parquet"
@@ -25,6 +27,8 @@ SUMMARY: Final = "summary.json"
 SCHEMA: Final = "rig-sweep"
 _PARTS: Final = "parts"
 _LOCK: Final = ".lock"
+_CUT_OFF: Final = ".s*.part"
+"""What a kill leaves of a file that was being written (`rig.recording.targets`)."""
 _OURS: Final = (SWEEP, TABLE, PAGE, SUMMARY, _LOCK)
 
 
@@ -48,6 +52,8 @@ class SweepFolder:
             (path / _PARTS).mkdir(parents=True, exist_ok=True)
             self._lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for left in path.glob(_CUT_OFF):
+                left.unlink(missing_ok=True)
             kept = read_identity(path)
             if resume and kept is not None:
                 _require_same(path, kept, identity(sweep))
@@ -85,37 +91,37 @@ class SweepFolder:
             self._lock = None
 
     def _parts(self) -> list[Path]:
-        return sorted((self.path / _PARTS).glob("part-*.parquet"))
+        return sorted((self.path / _PARTS).glob("part-*.arrow"))
 
-    def done(self, chunks: Collection[tuple[int, int]]) -> dict[int, int]:
-        """Return the chunks that are done: how many cases, by the first one's number.
+    def done(self, chunks: Mapping[int, int]) -> dict[int, int]:
+        """Return the chunks that are done: how many cases each has, by its number.
 
         A part that is damaged, by whatever, or is no chunk, is none: its cases are run again.
 
         Args:
-            chunks: first case and number of cases of each.
+            chunks: all there are, likewise.
         """
         if (self.path / TABLE).exists():
-            return {0: self._sweep.cases}
+            return dict(chunks)
         found = {}
         for part in self._parts():
             try:
-                chunk = int(part.stem.partition("-")[2]), read_table(part).num_rows
+                chunk = int(part.stem.partition("-")[2]), read_part(part).num_rows
             except (OSError, ValueError, pa.ArrowException):
                 chunk = (-1, 0)
-            if chunk in chunks:
+            if chunks.get(chunk[0]) == chunk[1]:
                 found[chunk[0]] = chunk[1]
             else:
                 part.unlink(missing_ok=True)
         return found
 
-    def keep(self, first: int, rows: pa.Table) -> None:
-        """Keep a chunk's rows, whatever happens from now on.
+    def keep(self, chunk: int, rows: pa.Table) -> None:
+        """Keep the rows of a chunk, by its number, whatever happens from now on.
 
         Raises:
             OSError: they cannot be written.
         """
-        write_durably(rows, self.path / _PARTS / f"part-{first:08d}.parquet")
+        write_part(rows, self.path / _PARTS / f"part-{chunk:08d}.arrow")
 
     def finish(self) -> pa.Table:
         """Make the table of all parts, which are then no longer needed; return it.
@@ -125,18 +131,10 @@ class SweepFolder:
         """
         path = self.path / TABLE
         if not path.exists():
-            write_durably(read_tables(self._parts()), path)
-        for part in self._parts():
-            part.unlink(missing_ok=True)
-        (self.path / _PARTS).rmdir()
+            write_table(together(read_part(part) for part in self._parts()), path)
+        # With whatever a kill left of a part.
+        shutil.rmtree(self.path / _PARTS)
         return read_table(path)
-
-    def so_far(self) -> pa.Table | None:
-        """Return the rows there are, sorted by case; None if there are none."""
-        if (self.path / TABLE).exists():
-            return read_table(self.path / TABLE)
-        parts = self._parts()
-        return read_tables(parts) if parts else None
 
 
 def identity(sweep: Sweep) -> dict[str, Any]:
@@ -200,7 +198,7 @@ def _refuse_others(path: Path) -> None:
     if not path.is_dir():
         raise DirectoryError([f"{path}: is a file; give --out a folder"])
     inside = sorted(entry.name for entry in path.iterdir())
-    begun = set(inside) <= {_LOCK, _PARTS}
+    begun = {name for name in inside if not fnmatch(name, _CUT_OFF)} <= {_LOCK, _PARTS}
     if inside and not begun and read_identity(path) is None:
         other = next((name for name in inside if name not in _OURS), inside[0])
         raise DirectoryError(

@@ -55,14 +55,14 @@ def run_pool(
                 return
             except BrokenProcessPool:
                 # Which of them it was, nobody knows.
-                again.extendleft(sorted(running.values(), key=lambda cases: -cases.first))
-                deaths.update(cases.first for cases in running.values())
+                again.extendleft(sorted(running.values(), key=lambda cases: -cases.chunk))
+                deaths.update(cases.chunk for cases in running.values())
         worst, count = deaths.most_common(1)[0] if deaths else (0, _MOST_DEATHS + 1)
         if count > _MOST_DEATHS:
-            last = worst + next(cases.count for cases in again if cases.first == worst) - 1
+            numbers = next(cases.numbers for cases in again if cases.chunk == worst)
             raise SweepError(
-                f"cases {worst} to {last}: {count} processes died while they ran; is there memory "
-                "enough? Fewer --jobs need less"
+                f"cases {', '.join(map(str, sorted(numbers)))}: {count} processes died while they "
+                "ran; is there memory enough? Fewer --jobs need less"
             )
 
 

@@ -48,6 +48,8 @@ class Motions:
         levels: float64 (k, n).
         ends: float64 (k, n), s: level i is held until ends[i]; the last for ever.
         open_loop: float64 (n,), 1 where the setpoint is the valve's command.
+        kind: (n,), which of the sweep's motions it is.
+        pace: float64 (n,), how fast it is among those of its kind: only an order.
     """
 
     sines: Array
@@ -55,12 +57,15 @@ class Motions:
     levels: Array
     ends: Array
     open_loop: Array
+    kind: NDArray[np.intp]
+    pace: Array
 
     def of(self, lanes: NDArray[np.intp]) -> "Motions":
         """Return the motions of some of the cases."""
         parts = (self.sines, self.levels, self.ends)
         sines, levels, ends = (np.ascontiguousarray(part[:, lanes]) for part in parts)
-        return Motions(sines, self.peak[lanes], levels, ends, self.open_loop[lanes])
+        rest = (self.open_loop[lanes], self.kind[lanes], self.pace[lanes])
+        return Motions(sines, self.peak[lanes], levels, ends, *rest)
 
 
 class _Table:
@@ -72,14 +77,15 @@ class _Table:
         self.ends: list[Sequence[float]] = [(np.inf,)] * count
         self.peak = np.full(count, np.nan)
         self.open_loop = np.zeros(count)
+        self.pace = np.zeros(count)
 
-    def finish(self) -> Motions:
+    def finish(self, kind: NDArray[np.intp]) -> Motions:
         levels = _columns(self.levels, padding=None)
         ends = _columns(self.ends, padding=np.inf)
         ends[-1] = np.inf
         none = np.zeros((0, self.peak.size))
         sines = _columns(self.sines, padding=0.0) if any(self.sines) else none
-        return Motions(sines, self.peak, levels, ends, self.open_loop)
+        return Motions(sines, self.peak, levels, ends, self.open_loop, kind, self.pace)
 
 
 def _columns(of_cases: Sequence[Sequence[float]], padding: float | None) -> Array:
@@ -123,7 +129,7 @@ def drawn_motions(
             turns = [float(phase[case]) for phase in phases]
             _FILL[motion.type](table, int(case), own, duration_s, int(seeds[case]), turns)
         columns |= _told(motion, drawn, chosen == index)
-    return table.finish(), columns
+    return table.finish(chosen), columns
 
 
 def _told(
@@ -155,7 +161,9 @@ def _constant(t: _Table, case: int, own: Own, until: float, seed: int, turns: li
 
 def _sine(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
     t.levels[case] = own["mean"]
-    t.sines[case] = [own["amplitude"][0], own["frequency"][0], 0.0, _turns(own["phase"][0])]
+    amplitude, frequency = own["amplitude"][0], own["frequency"][0]
+    t.sines[case] = [amplitude, frequency, 0.0, _turns(own["phase"][0])]
+    t.pace[case] = amplitude * frequency
 
 
 def _chirp(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
@@ -163,11 +171,13 @@ def _chirp(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[
     first, last = own["start_frequency"][0], own["end_frequency"][0]
     rate = 0.5 * (last - first) / until
     t.sines[case] = [own["amplitude"][0], first, rate, _turns(own["phase"][0])]
+    t.pace[case] = own["amplitude"][0] * (first + last)
 
 
 def _multisine(t: _Table, case: int, own: Own, until: float, seed: int, turns: list[float]) -> None:
     t.levels[case] = own["mean"]
     t.peak[case] = own["amplitude"][0]
+    t.pace[case] = own["amplitude"][0] * sum(own["frequencies"])
     t.sines[case] = [
         value
         for frequency, turn in zip(own["frequencies"], turns, strict=True)
@@ -186,6 +196,7 @@ def _random(t: _Table, case: int, own: Own, until: float, seed: int, turns: list
     levels = Pseudorandom(lower, upper, shortest, longest, seed)
     ends, held = levels.sequence(until)
     t.ends[case], t.levels[case] = ends.tolist(), held.tolist()
+    t.pace[case] = (upper - lower) / (shortest + longest)
 
 
 _FILL: Final = {

@@ -1,7 +1,7 @@
 """Runs a sweep: what is not done yet, chunk by chunk, each kept as soon as it is there."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, Final
@@ -22,6 +22,8 @@ _CHUNK_RIG_S: Final = 1000.0
 """Rig-seconds of a chunk, at least a group of lanes: what a kill costs each process, some tenths
 of a second."""
 _MOST_CHUNKS: Final = 2000
+_SHELF: Final = 1024
+"""Cases that are drawn at once, and sorted so that those side by side in lanes are alike."""
 
 
 @dataclass
@@ -75,17 +77,37 @@ def chunk_size(sweep: Sweep) -> int:
     return groups * LANES
 
 
-def chunks_of(sweep: Sweep) -> list[tuple[int, int]]:
-    """Return first case and number of cases of each chunk."""
+def chunks_of(sweep: Sweep) -> dict[int, int]:
+    """Return the number of cases of each chunk, by its own."""
     size = chunk_size(sweep)
-    return [(first, min(size, sweep.cases - first)) for first in range(0, sweep.cases, size)]
+    found: dict[int, int] = {}
+    for _, count in _shelves(sweep):
+        for begin in range(0, count, size):
+            found[len(found)] = min(size, count - begin)
+    return found
 
 
-def chunks_left(sweep: Sweep, done: dict[int, int]) -> list[tuple[int, int]]:
-    """Return first case and number of cases of each chunk that is not done."""
-    if done.get(0) == sweep.cases:
-        return []
-    return [chunk for chunk in chunks_of(sweep) if done.get(chunk[0]) != chunk[1]]
+def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
+    """Yield first case and number of those that are drawn, and sorted into chunks, at once."""
+    size = chunk_size(sweep)
+    shelf = size * ceil(_SHELF / size)
+    for first in range(0, sweep.cases, shelf):
+        yield first, min(shelf, sweep.cases - first)
+
+
+def drawn_chunks(sweep: Sweep, wanted: Collection[int]) -> Iterator[Cases]:
+    """Yield the chunks that are wanted, of cases that cost about the same side by side."""
+    size, chunk = chunk_size(sweep), 0
+    for first, count in _shelves(sweep):
+        chunks = range(chunk, chunk + ceil(count / size))
+        chunk = chunks.stop
+        if not any(each in wanted for each in chunks):
+            continue
+        cases = draw(sweep, first, count)
+        order = cases.alike()
+        for at, each in enumerate(chunks):
+            if each in wanted:
+                yield cases.of(order[at * size : (at + 1) * size], each)
 
 
 def run_sweep(
@@ -109,20 +131,21 @@ def run_sweep(
         OSError: the folder cannot be written.
     """
     started, timing, begun = time.perf_counter(), Timing(), False
-    done = folder.done(chunks_of(sweep))
-    left = chunks_left(sweep, done)
+    all_chunks = chunks_of(sweep)
+    done = folder.done(all_chunks)
+    left = all_chunks.keys() - done.keys()
     advanced(sum(done.values()))
     drawn: dict[int, Cases] = {}
 
     def chunks() -> Iterator[Cases]:
-        for first, count in left:
-            drawn[first] = draw(sweep, first, count)
-            yield drawn[first]
+        for cases in drawn_chunks(sweep, left):
+            drawn[cases.chunk] = cases
+            yield cases
 
     for judged in runner(chunks(), setting_of(sweep), stopped):
         _require_same_sources(judged)
-        cases = drawn.pop(judged.first)
-        folder.keep(judged.first, rows_of(cases, dict(judged.figures)))
+        cases = drawn.pop(judged.chunk)
+        folder.keep(judged.chunk, rows_of(cases, dict(judged.figures)))
         now = time.perf_counter() - started
         if not begun:
             timing.start_s, begun = now - judged.wall_s, True

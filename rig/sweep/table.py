@@ -1,7 +1,8 @@
-"""The table of a sweep: a row a case, units in the fields' metadata, as Parquet."""
+"""The table of a sweep: a row a case, units in the fields' metadata; its parts while it runs."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -69,14 +70,35 @@ def _array(values: np.ndarray) -> pa.Array:
     return pa.array(values)
 
 
-def write_durably(table: pa.Table, path: Path) -> None:
-    """Write a table that is there after a power cut, or not at all.
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write the table of a sweep as Parquet; it is there after a power cut, or not at all.
 
     Raises:
         OSError: it cannot be written.
     """
-    with replacing(path) as partial:
+    with _durably(path) as partial:
         pq.write_table(table, partial, compression="zstd")
+
+
+def write_part(rows: pa.Table, path: Path) -> None:
+    """Write some rows as an Arrow file, a tenth of the work of Parquet; likewise.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+    with (
+        _durably(path) as partial,
+        pa.OSFile(str(partial), "wb") as sink,
+        pa.ipc.new_file(sink, rows.schema) as writer,
+    ):
+        writer.write_table(rows)
+
+
+@contextmanager
+def _durably(path: Path) -> Iterator[Path]:
+    """Give a temporary path that takes the place of `path` once its content is on the disk."""
+    with replacing(path) as partial:
+        yield partial
         with partial.open("rb") as written:
             os.fsync(written.fileno())
     folder = os.open(path.parent, os.O_RDONLY)
@@ -86,18 +108,24 @@ def write_durably(table: pa.Table, path: Path) -> None:
         os.close(folder)
 
 
-def read_tables(paths: Iterable[Path]) -> pa.Table:
-    """Return tables as one, sorted by case.
+def read_part(path: Path) -> pa.Table:
+    """Return the rows in a part.
 
     Raises:
-        OSError: one cannot be read.
-        pyarrow.ArrowException: one is damaged.
+        OSError: it cannot be read.
+        pyarrow.ArrowException: it is damaged.
     """
-    return pa.concat_tables([read_table(path) for path in paths]).sort_by("case").combine_chunks()
+    with pa.OSFile(str(path), "rb") as source, pa.ipc.open_file(source) as reader:
+        return reader.read_all()
+
+
+def together(parts: Iterable[pa.Table]) -> pa.Table:
+    """Return parts as one table, sorted by case."""
+    return pa.concat_tables(parts).sort_by("case").combine_chunks()
 
 
 def read_table(path: Path) -> pa.Table:
-    """Return the table in a file.
+    """Return the table in a Parquet file.
 
     Raises:
         OSError: it cannot be read.

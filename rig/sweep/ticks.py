@@ -36,9 +36,6 @@ from .motions import AMPLITUDE, CHIRP, FREQUENCY, PHASE, SINE_ROWS
 
 BLOCK: Final = 500
 """Ticks of a block, half a second: what figures are kept of, and decisions come after."""
-BATCH_BLOCKS: Final = 4
-"""Blocks that plants run ahead of the filter: lanes even out what their motions cost within."""
-
 SUMS: Final = (
     "absolute_innovation_1", "absolute_innovation_2", "squared_position", "squared_1", "squared_2",
     "leak_flow",
@@ -196,13 +193,15 @@ def _leak_flow(tick, p1, p2, back, faults, onset):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def thesis7_cases(
-    ticks, sines, levels, ends, open_loop, gain, limit, plant, parameters, like, sensors,
+    ticks, ahead, sines, levels, ends, open_loop, gain, limit, plant, parameters, like, sensors,
     faults, onset, scale, streams, x, covariance, assumed, sums,
 ):  # fmt: skip
     """Run cases from their first tick to their last, one in each lane.
 
     Args:
         ticks: of each, a block's times some, and one more.
+        ahead: blocks that plants run ahead of the filter, within which lanes even out what their
+            motions cost; the fewer, the longer the log stays in the cache.
         sines: of setpoints, as `setpoint_ticks` takes them.
         levels: likewise.
         ends: likewise.
@@ -225,7 +224,7 @@ def thesis7_cases(
     Returns:
         Whether every plant came to the end; else one needed too many steps.
     """
-    batch = BATCH_BLOCKS * BLOCK + 1
+    batch = ahead * BLOCK + 1
     log = np.empty((batch * MOST_STEPS, LOGGED, LANES))
     rows, setpoint = np.empty((batch, LANES)), np.empty((batch, LANES))
     is_open = np.empty((batch, LANES))

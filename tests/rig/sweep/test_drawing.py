@@ -11,6 +11,7 @@ from rig.configuration.sweep import load_sweep
 from rig.configuration.sweep_plan import Sweep
 from rig.plant import Parameters
 from rig.sweep.drawing import draw
+from rig.sweep.running import chunks_of, drawn_chunks
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +78,19 @@ def test_stiction_follows_the_slip_friction_that_an_effect_draws(sweep: Sweep) -
     base: Parameters = sweep.rig.plant.parameters
     ratio = columns["stiction"].values.astype(float) / columns["coulomb"].values.astype(float)
     np.testing.assert_allclose(ratio, base.stiction / base.coulomb)
+
+
+def test_every_case_is_in_one_chunk_beside_cases_like_it(sweep: Sweep) -> None:
+    chunks = list(drawn_chunks(sweep, chunks_of(sweep)))
+    numbers = np.concatenate([chunk.numbers for chunk in chunks])
+    assert sorted(numbers) == list(range(sweep.cases))
+    assert [chunk.count for chunk in chunks] == list(chunks_of(sweep).values())
+    alike = [np.unique(chunk.columns["motion"].values).size == 1 for chunk in chunks]
+    assert np.mean(alike) > 0.8
+
+
+def test_a_chunk_is_the_same_whichever_others_are_wanted(sweep: Sweep) -> None:
+    (alone,) = drawn_chunks(sweep, {7})
+    among = next(chunk for chunk in drawn_chunks(sweep, chunks_of(sweep)) if chunk.chunk == 7)
+    np.testing.assert_array_equal(alone.numbers, among.numbers)
+    np.testing.assert_array_equal(alone.parameters, among.parameters)
