@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.gap.results import AddedTerm as Added
 from estimator.gap.results import ChannelGap, Curve, Estimate, GapResult, NamedEffect, Rival
 from rig.cli import gap_finding
 from rig.configuration.model import load_model
 from rig.plant import NOMINAL, Parameters
+from rig.plant.added_terms import AddedTerm, fields_of, terms_of
 from rig.plant.integrator import TICK
 from rig.recording import Recording, export
 from tools.friction_coverage import recorded
@@ -103,6 +105,31 @@ def test_the_json_object_has_the_promised_keys(invoke: Invoke, files: Path) -> N
     assert {path.name for path in (files / "out").iterdir()} == FILES
     figures = json.loads((files / "out" / "gap.json").read_text())
     assert figures["effects"][0]["rivals"][1]["name"] == "valve_hysteresis"
+
+
+def test_an_unknown_term_is_written_into_a_model_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
+) -> None:
+    term = AddedTerm("force balance", "velocity", "x |x|", False, 9e3)
+    unknown = found()
+    unknown.verdict, unknown.effects, unknown.names = "unknown_effect", [], ()
+    size = Estimate("term_1_size", "term_1_size", 9e3, 8.8e3, 9.2e3, "N/(m/s)^2", 0.0)
+    values = {**unknown.values, **fields_of((term,))}
+    text = "+ 9e+03 N/(m/s)^2 v |v|"
+    unknown.added = Added("force balance", text, (size,), values, 0.97, 2.5)
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: unknown)
+    done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
+    told = json.loads(done.out.splitlines()[-1])["term"]
+    assert told["equation"] == "force balance"
+    assert told["gap"] == {"before": 499.0, "after": 2.5}
+    model = load_model(files / "out" / "model_with_term.yaml")
+    assert terms_of(model.parameters) == (term,)
+    assert model.provenance["unknown_term"]["text"] == text
+    assert terms_of(load_model(files / "out" / "model.yaml").parameters) == ()
+    # The next finding has none: the file of the last must not stay beside it.
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: found())
+    assert invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out").code == 0
+    assert {path.name for path in (files / "out").iterdir()} == FILES
 
 
 @pytest.mark.usefixtures("quick")
