@@ -158,7 +158,9 @@ def deviate(differences: Array) -> float:
 def _earns(before: Fitted, fitted: Fitted, bar: float) -> bool:
     """Tell whether a fit gains more than a bar, in more than two blocks."""
     gains = before.costs - fitted.costs
-    acting_blocks = gains.sum() ** 2 / max(float((gains**2).sum()), 1e-300)
+    # Scaled: the cost of a block that cannot be predicted at all has no square.
+    scaled = gains / max(float(np.abs(gains).max()), 1e-300)
+    acting_blocks = scaled.sum() ** 2 / max(float((scaled**2).sum()), 1e-300)
     return bool(gains.sum() > bar and acting_blocks > 2.0)
 
 
