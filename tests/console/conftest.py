@@ -20,24 +20,39 @@ from playwright.sync_api import Browser, Error, Page, sync_playwright
 from tools.chaos.stage import PATIENCE_S, Stage, StageError
 from tools.readme_picture import browser as chromium
 
+from .site import Site, site_served
+
 WAIT_MS = 60_000
 """How long anything may take that is to be seen; only a failure takes as long."""
+ROOT = Path(__file__).parents[2]
 TRIES = 3
 WIDTH, HEIGHT = 1400, 1000
-LEAKING = {
-    "name": "internal leak in a sine",
-    "duration": "120 s",
-    "settle": "0.5 s",
-    "setpoint": {"type": "sine", "mean": "0.3 m", "amplitude": "0.15 m", "frequency": "0.5 Hz"},
-    "faults": [
-        {"type": "internal_leakage", "at": "9 s", "flow": "0.6 L/min", "pressure": "2.5 MPa"}
-    ],
-    "expect": "internal_leakage",
-}
-WAITING = {**LEAKING, "name": "the same with a leak to outside", "expect": "healthy", "faults": []}
+SINE = {"type": "sine", "mean": "0.3 m", "amplitude": "0.15 m", "frequency": "0.5 Hz"}
+TESTS = (
+    {
+        "name": "internal leak, 0.6 L/min",
+        # Longer than any of this takes; it is stopped.
+        "duration": "900 s",
+        "settle": "0.5 s",
+        "setpoint": SINE,
+        "faults": [
+            {"type": "internal_leakage", "at": "9 s", "flow": "0.6 L/min", "pressure": "2.5 MPa"}
+        ],
+        "expect": "internal_leakage",
+    },
+    {"name": "healthy", "duration": "40 s", "setpoint": SINE},
+    {
+        "name": "external leak, 0.3 L/min",
+        "duration": "40 s",
+        "setpoint": SINE,
+        "faults": [
+            {"type": "external_leakage_1", "at": "9 s", "flow": "0.3 L/min", "pressure": "6.9 MPa"}
+        ],
+    },
+)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     try:
         path = chromium()
@@ -45,7 +60,7 @@ def browser() -> Iterator[Browser]:
         pytest.skip(f"{error}")
     with sync_playwright() as playwright:
         # As root Chromium does not start in a sandbox of its own.
-        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        arguments = ["--disable-gpu", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
         try:
             opened = playwright.chromium.launch(executable_path=path, args=arguments)
         except Error as error:
@@ -75,6 +90,13 @@ class Served:
         while not any(text in line for line in list(self.log)):
             assert time.monotonic() < end, (text, self.log)
             time.sleep(0.05)
+
+
+@pytest.fixture
+def site() -> Iterator[Site]:
+    """Return a console that a test feeds itself."""
+    with site_served() as site:
+        yield site
 
 
 Serve = Callable[..., Served]
@@ -138,8 +160,8 @@ def _staged(tmp_path_factory: pytest.TempPathFactory, ends: ExitStack) -> Stage:
     for left in reversed(range(TRIES)):
         folder = tmp_path_factory.mktemp("stage")
         with ExitStack() as trying:
-            stage = trying.enter_context(Stage(folder, tests=(LEAKING, WAITING)))
-            _be_patient(folder / "rig.yaml")
+            stage = trying.enter_context(Stage(folder, tests=TESTS))
+            _be_patient(folder)
             try:
                 stage.begin()
             except StageError:
@@ -151,8 +173,12 @@ def _staged(tmp_path_factory: pytest.TempPathFactory, ends: ExitStack) -> Stage:
     raise AssertionError
 
 
-def _be_patient(path: Path) -> None:
+def _be_patient(folder: Path) -> None:
     """Have a rig that a browser beside it does not trip: none of this is about its timing."""
-    rig = yaml.safe_load(path.read_text())
-    rig["loop"] |= {"stale_limit": "3 s", "loop_silence": "10 s"}
-    path.write_text(yaml.safe_dump(rig))
+    rig = yaml.safe_load((folder / "rig.yaml").read_text())
+    # Beside a loop of the chaos suite, which has the other processor.
+    rig["loop"] |= {"stale_limit": "3 s", "loop_silence": "10 s", "cpu": 0}
+    rig["drivers"]["daq"]["watchdog"] = "1 s"
+    (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+    campaign = yaml.safe_load((folder / "campaign.yaml").read_text())
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign | {"name": "leaks"}))

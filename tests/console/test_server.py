@@ -1,113 +1,26 @@
 """What a browser may do at the console, and all that it may not, by plain requests."""
 
-import asyncio
-import http.client
 import json
 import re
-import threading
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+import shutil
+import subprocess
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 
-from rig.console.address import address_of, with_port
 from rig.console.guard import LARGEST_BODY
 from rig.console.orders import LONGEST_TEXT
-from rig.console.running import listener_of, server_of
-from rig.console.server import LARGEST_MESSAGE, MESSAGES_PER_S, Console, Served
+from rig.console.server import LARGEST_MESSAGE, MESSAGES_PER_S
 from rig.console.visitors import FAILURES
 from rig.stream.client import Answer
+from rig.stream.view import Snapshot
 
-from .fakes import RUNNING, FakeClient, until
-
-TOKEN = "cd" * 32
-Headers = dict[str, str]
-
-
-@dataclass
-class Reply:
-    """What a request came to."""
-
-    status: int
-    headers: Headers
-    text: str
-
-
-@dataclass
-class Site:
-    """A console of one rig that is served in a thread."""
-
-    client: FakeClient
-    console: Console
-    port: int
-    log: list[str] = field(default_factory=list)
-
-    @property
-    def origin(self) -> str:
-        return f"http://127.0.0.1:{self.port}"
-
-    def ask(
-        self, method: str, path: str, body: str | bytes = "", headers: Headers | None = None
-    ) -> Reply:
-        """Send a request, with the header Origin of the console's own page unless given."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
-        told = {"Origin": self.origin} | (headers or {})
-        connection.putrequest(method, path, skip_host="Host" in told)
-        for name, value in told.items():
-            if value:
-                connection.putheader(name, value)
-        content = body.encode() if isinstance(body, str) else body
-        if "Transfer-Encoding" not in told:
-            connection.putheader("Content-Length", str(len(content)))
-        connection.endheaders()
-        connection.send(content)
-        got = connection.getresponse()
-        reply = Reply(got.status, {k.lower(): v for k, v in got.getheaders()}, got.read().decode())
-        connection.close()
-        return reply
-
-    def log_in(self, name: str = "Anna", token: str = TOKEN, **headers: str) -> Reply:
-        form = urlencode({"name": name, "token": token})
-        return self.ask("POST", "/login", form, headers)
-
-    def cookie(self, name: str = "Anna") -> Headers:
-        """Return the header by which somebody who has logged in is known."""
-        return {"Cookie": self.log_in(name).headers["set-cookie"].partition(";")[0]}
-
-    def order(self, who: Headers, **content: Any) -> tuple[int, dict[str, Any]]:
-        headers = {"Content-Type": "application/json", **who}
-        reply = self.ask("POST", "/order", json.dumps(content), headers)
-        return reply.status, json.loads(reply.text)
-
-    def live(self, who: Headers, **headers: str) -> ClientConnection:
-        url = f"ws://127.0.0.1:{self.port}/live"
-        told = {"Origin": self.origin} | headers
-        origin = told.pop("Origin")
-        return connect(url, origin=origin or None, additional_headers={**who, **told})  # type: ignore[arg-type]
-
-    def is_logged(self, pattern: str) -> bool:
-        return any(re.search(pattern, line) for line in list(self.log))
-
-
-@pytest.fixture
-def site() -> Iterator[Site]:
-    listener = listener_of(address_of("127.0.0.1:0", (), None, None))
-    address = with_port(address_of("127.0.0.1:0", (), None, None), listener.getsockname()[1])
-    client = FakeClient(RUNNING)
-    log: list[str] = []
-    console = Console(client, TOKEN, address, Served(), log.append)
-    server = server_of(console)
-    serving = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listener])))
-    serving.start()
-    until(lambda: server.started, "the server to start")
-    yield Site(client, console, address.port, log)
-    server.should_exit = True
-    serving.join()
-    listener.close()
+from .fakes import until
+from .site import TOKEN, Site, site_served
 
 
 def test_nobody_sees_the_page_before_logging_in(site: Site) -> None:
@@ -127,6 +40,24 @@ def test_the_cookie_of_a_login_is_the_browsers_alone(site: Site) -> None:
     )
     page = site.ask("GET", "/", headers=site.cookie())
     assert (page.status, "Rig console" in page.text) == (200, True)
+
+
+def test_over_tls_the_cookie_goes_over_tls_only(tmp_path: Path) -> None:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl, which makes the certificate, is not installed")
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1",
+         "-nodes", "-keyout", "this.key", "-out", "this.pem", "-subj", "/CN=rig",
+         "-addext", "subjectAltName=IP:127.0.0.1"],
+        cwd=tmp_path, check=True, capture_output=True,
+    )  # fmt: skip
+    with site_served(tmp_path / "this.pem", tmp_path / "this.key") as site:
+        reply = site.log_in()
+        assert (reply.status, reply.headers["set-cookie"].endswith("; Secure")) == (303, True)
+        assert "max-age" in reply.headers["strict-transport-security"]
+        assert site.ask("GET", "/", headers=site.cookie()).status == 200
+        plain = {"Origin": site.origin.replace("https", "http")}
+        assert site.ask("POST", "/login", urlencode({"token": TOKEN}), plain).status == 403
 
 
 def test_a_wrong_token_is_refused_and_logged_and_guessing_takes_long(site: Site) -> None:
@@ -385,7 +316,7 @@ def test_a_flood_of_messages_ends_the_view(site: Site) -> None:
 
 
 def test_another_rig_is_shown_when_it_is_asked_for(site: Site) -> None:
-    site.client.shots["other"] = RUNNING.__class__(rig="other", alive=True, age_s=0.0)
+    site.client.shots["other"] = Snapshot(rig="other", alive=True, age_s=0.0)
     with site.live(site.cookie()) as live:
         assert heard(live, "life")["rig"] == "bench"
         live.send('{"rig": "other"}')

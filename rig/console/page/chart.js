@@ -108,7 +108,7 @@ export class Chart {
     this.points = points;
     if (this.resized) this.fit();
     if (!this.width) return;
-    const context = this.canvas.getContext("2d");
+    const context = this.canvas.getContext("2d", { willReadFrequently: true });
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
     const ends = this.range(points);

@@ -48,13 +48,26 @@ for (const figure of document.querySelectorAll("[data-chart]")) {
   charts[figure.dataset.chart] = new Chart(figure, CHARTS[figure.dataset.chart]);
 }
 
+// What has changed is drawn with the next frame of the screen; where a machine is too slow for that,
+// less often, so that half of its time is left for the operator.
 const dirty = new Set();
 let drawing = false;
+let drawAgainAt = 0;
+let askedAt = 0;
+const FRAME_MS = 20;
+
+function frame() {
+  askedAt = performance.now();
+  requestAnimationFrame(render);
+}
+
 const link = new Link((changed) => {
   for (const name of changed) dirty.add(name);
   if (!drawing) {
     drawing = true;
-    requestAnimationFrame(render);
+    const wait = drawAgainAt - performance.now();
+    if (wait > 0) setTimeout(frame, wait);
+    else frame();
   }
 });
 window.rigConsole = link; // for whoever looks at it from the browser's own tools
@@ -65,6 +78,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
 
 function render() {
   drawing = false;
+  const begun = performance.now();
   const { sections, common } = link;
   if (dirty.has("rig")) views.clear(charts);
   if (dirty.has("points") && link.points) {
@@ -84,6 +98,10 @@ function render() {
   if (["events", "notices"].some((name) => dirty.has(name))) views.happened(link);
   dirty.clear();
   alive();
+  const ended = performance.now();
+  link.drawMs = ended - begun;
+  // A frame that comes late says that putting them on the screen takes what is there.
+  drawAgainAt = ended + link.drawMs + Math.max(0, begun - askedAt - FRAME_MS);
 }
 
 // ---- what is so now -----------------------------------------------------------------------------

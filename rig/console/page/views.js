@@ -1,6 +1,6 @@
 // Each section as it is shown: a function of its name is called when it has changed.
 
-import { clock, element, figure, lasted, leak, tone, verdict } from "./words.js";
+import { clock, element, figure, lasted, leak, shortly, tone, verdict } from "./words.js";
 
 const by = (id) => document.getElementById(id);
 const SHOWN_EVENTS = 80;
@@ -75,7 +75,7 @@ export function bypass({ sections }) {
   put(by("bypass"), valves.length === 0 ? [element("caption", "quiet", "This rig has none.")] : [
     head("valve", "ball", "needle", "meter L/min"),
     element("tbody", "", ...valves.map((valve) => element("tr", "",
-      element("td", "", verdict(valve.name)),
+      element("td", "", shortly(valve.name)),
       element("td", valve.ball === null ? "" : `state ${valve.ball > 0.01 ? "live" : "off"}`, position(valve.ball)),
       element("td", "number", valve.needle === null ? "-" : `${figure(100 * valve.needle, 1)} %`),
       element("td", "number", figure(valve.metered_L_per_min, 2))))),
@@ -151,7 +151,7 @@ export function queue({ sections }) {
       const status = runs ? "running" : test.status || (told.status === "running" ? "waits" : "not run");
       return element("tr", runs ? "runs" : "",
         element("td", "number quiet", `${k + 1}`), element("td", "", test.name),
-        element("td", "", verdict(test.expect)), element("td", "", runs ? "" : test.verdict ? verdict(test.verdict) : ""),
+        element("td", "", shortly(test.expect)), element("td", "", runs ? "" : test.verdict ? shortly(test.verdict) : ""),
         element("td", `status ${status.replaceAll(" ", "-")}`, status));
     })),
   ]);
@@ -164,14 +164,14 @@ export function judged({ sections }) {
   const name = told?.verdict ?? "";
   const chance = told?.probabilities?.[name];
   by("verdict").textContent = name ? verdict(name) : "None yet";
-  by("verdict").className = tone(name);
+  const expected = sections.progress?.expect;
+  by("verdict").className = name && name === expected && tone(name) === "fault" ? "found" : tone(name);
   const parts = [];
   if (chance !== undefined && chance !== null) parts.push(chance > 0.999 ? "over 99.9 %" : `${figure(100 * chance, 1)} %`);
   if (told?.suspected) parts.push(`suspected: ${verdict(told.suspected)}`);
   if (told?.leak_L_per_min && leak(told.leak_L_per_min)) parts.push(leak(told.leak_L_per_min));
   if (told?.onset_s !== null && told?.onset_s !== undefined) parts.push(`since ${figure(told.onset_s, 1)} s of the test`);
-  const expected = sections.progress?.expect;
-  if (expected) parts.push(`expected at the end: ${verdict(expected).toLowerCase()}`);
+  if (expected) parts.push(name === expected ? "as expected" : `expected at the end: ${verdict(expected).toLowerCase()}`);
   by("verdict-more").textContent = parts.join("; ");
   by("statistic").hidden = told?.statistic === undefined || told?.statistic === null;
   if (!by("statistic").hidden) {
@@ -183,7 +183,7 @@ export function judged({ sections }) {
   }
   const likely = Object.entries(told?.probabilities ?? {}).filter(([, p]) => p > 0.0005)
     .sort((one, other) => other[1] - one[1]).slice(0, 3);
-  pairs(by("probabilities"), likely.map(([fault, p]) => [verdict(fault), `${figure(100 * p, 1)} %`]));
+  pairs(by("probabilities"), likely.length < 2 ? [] : likely.map(([fault, p]) => [verdict(fault), `${figure(100 * p, 1)} %`]));
 }
 
 export function verdicts({ sections }) {
@@ -193,8 +193,8 @@ export function verdicts({ sections }) {
     element("tbody", "", ...rows.map((each) => element("tr", "",
       element("td", "quiet", clock(each.at_ms)), element("td", "", each.test),
       element("td", "number", `${figure(each.time_s, 1)} s`),
-      element("td", tone(each.verdict), verdict(each.verdict)),
-      element("td", "number", leak(each.leak_L_per_min))))),
+      element("td", tone(each.verdict), shortly(each.verdict)),
+      element("td", "number wraps", leak(each.leak_L_per_min))))),
   ]);
 }
 

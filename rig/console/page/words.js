@@ -12,9 +12,19 @@ const VERDICTS = {
   inconclusive: "Inconclusive",
 };
 
+const SHORT = {
+  external_leakage_1: "External leak 1",
+  external_leakage_2: "External leak 2",
+  internal_leakage: "Internal leak",
+  supply_leakage: "Supply leak",
+};
+
 export const verdict = (name) => (name ? VERDICTS[name] ?? name.replaceAll("_", " ") : "-");
 
-// good, bad or open: by which colour a verdict is shown.
+// For tables.
+export const shortly = (name) => SHORT[name] ?? verdict(name);
+
+// good, fault or open: by which colour a verdict is shown.
 export function tone(name) {
   if (name === "healthy") return "good";
   return !name || name === "inconclusive" ? "open" : "fault";

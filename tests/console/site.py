@@ -1,0 +1,118 @@
+"""A console of a stream that a test feeds, served in a thread, and requests to it."""
+
+import asyncio
+import http.client
+import json
+import re
+import ssl
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+from websockets.sync.client import ClientConnection, connect
+
+from rig.console.address import address_of, with_port
+from rig.console.running import listener_of, server_of
+from rig.console.server import Console, Served
+
+from .fakes import RUNNING, FakeClient, until
+
+TOKEN = "cd" * 32
+Headers = dict[str, str]
+
+
+@dataclass
+class Reply:
+    """What a request came to."""
+
+    status: int
+    headers: Headers
+    text: str
+
+
+@dataclass
+class Site:
+    """A console of one rig that is served in a thread."""
+
+    client: FakeClient
+    console: Console
+    port: int
+    log: list[str] = field(default_factory=list)
+    certificate: Path | None = None
+
+    @property
+    def origin(self) -> str:
+        return f"http{'s' if self.certificate else ''}://127.0.0.1:{self.port}"
+
+    def ask(
+        self, method: str, path: str, body: str | bytes = "", headers: Headers | None = None
+    ) -> Reply:
+        """Send a request, with the header Origin of the console's own page unless given."""
+        connection = self._connection()
+        told = {"Origin": self.origin} | (headers or {})
+        connection.putrequest(method, path, skip_host="Host" in told)
+        for name, value in told.items():
+            if value:
+                connection.putheader(name, value)
+        content = body.encode() if isinstance(body, str) else body
+        if "Transfer-Encoding" not in told:
+            connection.putheader("Content-Length", str(len(content)))
+        connection.endheaders()
+        connection.send(content)
+        got = connection.getresponse()
+        reply = Reply(got.status, {k.lower(): v for k, v in got.getheaders()}, got.read().decode())
+        connection.close()
+        return reply
+
+    def _connection(self) -> http.client.HTTPConnection:
+        if self.certificate is None:
+            return http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        trusted = ssl.create_default_context(cafile=self.certificate)
+        return http.client.HTTPSConnection("127.0.0.1", self.port, timeout=30, context=trusted)
+
+    def log_in(self, name: str = "Anna", token: str = TOKEN, **headers: str) -> Reply:
+        form = urlencode({"name": name, "token": token})
+        return self.ask("POST", "/login", form, headers)
+
+    def cookie(self, name: str = "Anna") -> Headers:
+        """Return the header by which somebody who has logged in is known."""
+        return {"Cookie": self.log_in(name).headers["set-cookie"].partition(";")[0]}
+
+    def order(self, who: Headers, **content: Any) -> tuple[int, dict[str, Any]]:
+        headers = {"Content-Type": "application/json", **who}
+        reply = self.ask("POST", "/order", json.dumps(content), headers)
+        return reply.status, json.loads(reply.text)
+
+    def live(self, who: Headers, **headers: str) -> ClientConnection:
+        url = f"ws://127.0.0.1:{self.port}/live"
+        told = {"Origin": self.origin} | headers
+        origin = told.pop("Origin")
+        return connect(url, origin=origin or None, additional_headers={**who, **told})  # type: ignore[arg-type]
+
+    def is_logged(self, pattern: str) -> bool:
+        return any(re.search(pattern, line) for line in list(self.log))
+
+
+@contextmanager
+def site_served(certificate: Path | None = None, key: Path | None = None) -> Iterator[Site]:
+    """Serve a console of one rig that runs, over TLS if there is a certificate."""
+    anywhere = address_of("127.0.0.1:0", (), certificate, key)
+    listener = listener_of(anywhere)
+    address = with_port(anywhere, listener.getsockname()[1])
+    client = FakeClient(RUNNING)
+    log: list[str] = []
+    console = Console(client, TOKEN, address, Served(), log.append)
+    server = server_of(console)
+    serving = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listener])))
+    serving.start()
+    until(lambda: server.started, "the server to start")
+    try:
+        yield Site(client, console, address.port, log, certificate)
+    finally:
+        server.should_exit = True
+        serving.join()
+        listener.close()

@@ -1,0 +1,88 @@
+"""A stop goes every way there is; nothing is started on a rig that runs."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.console.launcher import Launcher, Offer
+from rig.console.orders import Order, Orders
+from rig.console.seat import Seat
+from rig.console.visitors import Visitor
+from rig.stream.client import Answer
+
+from .fakes import RUNNING, FakeClient
+
+ANNA = Visitor(1, "Anna", 9e9)
+
+
+class FakeLauncher(Launcher):
+    """A launcher that says whether something runs, and keeps what it is asked."""
+
+    def __init__(self, folder: Path, *, running: bool = False) -> None:
+        offers = [Offer(name, name, "", rig, 1) for name, rig in (("a", "bench"), ("b", "other"))]
+        super().__init__(offers, folder, "loopback", None, lambda text: None)
+        self.running = running
+        self.asked: list[str] = []
+
+    def interrupt(self) -> bool:
+        self.asked.append("interrupt")
+        return self.running
+
+    def start(self, name: str) -> None:
+        self.asked.append(f"start {name}")
+
+    def go_on(self, name: str) -> None:
+        self.asked.append(f"go on {name}")
+
+
+@pytest.fixture
+def client() -> FakeClient:
+    return FakeClient(RUNNING)
+
+
+def orders(client: FakeClient, launcher: Launcher) -> Orders:
+    seat = Seat(lambda text: None)
+    seat.take(ANNA)
+    return Orders(client, seat, launcher)
+
+
+def test_a_stop_that_the_stream_answers_leaves_processes_alone(
+    client: FakeClient, tmp_path: Path
+) -> None:
+    launcher = FakeLauncher(tmp_path, running=True)
+    assert orders(client, launcher).carry_out(Order("stop", "bench"), ANNA) == Answer(True)
+    assert (client.sent, launcher.asked) == ([("abort", "bench", "Anna", "")], [])
+
+
+@pytest.mark.parametrize("rig", ["bench", "unheard"])
+def test_a_stop_that_nobody_answers_interrupts_what_was_started_here(
+    client: FakeClient, tmp_path: Path, rig: str
+) -> None:
+    client.answer = Answer(False, "no answer")
+    launcher = FakeLauncher(tmp_path, running=True)
+    answer = orders(client, launcher).carry_out(Order("stop", rig), ANNA)
+    assert (answer.accepted, launcher.asked) == (True, ["interrupt"])
+    assert "interrupted" in answer.reason
+    nothing = orders(client, FakeLauncher(tmp_path)).carry_out(Order("stop", rig), ANNA)
+    assert not nothing.accepted
+
+
+def test_nothing_is_started_on_a_rig_that_runs(client: FakeClient, tmp_path: Path) -> None:
+    launcher = FakeLauncher(tmp_path)
+    desk = orders(client, launcher)
+    for order in (Order("start", name="a"), Order("go on", name="out")):
+        refused = desk.carry_out(order, ANNA)
+        assert (refused.accepted, refused.reason) == (False, "bench has a campaign running")
+    assert desk.carry_out(Order("start", name="b"), ANNA).accepted
+    client.become("bench", alive=False)
+    assert desk.carry_out(Order("start", name="a"), ANNA).accepted
+    assert desk.carry_out(Order("go on", name="out"), ANNA).accepted
+    assert launcher.asked == ["start b", "start a", "go on out"]
+
+
+def test_a_remark_has_its_writers_name(client: FakeClient, tmp_path: Path) -> None:
+    desk = orders(client, FakeLauncher(tmp_path))
+    told: dict[str, Any] = {"rig": "bench", "text": "oil", "name": "first"}
+    assert desk.carry_out(Order("retry", **told), ANNA).accepted
+    assert client.sent == [("retry", "bench", "Anna: oil", "first")]

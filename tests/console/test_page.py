@@ -1,0 +1,125 @@
+"""The page in a browser: stop is always within reach, and what is dead is shown as dead."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from rig.stream.client import Answer
+
+from .conftest import WAIT_MS
+from .fakes import until
+from .site import TOKEN, Site
+
+expect.set_options(timeout=WAIT_MS)
+SMALL = {"width": 420, "height": 900}
+
+
+@pytest.fixture
+def page(browser: Browser, site: Site) -> Iterator[Page]:
+    """Return the page of somebody who has control, on a small screen."""
+    context = browser.new_context(viewport=SMALL, color_scheme="dark")  # type: ignore[arg-type]
+    context.set_default_timeout(WAIT_MS)
+    page = context.new_page()
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on(
+        "console",
+        lambda said: (
+            faults.append(said.text)
+            if said.type == "error" and "status of" not in said.text and "ERR_" not in said.text
+            else None
+        ),
+    )
+    page.goto(site.origin)
+    page.fill("[name=name]", "Anna")
+    page.fill("[name=token]", TOKEN)
+    page.keyboard.press("Enter")
+    expect(page.locator("#life")).to_contain_text("live")
+    page.locator("#seat-button").click()
+    expect(page.locator("#seat")).to_have_text("you have control")
+    yield page
+    context.close()
+    assert faults == []
+
+
+def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page) -> None:
+    site.client.become("bench", alive=False, age_s=7.04)
+    expect(page.locator("#life")).to_have_text("dead for 7.0 s")
+    expect(page.locator("#banners")).to_contain_text("The stream is dead for 7.0 s")
+    expect(page.locator("[data-do=hold]")).to_be_disabled()
+    opacity = "getComputedStyle(document.querySelector('#readings dd')).opacity"
+    assert float(page.evaluate(opacity)) < 0.6
+    site.client.become("bench", alive=True, age_s=0.0)
+    expect(page.locator("#life")).to_contain_text("live")
+    expect(page.locator("#banners")).to_be_empty()
+
+
+def test_a_trip_is_told_with_its_first_out_and_its_remedy(site: Site, page: Page) -> None:
+    first = {"by": "loop", "cause": "ESTOP_OPEN", "sentence": "the emergency stop is open",
+             "remedy": "release it, then reset", "after_s": 0.0}  # fmt: skip
+    trips = {"first_out": [first], "confirmed": {"valve null": 0.001, "bypass shut": None}}
+    site.client.become("bench", health={"trips": trips})
+    expect(page.locator("#banners")).to_contain_text("Tripped: the emergency stop is open")
+    expect(page.locator("#banners")).to_contain_text("release it, then reset")
+    expect(page.locator("#confirmed")).to_contain_text("not confirmed")
+
+
+def test_stop_is_on_the_screen_wherever_one_has_scrolled_and_over_any_dialog(
+    site: Site, page: Page
+) -> None:
+    page.mouse.wheel(0, 5000)
+    page.locator("[data-do=note]").click()
+    expect(page.locator("#dialog")).to_be_visible()
+    box = page.locator("#stop").bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] <= SMALL["height"] + 1
+    assert box["height"] >= 60
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(page.locator("#banners")).to_contain_text("Stop obeyed")
+    assert site.client.sent == [("abort", "bench", "Anna", "")]
+
+
+def test_the_key_stops_while_somebody_writes_and_a_refusal_is_shouted(
+    site: Site, page: Page
+) -> None:
+    site.client.answer = Answer(False, "no answer")
+    page.locator("[data-do=note]").click()
+    page.keyboard.type("oil on the fl")
+    page.keyboard.press("F9")
+    expect(page.locator("#banners")).to_contain_text("Stop not confirmed no answer")
+    expect(page.locator("#banners")).to_contain_text("emergency stop at the rig")
+    assert site.client.sent == [("abort", "bench", "Anna", "")]
+
+
+def test_a_console_that_does_not_answer_is_told_and_found_again(site: Site, page: Page) -> None:
+    page.context.set_offline(True)
+    page.evaluate("rigConsole.socket.close()")
+    expect(page.locator("#life")).to_have_text("no console")
+    page.locator("#stop").click()
+    expect(page.locator("#banners")).to_contain_text("Stop not confirmed")
+    page.context.set_offline(False)
+    expect(page.locator("#life")).to_contain_text("live")
+    assert site.client.sent == []
+
+
+def test_the_page_is_as_wide_as_a_small_screen(page: Page) -> None:
+    assert page.evaluate("document.documentElement.scrollWidth") <= SMALL["width"]
+
+
+def test_the_page_is_worked_by_keyboard_alone(site: Site, page: Page) -> None:
+    page.reload()
+    expect(page.locator("[data-do=hold]")).to_be_enabled()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "stop"
+    page.locator("[data-do=hold]").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#dialog")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("#dialog")).not_to_be_visible()
+    assert site.client.sent == []
+    assert page.evaluate("document.activeElement.dataset.do") == "hold"
+    page.keyboard.press("Enter")
+    page.keyboard.type("lunch")
+    page.keyboard.press("Enter")
+    until(lambda: site.client.sent == [("hold", "bench", "Anna: lunch", "")], "the hold")
