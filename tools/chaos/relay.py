@@ -25,7 +25,7 @@ PARTS: Final = {
     "console": ("console",),
     "everything": RIG,
 }
-"""What is killed by each name. The console is whoever follows the stream."""
+"""What is killed by each name. The console is a process beside the run, which follows it."""
 OUTLIVED: Final = ("publisher", "console")
 """Parts whose end the run does not notice, but for saying so."""
 CAUSED: Final = {"recorder": "RECORDER_LOST"}

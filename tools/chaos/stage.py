@@ -155,11 +155,20 @@ class Stage:
         self.children = {}
 
     def follow(self) -> "subprocess.Popen[str]":
-        """Start somebody who follows the run's stream, and return its process."""
-        given = ("--profile", self.stream.name, "--json")
-        reader = self._python("monitor", *given, output=subprocess.DEVNULL)
-        self._ends.callback(_end, reader, signal.SIGKILL)
-        return reader
+        """Start a console that follows the run; return its process once it serves its page.
+
+        Raises:
+            StageError: it does not.
+        """
+        (port,) = _free_ports(1)
+        given = ("--listen", f"127.0.0.1:{port}", "--profile", self.stream.name)
+        console = self._python("console", *given, output=subprocess.PIPE)
+        self._ends.callback(_end, console, signal.SIGKILL)
+        assert console.stdout is not None
+        told = console.stdout.readline()
+        if not told.startswith("console:"):
+            raise StageError(f"the console did not start: {told}")
+        return console
 
     def _python(
         self, command: str, *arguments: str, output: int | IO[str]

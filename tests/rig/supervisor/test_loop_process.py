@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -90,11 +91,13 @@ class Rig:
 
     def arm(self) -> None:
         """Have the valve enabled, and the ram held where it is."""
+        number = int(self.board.words[Word.SWITCH]) + 1
         armed = segment(
-            2, Drive.HOLD, valve_enable=True, reset_lamp=True, rearm=True, reset=True, homed=True
-        )
+            number, Drive.HOLD, valve_enable=True, reset_lamp=True, rearm=True, reset=True,
+            homed=True,
+        )  # fmt: skip
         self.ask(armed)
-        self.board.words[Word.SWITCH] = 2
+        self.board.words[Word.SWITCH] = number
         wait_until(lambda: self.newest("valve_enabled") == 1.0, "the valve was enabled")
 
     def newest(self, channel: str) -> float:
@@ -115,13 +118,13 @@ class Rig:
         return device["output_V"] == 0.0 and not device["valve_enabled"]
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Iterator[Rig]:
+@contextmanager
+def connected(folder: Path) -> Iterator[Rig]:
     board = Board.create(len(Rig.channels))
     news: list[News] = []
     with EmulatorThread() as emulator:
         child = Child(
-            "loop", "rig.supervisor.loop_process", board, tmp_path / "log", on_news=news.append
+            "loop", "rig.supervisor.loop_process", board, folder / "log", on_news=news.append
         )
         try:
             yield Rig(emulator, board, child, news)
@@ -129,12 +132,24 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
             child.end()
 
 
-def test_a_device_that_is_not_there_is_refused_with_its_name(rig: Rig) -> None:
-    with pytest.raises(DriverError, match="daq"):
-        rig.open(port=1)
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    with connected(tmp_path) as rig:
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """One that outlives its trips: those who use it arm it anew."""
+    with connected(tmp_path_factory.mktemp("opened")) as rig:
+        rig.open()
+        yield rig
 
 
 def test_a_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit(rig: Rig) -> None:
+    # A device that is not there is refused with its name, and may be there later.
+    with pytest.raises(DriverError, match="daq"):
+        rig.open(port=1)
     assert rig.open().grants
     rig.arm()
     loop = rig.test(300)
@@ -156,8 +171,8 @@ def test_a_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit
     assert rig.is_null
 
 
-def test_a_trip_of_another_process_nulls_the_valve_and_ends_the_test(rig: Rig) -> None:
-    rig.open()
+def test_a_trip_of_another_process_nulls_the_valve_and_ends_the_test(opened: Rig) -> None:
+    rig = opened
     rig.arm()
     loop = rig.test(60_000)
     loop.advance(10)
@@ -169,6 +184,7 @@ def test_a_trip_of_another_process_nulls_the_valve_and_ends_the_test(rig: Rig) -
     assert (stopped.value.action, stopped.value.cause) == (Action.TRIP, Cause.BYPASS_STUCK)
     wait_until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
     assert rig.is_null
+    rig.board.words[Word.FIELD_TRIP] = Cause.NONE
 
 
 def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
@@ -180,8 +196,8 @@ def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
     assert "by another one" in rig.news[0].text
 
 
-def test_a_lost_count_trips_and_the_position_is_no_longer_known(rig: Rig) -> None:
-    rig.open()
+def test_a_lost_count_trips_and_the_position_is_no_longer_known(opened: Rig) -> None:
+    rig = opened
     rig.arm()
     assert rig.board.words[Word.HOMED] == 1
     rig.emulator.inject(fault="lost_counts", counts=40, flagged=True)
