@@ -20,7 +20,7 @@ FIGURES: Final = {
     "verdict": ("", "what the detector held at the end"),
     "right": ("", "whether that is what was injected"),
     "detected_at_s": ("s", "when it first held that verdict; none if it is no fault"),
-    "latency_s": ("s", "from the onset to there, where the verdict is right"),
+    "latency_s": ("s", "from the onset to when the right verdict was first held after it"),
     "false_alarm": ("", "whether a fault was held while there was none"),
     "statistic": ("", "test statistic at the end"),
     "threshold": ("", "what a healthy rig exceeds at the stated rate of false alarms"),

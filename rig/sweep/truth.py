@@ -35,11 +35,14 @@ def outcome_columns(group: "Group", verdicts: NDArray[np.str_], ends_s: Array) -
     before = np.where(np.isnan(onset_s), np.inf, onset_s)
     early = (~silent & (ends_s[:, None] <= before)).any(axis=0)
     right = final == faults
+    # What was held before the onset was a false alarm; the leak was found when it was held after.
+    since = (verdicts == final) & (ends_s[:, None] > np.nan_to_num(onset_s, nan=-1.0))
+    latency_s = ends_s[np.argmax(since, axis=0)] - onset_s
     return {
         "verdict": final,
         "right": right,
         "detected_at_s": detected_s,
-        "latency_s": np.where(right & ~silent[-1], detected_s - onset_s, np.nan),
+        "latency_s": np.where(right & ~silent[-1], latency_s, np.nan),
         "false_alarm": early,
     }
 

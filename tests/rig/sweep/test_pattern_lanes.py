@@ -87,6 +87,9 @@ def test_lanes_are_judged_as_by_the_detector_of_one_rig(setting: Setting, cases:
         else:
             assert figures["detected_at_s"][lane] == pytest.approx(detected_s)
     assert len(verdicts) == 4  # every pattern occurs
+    named = figures["right"] & (figures["verdict"] != "healthy")
+    assert np.isfinite(figures["latency_s"][named]).all()
+    assert not (figures["latency_s"][named] < 0.0).any()
 
 
 def test_a_filter_that_ran_away_is_told(setting: Setting, cases: Cases) -> None:
