@@ -90,7 +90,13 @@ def absorbed(search: Search, found: Found) -> list[str]:
             linear = fitter.linearise(values, [*base, column])
             products = left(linear, [column.name], [each.name for each in base])
             whole = float(linear.products[:, -1, -1].sum())
-            if float(products[0, 0]) < ABSORBED * whole:
+            # What size of it the refit would be: air makes no oil stiffer.
+            own = linear.indices([nuisance.parameter + ".", column.name])
+            both = linear.products.sum(0)[np.ix_(own, own)]
+            moved = values[nuisance.parameter] - plant.nominal[nuisance.parameter]
+            size = moved * float(both[0, 1]) / max(float(both[1, 1]), 1e-300)
+            possible = column.lower <= size <= column.upper
+            if possible and float(products[0, 0]) < ABSORBED * whole:
                 said.append(
                     f"the refit of {nuisance.parameter} by {shift:+.1%} may be {other} as well, "
                     f"of which these motions show no more: {why}"
