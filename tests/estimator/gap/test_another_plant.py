@@ -7,9 +7,13 @@ import sys
 from pathlib import Path
 from shutil import copy
 
+import numpy as np
 import pytest
 import yaml
 
+from estimator.gap.model_error import likely_model_error
+from estimator.gap.predictor import Predictor
+from estimator.gap.records import record_of
 from estimator.gap.workflow import find_gap
 from rig.configuration.plant_file import PlantModel
 from rig.configuration.plant_loading import load_plant
@@ -67,3 +71,42 @@ def test_a_hidden_delay_is_named_from_outside_the_package(tmp_path: Path) -> Non
     revised = load_plant(f"{tmp_path / 'axis.py'}:axis", tmp_path / "out" / "model.yaml")
     found = effect["parameters"]["value"]["value"]
     assert revised.plant.nominal["delay"] == pytest.approx(found, rel=1e-6)
+
+
+def test_a_mistake_in_the_plant_ends_the_program_with_one_line_and_code_2(tmp_path: Path) -> None:
+    text = (EXAMPLE / "axis.py").read_text().replace("par.mass, grip_rate", "par.mas, grip_rate")
+    (tmp_path / "axis.py").write_text(text)
+    copy(EXAMPLE / "axis.yaml", tmp_path / "axis.yaml")
+    # fmt: off
+    done = subprocess.run(
+        [Path(sys.executable).with_name("rig"), "gap", "fit.csv", "--holdout", "held.csv",
+         "--plant", "axis:axis", "--model", "axis.yaml", "--out", "out"],
+        cwd=tmp_path, capture_output=True, text=True, check=False, env=dict(os.environ),
+    )
+    # fmt: on
+    assert done.returncode == 2
+    assert "did you mean mass?" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_twin_of_an_axis_with_delay_has_the_innovations_of_its_own_noise(
+    axis: PlantModel,
+) -> None:
+    predictor = Predictor(axis.plant)
+    values = {**axis.plant.nominal, "delay": 2.6e-3}
+    record = record_of(recorded("sines", 5, 4.0, delay=2.6e-3), axis.plant)
+    twin = predictor.twin(record, values, 1)
+    predictor.filter(twin, values)
+    innovations = predictor.innovations(twin, values)[0][500:]
+    assert np.sqrt(np.mean(innovations**2)) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_model_error_that_a_rougher_axis_bears_out_is_the_greater(axis: PlantModel) -> None:
+    smooth = recorded("sines", 7, 4.0)
+    rough = recorded("sines", 7, 4.0, cogging=3.0, pitch=0.002)
+    least, _ = likely_model_error([smooth], axis.plant)
+    most, likelihoods = likely_model_error([rough], axis.plant)
+    assert least < 1.0
+    assert most > 4.0 * least
+    assert np.all(np.isfinite(likelihoods))
