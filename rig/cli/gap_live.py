@@ -18,7 +18,7 @@ from rig.loop.trip import StopRequestedError, TripError
 from rig.plant import Model
 from rig.runner import StopFlag, TestOutcome, stop_on_signals
 from rig.runner.apart import ApartError, apart
-from rig.runner.directory import DirectoryError
+from rig.runner.directory import make_empty
 from rig.runner.experiment_parts import ExperimentStoppedError
 from rig.runner.gap_closing import close_gap
 from rig.runner.gap_plan import Programme, motions_campaign
@@ -65,7 +65,7 @@ def close_on_rig(
         limit = f"the rig {rig.name} is hardware, which runs at the wall clock"
         click.echo(f"--pace fast: {limit}; leave the option out", err=True)
         return EXIT_BAD_INPUT
-    _make_empty(out)
+    make_empty(out)
     stop = StopFlag()
     # With --json nothing but the figures goes to stdout.
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
@@ -109,17 +109,6 @@ def _reference(reference: str) -> str:
     """Return a name as it is, and the path of a file so that it is found from any folder."""
     path = Path(reference).expanduser()
     return str(path.resolve()) if path.is_file() else reference
-
-
-def _make_empty(directory: Path) -> None:
-    if directory.is_dir() and any(directory.iterdir()):
-        raise DirectoryError([f"{directory}: is not empty; give --out a new or empty folder"])
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        line = f"{directory}: cannot be written: {reason}; choose another --out"
-        raise DirectoryError([line]) from error
 
 
 class _Progress(CampaignProgress):

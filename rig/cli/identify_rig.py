@@ -19,8 +19,8 @@ from rig.loop.trip import TripError
 from rig.plant import Model
 from rig.recording.targets import replacing
 from rig.report.friction_experiment import experiment_page, parameter_rows, remarks
-from rig.runner import DirectoryError, StopFlag, TestOutcome, stop_on_signals
-from rig.runner.directory import default_directory
+from rig.runner import StopFlag, TestOutcome, stop_on_signals
+from rig.runner.directory import default_directory, make_empty
 from rig.runner.experiment_parts import ExperimentStoppedError
 from rig.runner.friction_experiment import (
     FrictionExperiment,
@@ -77,7 +77,7 @@ def run_on_rig(
         return EXIT_BAD_INPUT
     begun = datetime.now(UTC)
     directory = out or default_directory(f"friction-{rig.name}", begun)
-    _make_empty(directory)
+    make_empty(directory)
     stop = StopFlag()
     # With --json nothing but the figures goes to stdout.
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))
@@ -107,19 +107,6 @@ def run_on_rig(
         model = f"model: {directory / 'model.yaml'}" if found.fit else "model: none, see above"
         screen.print(f"{model}\nplots: {directory / 'friction.html'}", soft_wrap=True)
     return 0 if found.fit is not None else EXIT_NOT_IDENTIFIED
-
-
-def _make_empty(directory: Path) -> None:
-    if directory.exists() and not directory.is_dir():
-        raise DirectoryError([f"{directory}: is a file; give --out a folder"])
-    if directory.is_dir() and any(directory.iterdir()):
-        raise DirectoryError([f"{directory}: is not empty; give --out a new or empty folder"])
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        line = f"{directory}: cannot be written: {reason}; choose another --out"
-        raise DirectoryError([line]) from error
 
 
 def _write(found: FrictionExperiment, directory: Path, started: str) -> None:

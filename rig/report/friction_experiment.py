@@ -1,14 +1,10 @@
 """The page of `rig identify friction --rig`: figure 3.1, and what was found, in words."""
 
 from collections.abc import Iterator
-from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 from numpy.typing import NDArray
-from plotly.offline import get_plotlyjs
 
 from estimator.friction import model_curve
 from estimator.friction_fit import PARAMETERS
@@ -17,10 +13,10 @@ from rig.runner.friction_experiment import FrictionExperiment
 
 from .friction import MM, both_ways
 from .friction_words import in_words, needs_in_words, shown
+from .templating import rendered
 
 Array = NDArray[np.float64]
 
-_TEMPLATES: Final = "templates"
 _INTERVAL: Final = 1.96
 _SLOWEST: Final = 1e-4
 _MISFIT: Final = 4.0
@@ -29,23 +25,15 @@ _MISFIT: Final = 4.0
 
 def experiment_page(experiment: FrictionExperiment, started: str) -> str:
     """Return the HTML page of an experiment, begun at a date and time (UTC)."""
-    environment = Environment(
-        loader=PackageLoader("rig.report", _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("friction_experiment.html.j2").render(
+    return rendered(
+        "friction_experiment.html.j2",
+        "friction_experiment.js",
         rig=experiment.rig,
         model=experiment.assumed.name,
         started=started,
         parameters=list(parameter_rows(experiment)),
         remarks=list(remarks(experiment)),
         figures={"places": _places(experiment), "curve": _curve(experiment)},
-        style=_asset("report.css"),
-        script=_asset("friction_experiment.js"),
-        plotly=Markup(get_plotlyjs()),
     )
 
 
@@ -151,10 +139,6 @@ def _curve(experiment: FrictionExperiment) -> dict[str, Any]:
         drawn["fitted"] = _numbers(force)
         drawn["upper"], drawn["lower"] = _numbers(force + half), _numbers(force - half)
     return drawn
-
-
-def _asset(name: str) -> Markup:
-    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))
 
 
 def _numbers(values: Array) -> list[float | None]:

@@ -1,13 +1,9 @@
 """The page of `rig identify friction`: one HTML file with the curves and how they change."""
 
 from collections.abc import Sequence
-from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from estimator.friction import model_curve
 from estimator.friction_fit import PARAMETERS
@@ -15,8 +11,8 @@ from rig.plant import Model
 
 from .friction import MM, both_ways
 from .friction_words import FrictionRun, changes_in_words, in_words, needs_in_words, shown
+from .templating import rendered
 
-_TEMPLATES: Final = "templates"
 _INTERVAL: Final = 1.96
 _DIGITS: Final = 5
 
@@ -28,15 +24,10 @@ def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
         runs: at least one, oldest first.
         model: what the filter assumed.
     """
-    environment = Environment(
-        loader=PackageLoader("rig.report", _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     units = {name: each.unit for name, each in runs[0].curve.estimates.items()}
-    return environment.get_template("friction.html.j2").render(
+    return rendered(
+        "friction.html.j2",
+        "friction.js",
         runs=runs,
         model=model.name,
         parameters=[(name, in_words(name), units[name]) for name in PARAMETERS],
@@ -44,14 +35,7 @@ def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
         changes=list(changes_in_words(runs)),
         needs=[(run, list(needs_in_words(run.curve))) for run in runs],
         figures={"curves": _curves(runs, model), "trends": _trends(runs, model)},
-        style=_asset("report.css"),
-        script=_asset("friction.js"),
-        plotly=Markup(get_plotlyjs()),
     )
-
-
-def _asset(name: str) -> Markup:
-    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))
 
 
 def _curves(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:

@@ -1,13 +1,7 @@
 """Writes a campaign's report: one HTML file that needs nothing else, not even a network."""
 
 import shlex
-from importlib.resources import files
 from pathlib import Path
-from typing import Final
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from rig.recording.targets import replacing
 from rig.runner.directory import REPORT
@@ -15,9 +9,8 @@ from rig.runner.outcome import CampaignOutcome, Status
 
 from .sections import sections_of
 from .summary import false_alarm_words, full_scale, rows_of, smallest_rows
+from .templating import rendered
 from .wording import STATUS_LABELS, detection_summary, headline, when
-
-_TEMPLATES: Final = "templates"
 
 
 def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
@@ -43,14 +36,9 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
     """Return the report of a campaign as HTML; see `write_report`."""
     sections = sections_of(outcome, directory)
     rows = rows_of(outcome, sections)
-    environment = Environment(
-        loader=PackageLoader("rig.report", _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(
+    return rendered(
+        "report.html.j2",
+        "report.js",
         outcome=outcome,
         started=when(outcome.started),
         headline=headline(outcome),
@@ -65,15 +53,7 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
         smallest=smallest_rows(sections),
         intervals=any(row.chart.lower is not None for row in rows),
         command=_rerun(outcome),
-        style=_asset("report.css"),
-        script=_asset("report.js"),
-        # Last in the page, so that all text is there before it is parsed.
-        plotly=Markup(get_plotlyjs()),
     )
-
-
-def _asset(name: str) -> Markup:
-    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))
 
 
 def _rerun(outcome: CampaignOutcome) -> str:

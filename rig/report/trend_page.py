@@ -1,18 +1,14 @@
 """The page of trends over runs: what changes first, then every figure of every test."""
 
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from rig.recording.targets import replacing
 from rig.runner.trend import Trend
 
-_TEMPLATES: Final = "templates"
+from .templating import rendered
+
 _INTERVAL: Final = 1.96
 TREND: Final = "trend.html"
 """Its name in a schedule's folder."""
@@ -30,25 +26,17 @@ def write_trend(trends: Sequence[Trend], path: Path, title: str) -> None:
 
 def trend_page(trends: Sequence[Trend], title: str) -> str:
     """Return the HTML page of trends; it fetches nothing."""
-    environment = Environment(
-        loader=PackageLoader("rig.report", _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     tests: dict[tuple[str, str], list[tuple[int, Trend]]] = {}
     for index, trend in enumerate(trends):
         tests.setdefault((trend.campaign, trend.test), []).append((index, trend))
-    return environment.get_template("trend.html.j2").render(
+    return rendered(
+        "trend.html.j2",
+        "trend.js",
         title=title,
         changing=[trend for trend in trends if trend.changes],
         tests=tests,
         runs=len({point.run for trend in trends for point in trend.points}),
         figures=[_figure(trend) for trend in trends],
-        style=_asset("report.css"),
-        script=_asset("trend.js"),
-        plotly=Markup(get_plotlyjs()),
     )
 
 
@@ -73,7 +61,3 @@ def _line(trend: Trend) -> list[float] | None:
     mean = sum(point.value for point in trend.points) / len(days)
     start = mean - trend.slope * sum(days) / len(days)
     return [start, start + trend.slope * (last - first).total_seconds() / 86400.0]
-
-
-def _asset(name: str) -> Markup:
-    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))

@@ -79,6 +79,24 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
         raise DirectoryError([line]) from error
 
 
+def make_empty(directory: Path) -> None:
+    """Make a folder for what an experiment writes; one that is there must be empty.
+
+    Raises:
+        DirectoryError: it is a file, holds something, or cannot be made.
+    """
+    if directory.exists() and not directory.is_dir():
+        raise DirectoryError([f"{directory}: is a file; give --out a folder"])
+    if directory.is_dir() and any(directory.iterdir()):
+        raise DirectoryError([f"{directory}: is not empty; give --out a new or empty folder"])
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        line = f"{directory}: cannot be written: {reason}; choose another --out"
+        raise DirectoryError([line]) from error
+
+
 def log_error(directory: Path, what: str) -> Path:
     """Add the traceback of the exception being handled to a run's log; return the log's path."""
     path = directory / ERRORS
