@@ -76,7 +76,10 @@ def test_conditions_that_are_no_list_are_told(tmp_path: Path) -> None:
         load_campaign(path)
 
 
-def test_yaml_whose_aliases_unfold_without_bound_is_refused(tmp_path: Path) -> None:
+def test_yaml_whose_aliases_unfold_without_bound_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.configuration.document.MAX_VALUES", 5000)  # the true limit takes long
     levels = ["a: &a [x, x, x, x, x, x, x, x, x, x]"]
     names = "abcdefghij"
     for below, name in pairwise(names):
