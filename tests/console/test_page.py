@@ -48,11 +48,13 @@ def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page
     expect(page.locator("#life")).to_have_text("dead for 7.0 s")
     expect(page.locator("#banners")).to_contain_text("The stream is dead for 7.0 s")
     expect(page.locator("[data-do=hold]")).to_be_disabled()
+    expect(page.locator("#campaign-name")).to_have_text("leaks, was running")
     opacity = "getComputedStyle(document.querySelector('#readings dd')).opacity"
     assert float(page.evaluate(opacity)) < 0.6
     site.client.become("bench", alive=True, age_s=0.0)
     expect(page.locator("#life")).to_contain_text("live")
     expect(page.locator("#banners")).to_be_empty()
+    expect(page.locator("#campaign-name")).to_have_text("leaks, running")
 
 
 def test_a_trip_is_told_with_its_first_out_and_its_remedy(site: Site, page: Page) -> None:

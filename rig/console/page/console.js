@@ -93,6 +93,11 @@ function render() {
     if (views[name] && (name in sections || name in common)) views[name](link);
   }
   if (["life", "campaign", "progress", "seat", "launch", "rig", "interlocks"].some((name) => dirty.has(name))) actions();
+  if (sections.life?.life !== render.life) {
+    render.life = sections.life?.life;
+    views.campaign(link);
+    dirty.add("campaign");
+  }
   if (["campaign", "progress"].some((name) => dirty.has(name))) views.queue(link);
   if (["decision", "progress"].some((name) => dirty.has(name))) views.judged(link);
   if (["events", "notices"].some((name) => dirty.has(name))) views.happened(link);

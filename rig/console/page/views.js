@@ -128,9 +128,12 @@ export function progress({ sections }) {
   by("progress-bar").style.width = `${100 * part}%`;
 }
 
+// What is known of a rig that is not heard any more is what was.
+const now = (sections, status) => (status === "running" && sections.life?.life === "dead" ? "was running" : status);
+
 export function campaign({ sections }) {
-  const told = sections.campaign;
-  by("campaign-name").textContent = told.name ? `${told.name}, ${told.status}` : "none";
+  const told = sections.campaign ?? {};
+  by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, told.status)}` : "none";
   by("campaign-more").textContent = told.name
     ? `rig ${told.rig}, model ${told.model}, filter ${told.filter}; begun ${clock(told.begun_ms)}, ${lasted(told.rig_time_s)} of rig time` : "";
 }
@@ -141,18 +144,18 @@ export function launch({ common }) {
 }
 
 export function queue({ sections }) {
-  const { campaign: told, progress: now } = sections;
+  const { campaign: told, progress } = sections;
   if (!told?.tests) return;
-  const running = told.status === "running" ? now?.name : null;
+  const running = told.status === "running" ? progress?.name : null;
   put(by("tests"), [
     head("", "test", "expected", "found", ""),
     element("tbody", "", ...told.tests.map((test, k) => {
-      const runs = test.name === running && (!test.status || test.status === "running" || now.time_s < now.duration_s);
+      const runs = test.name === running && (!test.status || test.status === "running" || progress.time_s < progress.duration_s);
       const status = runs ? "running" : test.status || (told.status === "running" ? "waits" : "not run");
       return element("tr", runs ? "runs" : "",
         element("td", "number quiet", `${k + 1}`), element("td", "", test.name),
         element("td", "", shortly(test.expect)), element("td", "", runs ? "" : test.verdict ? shortly(test.verdict) : ""),
-        element("td", `status ${status.replaceAll(" ", "-")}`, status));
+        element("td", `status ${status.replaceAll(" ", "-")}`, now(sections, status)));
     })),
   ]);
 }
