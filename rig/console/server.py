@@ -35,6 +35,7 @@ MESSAGES_PER_S: Final = 10
 MOST_VIEWERS: Final = 40
 LOOK_S: Final = 0.5
 """How often it is looked after what was started, and who watches."""
+MOST_FAILURES: Final = 100
 LOGGED_OUT: Final = 4401
 UNWELCOME: Final = 1008
 TOO_LARGE: Final = 1009
@@ -87,6 +88,7 @@ class Console:
         self.cookie = f"rig-console-{self.address.port}"
         self._looked_at = 0.0
         self._names: dict[int, str] = {}
+        self._failures: set[str] = set()
 
     def say(self, text: str) -> None:
         """Log something, and show it to all viewers."""
@@ -126,18 +128,35 @@ class Console:
         loop = asyncio.get_running_loop()
         while True:
             now = loop.time()
-            self.feed.tick(now)
-            if now - self._looked_at >= LOOK_S:
-                self._looked_at = now
-                self._look()
+            try:
+                self.feed.tick(now)
+                if now - self._looked_at >= LOOK_S:
+                    self._looked_at = now
+                    self._look()
+            except Exception as error:  # whatever it is, the next look may do without it
+                self._failed(error)
             await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
 
     def _look(self) -> None:
+        try:
+            self._tell()
+        except Exception as error:  # whatever it is, an order that was obeyed stays obeyed
+            self._failed(error)
+
+    def _tell(self) -> None:
+        """Tell all viewers of the console itself."""
         self.launcher.look()
         self.feed.common.put("launch", self.launcher.content())
         self.feed.common.put("seat", {**self.seat.content(), "here": self._is_here()})
         watching = [{"number": number, "name": self._names[number]} for number in self.viewers]
         self.feed.common.put("viewers", watching)
+
+    def _failed(self, error: Exception) -> None:
+        """Log an error of this program, each kind of it once."""
+        told = f"failed: {type(error).__name__}: {error}"
+        if told not in self._failures and len(self._failures) < MOST_FAILURES:
+            self._failures.add(told)
+            self.log(told)
 
     def _is_here(self) -> bool:
         return self.seat.holder is not None and self.seat.holder.number in self.viewers

@@ -315,6 +315,22 @@ def test_a_flood_of_messages_ends_the_view(site: Site) -> None:
     until(lambda: site.is_logged("too many messages"), "the log")
 
 
+def test_a_failure_is_logged_once_and_the_view_goes_on(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> dict[str, Any]:
+        raise OSError("the disk is gone")
+
+    monkeypatch.setattr(site.console.launcher, "content", fail)
+    with site.live(site.cookie()) as live:
+        for _ in range(30):
+            assert heard(live, "points")["points"]
+        assert site.order(site.cookie("Ben"), order="take") == (
+            200, {"accepted": True, "reason": ""},
+        )  # fmt: skip
+    assert [line for line in site.log if "failed" in line] == ["failed: OSError: the disk is gone"]
+
+
 def test_another_rig_is_shown_when_it_is_asked_for(site: Site) -> None:
     site.client.shots["other"] = Snapshot(rig="other", alive=True, age_s=0.0)
     with site.live(site.cookie()) as live:
