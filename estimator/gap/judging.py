@@ -10,7 +10,7 @@ from .fit import Fitter
 from .linear import cost_of, slices_of
 from .results import Curve, Verdict
 from .search import CHANCE, HELD_OUT, MATERIAL, Found, Search, deviate
-from .variables import Values
+from .variables import Values, Variable
 
 EXPLAINED: Final = 0.8
 """Of the excess in prediction error: what named effects must take away to be the whole answer."""
@@ -23,6 +23,8 @@ NOWHERE: Final = 0.3
 share if force, both flows and the spool were wrong alike."""
 FREE: Final = 0.05
 """Part of the excess that a free curve may still take away once the whole answer is named."""
+_PINNED: Final = 1e-3
+"""Of a size's plausible range: nearer to one of its ends it would go further if it might."""
 CONFIRMED: Final = 0.1
 """Part of what an effect would gain on held-out recordings, were it exact, that it must gain."""
 
@@ -131,6 +133,9 @@ def judge(
     unexplained = excess > MATERIAL and (not found.named or found.explained < EXPLAINED)
     if free > MATERIAL and (unexplained or free > FREE * before):
         return Judgement("unknown_effect", _unknown(found, rest[0]))
+    beyond = _at_an_end(found)
+    if beyond and excess > MATERIAL:
+        return Judgement("unknown_effect", (_implausible(found, beyond, excess),))
     if found.named and held_out > max(HELD_OUT, (1.0 - EXPLAINED) * held_out_before):
         return Judgement("unknown_effect", (_not_held_out(found, held_out, held_out_before),))
     if found.named:
@@ -145,6 +150,30 @@ def judge(
             ),
         )
     return Judgement("adequate", _adequate(excess))
+
+
+def _at_an_end(found: Found) -> list[Variable]:
+    """Return the sizes of named effects that are at an end of what is plausible."""
+    names = {named.effect for named in found.named}
+    sizes = {v.name: v for v in reversed(found.variables) if v.key and v.name in names}
+    pinned = []
+    for variable in sizes.values():
+        value, given = (f.values[variable.parameter] for f in (found.fitted, found.given))
+        near = _PINNED * (variable.upper - variable.lower)
+        ends = [end for end in (variable.lower, variable.upper) if abs(end - given) > near]
+        if any(abs(value - end) <= near for end in ends):
+            pinned.append(variable)
+    return pinned
+
+
+def _implausible(found: Found, beyond: Sequence[Variable], excess: float) -> str:
+    sizes = " and ".join(
+        f"{variable.name} of {found.fitted.values[variable.parameter]:.3g}" for variable in beyond
+    )
+    return (
+        f"{sizes}, the most that is plausible, would explain a part, but {excess:.2g} noise "
+        "variances a reading stay: it stands in for something else, so that nothing is named"
+    )
 
 
 def _unknown(found: Found, curve: Curve) -> tuple[str, ...]:

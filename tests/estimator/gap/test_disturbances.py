@@ -197,14 +197,16 @@ def test_the_linearised_course_answers_to_kicks_as_the_filter_does() -> None:
     assert answer == pytest.approx(changed, rel=1e-5, abs=1e-6 * float(np.abs(changed).max()))
 
 
-def _found(before: float, after: float, named: bool) -> Any:
+def _found(before: float, after: float, named: bool, size: float = 200.0) -> Any:
     def fitted(cost: float) -> SimpleNamespace:
-        return SimpleNamespace(cost=1000.0 * (1.0 + cost))
+        return SimpleNamespace(cost=1000.0 * (1.0 + cost), values={"constant_force": size})
 
     effect = SimpleNamespace(effect="constant_force", per_reading=1.0, gain=9.0, bar=1.0, z=9.0)
     return SimpleNamespace(
+        given=SimpleNamespace(values={"constant_force": 0.0}),
         refitted=fitted(before), fitted=fitted(after), samples=1000, floor=1.0,
         explained=1.0 - after / before, named=[effect] if named else [],
+        variables=(Variable("constant_force", "value", "constant_force", 1.0, -5e3, 5e3),),
     )  # fmt: skip
 
 
@@ -244,6 +246,21 @@ def test_names_that_do_not_explain_the_recordings_held_out_are_not_claimed() -> 
     found = _found(5.0, 0.02, True)
     assert judge(found, [], [], 3.0, 5.0).verdict == "unknown_effect"
     assert judge(found, [], [], 0.5, 5.0).verdict == "missing_effect"
+
+
+@pytest.mark.parametrize(
+    ("size", "after", "verdict"),
+    [
+        (5e3, 0.6, "unknown_effect"),
+        (-5e3, 0.6, "unknown_effect"),
+        (5e3, 0.005, "missing_effect"),
+        (4e3, 0.6, "missing_effect"),
+    ],
+)
+def test_the_most_that_is_plausible_is_no_finding_if_it_leaves_much(
+    size: float, after: float, verdict: str
+) -> None:
+    assert judge(_found(5.0, after, True, size), [], [], 0.0).verdict == verdict
 
 
 def test_recordings_held_out_that_no_finding_explains_support_no_verdict() -> None:
