@@ -1,6 +1,7 @@
 """`rig console`: the operator's web page."""
 
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -94,4 +95,6 @@ def command(
 
 def _log(text: str) -> None:
     shown = "".join(c if c.isprintable() else " " for c in text)
-    click.echo(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {shown}", err=True)
+    # A terminal that is gone, or a full disk, is no reason not to stop a rig.
+    with suppress(OSError):
+        click.echo(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {shown}", err=True)

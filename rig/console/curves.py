@@ -21,6 +21,10 @@ POINTS: Final = round(SHOWN_S / POINT_S)
 AVERAGED_S: Final = 4.0
 """Of the moving average of absolute innovations, as in the thesis (section 4.4)."""
 
+LARGEST: Final = 1e9
+"""What is beyond, in any unit of the screen, is no sample: infinity is no JSON, and an axis whose
+steps are less than its rounding is never drawn to its end."""
+
 MM: Final = 1e3
 MPA: Final = 1e-6
 KPA: Final = 1e-3
@@ -157,4 +161,5 @@ def _stretches(test: NDArray[np.int64]) -> list[tuple[int, int]]:
 
 
 def _listed(values: Array, digits: int) -> list[float | None]:
-    return [None if value != value else value for value in np.round(values, digits).tolist()]
+    found = np.round(values, digits).tolist()
+    return [value if abs(value) < LARGEST else None for value in found]

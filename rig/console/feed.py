@@ -4,6 +4,7 @@ A viewer asks for what is newer than what it has. Nobody waits for one that is s
 """
 
 import json
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -36,14 +37,17 @@ class Sections:
         self._texts: dict[str, str] = {}
         self._changed: dict[str, int] = {}
         self.number = 0
+        self._lock = threading.Lock()
 
     def put(self, name: str, content: Any) -> None:
         """Say what a section is now."""
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-        if self._texts.get(name) != text:
-            self.number += 1
-            self._texts[name] = text
-            self._changed[name] = self.number
+        # Orders are carried out, and told of, in threads.
+        with self._lock:
+            if self._texts.get(name) != text:
+                self.number += 1
+                self._texts[name] = text
+                self._changed[name] = self.number
 
     def since(self, number: int) -> dict[str, str]:
         """Return the JSON of the sections that have changed after a number."""
@@ -123,7 +127,14 @@ class Feed:
             try:
                 feed.follow(self._client, now)
                 living[rig] = self._client.snapshot(rig).alive
-            except (MessageError, LookupError, KeyError, TypeError, ValueError):
+            except (
+                MessageError,
+                LookupError,
+                TypeError,
+                ValueError,
+                ArithmeticError,
+                RecursionError,
+            ):
                 # Whoever may publish on these keys may publish nonsense.
                 living[rig] = False
         self.common.put("rigs", [{"rig": rig, "alive": alive} for rig, alive in living.items()])

@@ -144,7 +144,8 @@ class Launcher:
         popen: Open = subprocess.Popen,
     ) -> None:
         self.offers = {offer.name: offer for offer in offers}
-        self._folder = folder
+        # Absolute: no folder's name is taken for an option of the command that is given it.
+        self._folder = folder.absolute()
         self._profile = profile
         self._rig = rig
         self._say = say
@@ -177,6 +178,16 @@ class Launcher:
             raise LaunchRefused("there is no such unfinished run")
         folder = self._folder / name
         self._run(name, folder, [str(folder), "--resume"])
+
+    def rig_of(self, name: str) -> str:
+        """Return the rig on which an offered campaign runs; empty if there is no such offer."""
+        offer = self.offers.get(name)
+        return "" if offer is None else self._rig or offer.rig
+
+    def under_way(self) -> str:
+        """Return the name of the folder of what runs here; empty if nothing does."""
+        running = [launched for launched in self._launched if launched.exit_code is None]
+        return running[-1].folder.name if running else ""
 
     def interrupt(self) -> bool:
         """Stop what runs here as Ctrl-C does; return whether there was anything."""

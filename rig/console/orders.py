@@ -1,6 +1,7 @@
 """What may be asked of the console, by whom: every order of the page goes through here."""
 
 import json
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
@@ -60,6 +61,11 @@ def parse(body: bytes) -> Order:
         raise MalformedError("has not the keys of an order")
     if not all(isinstance(value, str) for value in content.values()):
         raise MalformedError("has a value that is no text")
+    try:
+        "".join(content.values()).encode()
+    except UnicodeEncodeError:
+        # Half a character, which no viewer and no rig can be sent.
+        raise MalformedError("has a value that is no text") from None
     if content.get("order") not in ORDERS:
         raise MalformedError("is none that there is")
     if any(len(content.get(key, "")) > LONGEST_NAME for key in ("rig", "name")):
@@ -82,6 +88,8 @@ class Orders:
         self._client = client
         self._seat = seat
         self._launcher = launcher
+        self._one_at_a_time = threading.Lock()
+        """Held while the seat changes hands, or a run is started."""
 
     def carry_out(self, order: Order, visitor: Visitor) -> Answer:
         """Do what is asked for, if this visitor may, and return what came of it.
@@ -91,19 +99,31 @@ class Orders:
         try:
             if order.order == STOP:
                 return self._stop(order, visitor)
-            if order.order in ("take", "take over"):
-                self._seat.take(visitor, over=order.order == "take over")
-                return Answer(True)
-            self._seat.require(visitor)
-            if order.order == "release":
-                self._seat.release(visitor)
-                return Answer(True)
-            if order.order in ("start", "go on"):
-                self._launch(order)
-                return Answer(True)
+            with self._one_at_a_time:
+                if self._is_done_here(order, visitor):
+                    return Answer(True)
             return self._send(cast(CommandName, order.order), order, visitor, COMMAND_S)
         except (SeatTaken, LaunchRefused, UnknownRigError, KeyFileError) as refusal:
             return Answer(False, str(refusal))
+
+    def leave(self, visitor: Visitor) -> None:
+        """Let go of control for somebody who logs out."""
+        with self._one_at_a_time:
+            self._seat.release(visitor)
+
+    def _is_done_here(self, order: Order, visitor: Visitor) -> bool:
+        """Do what needs no rig; return whether that is all."""
+        if order.order in ("take", "take over"):
+            self._seat.take(visitor, over=order.order == "take over")
+            return True
+        self._seat.require(visitor)
+        if order.order == "release":
+            self._seat.release(visitor)
+        elif order.order in ("start", "go on"):
+            self._launch(order)
+        else:
+            return False
+        return True
 
     def _send(self, command: CommandName, order: Order, visitor: Visitor, wait_s: float) -> Answer:
         said = f"{visitor.name}: {order.text}" if order.text else visitor.name
@@ -112,17 +132,42 @@ class Orders:
     def _stop(self, order: Order, visitor: Visitor) -> Answer:
         """Abort by the stream; what was started here also as Ctrl-C does, if that is not heard."""
         try:
-            answer = self._send("abort", Order(STOP, order.rig, order.text), visitor, STOP_S)
-        except (UnknownRigError, KeyFileError) as refusal:
-            answer = Answer(False, str(refusal))
-        if not answer.accepted and self._launcher.interrupt():
-            return Answer(True, "the stream did not answer; the process was interrupted")
-        return answer
+            rig = order.rig or self._only_living()
+            answer = self._send("abort", Order(STOP, rig, order.text), visitor, STOP_S)
+        except Exception as refusal:  # whatever it is, the other way is left
+            rig, answer = order.rig, Answer(False, str(refusal) or type(refusal).__name__)
+        if answer.accepted:
+            return answer
+        folder = self._launcher.under_way()
+        if not self._launcher.interrupt():
+            return answer
+        elsewhere = self._runs_elsewhere(folder, rig)
+        if elsewhere:
+            text = f"{answer.reason}; what was started here, on {elsewhere}, was interrupted"
+            return Answer(False, text)
+        return Answer(True, "the stream did not answer; the process was interrupted")
+
+    def _only_living(self) -> str:
+        """Return the rig that is meant by a page that was not told of any yet."""
+        alive = self._living()
+        if len(alive) != 1:
+            raise UnknownRigError(f"name the rig; alive are: {', '.join(alive) or 'none'}")
+        return alive[0]
+
+    def _runs_elsewhere(self, folder: str, rig: str) -> str:
+        """Return the rig that has a run of this folder, if that is known to be another one."""
+        for other in self._living() if folder else []:
+            campaign = self._client.snapshot(other).campaign
+            if other != rig and campaign.get("directory") == folder:
+                return other
+        return ""
+
+    def _living(self) -> list[str]:
+        return [rig for rig in self._client.rigs() if self._client.snapshot(rig).alive]
 
     def _launch(self, order: Order) -> None:
-        alive = [rig for rig in self._client.rigs() if self._client.snapshot(rig).alive]
-        offer = self._launcher.offers.get(order.name)
-        same = offer is not None and Path(offer.rig).stem in alive
+        alive = self._living()
+        same = Path(self._launcher.rig_of(order.name)).stem in alive
         if alive and (order.order == "go on" or same):
             raise LaunchRefused(f"{', '.join(alive)} has a campaign running")
         if order.order == "start":

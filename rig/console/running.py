@@ -10,6 +10,7 @@ import uvicorn
 from rig.stream.client import StreamClient
 
 from .address import Address, with_port
+from .connections import MOST_CONNECTIONS, Connection
 from .server import LARGEST_MESSAGE, Console, Served
 
 BACKLOG: Final = 64
@@ -17,7 +18,6 @@ END_S: Final = 2
 """How long viewers may take to go, once the server is to end."""
 LARGEST_HEADERS: Final = 16_384
 """Bytes of a request's head."""
-MOST_CONNECTIONS: Final = 200
 
 
 def serve(
@@ -62,9 +62,9 @@ def server_of(console: Console) -> uvicorn.Server:
         ws_per_message_deflate=False,
         ws_ping_interval=5.0,
         ws_ping_timeout=20.0,
-        http="h11",
+        http=Connection,
         h11_max_incomplete_event_size=LARGEST_HEADERS,
-        limit_concurrency=MOST_CONNECTIONS,
+        limit_concurrency=2 * MOST_CONNECTIONS,
         timeout_graceful_shutdown=END_S,
         access_log=False,
         log_config=None,

@@ -4,13 +4,14 @@ import asyncio
 import contextlib
 import json
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import parse_qs
 
 from starlette.applications import Starlette
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -22,6 +23,7 @@ from .feed import TICK_S, Cursor, Feed
 from .guard import Application, Guard
 from .launcher import Launcher, Offer
 from .orders import STOP, MalformedError, Orders, parse
+from .refusals import Refusals
 from .seat import Seat
 from .visitors import LIFETIME_S, LoginRefused, Visitor, Visitors
 
@@ -36,6 +38,8 @@ MOST_VIEWERS: Final = 40
 LOOK_S: Final = 0.5
 """How often it is looked after what was started, and who watches."""
 MOST_FAILURES: Final = 100
+MOST_STOPS: Final = 16
+"""Stops that are waited for at once; they do not wait for other orders."""
 LOGGED_OUT: Final = 4401
 UNWELCOME: Final = 1008
 TOO_LARGE: Final = 1009
@@ -86,6 +90,8 @@ class Console:
         self.launcher = Launcher(served.offers, served.folder, served.profile, served.rig, self.say)
         self.orders = Orders(self.client, self.seat, self.launcher)
         self.cookie = f"rig-console-{self.address.port}"
+        self._refused = Refusals(self.log)
+        self._stopping = ThreadPoolExecutor(MOST_STOPS, "stop")
         self._looked_at = 0.0
         self._names: dict[int, str] = {}
         self._failures: set[str] = set()
@@ -108,9 +114,6 @@ class Console:
         ]
         inner = Starlette(routes=routes, lifespan=self._lifespan)
         return Guard(inner, self.address.names, self.address.secure, self._refused)
-
-    def _refused(self, address: str, why: str) -> None:
-        self.log(f"refused, from {address}: {why}")
 
     def _visitor(self, connection: HTTPConnection) -> Visitor | None:
         return self.visitors.visitor(connection.cookies.get(self.cookie))
@@ -145,6 +148,7 @@ class Console:
 
     def _tell(self) -> None:
         """Tell all viewers of the console itself."""
+        self._refused.look()
         self.launcher.look()
         self.feed.common.put("launch", self.launcher.content())
         self.feed.common.put("seat", {**self.seat.content(), "here": self._is_here()})
@@ -179,9 +183,11 @@ class Console:
         return _login_page("")
 
     async def _log_in(self, request: Request) -> Response:
-        fields = parse_qs((await request.body()).decode(errors="replace"), max_num_fields=4)
+        address = _host(request)
+        fields: dict[str, list[str]] = {}
+        with contextlib.suppress(ValueError):
+            fields = parse_qs((await _body(request)).decode(errors="replace"), max_num_fields=4)
         token, name = (fields.get(key, [""])[0] for key in ("token", "name"))
-        address = request.client.host if request.client else "unknown"
         try:
             cookie = self.visitors.log_in(token, name, address)
         except LoginRefused as refused:
@@ -201,7 +207,7 @@ class Console:
     async def _log_out(self, request: Request) -> Response:
         visitor = self._visitor(request)
         if visitor is not None:
-            self.seat.release(visitor)
+            self.orders.leave(visitor)
             self.visitors.log_out(request.cookies.get(self.cookie))
         answer = RedirectResponse("/login", status_code=303)
         answer.delete_cookie(self.cookie)
@@ -209,18 +215,20 @@ class Console:
 
     async def _order(self, request: Request) -> Response:
         visitor = self._visitor(request)
-        address = request.client.host if request.client else "unknown"
+        address = _host(request)
         if visitor is None:
             self._refused(address, "an order from nobody who is logged in")
             return JSONResponse({"accepted": False, "reason": "log in first"}, 401)
         try:
             if request.headers.get("content-type", "").split(";")[0] != "application/json":
                 raise MalformedError("is not declared as JSON")
-            order = parse(await request.body())
+            order = parse(await _body(request))
         except MalformedError as error:
             self._refused(address, f"an order that {error}")
             return JSONResponse({"accepted": False, "reason": f"the order {error}"}, 400)
-        answer = await asyncio.to_thread(self.orders.carry_out, order, visitor)
+        threads = self._stopping if order.order == STOP else None
+        loop = asyncio.get_running_loop()
+        answer = await loop.run_in_executor(threads, self.orders.carry_out, order, visitor)
         about = " ".join(part for part in (order.order, order.name) if part)
         told = f"{visitor.name}: {about}"
         if order.order == STOP or not answer.accepted:
@@ -303,6 +311,14 @@ def _chosen(message: Any) -> str | None:
         return None
     rig = content["rig"]
     return rig if isinstance(rig, str) and len(rig) <= 200 else None
+
+
+async def _body(request: Request) -> bytes:
+    """Return what was sent with a request; nothing if its sender went away meanwhile."""
+    try:
+        return await request.body()
+    except ClientDisconnect:
+        return b""
 
 
 def _host(connection: HTTPConnection) -> str:

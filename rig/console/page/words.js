@@ -1,6 +1,8 @@
 // How things are called on the page, and how numbers and times are written.
 
+// Without a prototype: a verdict that is called "constructor" is a name like any other.
 const VERDICTS = {
+  __proto__: null,
   healthy: "Healthy",
   external_leakage_1: "External leakage, chamber 1",
   external_leakage_2: "External leakage, chamber 2",
@@ -13,6 +15,7 @@ const VERDICTS = {
 };
 
 const SHORT = {
+  __proto__: null,
   external_leakage_1: "External leak 1",
   external_leakage_2: "External leak 2",
   internal_leakage: "Internal leak",
