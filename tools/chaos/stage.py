@@ -55,6 +55,10 @@ class StageError(Exception):
     """The scenario could not be played; says why."""
 
 
+class NotBegunError(StageError):
+    """The run ended before its test, as when the machine stalls: nothing has been tried yet."""
+
+
 class Stage:
     """An emulator, and runs of a campaign on it; a context manager.
 
@@ -134,7 +138,8 @@ class Stage:
         """Run the campaign; return when its first leak is open.
 
         Raises:
-            StageError: it did not come to that.
+            NotBegunError: the run ended before that.
+            StageError: it did not come to that in time.
         """
         self.start()
         self.wait(self._is_leaking, "the test to run", COMPILE_S)
@@ -261,7 +266,7 @@ class Stage:
 
     def _is_leaking(self) -> bool:
         if self.run.poll() is not None:
-            raise StageError(f"ended before the test: {self.printed}")
+            raise NotBegunError(f"ended before the test: {self.printed}")
         return self._balls(self.ask(do="status"))[FIRST_LEAK] == 1.0
 
     def _balls(self, status: dict[str, Any]) -> dict[str, float]:

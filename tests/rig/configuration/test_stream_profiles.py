@@ -104,7 +104,7 @@ def test_paths_count_from_the_profiles_folder(tmp_path: Path) -> None:
 def test_checking_a_profile_tells_what_it_amounts_to() -> None:
     told = str(check("mtls"))
     assert "tls/0.0.0.0:7447" in told
-    assert "console may abort, hold, resume, acknowledge" in told
+    assert "console may abort, hold, resume, skip, retry, note, acknowledge" in told
 
 
 def test_an_unknown_profile_is_told_with_those_there_are(tmp_path: Path) -> None:
