@@ -136,13 +136,16 @@ class Orders:
             answer = self._send("abort", Order(STOP, rig, order.text), visitor, STOP_S)
         except Exception as refusal:  # whatever it is, the other way is left
             rig, answer = order.rig, Answer(False, str(refusal) or type(refusal).__name__)
-        if answer.accepted:
-            return answer
         folder = self._launcher.under_way()
+        if answer.accepted:
+            # The page may show another rig until the one that was started is heard: stop both.
+            if folder and not self._was_heard(folder) and self._launcher.interrupt():
+                return Answer(True, "and what was started here, not heard yet, was interrupted")
+            return answer
         if not self._launcher.interrupt():
             return answer
-        elsewhere = self._runs_elsewhere(folder, rig)
-        if elsewhere:
+        elsewhere = self.rig_of_run(folder)
+        if elsewhere and elsewhere != rig:
             text = f"{answer.reason}; what was started here, on {elsewhere}, was interrupted"
             return Answer(False, text)
         return Answer(True, "the stream did not answer; the process was interrupted")
@@ -154,13 +157,16 @@ class Orders:
             raise UnknownRigError(f"name the rig; alive are: {', '.join(alive) or 'none'}")
         return alive[0]
 
-    def _runs_elsewhere(self, folder: str, rig: str) -> str:
-        """Return the rig that has a run of this folder, if that is known to be another one."""
-        for other in self._living() if folder else []:
-            campaign = self._client.snapshot(other).campaign
-            if other != rig and campaign.get("directory") == folder:
-                return other
+    def rig_of_run(self, folder: str) -> str:
+        """Return the living rig that has a run of this folder; nothing if none is known."""
+        for rig in self._living() if folder else []:
+            if self._client.snapshot(rig).campaign.get("directory") == folder:
+                return rig
         return ""
+
+    def _was_heard(self, folder: str) -> bool:
+        snapshots = (self._client.snapshot(rig) for rig in self._client.rigs())
+        return any(snapshot.campaign.get("directory") == folder for snapshot in snapshots)
 
     def _living(self) -> list[str]:
         return [rig for rig in self._client.rigs() if self._client.snapshot(rig).alive]

@@ -150,7 +150,10 @@ class Console:
         """Tell all viewers of the console itself."""
         self._refused.look()
         self.launcher.look()
-        self.feed.common.put("launch", self.launcher.content())
+        content = self.launcher.content()
+        if content["last"] is not None:
+            content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())
+        self.feed.common.put("launch", content)
         self.feed.common.put("seat", {**self.seat.content(), "here": self._is_here()})
         watching = [{"number": number, "name": self._names[number]} for number in self.viewers]
         self.feed.common.put("viewers", watching)

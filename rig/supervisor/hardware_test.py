@@ -108,7 +108,10 @@ class HardwareTest:
             TripError: the rig tripped, or left the motion that was asked for.
         """
         if not self._begun:
-            self._session.begin(Event.RUN)
+            try:
+                self._session.begin(Event.RUN)
+            except IllegalTransition as error:
+                raise TripError(str(error)) from None
             self._begun = True
         self._session.going_on()
         try:

@@ -150,6 +150,25 @@ def test_a_stop_is_not_called_obeyed_because_another_rig_was_stopped(
     assert orders.carry_out(Order("stop", "other"), ANNA).accepted
 
 
+def test_a_stop_before_the_rig_that_was_started_is_heard_stops_the_shown_one_and_it(
+    launcher: Launcher, started: list[Started]
+) -> None:
+    client = FakeClient(RUNNING)
+    orders = desk(client, launcher)
+    orders.carry_out(Order("start", name="a"), ANNA)
+    assert orders.rig_of_run(launcher.under_way()) == ""
+    answer = orders.carry_out(Order("stop", "bench"), ANNA)
+    assert answer.accepted
+    assert "was interrupted" in answer.reason
+    assert len(started[0].signals) == 1
+    # Once its rig is known, a stop is for the rig that the page shows, and for no other.
+    told = {"status": "running", "directory": launcher.under_way()}
+    client.shots["other"] = Snapshot(rig="other", alive=True, campaign=told)
+    assert orders.rig_of_run(launcher.under_way()) == "other"
+    assert orders.carry_out(Order("stop", "bench"), ANNA).accepted
+    assert len(started[0].signals) == 1
+
+
 def test_a_stop_by_a_page_that_was_told_of_no_rig_is_for_the_one_that_lives(site: Site) -> None:
     who = site.cookie()
     assert site.order(who, order="stop")[0] == 200

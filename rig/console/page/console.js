@@ -148,6 +148,10 @@ function banners(lost, silent, life) {
   } else if (interlocks?.sentence) {
     told.push(["warn", interlocks.action, interlocks.sentence]);
   }
+  const run = views.underWay(link);
+  if (run && !run.rig) {
+    told.push(["warn", `${run.name} is under way`, `started here, as ${run.folder}; its rig is not heard yet, or no longer.`]);
+  }
   if (life?.state === "arming" && life.life === "live") {
     told.push(["warn", "Waiting for the reset button", "Press reset at the rig while its lamp is lit."]);
   }
@@ -163,14 +167,24 @@ setInterval(alive, 250);
 
 const isMine = () => link.common.seat?.number !== null && link.common.seat?.number === link.you;
 
+// Whoever has control is shown the rig that was started from here, once; he may look at another.
+let followed = "";
+function follow() {
+  const run = views.underWay(link);
+  if (!run?.rig || run.folder === followed || !isMine()) return;
+  followed = run.folder;
+  if (run.rig !== link.rig) link.choose(run.rig);
+}
+
 function actions() {
+  follow();
   const { life, campaign, progress } = link.sections;
   const { seat, launch } = link.common;
   const isLive = life?.life === "live" && campaign?.status === "running";
   const canStart = launch?.allowed && !(isLive && launch.offers.length === 0);
   const may = {
-    start: canStart && launch.offers.length > 0 && !isLive,
-    reset: canStart && launch.unfinished.length > 0 && !isLive,
+    start: canStart && launch.offers.length > 0 && !isLive && !views.underWay(link),
+    reset: canStart && launch.unfinished.length > 0 && !isLive && !views.underWay(link),
   };
   for (const name of ["hold", "resume", "skip", "retry", "acknowledge", "note", "abort"]) may[name] = isLive;
   for (const button of document.querySelectorAll("[data-do]")) {

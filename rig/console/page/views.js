@@ -143,6 +143,9 @@ export function launch({ common }) {
   if (last?.ending) by("campaign-card").dataset.ending = last.ending;
 }
 
+// A run that was started here and has not ended; it may be on its way still, or writing its report.
+export const underWay = ({ common }) => (common.launch?.last?.exit_code === null ? common.launch.last : null);
+
 export function queue({ sections }) {
   const { campaign: told, progress } = sections;
   if (!told?.tests) return;
