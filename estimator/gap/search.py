@@ -36,6 +36,8 @@ MATERIAL: Final = 0.01
 """Squared shift of predictions, over their variance, that an effect must cause where it acts."""
 CHANCE: Final = 25.0
 """Least gain in cost: a normal deviate of five, beyond chance for any number of candidates."""
+FEW_BLOCKS: Final = 2.0
+"""What gains in no more blocks is not named."""
 OVER_TWIN: Final = 5.0
 """Times the greatest gain among twins that a gain must be."""
 FORM: Final = 0.01
@@ -161,7 +163,7 @@ def _earns(before: Fitted, fitted: Fitted, bar: float) -> bool:
     # Scaled: the cost of a block that cannot be predicted at all has no square.
     scaled = gains / max(float(np.abs(gains).max()), 1e-300)
     acting_blocks = scaled.sum() ** 2 / max(float((scaled**2).sum()), 1e-300)
-    return bool(gains.sum() > bar and acting_blocks > 2.0)
+    return bool(gains.sum() > bar and acting_blocks > FEW_BLOCKS)
 
 
 class Search:

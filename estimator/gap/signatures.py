@@ -14,11 +14,13 @@ from .fit import Fitter
 from .linear import Column, Linear, assemble
 from .plant import Array, Effect, Plant
 from .results import DetectionLimit
-from .search import CHANCE, MATERIAL, Found, Search
+from .search import CHANCE, FEW_BLOCKS, MATERIAL, Found, Search
 from .variables import Values, Variable, effect_variables, started
 
-FEW_BLOCKS: Final = 2.0
-"""What shows in no more blocks is not named."""
+ABSORBED: Final = 0.1
+"""Part of what an effect changes that the refit of nuisances must leave to be told from it."""
+_REFITTED: Final = 0.01
+"""Of a nuisance's value: a refit that is worth a remark."""
 _TRIES: Final = 4
 _FAR: Final = 30.0
 """Times a size that the next one tried is at most."""
@@ -59,12 +61,6 @@ def cosines(
     products = left(linear, list(changes), [column.name for column in base])
     squares = np.maximum(np.diag(products), 1e-300)
     return np.asarray(products[0] / np.sqrt(squares[0] * squares))
-
-
-ABSORBED: Final = 0.1
-"""Part of what an effect changes that the refit of nuisances must leave to be told from it."""
-_REFITTED: Final = 0.01
-"""Of a nuisance's value: a refit that is worth a remark."""
 
 
 def absorbed(search: Search, found: Found) -> list[str]:
