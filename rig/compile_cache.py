@@ -8,10 +8,11 @@ stale.
 import os
 import shutil
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 _COMPILED: Final = (
     "rig/plant",
@@ -57,6 +58,32 @@ def use_compile_cache() -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+
+
+@contextmanager
+def telling_of_compiling(function: Any, tell: Callable[[], None]) -> Iterator[None]:
+    """Call `tell` if a function is compiled meanwhile; one that is loaded from the cache is not.
+
+    Args:
+        function: compiled by numba.
+        tell: called once, before compiling begins.
+    """
+    from numba.core import event
+
+    told = False
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:
+            nonlocal told
+            if event.data["dispatcher"] is function and not told:
+                told = True
+                tell()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
 
 
 def _drop_old(home: Path) -> None:

@@ -1,5 +1,6 @@
 """Shows a campaign while it runs: live lines on a terminal, a line a test in a log."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -59,14 +60,18 @@ class CampaignProgress(Observer):
     def __exit__(self, *_: object) -> None:
         self._bars.stop()
 
-    def campaign_begins(self, campaign: Campaign, directory: Path) -> None:
-        """Write what is going to be run."""
+    def campaign_begins(
+        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+    ) -> None:
+        """Write what is going to be run, and what has been."""
         self._count = len(campaign.tests)
         minutes, seconds = divmod(round(campaign.rig_time_s), 60)
         self._screen.print(
             f"{campaign.name}: {self._count} tests, {minutes} min {seconds} s of rig time, "
             f"on the rig {campaign.rig_name}, judged by {campaign.filter_name}"
         )
+        if finished:
+            self._screen.print(f"{len(finished)} of them are finished, and are not run again")
 
     def rig_tells(self, text: str) -> None:
         """Write what the rig tells."""
@@ -101,6 +106,10 @@ class CampaignProgress(Observer):
             f"; {outcome.message}" if outcome.message else "",
         )
         self._screen.print(line)
+
+    def test_skipped(self, outcome: TestOutcome) -> None:
+        """Write that a test is not run."""
+        self._screen.print(f"{outcome.name}: {outcome.status}; {outcome.message}")
 
     @property
     def _place(self) -> str:

@@ -53,8 +53,10 @@ def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
         right=[(place_in_words(name), of_share(each)) for name, each in study.right.items()],
         limits=[(place_in_words(name), limit_in_words(each)) for name, each in study.power.items()],
         areas=[(place_in_words(name), f"{each.area:.3f}") for name, each in study.roc.items()],
+        named=sum(each.count for name, each in study.right.items() if name != HEALTHY),
         false_alarms=of_share(study.false_alarms),
         lost=of_share(study.lost),
+        fitted=any(curve.slope is not None for curve in study.power.values()),
         verdicts=verdict_order(study.confusion),
         in_words=place_in_words,
         drawn=list(_drawn(sweep, table)),
@@ -121,7 +123,7 @@ def _roc(roc: Roc) -> dict[str, Any]:
     return {
         "alarms": [_number(100.0 * each) for each in roc.false_alarms[at]],
         "found": [_number(100.0 * each) for each in roc.found[at]],
-        "area": _number(roc.area),
+        "area": f"{roc.area:.3f}",
     }
 
 

@@ -34,6 +34,7 @@ def trend_page(trends: Sequence[Trend], title: str) -> str:
         "trend.js",
         title=title,
         changing=[trend for trend in trends if trend.changes],
+        told=any(trend.slope is not None for trend in trends),
         tests=tests,
         runs=len({point.run for trend in trends for point in trend.points}),
         figures=[_figure(trend) for trend in trends],

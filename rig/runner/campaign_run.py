@@ -174,8 +174,9 @@ class _CampaignRun:
     def run(self, started: datetime, given: Mapping[str, Any]) -> None:
         """Run all tests that are not finished, up to a stop."""
         setting = self._setting
-        setting.observer.campaign_begins(setting.campaign, setting.directory)
         finished = self._standing.finished
+        stands = [finished[index] for index in sorted(finished)]
+        setting.observer.campaign_begins(setting.campaign, setting.directory, stands)
         setting.desk.open(
             [test.name for test in setting.campaign.tests],
             {index: str(outcome.status) for index, outcome in finished.items()},
@@ -268,7 +269,9 @@ class _CampaignRun:
     def _skip(self, index: int) -> None:
         test = self._setting.campaign.tests[index]
         message = "skipped by an operator"
-        self._ends(index, replace(_not_run(test), status=Status.SKIPPED, message=message))
+        outcome = replace(_not_run(test), status=Status.SKIPPED, message=message)
+        self._ends(index, outcome)
+        self._setting.observer.test_skipped(outcome)
 
     def _run_test(self, index: int) -> None:
         setting = self._setting

@@ -47,8 +47,9 @@ def figures_of(
     """Return all that is known, by name; what is not known has no entry.
 
     `leak` (L/min), `residual_pressure_1` and `_2` (mean absolute innovation, Pa), `friction_NAME`
-    (SI) for each parameter that was identified, `bulk_modulus` (Pa) where a detector tells it, and
-    on hardware `loop_wakeup_p50`, `loop_wakeup_p99`, `loop_command_p99` (s), `loop_missed` (share).
+    (SI; said once in `friction_asymmetry`) for each parameter that was identified, `bulk_modulus`
+    (Pa) where a detector tells it, and on hardware `loop_wakeup_p50`, `loop_wakeup_p99`,
+    `loop_command_p99` (s), `loop_missed` (share).
 
     Args:
         decision: the last one.
@@ -65,9 +66,8 @@ def figures_of(
             found[f"residual_pressure_{chamber}"] = level
     for name, estimate in friction.estimates.items() if friction is not None else ():
         if estimate.value is not None:
-            found[f"friction_{name}"] = Figure(
-                estimate.value, estimate.standard_error, estimate.unit
-            )
+            called = name if name.startswith("friction_") else f"friction_{name}"
+            found[called] = Figure(estimate.value, estimate.standard_error, estimate.unit)
     if timing is not None:
         found |= _of_loop(timing)
     return {name: figure for name, figure in found.items() if np.isfinite(figure.value)}

@@ -1,5 +1,6 @@
 """What a run tells whoever watches it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,16 @@ class Observer:
     Calls come from the run itself, which waits for them to return.
     """
 
-    def campaign_begins(self, campaign: Campaign, directory: Path) -> None:
-        """Take note of a campaign that begins, and of the folder its results go to."""
+    def campaign_begins(
+        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+    ) -> None:
+        """Take note of a campaign that begins, or goes on.
+
+        Args:
+            campaign: the campaign.
+            directory: the folder its results go to.
+            finished: outcomes of the tests that are not run again.
+        """
 
     def rig_tells(self, text: str) -> None:
         """Take note of what the operator of a rig on hardware should know; from any thread."""
@@ -47,3 +56,6 @@ class Observer:
 
     def test_ends(self, outcome: TestOutcome) -> None:
         """Take note of a test that ended, in whatever way; one that was not run does not."""
+
+    def test_skipped(self, outcome: TestOutcome) -> None:
+        """Take note of a test that an operator does not want to be run."""

@@ -1,6 +1,7 @@
 """A campaign as the live stream shows it: what a run tells, and where its rows come from."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -67,9 +68,11 @@ class StreamedRun(Observer, Onlooker):
         """Tell the session's state."""
         self.stream.tell("state", {"state": state, "since_ns": time.time_ns()})
 
-    def campaign_begins(self, campaign: Campaign, directory: Path) -> None:
-        """Tell of the campaign and all its tests."""
-        self._inner.campaign_begins(campaign, directory)
+    def campaign_begins(
+        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+    ) -> None:
+        """Tell of the campaign and all its tests, those that are finished with their outcomes."""
+        self._inner.campaign_begins(campaign, directory, finished)
         self._campaign = {
             "status": "running",
             "name": campaign.name,
@@ -92,6 +95,8 @@ class StreamedRun(Observer, Onlooker):
             }
             for test in campaign.tests
         }
+        for outcome in finished:
+            self._note(outcome)
         self._list_tests(last=True)
 
     def rig_tells(self, text: str) -> None:
@@ -121,12 +126,14 @@ class StreamedRun(Observer, Onlooker):
     def test_ends(self, outcome: TestOutcome) -> None:
         """Tell how a test ended."""
         self._inner.test_ends(outcome)
-        self._tests.setdefault(outcome.name, {"name": outcome.name}).update(
-            status=str(outcome.status),
-            verdict=outcome.decision.verdict if outcome.decision else "",
-            message=outcome.message,
-        )
+        self._note(outcome)
         self._tell_progress(outcome.recorded_s)
+        self._list_tests(last=False)
+
+    def test_skipped(self, outcome: TestOutcome) -> None:
+        """Tell that a test is not to be run."""
+        self._inner.test_skipped(outcome)
+        self._note(outcome)
         self._list_tests(last=False)
 
     def test_runs(self, channels: tuple[str, ...], segment: int | None) -> None:
@@ -149,6 +156,13 @@ class StreamedRun(Observer, Onlooker):
         """Tell of something that happened at a time of the present test."""
         self._inner.test_event(time_s, kind, text)
         self.stream.event("test", kind, text, time_s)
+
+    def _note(self, outcome: TestOutcome) -> None:
+        self._tests.setdefault(outcome.name, {"name": outcome.name}).update(
+            status=str(outcome.status),
+            verdict=outcome.decision.verdict if outcome.decision else "",
+            message=outcome.message,
+        )
 
     def _decided(self, time_s: float, decision: Decision) -> dict[str, Any]:
         interval = decision.interval_m3_per_s

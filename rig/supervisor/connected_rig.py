@@ -33,8 +33,8 @@ from .watch import Parts, Watch, trips_of
 
 OPEN_S: Final = 300.0
 """How long opening may take: the loop may have to be compiled first."""
-PATIENCE_S: Final = 3.0
-"""How long opening usually takes; then the operator is told why it takes longer."""
+LOOK_S: Final = 3.0
+"""How often it is looked, while a part opens its devices, whether it still does."""
 ANSWER_S: Final = 10.0
 SAFE_S: Final = 20.0
 """How long slow drivers may take to be safe."""
@@ -43,6 +43,9 @@ STOP_S: Final = 5.0
 POLL_S: Final = 0.01
 LAST_S: Final = 2.0
 """What a trip report shows of all channels."""
+SHOWN_ROWS: Final = 20
+SHOWN_S: Final = 0.2
+"""Rows of the loop that show the safe state to whoever watches, and how long they may take."""
 LAST_NEWS_S: Final = 0.2
 """How long a trip report waits for what the slow drivers have to tell once all is safe."""
 RECENT_S: Final = 0.25
@@ -197,18 +200,15 @@ class ConnectedRig:
     def _opened(self, part: Child, order: object) -> Any:
         """Return what a part answers once its devices are open; nothing is watched yet."""
         part.send(order)
-        began, told = time.monotonic(), False
+        began = time.monotonic()
         while True:
             try:
-                return part.answer(PATIENCE_S)
+                return part.answer(LOOK_S)
             except ChildError:
                 if part.ended or time.monotonic() - began > OPEN_S:
                     raise
             if self._stop.requested:
                 raise StopRequestedError(f"stopped by {self._stop.reason}")
-            if part is self.parts.loop and not told:
-                told = True
-                self.say("loop: being compiled, once for each version of this program")
 
     def _say_grants(self) -> None:
         grants = self.opened.grants
@@ -445,6 +445,15 @@ class ConnectedRig:
             return
         for driver, failure in safety.failures.items():
             self.say(f"{driver}: not safe: {failure}")
+        self._let_it_be_seen()
+
+    def _let_it_be_seen(self) -> None:
+        """Have the loop's rows show what is safe now, before there are no more of them."""
+        enough = int(self.board.words[Word.ROWS]) + SHOWN_ROWS
+        until = time.monotonic() + SHOWN_S
+        while self.board.words[Word.ROWS] < enough and time.monotonic() < until:
+            self._watch.alive()
+            time.sleep(POLL_S)
 
     def _close_loop(self) -> None:
         try:

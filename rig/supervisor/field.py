@@ -161,6 +161,10 @@ class FieldProcess:
             if not mine:
                 continue
             self._safe = False
+            word = _CONFIRMED.get(rank_of(served.driver.outputs))
+            if word is not None:
+                # What was confirmed before it moved says nothing of where it is afterwards.
+                self._words[word] = 0
             try:
                 served.driver.write(mine)
             except DriverError as error:
@@ -174,6 +178,9 @@ class FieldProcess:
             if now - served.complained_at >= _REPEAT_S:
                 served.complained_at = now
                 self._complain(served, error)
+        self._publish(values)
+
+    def _publish(self, values: Mapping[str, float]) -> None:
         at = self._clock()
         for name, value in values.items():
             index = SLOW_INPUTS.index(name)
@@ -222,8 +229,12 @@ class FieldProcess:
                 served.due = inf  # closed: all that it could tell now is that it is
                 continue
             word = _CONFIRMED.get(rank_of(served.driver.outputs))
-            if word is not None:
+            if word is not None and not self._words[word]:
+                # Once more on the way out confirms nothing anew: it has been so since the first.
                 self._words[word] = self._clock()
+            with suppress(DriverError):
+                # Whoever asked for it may end soon: the board shows the safe state before.
+                self._publish(served.driver.read())
             self._words[Word.FIELD_BEAT] = self._clock()
         return Safety(failures)
 

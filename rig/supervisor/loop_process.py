@@ -13,7 +13,7 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from rig.compile_cache import use_compile_cache
+from rig.compile_cache import telling_of_compiling, use_compile_cache
 from rig.io.driver import DriverError
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
@@ -109,12 +109,16 @@ class LoopProcess:
         self._interlock = interlock(order.limits, order.tolerances)
         self._segments[order.first.number] = order.first
         # Compiled, or loaded, before time matters.
-        self._run_segment(_NEVER, order.first)
+        with telling_of_compiling(wire_ticks, self._compiles):
+            self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
         self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
         self._thread.start()
         self._running.wait()
         self._pipe.send(Opened(self._grants, driver.rate_hz))
+
+    def _compiles(self) -> None:
+        self._tell("being compiled, once for each version of this program")
 
     def _loop(self, cpu: int | None, priority: int) -> None:
         """Run segments as they are switched to; the loop's thread."""

@@ -1,6 +1,6 @@
 """What a sweep's table shows: confusion, ROC, how small a leak is found, how well it is sized."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import exp, log, sqrt
 from statistics import NormalDist
@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 POWER: Final = 0.95
 """Part of the leaks of a size that has to be named right for it to be the smallest found."""
 _BINS_PER_DECADE: Final = 5
-_LEAST_CASES: Final = 20
+LEAST_CASES: Final = 20
+"""Leaks from which on a curve is fitted."""
 _STEPS: Final = 50
 _Z: Final = NormalDist().inv_cdf(0.975)
 
@@ -69,6 +70,8 @@ class PowerCurve:
         limit_m3_per_s: flow of which 95 in 100 are named by that curve, with its 95 % interval;
             None where the cases do not bracket it.
         interval_m3_per_s: of the limit.
+        missed_m3_per_s: the largest flow that was not named; None if all were.
+        named_m3_per_s: the smallest flow that was; None if none was.
     """
 
     bins: tuple[PowerBin, ...]
@@ -76,6 +79,19 @@ class PowerCurve:
     slope: float | None = None
     limit_m3_per_s: float | None = None
     interval_m3_per_s: tuple[float, float] | None = None
+    missed_m3_per_s: float | None = None
+    named_m3_per_s: float | None = None
+
+    @property
+    def cases(self) -> int:
+        """How many leaks it is of."""
+        return sum(each.right.of for each in self.bins)
+
+    @property
+    def tells_apart(self) -> bool:
+        """Whether every leak that was named is larger than every one that was not."""
+        missed, named = self.missed_m3_per_s, self.named_m3_per_s
+        return missed is not None and named is not None and missed < named
 
 
 @dataclass(frozen=True)
@@ -210,18 +226,23 @@ def _power(flow: Array, right: NDArray[np.bool_], latency_s: Array) -> PowerCurv
             known_s = latency_s[at][np.isfinite(latency_s[at])]
             middle = float(np.median(known_s)) if known_s.size else None
             bins.append(PowerBin(float(low), float(high), _share(right[at]), middle))
-    return _with_limit(tuple(bins), np.log(flow), right)
+    curve = PowerCurve(
+        tuple(bins),
+        missed_m3_per_s=None if right.all() else float(flow[~right].max()),
+        named_m3_per_s=float(flow[right].min()) if right.any() else None,
+    )
+    return _with_limit(curve, np.log(flow), right)
 
 
-def _with_limit(bins: tuple[PowerBin, ...], size: Array, right: NDArray[np.bool_]) -> PowerCurve:
+def _with_limit(curve: PowerCurve, size: Array, right: NDArray[np.bool_]) -> PowerCurve:
     """Return the curve with the flow of which `POWER` are named, where the cases bracket it."""
-    if size.size < _LEAST_CASES or right.all() or not right.any():
-        return PowerCurve(bins)
+    if size.size < LEAST_CASES or right.all() or not right.any():
+        return curve
     fitted = _logistic(size, right.astype(np.float64))
     if fitted is None:
-        return PowerCurve(bins)
+        return curve
     (intercept, slope), covariance = fitted
-    curve = PowerCurve(bins, intercept, slope)
+    curve = replace(curve, intercept=intercept, slope=slope)
     if slope <= 0.0:
         return curve
     wanted = log(POWER / (1.0 - POWER))
@@ -231,7 +252,7 @@ def _with_limit(bins: tuple[PowerBin, ...], size: Array, right: NDArray[np.bool_
     gradient = np.array([-1.0 / slope, -limit / slope])
     half = _Z * sqrt(float((gradient * (covariance * gradient).sum(axis=1)).sum()))
     interval = exp(limit - half), exp(limit + half)
-    return PowerCurve(bins, intercept, slope, exp(limit), interval)
+    return replace(curve, limit_m3_per_s=exp(limit), interval_m3_per_s=interval)
 
 
 def _logistic(x: Array, y: Array) -> tuple[tuple[float, float], Array] | None:

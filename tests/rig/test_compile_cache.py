@@ -1,12 +1,27 @@
 """Compiled code is never older than the sources it came from."""
 
+import importlib.util
 import os
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from rig.compile_cache import source_key, use_compile_cache
+from rig.compile_cache import source_key, telling_of_compiling, use_compile_cache
+
+TWICE = """
+from numba import njit
+
+@njit
+def plus_one(x):
+    return x + 1.0
+
+@njit(cache=True)
+def twice(x):
+    return 2.0 * plus_one(x)
+"""
 
 
 @pytest.fixture
@@ -46,3 +61,24 @@ def test_caches_of_long_gone_sources_are_dropped(
     use_compile_cache()
     assert len(list(home.iterdir())) == 12
     assert os.environ["NUMBA_CACHE_DIR"].startswith(str(home))
+
+
+def loaded_from(source: Path) -> Any:
+    spec = importlib.util.spec_from_file_location("doubling", source)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_compiling_is_told_once_and_loading_from_the_cache_is_not(tmp_path: Path) -> None:
+    source = tmp_path / "doubling.py"
+    source.write_text(TWICE)
+    told: list[str] = []
+    for program in ("first", "second"):
+        twice = loaded_from(source).twice
+        for _ in range(2):
+            with telling_of_compiling(twice, partial(told.append, program)):
+                assert twice(1.0) == 4.0
+    assert told == ["first"]

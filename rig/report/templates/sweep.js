@@ -14,6 +14,14 @@
       title: { text: title, font: { size: 12 } }, gridcolor: colour("line"), zerolinecolor: colour("line"),
       linecolor: colour("line"), tickfont: { color: colour("quiet"), size: 11 }, automargin: true, ...more,
     });
+    // A flow's axis, with ticks at 1, 2 and 5 of each decade, in full.
+    const flowAxis = (title) => {
+      const ticks = [];
+      for (let decade = -6; decade < 4; decade += 1) {
+        for (const step of [1, 2, 5]) ticks.push(Number(`${step}e${decade}`));
+      }
+      return axis(title, { type: "log", tickmode: "array", tickvals: ticks, ticktext: ticks.map(String), tickangle: 0 });
+    };
     const plot = (id, traces, layout) => {
       const place = document.getElementById(id);
       if (!place) return;
@@ -42,7 +50,7 @@
       }
     }
     plot("power", power, {
-      xaxis: axis("leak flow, L/min", { type: "log" }), yaxis: axis("named right, %", { range: [-3, 103] }),
+      xaxis: flowAxis("leak flow, L/min"), yaxis: axis("named right, %", { range: [-3, 103] }),
       shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 95, y1: 95, line: { color: colour("quiet"), dash: "dash", width: 1 } }],
     });
 
@@ -57,13 +65,31 @@
     });
 
     const matrix = figures.confusion;
+    // Which of ink and page is read better on a mixture of surface and accent (WCAG 2.1 contrast).
+    const rgb = (role) => {
+      const canvas = document.createElement("canvas").getContext("2d");
+      canvas.fillStyle = colour(role);
+      canvas.fillRect(0, 0, 1, 1);
+      return [...canvas.getImageData(0, 0, 1, 1).data].slice(0, 3);
+    };
+    const luminance = (parts) => parts
+      .map((part) => (part / 255 <= 0.04045 ? part / 255 / 12.92 : ((part / 255 + 0.055) / 1.055) ** 2.4))
+      .reduce((sum, part, k) => sum + part * [0.2126, 0.7152, 0.0722][k], 0);
+    const [surface, accent, ink, page] = ["surface", "accent", "ink", "page"].map(rgb);
+    const readable = (share) => {
+      const back = luminance(surface.map((part, k) => part + share * (accent[k] - part)));
+      const contrast = (text) => {
+        const [low, high] = [luminance(text), back].sort((one, other) => one - other);
+        return (high + 0.05) / (low + 0.05);
+      };
+      return colour(contrast(ink) >= contrast(page) ? "ink" : "page");
+    };
     const notes = [];
     matrix.counts.forEach((row, i) => row.forEach((count, j) => {
       if (!count) return;
-      const on = matrix.parts[i][j] > 55;
       notes.push({
         x: matrix.verdicts[j], y: matrix.injected[i], text: matrix.right[i][j] ? `<b>${count}</b>` : String(count),
-        showarrow: false, font: { color: on ? colour("page") : colour("ink"), size: 13 },
+        showarrow: false, font: { color: readable(matrix.parts[i][j] / 100), size: 13 },
       });
     }));
     plot("confusion", [{
@@ -108,8 +134,8 @@
         traces.push({ type: "scatter", mode: "lines", x: ends, y: ends, showlegend: false, hoverinfo: "skip", line: { color: colour("reference"), dash: "dot", width: 1.5 } });
       }
       plot("single", traces, {
-        xaxis: axis("true flow, L/min", { type: "log" }),
-        yaxis: sized ? axis("estimated flow, L/min", { type: "log" }) : axis("latency, s", { rangemode: "tozero" }),
+        xaxis: flowAxis("true flow, L/min"),
+        showlegend: true, yaxis: sized ? flowAxis("estimated flow, L/min") : axis("latency, s", { rangemode: "tozero" }),
       });
     }
   };

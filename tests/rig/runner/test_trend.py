@@ -2,13 +2,16 @@
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from estimator.friction import FrictionCurve, FrictionEstimate
 from rig.report.trend_page import trend_page
 from rig.runner.archive import Run
+from rig.runner.figures import figures_of
 from rig.runner.trend import FEWEST, Trend, trends_of
 
 BEGUN = datetime(2026, 11, 1, tzinfo=UTC)
@@ -66,6 +69,21 @@ def test_the_page_says_first_what_changes_and_shows_every_figure(slope: float) -
     trend = trend_in(0.1 + slope * np.arange(10) + noise)
     page = trend_page([trend], "night <1>")
     assert "night &lt;1&gt;" in page
-    assert ("1 figures change" in page) is (slope > 0.0)
+    assert "Trends over 10 runs" in page
+    assert ("1 figure changes" in page) is (slope > 0.0)
     assert ("No change is shown" in page) is (slope == 0.0)
     assert page.count('class="plot trend"') == 1
+
+
+def test_what_is_called_friction_already_is_not_called_so_twice() -> None:
+    known = FrictionEstimate(210.0, 4.0, "N")
+    curve = SimpleNamespace(estimates={"coulomb": known, "friction_asymmetry": known})
+    found = figures_of(None, np.empty((0, 2)), cast(FrictionCurve, curve), None)
+    assert list(found) == ["friction_coulomb", "friction_asymmetry"]
+
+
+def test_the_page_of_one_run_claims_no_trend() -> None:
+    page = trend_page(trends_of([run_at(0.0, leak=0.1, friction_asymmetry=1.0)]), "night")
+    assert "One run: no trend yet" in page
+    assert "Too few runs to show a change" in page
+    assert "friction asymmetry" in page

@@ -170,6 +170,48 @@ def test_after_any_trip_the_bypasses_are_shut_and_then_the_pump_is_unloaded(
     assert 0 < site.board.words[Word.BYPASS_SHUT_AT] <= site.board.words[Word.PUMP_UNLOADED_AT]
 
 
+def test_what_a_trip_confirmed_keeps_its_time_when_the_session_ends(site: Site) -> None:
+    words = site.board.words
+    words[Word.SUPERVISOR_TRIP] = Cause.RECORDER_LOST
+    site.until(lambda: words[Word.PUMP_UNLOADED_AT])
+    confirmed = int(words[Word.BYPASS_SHUT_AT]), int(words[Word.PUMP_UNLOADED_AT])
+    site.pipe.close()
+    # On its way out it makes everything safe once more.
+    site.until(lambda: site.log.count(("pump", "safe")) == 2)
+    site.until(lambda: ("pump", "close") in site.log)
+    assert (words[Word.BYPASS_SHUT_AT], words[Word.PUMP_UNLOADED_AT]) == confirmed
+
+
+def test_what_moved_after_it_was_confirmed_safe_has_to_be_confirmed_anew(site: Site) -> None:
+    words = site.board.words
+    site.pipe.send(Safe())
+    assert site.pipe.recv() == Safety({})
+    before = int(words[Word.BYPASS_SHUT_AT])
+    site.pipe.send(Write({"external_leakage_1_ball": 1.0}))
+    site.until(lambda: not words[Word.BYPASS_SHUT_AT])
+    assert words[Word.PUMP_UNLOADED_AT]
+    words[Word.LOOP_TRIP] = Cause.ESTOP_OPEN
+    site.until(lambda: words[Word.BYPASS_SHUT_AT])
+    assert words[Word.BYPASS_SHUT_AT] > before
+
+
+def test_the_board_shows_the_safe_state_before_it_is_said_to_be_reached(site: Site) -> None:
+    index = SLOW_INPUTS.index("pump_loaded")
+    site.pump.values = {"pump_loaded": 1.0}
+    # So seldom that the next time would be too late.
+    site.pump.rate_hz, now = 1e-3, time.monotonic_ns()
+    site.until(lambda: site.board.slow_at[index] > now)
+    assert site.board.slow[index] == 1.0
+
+    def unload() -> None:
+        site.pump.values = {"pump_loaded": 0.0}
+
+    site.pump.safe_state = unload  # type: ignore[method-assign]
+    site.pipe.send(Safe())
+    assert site.pipe.recv() == Safety({})
+    assert site.board.slow[index] == 0.0
+
+
 @pytest.mark.parametrize(
     ("word", "cause"),
     [(Word.LOOP_BEAT, Cause.LOOP_LOST), (Word.SUPERVISOR_BEAT, Cause.SUPERVISOR_LOST)],
