@@ -78,3 +78,15 @@ def test_the_files_of_the_operating_guide_check_among_the_copies_of_rig_init(
 
 def test_every_section_of_the_api_page_has_an_example() -> None:
     assert len(EXAMPLES) == (DOCS / "api.md").read_text().count("\n## ") == 4
+
+
+def test_every_attack_that_is_told_of_has_its_test() -> None:
+    table = (DOCS / "safety.md").read_text().partition("## Attacks")[2].partition("## Chaos")[0]
+    named = set(re.findall(r"`(test_\w+)`", table))
+    written = {
+        name
+        for file in Path(__file__).parent.rglob("test_*.py")
+        for name in re.findall(r"^def (test_\w+)", file.read_text(), re.MULTILINE)
+    }
+    assert len(named) > 40
+    assert named - written == set()

@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 from rig.configuration.problems import ConfigError, Problem
-from rig.configuration.stream import DEFAULT, load_stream
+from rig.configuration.stream import load_stream
 
 from .application import EXIT_BAD_INPUT
-from .monitor import endpoints
+from .following import endpoints, follows_streams
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _LISTEN = "127.0.0.1:8480"
@@ -36,14 +36,7 @@ _LISTEN = "127.0.0.1:8480"
     "--runs", type=click.Path(path_type=Path, file_okay=False), default=Path("runs"),
     show_default=True, metavar="DIR", help="Folder for what is started.",
 )  # fmt: skip
-@click.option(
-    "--connect", multiple=True, metavar="ENDPOINT",
-    help="Where rigs or their router are (tls/rig.example:7447), if not where the profile says.",
-)  # fmt: skip
-@click.option(
-    "--profile", default=DEFAULT, metavar="PROFILE",
-    help="The stream's profile, a file or a shipped name, with the certificates of this end.",
-)  # fmt: skip
+@follows_streams
 def command(
     listen: str,
     certificate: Path | None,

@@ -2,22 +2,21 @@
 
 import json
 import time
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import click
 from rich.console import Group
 from rich.live import Live
 
-from rig.configuration.problems import ConfigError, Problem
-from rig.configuration.stream import DEFAULT, load_stream
-from rig.stream.settings import COMMANDS, CommandName, Endpoint
+from rig.configuration.stream import load_stream
+from rig.stream.settings import COMMANDS, CommandName
 
 if TYPE_CHECKING:
     from rig.stream.client import StreamClient
     from rig.stream.view import Snapshot
 
 from .application import EXIT_BAD_INPUT, EXIT_STOPPED
+from .following import endpoints, follows_streams
 from .monitor_view import document, line, screen
 from .screen import Screen
 
@@ -28,14 +27,7 @@ EXIT_DEAD: Final = 1
 
 @click.command()
 @click.option("--rig", "rig_id", default="*", metavar="ID", help="One rig; all if not given.")
-@click.option(
-    "--connect", multiple=True, metavar="ENDPOINT",
-    help="Where rigs or their router are (tls/rig.example:7447), if not where the profile says.",
-)  # fmt: skip
-@click.option(
-    "--profile", default=DEFAULT, metavar="PROFILE",
-    help="The stream's profile, a file or a shipped name, with the certificates of this end.",
-)  # fmt: skip
+@follows_streams
 @click.option("--once", is_flag=True, help="Show what there is, once, and end; 1 if nothing lives.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a rig and line.")
 @click.option(
@@ -85,24 +77,6 @@ def command(
         return EXIT_BAD_INPUT
     except BrokenPipeError:
         return EXIT_STOPPED
-
-
-def endpoints(texts: Sequence[str]) -> tuple[Endpoint, ...]:
-    """Return the endpoints that --connect names.
-
-    Raises:
-        ConfigError: every text that names none.
-    """
-    problems, found = [], []
-    for text in texts:
-        try:
-            found.append(Endpoint.parse(text))
-        except ValueError as error:
-            remedy = "write like tcp/127.0.0.1:7447 or tls/rig.example:7447"
-            problems.append(Problem("--connect", 0, 0, "endpoint", text, str(error), remedy))
-    if problems:
-        raise ConfigError(problems)
-    return tuple(found)
 
 
 def _await(client: "StreamClient", wait_s: float) -> None:

@@ -12,6 +12,7 @@ from rich.text import Text
 from rig.stream.view import Snapshot
 
 EVENTS: Final = 6
+STYLES: Final = {"live": "green", "ended": "dim", "dead": "bold red", "unheard": "dim"}
 _MPA: Final = 1e-6
 _MM: Final = 1e3
 _US: Final = 1e6
@@ -23,6 +24,7 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
     return {
         "rig": snapshot.rig,
         "alive": snapshot.alive,
+        "life": snapshot.life,
         "age_s": snapshot.age_s,
         "session": snapshot.session,
         "restarts": snapshot.restarts,
@@ -57,7 +59,7 @@ def screen(snapshot: Snapshot) -> RenderableType:
     for name, value in _figures(snapshot):
         figures.add_row(Text(name, style="dim"), Text(value))
     events = [Text(_event(event), style=_style(event)) for event in snapshot.events[-EVENTS:]]
-    style = "green" if snapshot.alive else "bold red"
+    style = STYLES[snapshot.life]
     title = Text(f"{snapshot.rig}: {_life(snapshot)}", style=style)
     return Panel(Group(_progress(snapshot), figures, Text(), *events), title=title)
 
@@ -65,6 +67,8 @@ def screen(snapshot: Snapshot) -> RenderableType:
 def _life(snapshot: Snapshot) -> str:
     if snapshot.age_s is None:
         return "nothing heard yet"
+    if snapshot.life == "ended":
+        return f"ended {snapshot.age_s:.1f} s ago; what is shown is what was"
     if not snapshot.alive:
         return f"DEAD for {snapshot.age_s:.1f} s; what is shown is what was"
     return f"live, {snapshot.rate_hz:.0f} samples a second"

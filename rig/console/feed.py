@@ -14,6 +14,7 @@ import numpy as np
 
 from rig.stream.client import StreamClient
 from rig.stream.messages import MessageError
+from rig.stream.view import Life
 
 from .curves import AVERAGED_S, CHANNELS, SHOWN_S, Curves
 from .told import sections
@@ -121,12 +122,12 @@ class Feed:
 
     def tick(self, now: float) -> None:
         """Take what has come of every rig."""
-        living = {}
+        living: dict[str, Life] = {}
         for rig in self._client.rigs():
             feed = self._rigs.setdefault(rig, RigFeed(rig))
             try:
                 feed.follow(self._client, now)
-                living[rig] = self._client.snapshot(rig).alive
+                living[rig] = self._client.snapshot(rig).life
             except (
                 MessageError,
                 LookupError,
@@ -136,8 +137,8 @@ class Feed:
                 RecursionError,
             ):
                 # Whoever may publish on these keys may publish nonsense.
-                living[rig] = False
-        self.common.put("rigs", [{"rig": rig, "alive": alive} for rig, alive in living.items()])
+                living[rig] = "dead"
+        self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
 
     def notice(self, text: str) -> None:
         """Tell all viewers of something that the console did, or was asked for."""

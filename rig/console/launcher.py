@@ -9,9 +9,10 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -61,12 +62,24 @@ class Offer:
 
 @dataclass
 class Launched:
-    """A process that was started here."""
+    """A process that was started here.
+
+    Attributes:
+        name: of the campaign, or of the folder gone on with.
+        folder: of the run.
+        rig: id of the rig it is on, as far as that is known; else empty.
+        process: `rig run`.
+        log: what it prints.
+        started_ns: wall clock, ns since 1970.
+        exit_code: None while it runs.
+    """
 
     name: str
     folder: Path
+    rig: str
     process: "subprocess.Popen[bytes]"
     log: Path
+    started_ns: int = field(default_factory=time.time_ns)
     exit_code: int | None = None
 
 
@@ -165,7 +178,8 @@ class Launcher:
         stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:80].strip("._-") or "run"
         folder = self._folder / f"{stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         rig = [] if self._rig is None else ["--rig", self._rig]
-        self._run(name, folder, [offer.reference, *rig, "--out", str(folder)])
+        on = Path(self.rig_of(name)).stem
+        self._run(name, folder, on, [offer.reference, *rig, "--out", str(folder)])
 
     def go_on(self, name: str) -> None:
         """Go on with a run that is offered, by its folder's name.
@@ -177,17 +191,32 @@ class Launcher:
         if name not in {run["folder"] for run in self.unfinished()}:
             raise LaunchRefused("there is no such unfinished run")
         folder = self._folder / name
-        self._run(name, folder, [str(folder), "--resume"])
+        self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume"])
 
     def rig_of(self, name: str) -> str:
         """Return the rig on which an offered campaign runs; empty if there is no such offer."""
         offer = self.offers.get(name)
         return "" if offer is None else self._rig or offer.rig
 
+    def _rig_of_run(self, folder: Path) -> str:
+        """Return the id of the rig that a run is on, by its journal; empty if that is not told."""
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            with (folder / JOURNAL).open("rb") as file:
+                begun = json.loads(file.readline(TAIL_BYTES))
+            given = (begun.get("given") or {}).get("rig")
+            offer = self.offers.get(str(begun["campaign"]))
+            return Path(str(given or (offer.rig if offer else ""))).stem
+        return ""
+
+    def present(self) -> Launched | None:
+        """Return what was started here and runs; None if nothing does."""
+        running = [launched for launched in self._launched if launched.exit_code is None]
+        return running[-1] if running else None
+
     def under_way(self) -> str:
         """Return the name of the folder of what runs here; empty if nothing does."""
-        running = [launched for launched in self._launched if launched.exit_code is None]
-        return running[-1].folder.name if running else ""
+        running = self.present()
+        return "" if running is None else running.folder.name
 
     def interrupt(self) -> bool:
         """Stop what runs here as Ctrl-C does; return whether there was anything."""
@@ -237,7 +266,7 @@ class Launcher:
         if any(launched.exit_code is None for launched in self._launched):
             raise LaunchRefused("a campaign that was started here still runs")
 
-    def _run(self, name: str, folder: Path, arguments: Sequence[str]) -> None:
+    def _run(self, name: str, folder: Path, rig: str, arguments: Sequence[str]) -> None:
         log = folder.with_name(f"{folder.name}.console.log")
         whole = ["run", *arguments, "--pace", "real", "--stream", self._profile]
         try:
@@ -253,7 +282,7 @@ class Launcher:
                 )
         except OSError as error:
             raise LaunchRefused(f"it cannot be started: {error.strerror or error}") from None
-        self._launched.append(Launched(name, folder, process, log))
+        self._launched.append(Launched(name, folder, rig, process, log))
         del self._launched[:-20]
 
 

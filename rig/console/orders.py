@@ -10,7 +10,7 @@ from rig.stream.client import Answer, StreamClient, UnknownRigError
 from rig.stream.commands import KeyFileError
 from rig.stream.settings import COMMANDS, CommandName
 
-from .launcher import Launcher, LaunchRefused
+from .launcher import Launched, Launcher, LaunchRefused
 from .seat import Seat, SeatTaken
 from .visitors import Visitor
 
@@ -130,21 +130,28 @@ class Orders:
         return self._client.send(command, order.rig, said, wait_s, order.name)
 
     def _stop(self, order: Order, visitor: Visitor) -> Answer:
-        """Abort by the stream; what was started here also as Ctrl-C does, if that is not heard."""
+        """Abort the rig that the page shows by the stream; else, or too, what was started here.
+
+        What was started here is interrupted as by Ctrl-C where the stream does not answer, and
+        where its rig is not heard yet, so that no page can show it. It is not called obeyed where
+        that is not the rig that the page shows.
+        """
         try:
             rig = order.rig or self._only_living()
             answer = self._send("abort", Order(STOP, rig, order.text), visitor, STOP_S)
         except Exception as refusal:  # whatever it is, the other way is left
             rig, answer = order.rig, Answer(False, str(refusal) or type(refusal).__name__)
-        folder = self._launcher.under_way()
+        running = self._launcher.present()
         if answer.accepted:
+            meant = "" if order.rig else f"on {rig}, the only one that lives"
             # The page may show another rig until the one that was started is heard: stop both.
-            if folder and not self._was_heard(folder) and self._launcher.interrupt():
-                return Answer(True, "and what was started here, not heard yet, was interrupted")
-            return answer
+            if running and not self._was_heard(running) and self._launcher.interrupt():
+                also = "and what was started here, not heard yet, was interrupted"
+                return Answer(True, f"{meant}, {also}" if meant else also)
+            return Answer(True, meant)
         if not self._launcher.interrupt():
             return answer
-        elsewhere = self.rig_of_run(folder)
+        elsewhere = running and (self.rig_of_run(running.folder.name) or running.rig)
         if elsewhere and elsewhere != rig:
             text = f"{answer.reason}; what was started here, on {elsewhere}, was interrupted"
             return Answer(False, text)
@@ -164,9 +171,15 @@ class Orders:
                 return rig
         return ""
 
-    def _was_heard(self, folder: str) -> bool:
-        snapshots = (self._client.snapshot(rig) for rig in self._client.rigs())
-        return any(snapshot.campaign.get("directory") == folder for snapshot in snapshots)
+    def _was_heard(self, run: Launched) -> bool:
+        """Return whether a run's stream was heard since it was started, or gone on with, here."""
+        for rig in self._client.rigs():
+            campaign = self._client.snapshot(rig).campaign
+            begun_ns = campaign.get("begun_ns")
+            is_new = isinstance(begun_ns, int) and begun_ns >= run.started_ns
+            if is_new and campaign.get("directory") == run.folder.name:
+                return True
+        return False
 
     def _living(self) -> list[str]:
         return [rig for rig in self._client.rigs() if self._client.snapshot(rig).alive]

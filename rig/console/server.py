@@ -232,7 +232,8 @@ class Console:
         threads = self._stopping if order.order == STOP else None
         loop = asyncio.get_running_loop()
         answer = await loop.run_in_executor(threads, self.orders.carry_out, order, visitor)
-        about = " ".join(part for part in (order.order, order.name) if part)
+        rig = order.rig if order.order == STOP else ""
+        about = " ".join(part for part in (order.order, rig, order.name) if part)
         told = f"{visitor.name}: {about}"
         if order.order == STOP or not answer.accepted:
             told += "" if answer.accepted else f" refused, {answer.reason}"

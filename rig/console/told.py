@@ -39,6 +39,8 @@ LEAK_METERS: Final = {
     "external_leakage_2": "flow_2_m3_per_s",
     "internal_leakage": "flow_internal_m3_per_s",
 }
+SHUT: Final = 0.01
+"""Opening, of 1, at which a valve is shut."""
 CONTACTS: Final = (
     ("emergency stop", "estop_closed", {1: ("closed", "good"), 0: ("open", "bad")}),
     ("I/O watchdog", "watchdog_tripped", {0: ("watching", "good"), 1: ("tripped", "bad")}),
@@ -69,11 +71,8 @@ def sections(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def _life(snapshot: Snapshot) -> dict[str, Any]:
-    """Return whether a rig is there; one whose campaign has ended went without a failure."""
-    ended = snapshot.campaign.get("status") == "ended"
-    life = "live" if snapshot.alive else "ended" if ended else "dead"
     return {
-        "life": "unheard" if snapshot.age_s is None else life,
+        "life": snapshot.life,
         "age_s": _rounded(snapshot.age_s, 1),
         "rate_hz": round(snapshot.rate_hz),
         "time_s": _rounded(snapshot.time_s, 1),
@@ -110,12 +109,17 @@ def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
         if ball is None and needle is None:
             continue
         flow = latest.get(LEAK_METERS.get(bypass, ""), float("nan"))
+        metered = _rounded(flow * LITRES_PER_MINUTE, 2)
+        # Through a valve that is shut nothing flows: what its meter reads then is its zero.
+        opening = needle if ball is None else ball
+        is_shut = opening is not None and opening <= SHUT
         found.append(
             {
                 "name": bypass,
                 "ball": ball,
                 "needle": needle,
-                "metered_L_per_min": _rounded(flow * LITRES_PER_MINUTE, 2),
+                "metered_L_per_min": None if is_shut else metered,
+                "zero_L_per_min": metered if is_shut else None,
             }
         )
     return found
@@ -179,8 +183,9 @@ def _health(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def _progress(snapshot: Snapshot) -> dict[str, Any]:
-    progress = snapshot.progress
-    if not progress:
+    progress, campaign = snapshot.progress, snapshot.campaign
+    # Of a test of an earlier run nothing is under way.
+    if not progress or progress.get("session") != campaign.get("session"):
         return {}
     return {
         "number": _rounded(progress.get("number"), 0),

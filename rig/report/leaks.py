@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from estimator.detection import LEAKS, leak_flow
 from estimator.filters import FILTERS, OUTPUTS, FilterRun
 from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.runner.injection import SHUT_S
 from rig.runner.outcome import TestOutcome
 
 from .decisions import flow_as_decided
@@ -62,6 +63,8 @@ def missing_flow(data: TestData) -> Panel | None:
 def leak_flows(data: TestData) -> Panel | None:
     """Return the panel of leak flows: injected, in the filter's states, and found."""
     recorded: list[Trace] = []
+    zeros: list[str] = []
+    sources: set[str] = set()
     estimated: list[Trace] = []
     shown = []
     states = _in_filter_states(data)
@@ -70,13 +73,18 @@ def leak_flows(data: TestData) -> Panel | None:
     for leak, (called, role, truth, meter) in zip(LEAKS, _CALLED, strict=True):
         if leak not in concerned:
             continue
-        for channel, source in ((truth, "injected"), (meter, "flow meter")):
-            values = data.channel(channel)
-            if values is not None:
-                shown.append(values / LITRE_PER_MINUTE)
-                recorded.append(line(f"{called}, {source}", role, time_s, shown[-1], width=3.4,
-                                     opacity=0.4, points=data.points))  # fmt: skip
-                break
+        was = data.channel(truth)
+        source = "injected"
+        if was is None:
+            was, zero = _metered(data, leak, meter)
+            source = "flow meter"
+            if zero is not None:
+                zeros.append(f"{called} {zero / LITRE_PER_MINUTE:.2f}")
+        if was is not None:
+            sources.add(source)
+            shown.append(was / LITRE_PER_MINUTE)
+            recorded.append(line(f"{called}, {source}", role, time_s, shown[-1], width=3.4,
+                                 opacity=0.4, points=data.points))  # fmt: skip
         if leak in states:
             values = states[leak] / LITRE_PER_MINUTE
             shown.append(values[values.size // 10 :])
@@ -85,7 +93,10 @@ def leak_flows(data: TestData) -> Panel | None:
     found = list(_found(data))
     if not recorded and not estimated and not found:
         return None
-    caption = "Pale: the leak as it was."
+    caption = "Pale: the leak as it was." if "injected" in sources else ""
+    if "flow meter" in sources:
+        less = f"less its zero, read before the bypass was opened ({', '.join(zeros)} L/min)"
+        caption += f"Pale: what the flow meter read, {less if zeros else 'its zero included'}."
     if estimated:
         caption += " Fine: what the filter's leak state makes of it."
     if found:
@@ -93,7 +104,7 @@ def leak_flows(data: TestData) -> Panel | None:
         shown += [trace.values for trace in found]
     traces = (*found[:1], *recorded, *estimated, *found[1:])
     limits = limits_of(shown, _LEAST_SPAN)
-    return Panel("leak_flow", "Leak flow", caption, "L/min", traces, limits)
+    return Panel("leak_flow", "Leak flow", caption.strip(), "L/min", traces, limits)
 
 
 def evidence(data: TestData) -> Panel | None:
@@ -120,6 +131,24 @@ def _concerned(outcome: TestOutcome) -> set[str]:
     if outcome.decision is not None:
         kinds |= {*leaks_found(outcome.decision)}
     return kinds & set(LEAKS)
+
+
+def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float | None]:
+    """Return what a leak's meter read, less its zero, and that zero, m^3/s.
+
+    Nothing of a leak that was never opened: what is read then is the zero. The zero is None where
+    the bypass was not shut for long enough to know it.
+    """
+    onsets = [fault.at_s for fault in data.outcome.injected if fault.kind == leak]
+    flow = data.channel(meter)
+    if not onsets or flow is None:
+        return None, None
+    before = flow[data.recording.time_s < min(onsets)]
+    before = before[np.isfinite(before)]
+    if min(onsets) < SHUT_S or not before.size:
+        return flow, None
+    zero = float(before.mean())
+    return flow - zero, zero
 
 
 def _in_filter_states(data: TestData) -> dict[str, Array]:

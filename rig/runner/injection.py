@@ -1,6 +1,7 @@
 """What was injected: the events of a test's faults, and the leak flows that they really gave.
 
-A simulated rig records its true flows; a real one what its flow meters read.
+A simulated rig records its true flows; a real one what its flow meters read, of which is taken off
+what they read while nothing was open: a meter's zero is no leak.
 """
 
 from dataclasses import dataclass
@@ -26,17 +27,28 @@ LEAK_CHANNELS: Final = {
 """The flow of each leak: the channel of its truth, and that of its meter."""
 # A sample at the very moment counts, whatever the rounding of its time.
 _INSTANT_S: Final = 1e-6
+SHUT_S: Final = 1.0
+"""How long a bypass must have been shut for its meter's zero to be known, ten of its lags."""
 
 
 @dataclass
 class _MeanFlow:
-    """Running mean of a channel's absolute value from one time to another."""
+    """Running mean of a channel's absolute value from one time to another, less its zero.
+
+    Attributes:
+        column: of the channel.
+        from_s, until_s: when the leak flows.
+        shut_s: until when nothing can flow and the channel shows its zero; 0 if it has none.
+    """
 
     column: int
     from_s: float
     until_s: float
+    shut_s: float
     total: float = 0.0
     count: int = 0
+    zero_total: float = 0.0
+    zero_count: int = 0
 
     def add(self, rows: Array) -> None:
         time_s = rows[:, 0]
@@ -45,10 +57,17 @@ class _MeanFlow:
         flow = flow[np.isfinite(flow)]
         self.total += float(flow.sum())
         self.count += flow.size
+        zero = rows[time_s < self.shut_s - _INSTANT_S, self.column]
+        zero = zero[np.isfinite(zero)]
+        self.zero_total += float(zero.sum())
+        self.zero_count += zero.size
 
     @property
     def mean(self) -> float | None:
-        return self.total / self.count if self.count else None
+        if not self.count:
+            return None
+        mean = self.total / self.count
+        return max(mean - self.zero_total / self.zero_count, 0.0) if self.zero_count else mean
 
 
 class Injection:
@@ -61,17 +80,24 @@ class Injection:
 
     def __init__(self, faults: tuple[Fault, ...], channels: tuple[str, ...]) -> None:
         self._faults = faults
-        columns = {
-            kind: channels.index(truth if truth in channels else meter)
-            for kind, (truth, meter) in LEAK_CHANNELS.items()
-        }
+        self._channels = channels
         self._flows = {
-            index: _MeanFlow(columns[fault.kind], fault.at_s + SETTLED_AFTER_S, fault.until_s)
+            index: self._flow_of(fault)
             for index, fault in enumerate(faults)
-            if fault.kind in columns
+            if fault.kind in LEAK_CHANNELS
         }
         self._time_s = -inf
         self._coming = sorted(_events(faults), key=lambda event: event[0])
+
+    def _flow_of(self, fault: Fault) -> _MeanFlow:
+        truth, meter = LEAK_CHANNELS[fault.kind]
+        is_true = truth in self._channels
+        column = self._channels.index(truth if is_true else meter)
+        shut_s = min(each.at_s for each in self._faults if each.kind == fault.kind)
+        known = not is_true and shut_s >= SHUT_S
+        return _MeanFlow(
+            column, fault.at_s + SETTLED_AFTER_S, fault.until_s, shut_s if known else 0.0
+        )
 
     def take(self, rows: Array) -> list[tuple[float, str, str]]:
         """Take the next rows; return what happened in them as (time in s, kind of event, text)."""

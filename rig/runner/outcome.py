@@ -39,7 +39,8 @@ class InjectedFault:
             Pa/(m^3/s)^2).
         linear: whether the coefficient is of the linear leak law.
         mean_flow_m3_per_s: mean absolute flow recorded from 2 s after onset to the leak's end, or
-            the test's; None where the rig records none (supply and return line).
+            the test's, less what a flow meter read before; None where the rig records none (supply
+            and return line).
     """
 
     kind: str

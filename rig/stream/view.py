@@ -6,7 +6,7 @@ Nothing here knows Zenoh: messages go in, by whatever way they came, and snapsho
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .messages import Channels, MessageError, Samples
 
 Array = NDArray[np.float64]
+Life = Literal["unheard", "live", "ended", "dead"]
 Singles = NDArray[np.float32]
 
 EVENTS_SHOWN: Final = 100
@@ -83,6 +84,18 @@ class Snapshot:
     events: tuple[Mapping[str, Any], ...] = ()
     gaps: tuple[Gap, ...] = ()
     missing: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def life(self) -> Life:
+        """Whether the rig is there: `ended` has said goodbye, `dead` has gone silent."""
+        if self.age_s is None:
+            return "unheard"
+        if self.alive:
+            return "live"
+        campaign = self.campaign
+        # What an earlier publisher said tells nothing of one that came after it.
+        is_its_own = campaign.get("session", self.session) == self.session
+        return "ended" if is_its_own and campaign.get("status") == "ended" else "dead"
 
 
 @dataclass(frozen=True)

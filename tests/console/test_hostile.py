@@ -5,6 +5,7 @@ import json
 import socket
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -130,7 +131,7 @@ def test_a_stream_that_fails_leaves_the_other_way_to_stop(
     orders = desk(Broken(RUNNING), launcher)
     assert orders.carry_out(Order("stop", "bench"), BEN) == Answer(False, "session closed")
     orders.carry_out(Order("start", name="a"), ANNA)
-    assert orders.carry_out(Order("stop", "bench"), BEN).accepted
+    assert orders.carry_out(Order("stop", "other"), BEN).accepted
     assert len(started[0].signals) == 1
 
 
@@ -162,16 +163,52 @@ def test_a_stop_before_the_rig_that_was_started_is_heard_stops_the_shown_one_and
     assert "was interrupted" in answer.reason
     assert len(started[0].signals) == 1
     # Once its rig is known, a stop is for the rig that the page shows, and for no other.
-    told = {"status": "running", "directory": launcher.under_way()}
+    told = {"status": "running", "directory": launcher.under_way(), "begun_ns": time.time_ns()}
     client.shots["other"] = Snapshot(rig="other", alive=True, campaign=told)
     assert orders.rig_of_run(launcher.under_way()) == "other"
     assert orders.carry_out(Order("stop", "bench"), ANNA).accepted
     assert len(started[0].signals) == 1
 
 
+def test_a_stop_right_after_a_reset_stops_the_shown_rig_and_the_run_that_goes_on(
+    launcher: Launcher, started: list[Started], tmp_path: Path
+) -> None:
+    """What was heard of the run is from before it was stopped: nobody has heard it go on."""
+    (tmp_path / "night").mkdir()
+    (tmp_path / "night" / "journal.jsonl").write_text('{"kind": "begin", "campaign": "a"}\n')
+    told = {"status": "ended", "directory": "night", "begun_ns": time.time_ns()}
+    other = Snapshot(rig="other", age_s=9.0, campaign=told)
+    client = FakeClient(replace(RUNNING, alive=False), other)
+    orders = desk(client, launcher)
+    assert orders.carry_out(Order("go on", name="night"), ANNA).accepted
+    client.become("bench", alive=True)
+    answer = orders.carry_out(Order("stop", "bench"), ANNA)
+    assert answer.accepted
+    assert client.sent == [("abort", "bench", "Anna", "")]
+    assert "was interrupted" in answer.reason
+    assert len(started[0].signals) == 1
+    client.become("other", alive=True, campaign=told | {"begun_ns": time.time_ns()})
+    assert orders.carry_out(Order("stop", "bench"), ANNA) == Answer(True)
+    assert len(started[0].signals) == 1
+
+
+def test_a_stop_of_a_silent_rig_is_not_called_obeyed_because_a_run_on_another_was_interrupted(
+    launcher: Launcher, started: list[Started]
+) -> None:
+    client = FakeClient(RUNNING)
+    orders = desk(client, launcher)
+    orders.carry_out(Order("start", name="a"), ANNA)
+    client.answer = Answer(False, "no answer")
+    answer = orders.carry_out(Order("stop", "bench"), ANNA)
+    assert not answer.accepted
+    assert answer.reason == "no answer; what was started here, on other, was interrupted"
+    assert len(started[0].signals) == 1
+
+
 def test_a_stop_by_a_page_that_was_told_of_no_rig_is_for_the_one_that_lives(site: Site) -> None:
     who = site.cookie()
-    assert site.order(who, order="stop")[0] == 200
+    status, answer = site.order(who, order="stop")
+    assert (status, answer["reason"]) == (200, "on bench, the only one that lives")
     assert site.client.sent == [("abort", "bench", "Anna", "")]
     site.client.shots["other"] = Snapshot(rig="other", alive=True)
     status, answer = site.order(who, order="stop")

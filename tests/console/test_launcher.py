@@ -135,6 +135,23 @@ def test_runs_that_were_stopped_or_killed_can_be_gone_on_with(
     assert started[0].arguments[4:6] == [str(tmp_path / "runs" / "stopped"), "--resume"]
 
 
+def test_it_is_known_on_which_rig_a_run_is_that_goes_on(
+    launcher: Launcher, started: list[Process], tmp_path: Path
+) -> None:
+    for name, given in (("own", None), ("given", {"rig": "/rigs/annex.yaml"})):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        begun = {"kind": "begin", "campaign": "leaks", "given": given}
+        (tmp_path / "runs" / name / "journal.jsonl").write_text(json.dumps(begun) + "\n")
+    for name, rig in (("own", "bench"), ("given", "annex")):
+        launcher.go_on(name)
+        running = launcher.present()
+        assert running is not None
+        assert running.rig == rig
+        started[-1].exit_code = 0
+        launcher.look()
+    assert launcher.present() is None
+
+
 def test_what_runs_here_can_be_interrupted(launcher: Launcher, started: list[Process]) -> None:
     assert not launcher.interrupt()
     launcher.start("leaks")

@@ -1,6 +1,7 @@
 """The page in a browser: stop is always within reach, and what is dead is shown as dead."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
@@ -8,7 +9,7 @@ from playwright.sync_api import Browser, Page, expect
 from rig.stream.client import Answer
 
 from .conftest import WAIT_MS
-from .fakes import until
+from .fakes import RUNNING, until
 from .site import TOKEN, Site
 
 expect.set_options(timeout=WAIT_MS)
@@ -67,6 +68,36 @@ def test_a_trip_is_told_with_its_first_out_and_its_remedy(site: Site, page: Page
     expect(page.locator("#confirmed")).to_contain_text("not confirmed")
 
 
+def test_a_rig_that_has_ended_is_listed_as_ended_and_one_that_went_silent_as_dead(
+    site: Site, page: Page
+) -> None:
+    over = {**RUNNING.campaign, "status": "ended"}
+    site.client.shots["night"] = replace(RUNNING, rig="night", alive=False, campaign=over)
+    site.client.shots["annex"] = replace(RUNNING, rig="annex", alive=False)
+    expect(page.locator("#rig option")).to_have_text(["bench", "night (ended)", "annex (dead)"])
+
+
+def test_stop_acts_on_the_rig_that_is_shown_and_says_which(site: Site, page: Page) -> None:
+    site.client.shots["annex"] = replace(RUNNING, rig="annex")
+    expect(page.locator("#stop-rig")).to_have_text("bench")
+    page.locator("#stop").click()
+    expect(page.locator("#banners")).to_contain_text("bench: Stop obeyed")
+    page.locator("#rig").select_option("annex")
+    expect(page.locator("#stop-rig")).to_have_text("annex")
+    page.keyboard.press("F9")
+    expect(page.locator("#banners")).to_contain_text("annex: Stop obeyed")
+    assert [sent[:2] for sent in site.client.sent] == [("abort", "bench"), ("abort", "annex")]
+    expect(page.locator("#events")).to_contain_text("Anna: stop annex")
+
+
+def test_of_a_valve_that_is_shut_the_meter_shows_its_zero(site: Site, page: Page) -> None:
+    latest = {"external_leakage_1_ball": 0.0, "flow_1_m3_per_s": 8.3e-7}
+    site.client.become("bench", latest=latest)
+    expect(page.locator("#bypass tbody")).to_contain_text("zero 0.05")
+    site.client.become("bench", latest=latest | {"external_leakage_1_ball": 1.0})
+    expect(page.locator("#bypass tbody")).not_to_contain_text("zero")
+
+
 def test_stop_is_on_the_screen_wherever_one_has_scrolled_and_over_any_dialog(
     site: Site, page: Page
 ) -> None:
@@ -103,6 +134,22 @@ def test_a_console_that_does_not_answer_is_told_and_found_again(site: Site, page
     page.context.set_offline(False)
     expect(page.locator("#life")).to_contain_text("live")
     assert site.client.sent == []
+
+
+def test_names_that_are_html_are_shown_as_text(site: Site, page: Page) -> None:
+    name = "<img src=x onerror=alert(1)>"
+    test = {"name": name, "expect": name, "status": name, "verdict": name}
+    site.client.become(
+        "bench",
+        campaign={**RUNNING.campaign, "name": name, "tests": [test]},
+        events=({"kind": name, "text": name, "at_ns": 10**18},),
+    )
+    site.client.shots[name] = replace(RUNNING, rig=name)
+    expect(page.locator("#campaign-name")).to_contain_text(name)
+    expect(page.locator("#tests")).to_contain_text(name)
+    expect(page.locator("#events")).to_contain_text(name)
+    expect(page.locator("#rig option")).to_have_text(["bench", name])
+    assert page.locator("main img, #bar img").count() == 0
 
 
 def test_the_page_is_as_wide_as_a_small_screen(page: Page) -> None:

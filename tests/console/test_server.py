@@ -13,7 +13,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from rig.console.guard import LARGEST_BODY
-from rig.console.orders import LONGEST_TEXT
+from rig.console.launcher import Launcher
+from rig.console.orders import LONGEST_TEXT, Orders
 from rig.console.server import LARGEST_MESSAGE, MESSAGES_PER_S
 from rig.console.visitors import FAILURES
 from rig.stream.client import Answer
@@ -116,6 +117,34 @@ def test_nobody_orders_without_having_logged_in(site: Site) -> None:
     assert (status, answer["accepted"]) == (401, False)
     assert site.client.sent == []
     assert site.is_logged("an order from nobody")
+
+
+def test_an_order_sent_again_after_its_sender_has_gone_is_refused_and_logged(site: Site) -> None:
+    who = site.cookie()
+    assert site.order(who, order="stop", rig="bench")[0] == 200
+    site.ask("POST", "/logout", headers=who)
+    assert site.order(who, order="stop", rig="bench")[0] == 401
+    assert len(site.client.sent) == 1
+    assert site.is_logged("an order from nobody")
+
+
+@pytest.mark.parametrize("order", ["start", "go on"])
+@pytest.mark.parametrize("name", ["../bench", "/etc/passwd", "--help", "a/../../b", "%2e%2e", "."])
+def test_nothing_is_started_by_a_path_and_that_is_logged(
+    site: Site, tmp_path: Path, order: str, name: str
+) -> None:
+    started: list[Any] = []
+    launcher = Launcher((), tmp_path / "runs", "loopback", None, print, started.append)  # type: ignore[arg-type]
+    site.client.become("bench", alive=False)
+    site.console.orders = Orders(site.client, site.console.seat, launcher)
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "bench" / "journal.jsonl").write_text('{"kind": "begin", "campaign": "a"}\n')
+    who = site.cookie()
+    site.order(who, order="take")
+    status, answer = site.order(who, order=order, name=name)
+    assert (status, answer["accepted"]) == (409, False)
+    assert site.is_logged(f"Anna: {order} {re.escape(name)} refused, ")
+    assert started == []
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ function render() {
   for (const name of dirty) {
     if (views[name] && (name in sections || name in common)) views[name](link);
   }
-  if (["life", "campaign", "progress", "seat", "launch", "rig", "interlocks"].some((name) => dirty.has(name))) actions();
+  if (["life", "campaign", "progress", "seat", "launch", "rig", "rigs", "interlocks"].some((name) => dirty.has(name))) actions();
   if (sections.life?.life !== render.life) {
     render.life = sections.life?.life;
     views.campaign(link);
@@ -194,6 +194,7 @@ function actions() {
     ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : ""
     : seat?.number === null ? "Take control to act. Stop works for everybody." : `${seat?.name ?? "Nobody"} has control. Stop works for everybody.`;
   by("stop").setAttribute("aria-label", `Stop ${link.rig || "the rig"}: end the campaign now`);
+  by("stop-rig").textContent = (link.common.rigs?.length ?? 0) > 1 ? link.rig : "";
   by("progress-meter").hidden = !progress?.duration_s;
 }
 
@@ -210,17 +211,20 @@ async function order(name, told) {
 }
 
 async function stop() {
+  // Whatever the page shows by the time of the answer: this is what the hand meant.
+  const { rig } = link;
+  const on = rig ? `${rig}: ` : "";
   const button = by("stop");
   button.classList.add("pressed");
   by("stop-word").textContent = "Stopping";
-  stopTold = ["warn", "Stop sent", `at ${clock(Date.now())}; waiting for the rig's answer.`];
+  stopTold = ["warn", `${on}Stop sent`, `at ${clock(Date.now())}; waiting for the rig's answer.`];
   alive();
-  const answer = await link.order("stop");
+  const answer = await link.order("stop", { rig });
   button.classList.remove("pressed");
   by("stop-word").textContent = "Stop";
   stopTold = answer.accepted
-    ? ["warn", "Stop obeyed", `at ${clock(Date.now())}. The ram is brought to rest; then valve null, bypass shut, pump unloaded.${answer.reason ? ` (${answer.reason})` : ""}`]
-    : ["bad", "Stop not confirmed", `${answer.reason}. If the rig moves, press the emergency stop at the rig.`];
+    ? ["warn", `${on}Stop obeyed`, `at ${clock(Date.now())}. The ram is brought to rest; then valve null, bypass shut, pump unloaded.${answer.reason ? ` (${answer.reason})` : ""}`]
+    : ["bad", `${on}Stop not confirmed`, `${answer.reason}. If the rig moves, press the emergency stop at the rig.`];
   alive();
   setTimeout(() => { stopTold = null; alive(); }, answer.accepted ? 20000 : 60000);
 }

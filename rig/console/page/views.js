@@ -37,7 +37,7 @@ export function rigs({ common, rig }) {
   by("rig-choice").hidden = !several;
   by("rig-name").hidden = several;
   by("rig").replaceChildren(...common.rigs.map((each) =>
-    new Option(each.alive ? each.rig : `${each.rig} (dead)`, each.rig, false, each.rig === rig)));
+    new Option(each.life === "live" ? each.rig : `${each.rig} (${each.life})`, each.rig, false, each.rig === rig)));
   by("rig-name").textContent = rig;
 }
 
@@ -69,6 +69,13 @@ export function readings({ sections }) {
   pairs(by("readings"), sections.readings.map(({ name, value, unit }) => [name, `${value ?? "-"} ${unit}`]));
 }
 
+// What a meter reads while its valve is shut is its zero, and no leak.
+function metered({ metered_L_per_min: flow, zero_L_per_min: zero }) {
+  const cell = element("td", "number", zero === null ? figure(flow, 2) : element("span", "quiet", `zero ${figure(zero, 2)}`));
+  if (zero !== null) cell.title = "The valve is shut: this is what the meter reads of nothing.";
+  return cell;
+}
+
 export function bypass({ sections }) {
   const valves = sections.bypass;
   const position = (part) => (part === null ? "-" : part >= 0.99 ? "open" : part <= 0.01 ? "shut" : "moves");
@@ -78,7 +85,7 @@ export function bypass({ sections }) {
       element("td", "", shortly(valve.name)),
       element("td", valve.ball === null ? "" : `state ${valve.ball > 0.01 ? "live" : "off"}`, position(valve.ball)),
       element("td", "number", valve.needle === null ? "-" : `${figure(100 * valve.needle, 1)} %`),
-      element("td", "number", figure(valve.metered_L_per_min, 2))))),
+      metered(valve)))),
   ]);
 }
 

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
@@ -204,6 +204,10 @@ def test_a_dead_stream_is_shown_as_dead_with_its_age() -> None:
     assert "DEAD for 12.3 s" in line(DEAD)
     assert "DEAD for 12.3 s" in shown(DEAD)
     assert not document(DEAD)["alive"]
+    assert document(DEAD)["life"] == "dead"
+    ended = replace(DEAD, campaign={"status": "ended"})
+    assert "ended 12.3 s ago" in line(ended)
+    assert "DEAD" not in shown(ended)
 
 
 def test_the_screen_shows_what_an_operator_asks_for() -> None:

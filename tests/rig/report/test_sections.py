@@ -1,3 +1,4 @@
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -204,12 +205,23 @@ def test_on_a_rig_without_truth_the_flow_meter_stands_for_the_leak(
     assert leaking.recording is not None
     whole = read_recording(run_directory / leaking.recording)
     channels = [name for name in whole.channels if not name.startswith("true_")]
+    zero = 0.05 * LITRE_PER_MINUTE
+    metered = {name: whole[name] + zero * name.startswith("flow_") for name in channels}
     with McapWriter(tmp_path / leaking.recording, channels, whole.metadata) as writer:
-        writer.write(np.column_stack([whole[name] for name in channels]))
-    section = sections_of(campaign(leaking), tmp_path)[0]
-    shown = names(panel(section, "leak_flow"))
+        writer.write(np.column_stack(list(metered.values())))
+    flows = panel(sections_of(campaign(leaking), tmp_path)[0], "leak_flow")
+    shown = names(flows)
     assert "chamber 1, flow meter" in shown
     assert not any("injected" in name for name in shown)
+    # What it read before the leak was opened is no leak, and is told.
+    told = re.search(r"before the bypass was opened \(chamber 1 (0\.\d\d) L/min", flows.caption)
+    assert told is not None
+    assert float(told[1]) >= 0.05
+    (meter,) = (trace for trace in flows.traces if trace.name == "chamber 1, flow meter")
+    assert abs(float(np.median(meter.values[: meter.values.size // 4]))) < 0.01
+    nothing = replace(leaking, injected=())
+    nothing_opened = panel(sections_of(campaign(nothing), tmp_path)[0], "leak_flow")
+    assert not any("flow meter" in name for name in names(nothing_opened))
 
 
 def test_a_large_campaign_is_drawn_more_coarsely_so_that_its_page_opens(

@@ -34,6 +34,36 @@ def test_the_mean_flow_of_a_leak_that_ends_is_that_while_it_lasted() -> None:
     assert injection.injected[0].mean_flow_m3_per_s == pytest.approx(3.5, abs=1e-3)
 
 
+METERED = ("time_s", *(meter for _, meter in LEAK_CHANNELS.values()))
+
+
+def test_what_a_meter_read_before_its_bypass_was_opened_is_no_leak() -> None:
+    zero, leak = 8e-7, 1e-5
+    time_s = np.arange(0.0, 10.0, 1e-3)
+    flow = zero + np.where(time_s >= 4.0, leak, 0.0)
+    metered = np.column_stack([time_s, flow, np.full_like(time_s, zero), np.full_like(time_s, 1.0)])
+    faults = (
+        Fault("external_leakage_1", 1e-9, at_s=4.0),
+        Fault("external_leakage_2", 1e-9, at_s=4.0),
+        Fault("internal_leakage", 1e-9, at_s=0.5),
+    )
+    injection = Injection(faults, METERED)
+    for part in np.array_split(metered, 7):
+        injection.take(part)
+    found = {fault.kind: fault.mean_flow_m3_per_s for fault in injection.injected}
+    assert found["external_leakage_1"] == pytest.approx(leak)
+    # A meter that shows no more than its zero shows that nothing came.
+    assert found["external_leakage_2"] == pytest.approx(0.0, abs=1e-15)
+    # Open almost from the beginning: what its meter reads of nothing is not known.
+    assert found["internal_leakage"] == 1.0
+
+
+def test_a_true_flow_has_no_zero() -> None:
+    injection = Injection((Fault("external_leakage_1", 1e-9, at_s=4.0),), CHANNELS)
+    injection.take(rows(0.0, 10.0))
+    assert injection.injected[0].mean_flow_m3_per_s == pytest.approx(1.0)
+
+
 def test_a_fault_that_had_not_begun_was_not_injected() -> None:
     injection = Injection((Fault("external_leakage_1", 1e-9, at_s=5.0),), CHANNELS)
     injection.take(rows(0.0, 4.0))

@@ -137,6 +137,19 @@ def test_a_stream_whose_token_went_is_dead_at_once(view: RigView, publisher: Pub
     assert not view.snapshot(S).alive
 
 
+def test_a_rig_that_said_goodbye_has_ended_and_one_that_went_silent_is_dead(
+    view: RigView, publisher: Publisher
+) -> None:
+    assert view.snapshot(S).life == "live"
+    publisher.send("campaign", {"status": "ended"}, at_ns=S)
+    assert view.snapshot(S).life == "live"
+    view.token(present=False)
+    assert view.snapshot(S).life == "ended"
+    again = Publisher(view, "s2")
+    again.heartbeat(at_ns=2 * S)
+    assert view.snapshot(2 * S).life == "dead"
+
+
 def test_a_late_joiner_puts_the_past_before_the_present(
     view: RigView, publisher: Publisher
 ) -> None:
