@@ -161,7 +161,7 @@ class Fitter:
         bases = [innovations for innovations, _ in self.innovations(values)]
         used = [np.isfinite(record.gains.variances) for record in self.records]
         changes = [found[column.name] for column in columns]
-        return assemble(columns, bases, changes, used, self.blocks)
+        return assemble(columns, bases, changes, used, self.blocks, self.pool)
 
     def fit(
         self, values: Values, variables: Sequence[Variable], steps: int = 4,

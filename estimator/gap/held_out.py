@@ -1,7 +1,8 @@
 """The gap on recordings that nothing was fitted to: prediction error above the noise floor."""
 
 from collections.abc import Sequence
-from itertools import pairwise
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice, pairwise
 from typing import Final
 
 import numpy as np
@@ -36,24 +37,31 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
 
 
 def channel_gaps(
-    predictor: Predictor, records: Sequence[Record], before: Values, after: Values, seed: int = 7
-) -> list[ChannelGap]:
+    predictor: Predictor, records: Sequence[Record], before: Values, after: Values,
+    pool: ThreadPoolExecutor, seed: int = 7,
+) -> list[ChannelGap]:  # fmt: skip
     """Return each channel's gap, of the model as given and as written, over all records."""
+
+    def run(task: tuple[Values, int, int | None]) -> tuple[Array, Array, Array]:
+        values, index, twin = task
+        if twin is None:
+            return _errors(predictor, records[index].unfiltered(), values)
+        made = predictor.twin(records[index], values, seed + index + len(records) * twin)
+        return _errors(predictor, made, values)
+
     outputs = predictor.plant.outputs
     variances = np.array([output.variance for output in outputs])
+    numbers = range(len(records))
+    tasks: dict[str, list[tuple[Values, int, int | None]]] = {
+        "before": [(before, index, None) for index in numbers],
+        "after": [(after, index, None) for index in numbers],
+        "floor": [(after, index, twin) for index in numbers for twin in range(FLOOR_TWINS)],
+    }
+    found = pool.map(run, [task for of_name in tasks.values() for task in of_name])
     mean = {}
-    for name, values, twins in (
-        ("before", before, 0), ("after", after, 0), ("floor", after, FLOOR_TWINS)
-    ):  # fmt: skip
-        parts, lengths = [], []
-        for index, record in enumerate(records):
-            used = [
-                predictor.twin(record, values, seed + index + len(records) * number)
-                for number in range(twins)
-            ]
-            for each in used or [record]:
-                parts.append(_errors(predictor, each, values))
-                lengths.append(float(len(record)))
+    for name, of_name in tasks.items():
+        parts = list(islice(found, len(of_name)))
+        lengths = [float(len(records[index])) for _, index, _ in of_name]
         mean[name] = tuple(
             np.average([part[k] for part in parts], axis=0, weights=lengths) for k in range(3)
         )

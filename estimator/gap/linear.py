@@ -7,6 +7,7 @@ blocks are not (sandwich of block scores).
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
@@ -146,7 +147,7 @@ def bounded_least_squares(matrix: Array, slope: Array, lower: Array, upper: Arra
 
 def assemble(
     columns: Sequence[Column], bases: Sequence[Array], changes: Sequence[Sequence[Array]],
-    used: Sequence[Array], blocks: Sequence[Sequence[slice]],
+    used: Sequence[Array], blocks: Sequence[Sequence[slice]], pool: ThreadPoolExecutor,
 ) -> Linear:  # fmt: skip
     """Return a linearisation from what records gave.
 
@@ -156,24 +157,26 @@ def assemble(
         changes: of each column and record float64 (n, outputs): change of these by a unit step.
         used: of each record bool (n, outputs): whether a reading is used.
         blocks: of each record.
+        pool: threads to run in.
     """
-    products, slopes, squares = [], [], []
-    quartics, samples = np.zeros(len(columns)), 0
-    for number, base in enumerate(bases):
+
+    def summed(task: tuple[int, slice]) -> tuple[Array, Array, float, Array, int]:
+        number, block = task
+        base = bases[number][block]
         roots = np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(base), 1e-12)))
-        weighted = np.empty((len(columns), *base.shape))
+        jacobian = np.empty((len(columns), base.size))
         for place, column in enumerate(changes):
-            np.multiply(column[number], roots, out=weighted[place])
-        residuals = base * roots
-        for block in blocks[number]:
-            jacobian = weighted[:, block].reshape(len(columns), -1)
-            residual = residuals[block].ravel()
-            products.append(jacobian @ jacobian.T)
-            slopes.append(jacobian @ residual)
-            squares.append(float(residual @ residual))
-            samples += int(used[number][block].sum())
-            squared = np.square(jacobian)
-            quartics += np.einsum("ij,ij->i", squared, squared)
+            np.multiply(column[number][block], roots, out=jacobian[place].reshape(base.shape))
+        residual = (base * roots).ravel()
+        squared = np.square(jacobian)
+        return (
+            jacobian @ jacobian.T, jacobian @ residual, float(residual @ residual),
+            np.einsum("ij,ij->i", squared, squared), int(used[number][block].sum()),
+        )  # fmt: skip
+
+    tasks = [(number, block) for number in range(len(bases)) for block in blocks[number]]
+    products, slopes, squares, quartics, samples = zip(*pool.map(summed, tasks), strict=True)
     return Linear(
-        columns, np.array(products), np.array(slopes), np.array(squares), quartics, samples
-    )
+        columns, np.array(products), np.array(slopes), np.array(squares), np.sum(quartics, axis=0),
+        sum(samples),
+    )  # fmt: skip

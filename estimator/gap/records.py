@@ -1,7 +1,7 @@
 """A recording as the filter takes it: inputs, readings, and how far each reading can be trusted."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,10 @@ class Record:
         samples, outputs = self.readings.shape
         self.gains = Gains.empty(samples, outputs, states)
         return self.gains
+
+    def unfiltered(self) -> "Record":
+        """Return the same recording without gains, to be filtered beside this one."""
+        return replace(self)
 
     def release(self) -> None:
         """Forget what disturbances were followed with; it is large."""

@@ -384,9 +384,10 @@ class Search:
         """Return what the cost loses at starts themselves: large effects are far from linear."""
         before = fitter.costs(values).sum()
         changes = fitter.changes(values, columns)
+        costs = fitter.pool.map(lambda change: fitter.changed_costs(values, change), changes)
         return {
-            column.name: float(before - fitter.changed_costs(values, change).sum())
-            for column, change in zip(columns, changes, strict=True)
+            column.name: float(before - left.sum())
+            for column, left in zip(columns, costs, strict=True)
         }
 
     def _starts(
@@ -420,11 +421,14 @@ class Search:
         made = self._twins.setdefault(key, [])
         predictor, pool = self.fitter.predictor, self.fitter.pool
         for twin in range(len(made), count):
-            records = [
-                predictor.twin(record, values, self._seed + 1000 * twin + index)
-                for index, record in enumerate(self.fitter.records)
-            ]
-            fitter = Fitter(predictor, records, pool)
+            numbers = range(len(self.fitter.records))
+            records = pool.map(
+                lambda index, first=self._seed + 1000 * twin: predictor.twin(
+                    self.fitter.records[index], values, first + index
+                ),
+                numbers,
+            )
+            fitter = Fitter(predictor, list(records), pool)
             fitter.refresh(values)
             made.append(fitter)
         return made[:count]

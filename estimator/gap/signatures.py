@@ -189,7 +189,7 @@ def _shown(
     """
     moved, *followed = fitter.changes(values, [Column("change", changed, 1.0), *nuisances])
     used = [np.isfinite(record.gains.variances) for record in fitter.records]
-    linear = assemble(nuisances, moved, followed, used, fitter.blocks)
+    linear = assemble(nuisances, moved, followed, used, fitter.blocks, fitter.pool)
     steps, _ = linear.solve([column.name for column in nuisances])
     gains = linear.squares + 2.0 * linear.slopes @ steps + (linear.products @ steps) @ steps
     gains = np.maximum(gains, 0.0)

@@ -6,6 +6,7 @@ found must predict better than "nothing changes" would.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
@@ -41,7 +42,10 @@ def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
 
 
 def unsuitable(
-    records: Sequence[Record], judged: Sequence[Record], predictor: Predictor
+    records: Sequence[Record],
+    judged: Sequence[Record],
+    predictor: Predictor,
+    pool: ThreadPoolExecutor,
 ) -> list[str]:
     """Return why recordings cannot support a verdict, in words; empty if they can.
 
@@ -49,6 +53,7 @@ def unsuitable(
         records: to fit to.
         judged: held out.
         predictor: of the model as given; filters the records.
+        pool: threads to run in.
     """
     plant = predictor.plant
     reasons = [
@@ -60,8 +65,12 @@ def unsuitable(
     reasons += _commands(records, plant)
     for index, output in enumerate(plant.outputs):
         reasons += _readings(records, index, output)
-    return reasons or [
-        reason for record in (*records, *judged) for reason in _lost(record, predictor)
+    if reasons:
+        return reasons
+    return [
+        reason
+        for found in pool.map(lambda record: _lost(record, predictor), (*records, *judged))
+        for reason in found
     ]
 
 

@@ -73,16 +73,15 @@ def find_gap(
     )
     records = usable([record_of(recording, plant) for recording in recordings], plant)
     judged = usable([record_of(recording, plant) for recording in holdout], plant)
-    result.reasons = unsuitable(records, judged, predictor)
-    if not result.reasons:
-        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            fitter = Fitter(predictor, records, pool)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        result.reasons = unsuitable(records, judged, predictor, pool)
+        if not result.reasons:
+            fitter, judge_with = (Fitter(predictor, each, pool) for each in (records, judged))
             try:
-                judge_with = Fitter(predictor, judged, pool)
                 _search(result, Search(fitter, seed, judge_with), judge_with)
             except np.linalg.LinAlgError:
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
-    _show(result, predictor, judged)
+        _show(result, predictor, judged, pool)
     return result
 
 
@@ -184,13 +183,11 @@ def _known(search: Search, found: Found, seen: _Seen) -> _Known:
 def _resting(fitter: Fitter, judged: Fitter, values: Values) -> list[str]:
     """Return the channels predicted worse than by resting; the fitter is filtered with `values`."""
     judged.refresh(values)
-    found = {
-        channel: None
-        for each in (fitter, judged)
-        for record in each.records
-        for channel in worse_than_resting(each.predictor, record, values)
-    }
-    return list(found)
+    found = fitter.pool.map(
+        lambda record: worse_than_resting(fitter.predictor, record, values),
+        (*fitter.records, *judged.records),
+    )
+    return list(dict.fromkeys(channel for channels in found for channel in channels))
 
 
 def _ranked(*curves: list[Curve]) -> list[Curve]:
@@ -228,25 +225,28 @@ def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
     return dict(zip(changes, map(float, alike), strict=True))
 
 
-def _show(result: GapResult, predictor: Predictor, judged: Sequence[Record]) -> None:
+def _show(
+    result: GapResult, predictor: Predictor, judged: Sequence[Record], pool: ThreadPoolExecutor
+) -> None:
     """Set the gap on the recordings held out, and free runs."""
     if not judged:
         return
     given = predictor.plant.nominal
-    gaps = channel_gaps(predictor, judged, given, result.values)
+    gaps = channel_gaps(predictor, judged, given, result.values, pool)
     before, after = mean_gap(gaps)
     if np.isfinite(before + after):
         result.channels, result.gap_before, result.gap_after = gaps, before, after
         result.free_runs = free_runs(predictor, judged, given, result.values)
     if result.added is not None:
-        _show_added(result, result.added, predictor, judged)
+        _show_added(result, result.added, predictor, judged, pool)
 
 
 def _show_added(
-    result: GapResult, added: AddedTerm, predictor: Predictor, judged: Sequence[Record]
-) -> None:
+    result: GapResult, added: AddedTerm, predictor: Predictor, judged: Sequence[Record],
+    pool: ThreadPoolExecutor,
+) -> None:  # fmt: skip
     """Set the held-out gap with the unknown term; it stays only if that is lower."""
-    gaps = channel_gaps(predictor, judged, predictor.plant.nominal, added.values)
+    gaps = channel_gaps(predictor, judged, predictor.plant.nominal, added.values, pool)
     after = mean_gap(gaps)[1]
     told = f"{added.equation}: {added.text}"
     if not after < result.gap_after:

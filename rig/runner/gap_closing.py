@@ -6,7 +6,9 @@ is a run of its own, after the model was revised, on which the revised model is 
 given. It ends when a model is adequate, when nothing more can be found, or after some rounds.
 """
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
@@ -91,7 +93,8 @@ def checked(
     revised = replace(question, model=revised_model(question.model, found))
     again = find_gap(recordings, _read(held), revised.plant())
     records = [record_of(recording, plant) for recording in recordings]
-    gaps = channel_gaps(Predictor(plant), records, plant.nominal, found.values)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        gaps = channel_gaps(Predictor(plant), records, plant.nominal, found.values, pool)
     before, after = mean_gap(gaps)
     seconds = sum(map(len, records)) * plant.period
     check = Check(again.verdict, tuple(effect.name for effect in again.effects), before, after)

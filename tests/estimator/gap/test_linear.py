@@ -1,5 +1,7 @@
 """Linear algebra of the workflow: least squares within bounds, block sums, robust cost."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,7 +58,9 @@ def drawn(seed: int, correlated: int = 1) -> Linear:
     base = noise - changes @ np.array([0.3, -0.2])
     blocks = [slice(k, k + 200) for k in range(0, 4000, 200)]
     used = [np.ones(base.shape, dtype=bool)]
-    return assemble(columns, [base], [[changes[:, :, i]] for i in (0, 1)], used, [blocks])
+    each = [[changes[:, :, i]] for i in (0, 1)]
+    with ThreadPoolExecutor(1) as pool:
+        return assemble(columns, [base], each, used, [blocks], pool)
 
 
 def test_steps_are_found_and_the_gain_is_what_the_squares_lose() -> None:

@@ -1,6 +1,7 @@
 """Recordings that cannot support a verdict are told apart, with the reason, before any fit."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -37,7 +38,9 @@ def changed(change: Callable[[dict[str, Array]], dict[str, Array]]) -> Recording
 
 def reasons_of(recording: Recording) -> list[str]:
     records = [record_of(recording, PLANT)]
-    return unsuitable(usable(records, PLANT), usable(records, PLANT), Predictor(PLANT))
+    kept = usable(records, PLANT)
+    with ThreadPoolExecutor(1) as pool:
+        return unsuitable(kept, kept, Predictor(PLANT), pool)
 
 
 def noise(n: int, size: float) -> Array:
