@@ -22,7 +22,7 @@ from rig.plant.simulation import simulate
 Array = NDArray[np.float64]
 
 HORIZON: Final = 50
-FINENESS: Final = (1, 2, 4)
+FINENESS: Final = (0.5, 1, 2, 4)
 REFERENCE: Final = 16
 
 
@@ -58,7 +58,9 @@ def differences(rig: Parameters, command: Array) -> Iterator[Array]:
     for start in range(100, command.size - HORIZON, 47):
         piece = command[start : start + HORIZON]
         runs = [
-            stacked(simulate(model, piece, initial=along[start], substeps=fineness * SUBSTEPS))
+            stacked(
+                simulate(model, piece, initial=along[start], substeps=round(fineness * SUBSTEPS))
+            )
             for fineness in (*FINENESS, REFERENCE)
         ]
         yield np.array([np.abs(run - runs[-1]).max(axis=0) for run in runs[:-1]])
@@ -81,7 +83,7 @@ def table(seconds: float) -> Table:
             rig = NOMINAL._replace(friction_law=law, **extra)
             found = np.array(list(differences(rig, command)))
             everything.append(found)
-            _add_row(result, law_name, name, found, 0)
+            _add_row(result, law_name, name, found, FINENESS.index(1))
         pooled = np.concatenate(everything)
         for index in range(len(FINENESS)):
             _add_row(result, law_name, "all of these", pooled, index)

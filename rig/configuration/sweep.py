@@ -11,6 +11,7 @@ from pydantic import create_model
 from estimator.pattern import LEARNING_S
 from faults.verdict import LEAK_KINDS
 from rig.plant.effects import CATALOGUE, REMEMBERING, Effect
+from rig.plant.integrator import LONGEST_STEP, TICK
 from rig.plant.model import Model
 from rig.plant.parameters import NOMINAL, Parameters, quantities
 
@@ -47,6 +48,7 @@ class SweepFile(Schema):
     filter: SweepFilter = "thesis-7"
     false_alarms_per_day: Annotated[float, Physical("", 1e-3, 1e3, 1.0)] = 1.0
     duration: Annotated[float, Physical("s", _SHORTEST_S, 3600.0, 60.0)] = 60.0
+    longest_step: Annotated[float, Physical("s", LONGEST_STEP, TICK, LONGEST_STEP)] = LONGEST_STEP
     cases: Annotated[int, SchemaField(ge=1, le=10_000_000)]
     seed: Annotated[int, SchemaField(ge=0, lt=2**31)] = 0
     parameters: Any = None
@@ -135,6 +137,7 @@ def read_sweep(path: Path, sources: Sources) -> Sweep | None:
         filter_name=file.filter,
         false_alarms_per_day=file.false_alarms_per_day,
         duration_s=file.duration,
+        longest_step_s=file.longest_step,
         cases=file.cases,
         seed=file.seed,
         parameters=drawn.distributions,
@@ -174,6 +177,7 @@ def _meaning(sweep: Sweep) -> dict[str, Any]:
         "filter": sweep.filter_name,
         "false_alarms_per_day": sweep.false_alarms_per_day,
         "duration_s": sweep.duration_s,
+        "longest_step_s": sweep.longest_step_s,
         "cases": sweep.cases,
         "seed": sweep.seed,
         "parameters": plain(sweep.parameters),

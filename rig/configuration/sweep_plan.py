@@ -66,6 +66,7 @@ class Sweep:
         rig: what every case starts from.
         model: what filter and detector assume.
         parameters: what is drawn of `rig.plant.parameters`, by field.
+        longest_step_s: of the plant's integration (`rig.plant.integrator`), s.
         followers: fields that keep their proportion to another one, by field: the other one.
         noise: factor on the deviation of every transducer.
         source_files: SHA-256 of every file read, by path.
@@ -80,6 +81,7 @@ class Sweep:
     filter_name: SweepFilter
     false_alarms_per_day: float
     duration_s: float
+    longest_step_s: float
     cases: int
     seed: int
     parameters: Mapping[str, Distribution]

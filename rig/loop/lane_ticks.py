@@ -13,7 +13,7 @@ from numba import njit
 
 from rig.plant.compiled import inlined
 from rig.plant.dynamics import PlantState
-from rig.plant.integrator import SUBSTEPS, TICK, next_step
+from rig.plant.integrator import TICK, next_step
 from rig.plant.lanes import anywhere, gather, load, load_fields, scatter, select, store
 from rig.plant.parameters import Parameters
 from rig.plant.sensors import encoder_position, pressure_reading, spool_reading
@@ -53,8 +53,6 @@ _PRESSURE_2: Final = PlantState._fields.index("pressure_2")
 _POSITION: Final = PlantState._fields.index("position")
 _SUPPLY: Final = PlantState._fields.index("supply_pressure")
 _RETURN: Final = PlantState._fields.index("return_pressure")
-_LONGEST: Final = TICK / SUBSTEPS
-_SHORTEST: Final = SHORTEST * _LONGEST
 
 
 @inlined
@@ -100,7 +98,8 @@ def _faults_at(faults, acts):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def plant_ticks(
-    setpoint, open_loop, gain, limit, faults, onset, plant, parameters, like, sensors, log, rows
+    setpoint, open_loop, gain, limit, longest_step, faults, onset, plant, parameters, like, sensors,
+    log, rows,
 ):  # fmt: skip
     """Advance plants and position loops by as many ticks as there are setpoints.
 
@@ -109,6 +108,7 @@ def plant_ticks(
         open_loop: (ticks, LANES), not 0 where the setpoint is the command.
         gain: of the position loop, V/m.
         limit: greatest command of either sign, V.
+        longest_step: of the integration, s; `rig.plant.integrator.LONGEST_STEP` to a tick.
         faults: (8, LANES) coefficients (`rig.plant.faults.FaultInput`).
         onset: (1, LANES), ticks from now until they act.
         plant: (9, LANES) true states, `PlantState`; updated.
@@ -123,6 +123,7 @@ def plant_ticks(
     """
     par = load_fields(parameters, like, _FRICTION_LAW)
     ticks = setpoint.shape[0]
+    shortest = SHORTEST * longest_step
     y = (
         load(plant, 0), load(plant, 1), load(plant, 2), load(plant, 3), load(plant, 4),
         load(plant, 5), load(plant, 6), load(plant, 7), load(plant, 8),
@@ -140,14 +141,14 @@ def plant_ticks(
             closed = gather(open_loop, tick) == 0.0
             asked = select(closed, gain * (asked - position), asked)
             command = select(begins, min(max(asked, -limit), limit), command)
-            longest = select(begins, resolving_step(y, _LONGEST, TICK, par, fault), longest)
+            longest = select(begins, resolving_step(y, longest_step, TICK, par, fault), longest)
             remaining = select(begins, TICK, remaining)
             scatter(rows, tick, nothing + row, begins)
         if not anywhere(remaining > 0.0):
             _store_states(plant, y)
             return True
         _log_step(log, row * LOGGED, y, command)
-        y, remaining = next_step(y, remaining, longest, _SHORTEST, command, par, fault)
+        y, remaining = next_step(y, remaining, longest, shortest, command, par, fault)
     return False
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
 from rig.plant import NO_FAULT, NOMINAL, REMEMBERING, FaultInput, Parameters
 from rig.plant.dynamics import rest_state
+from rig.plant.integrator import LONGEST_STEP
 from rig.plant.lanes import LANES
 from rig.plant.lanes.normal import fill_normal, start_streams
 from rig.plant.sensors import DATA_SHEET, SensorParameters
@@ -104,8 +105,8 @@ class SimulatedLanes:
         rows = np.empty((ticks, LANES))
         enough = plant_ticks(
             np.ascontiguousarray(setpoint), np.ascontiguousarray(open_loop), self._gain,
-            self._limit, self._faults, self._onset, self.plant, self._parameters, self.rigs[0],
-            self._sensors, self._log, rows,
+            self._limit, LONGEST_STEP, self._faults, self._onset, self.plant, self._parameters,
+            self.rigs[0], self._sensors, self._log, rows,
         )  # fmt: skip
         if not enough:
             raise RuntimeError(

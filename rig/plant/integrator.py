@@ -25,6 +25,9 @@ TICK: Final = 1e-3
 SUBSTEPS: Final = 2
 """Longest steps a tick. Shown converged by `python -m tools.convergence`."""
 
+LONGEST_STEP: Final = TICK / SUBSTEPS
+"""Longest step in s of all runs that do not ask for another."""
+
 # Runge-Kutta is stable to 2.8 relaxations a step; from here on they are solved exactly.
 _FAST_BRISTLE: Final = 2.0
 

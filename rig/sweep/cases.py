@@ -58,6 +58,7 @@ class Setting:
     ticks: int
     gain: float
     limit: float
+    longest_step_s: float
     middle: float
     has_spool: bool
     has_supply: bool
@@ -103,6 +104,7 @@ def setting_of(sweep: Sweep) -> Setting:
         ticks=sweep.ticks,
         gain=base.gain_V_per_m,
         limit=base.limits.command_V,
+        longest_step_s=sweep.longest_step_s,
         middle=0.5 * (base.limits.position_min_m + base.limits.position_max_m),
         has_spool=base.has_spool_sensor,
         has_supply=base.has_supply_pressure_sensor,
@@ -176,8 +178,8 @@ def run_thesis7(group: Group) -> Array:
     sums = np.zeros((setting.blocks, len(SUMS), LANES))
     enough = thesis7_cases(
         setting.ticks, AHEAD, motions.sines, motions.levels, motions.ends, group.open_loop,
-        setting.gain, setting.limit, group.plant, group.parameters, setting.like, setting.sensors,
-        group.faults, group.onset, group.noise, group.stream(0),
+        setting.gain, setting.limit, setting.longest_step_s, group.plant, group.parameters,
+        setting.like, setting.sensors, group.faults, group.onset, group.noise, group.stream(0),
         np.repeat(x[:, None], LANES, axis=1), np.repeat(covariance[:, :, None], LANES, axis=2),
         setting.model.parameters, sums,
     )  # fmt: skip

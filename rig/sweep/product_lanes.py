@@ -76,9 +76,9 @@ class _Bench:
         readings = np.empty((ticks, len(LANE_READINGS), LANES))
         enough = reading_block(
             first, motions.sines, motions.levels, motions.ends, self._level, group.open_loop,
-            setting.gain, setting.limit, group.plant, group.parameters, setting.like,
-            setting.sensors, group.faults, self._until_onset, group.onset, group.noise,
-            *self._streams, self._log, readings, self.flow,
+            setting.gain, setting.limit, setting.longest_step_s, group.plant, group.parameters,
+            setting.like, setting.sensors, group.faults, self._until_onset, group.onset,
+            group.noise, *self._streams, self._log, readings, self.flow,
         )  # fmt: skip
         if not enough:
             raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")

@@ -193,8 +193,8 @@ def _leak_flow(tick, p1, p2, back, faults, onset):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def thesis7_cases(
-    ticks, ahead, sines, levels, ends, open_loop, gain, limit, plant, parameters, like, sensors,
-    faults, onset, scale, streams, x, covariance, assumed, sums,
+    ticks, ahead, sines, levels, ends, open_loop, gain, limit, longest_step, plant, parameters,
+    like, sensors, faults, onset, scale, streams, x, covariance, assumed, sums,
 ):  # fmt: skip
     """Run cases from their first tick to their last, one in each lane.
 
@@ -208,6 +208,7 @@ def thesis7_cases(
         open_loop: (1, LANES), not 0 where the setpoint is the command.
         gain: of the position loop, V/m.
         limit: greatest command of either sign, V.
+        longest_step: of the integration, s.
         plant: (9, LANES) true states; updated.
         parameters: (fields, LANES), `Parameters` of each rig.
         like: `Parameters`, of which the friction law is that of all rigs.
@@ -238,8 +239,8 @@ def thesis7_cases(
         count = min(batch if first == 0 else batch - 1, ticks - first)
         setpoint_ticks(first, sines, levels, ends, level, setpoint[:count])
         if not plant_ticks(
-            setpoint[:count], is_open[:count], gain, limit, faults, until_onset, plant, parameters,
-            like, sensors, log, rows[:count],
+            setpoint[:count], is_open[:count], gain, limit, longest_step, faults, until_onset,
+            plant, parameters, like, sensors, log, rows[:count],
         ):  # fmt: skip
             return False
         until_onset -= count
@@ -259,8 +260,8 @@ def thesis7_cases(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def reading_block(
-    first, sines, levels, ends, level, open_loop, gain, limit, plant, parameters, like, sensors,
-    faults, until_onset, onset, scale, pressures, others, log, readings, flow,
+    first, sines, levels, ends, level, open_loop, gain, limit, longest_step, plant, parameters,
+    like, sensors, faults, until_onset, onset, scale, pressures, others, log, readings, flow,
 ):  # fmt: skip
     """Run plants and transducers for a block of ticks, for a filter that is run elsewhere.
 
@@ -273,6 +274,7 @@ def reading_block(
         open_loop: (1, LANES), not 0 where the setpoint is the command.
         gain: of the position loop, V/m.
         limit: greatest command of either sign, V.
+        longest_step: of the integration, s.
         plant: (9, LANES) true states; updated.
         parameters: (fields, LANES), `Parameters` of each rig.
         like: `Parameters`, of which the friction law is that of all rigs.
@@ -298,8 +300,8 @@ def reading_block(
         is_open[k] = open_loop[0]
     setpoint_ticks(first, sines, levels, ends, level, setpoint)
     if not plant_ticks(
-        setpoint, is_open, gain, limit, faults, until_onset, plant, parameters, like, sensors, log,
-        rows,
+        setpoint, is_open, gain, limit, longest_step, faults, until_onset, plant, parameters, like,
+        sensors, log, rows,
     ):  # fmt: skip
         return False
     until_onset -= ticks

@@ -100,6 +100,7 @@ motions:
         ("{uniform: [16 s, 20 s]}", "{uniform: [16 s, 28 s]}", "may come later than"),
         ("duration: 30 s", "duration: 17 s", "leaves nothing to judge"),
         ("duration: 30 s", "duration: 30.2 s", "is no multiple of 0.5 s"),
+        ("duration: 30 s", "duration: 30 s\nlongest_step: 2 ms", "2 ms is above 1 ms"),
         ("flow: {log", "coefficient: 4e-9 m^3/(s Pa^0.5)\n  flow: {log", "both flow and coeff"),
         ("effects:", "  stiction: 1 kN\neffects:", "lets stiction come to 1 kN, below a coulomb"),
         ("effects:", "effects:\n  viscous_friction: 300 N s/m", "is given as a parameter too"),

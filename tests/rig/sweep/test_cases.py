@@ -8,6 +8,7 @@ from estimator.filters import run_filter
 from rig.configuration.sweep import load_sweep
 from rig.loop.lanes import SimulatedLanes
 from rig.plant import FaultInput, Parameters
+from rig.plant.integrator import LONGEST_STEP, TICK
 from rig.plant.lanes import LANES
 from rig.sweep.cases import Group, Setting, judge_cases, run_thesis7, setting_of
 from rig.sweep.drawing import Cases, draw
@@ -18,9 +19,12 @@ SECONDS = 20.0
 
 @pytest.fixture(scope="module")
 def setting() -> Setting:
-    """Return the shipped sweep's setting, without noise, which it draws in an order of its own."""
+    """Return the shipped sweep's setting, with the loop's steps and without noise.
+
+    Noise it draws in an order of its own.
+    """
     sweep = load_sweep("leaks", Path(__file__).parent)
-    whole = setting_of(replace(sweep, duration_s=SECONDS))
+    whole = setting_of(replace(sweep, duration_s=SECONDS, longest_step_s=LONGEST_STEP))
     return replace(whole, sensors=whole.sensors._replace(pressure_noise=0.0))
 
 
@@ -66,6 +70,18 @@ def test_a_leak_flows_from_two_seconds_after_its_onset_on(setting: Setting, case
     assert not flow[:, ~leaky].any()
     assert not flow[:19].any()  # up to 9.5 s
     assert np.all(flow[20:][:, leaky] > 0.0)
+
+
+def test_with_steps_of_a_tick_a_leak_passes_what_it_passes_with_shorter_ones(
+    setting: Setting, cases: Cases
+) -> None:
+    coarse = replace(setting, longest_step_s=TICK)
+    fine, found = (
+        run_thesis7(Group(each, cases, np.arange(LANES)))[:, SUMS.index("leak_flow")].sum(axis=0)
+        for each in (setting, coarse)
+    )
+    assert not np.array_equal(found, fine)
+    np.testing.assert_allclose(found, fine, rtol=0.02)
 
 
 def test_the_last_group_may_lack_cases(setting: Setting, cases: Cases) -> None:
