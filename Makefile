@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help demo test check lint format types imports bench bench-loop chaos gate reference trials lock clean
+.PHONY: help demo test test-long check lint format types imports bench bench-loop chaos gate reference trials lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -16,9 +16,13 @@ demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write it
 	if [ -f runs/demo/report.html ]; then echo "Open the report: $(CURDIR)/runs/demo/report.html"; fi; \
 	exit $$status
 
-# A file's tests share what they set up, so that files are what the two workers share out.
+# A file's tests share what they set up, so that files are what the workers share out. Three of them
+# on two processors: tests of processes mostly wait.
 test: $(INSTALLED) ## run the tests
-	@$(BIN)/python -m pytest -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -n 3 --dist loadfile
+
+test-long: $(INSTALLED) ## run the tests that test leaves out for their length
+	@$(BIN)/python -m pytest -n 2 -m long
 
 check: lint format types imports ## lint, format, types, import layers (make -k check: all of them)
 

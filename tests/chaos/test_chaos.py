@@ -16,9 +16,9 @@ OUTLIVED = Scenario(
     (*(step for scenario in BENIGN for step in (*scenario.steps, pause(0.4))), wire("estop")),
     ("ESTOP_OPEN",),
 )
-KILLS = [
+KILLED, ORPHANED = (
     scenario for scenario in SCENARIOS if scenario.name in ("loop: kill -9", "supervisor: kill -9")
-]
+)
 TRIPS = Scenario("estop", (), ("ESTOP_OPEN",))
 AS_CLAIMED: dict[str, Any] = {
     "exit_code": 3,
@@ -33,7 +33,11 @@ AS_CLAIMED: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("scenario", [OUTLIVED, *KILLS], ids=lambda scenario: scenario.name)
+@pytest.mark.parametrize(
+    "scenario",
+    [KILLED, *(pytest.param(each, marks=pytest.mark.long) for each in (OUTLIVED, ORPHANED))],
+    ids=lambda scenario: scenario.name,
+)
 def test_the_rig_is_safe_and_the_cause_named_after(scenario: Scenario, tmp_path: Path) -> None:
     outcome = play(scenario, tmp_path)
     assert not problems(scenario, outcome), f"{outcome.printed}\n{outcome.report}"

@@ -53,6 +53,7 @@ def test_a_bias_of_the_reading_is_told_from_the_state_by_what_is_believed_of_it_
     assert covariance[0, 0] == pytest.approx(0.25, rel=1e-3)
 
 
+@pytest.mark.long
 def test_without_noise_of_the_model_the_bound_is_that_of_all_samples_at_once(sine: Course) -> None:
     """Sensitivities by running the model itself from shifted starts, in place of the recursion."""
     ticks, onset, leak = 600, 200, 7
@@ -89,12 +90,14 @@ def test_without_noise_of_the_model_the_bound_is_that_of_all_samples_at_once(sin
     assert found.flow[0, 0] == pytest.approx(deviation * root, rel=0.1)
 
 
+@pytest.mark.long
 def test_what_is_known_grows_with_the_window(sine: Course) -> None:
     bound = flow_bound(sine, exact_noise(sine), ONSET_S, WINDOWS)
     assert (np.diff(bound.flow, axis=1) < 0.0).all()
     assert (bound.flow > 0.0).all()
 
 
+@pytest.mark.long
 def test_nothing_unknown_helps(sine: Course) -> None:
     noise = exact_noise(sine)
     without = flow_bound(sine, noise, ONSET_S, WINDOWS, weaknesses=())
@@ -105,10 +108,12 @@ def test_nothing_unknown_helps(sine: Course) -> None:
         assert (beside.flow <= together.flow * (1.0 + 1e-9)).all(), weakness
 
 
+@pytest.mark.long
 def test_the_bound_has_every_weakness_that_the_detector_allows_for(sine: Course) -> None:
     assert known(sine) == tuple(nuisance.name for nuisance in NUISANCES)
 
 
+@pytest.mark.long
 def test_a_sensor_helps_and_a_model_that_may_be_wrong_does_not(sine: Course) -> None:
     budgeted = flow_bound(sine, budgeted_noise(sine), ONSET_S, WINDOWS)
     blind = flow_bound(sine, budgeted_noise(sine), ONSET_S, WINDOWS, spool_sensor=False)
@@ -119,12 +124,14 @@ def test_a_sensor_helps_and_a_model_that_may_be_wrong_does_not(sine: Course) -> 
     assert (exact.flow < poorer.flow).all()
 
 
+@pytest.mark.long
 def test_a_rarer_false_alarm_or_a_surer_find_takes_a_larger_leak(sine: Course) -> None:
     bound = flow_bound(sine, exact_noise(sine), ONSET_S, WINDOWS)
     assert (bound.smallest(1.0, 0.95) > bound.smallest(100.0, 0.95)).all()
     assert (bound.smallest(1.0, 0.95) > bound.smallest(1.0, 0.5)).all()
 
 
+@pytest.mark.long
 def test_the_inflows_of_the_weaknesses_are_those_that_the_oil_accounts_expect(
     sine: Course,
 ) -> None:
@@ -148,12 +155,14 @@ def test_the_inflows_of_the_weaknesses_are_those_that_the_oil_accounts_expect(
         ), nuisance.name
 
 
+@pytest.mark.long
 def test_a_dry_chamber_has_no_bound(sine: Course) -> None:
     dry = Course("dry", sine.parameters, sine.command, sine.states * [1, 1, 1e-3, 1, 1, 1, 1, 1, 1])
     with pytest.raises(ValueError, match="dry: a chamber is as low as"):
         flow_bound(dry, exact_noise(dry), ONSET_S, WINDOWS)
 
 
+@pytest.mark.long
 def test_a_course_that_is_too_short_is_refused(sine: Course) -> None:
     with pytest.raises(ValueError, match="ends before tick"):
         flow_bound(sine, exact_noise(sine), ONSET_S, [10.0])

@@ -54,6 +54,7 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
+@pytest.mark.long
 def test_the_table_sets_printed_figures_over_computed_ones(open_loop: Trials) -> None:
     lines = leak_table(columns_of(open_loop, TABLE_5_1, (CHAMBER_1, INTERNAL)), 6).splitlines()
     rows = [cells(line) for line in lines]
@@ -73,6 +74,7 @@ def test_the_table_sets_printed_figures_over_computed_ones(open_loop: Trials) ->
     assert by_label["product's detector at the end"][0] == "**healthy**"
 
 
+@pytest.mark.long
 def test_a_leak_in_chamber_1_raises_its_innovation_more_than_the_others(
     leaks: list[Trial],
 ) -> None:
@@ -82,11 +84,13 @@ def test_a_leak_in_chamber_1_raises_its_innovation_more_than_the_others(
         assert rise(trusted_change(trial, 0)) > 2.0 * rise(trusted_change(trial, 1))
 
 
+@pytest.mark.long
 def test_with_the_encoder_trusted_the_average_grows_with_the_leak(leaks: list[Trial]) -> None:
     low, high = (rise(trusted_change(trial, 0)) for trial in leaks)
     assert 0.0 < low < high
 
 
+@pytest.mark.long
 def test_the_residual_of_the_thesis_is_far_below_its_printed_level(open_loop: Trials) -> None:
     healthy = open_loop.healthy()
     for chamber in range(2):
@@ -97,6 +101,7 @@ def test_the_residual_of_the_thesis_is_far_below_its_printed_level(open_loop: Tr
         assert residual < 0.2 * innovation
 
 
+@pytest.mark.long
 def test_a_leak_carries_the_printed_filter_out_of_the_stroke_and_not_one_that_trusts_the_encoder(
     leaks: list[Trial],
 ) -> None:
@@ -108,12 +113,14 @@ def test_a_leak_carries_the_printed_filter_out_of_the_stroke_and_not_one_that_tr
         assert share_outside(trial.trusted.states[:, 3], trial) == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_an_internal_leak_hides_in_the_estimated_velocity(open_loop: Trials) -> None:
     for trial in open_loop.leaks(INTERNAL):
         hidden = hidden_leak(trial, trial.thesis.run.states[:, VELOCITY])
         assert 0.5 < rise(hidden.error) / hidden.leak < 1.2
 
 
+@pytest.mark.long
 def test_the_meters_read_an_external_leak_within_their_fixed_error(leaks: list[Trial]) -> None:
     for trial in leaks:
         metered = metered_coefficient(trial)
@@ -122,12 +129,14 @@ def test_the_meters_read_an_external_leak_within_their_fixed_error(leaks: list[T
         assert metered.mean == pytest.approx(trial.leak.coefficient, rel=0.2)
 
 
+@pytest.mark.long
 def test_with_the_printed_variance_the_trusting_filter_is_the_thesiss(open_loop: Trials) -> None:
     trial = open_loop.healthy()
     printed = run_trusted(trial.recording, trial.model, "thesis-6", THESIS6_MEASUREMENT_NOISE[0])
     np.testing.assert_array_equal(printed.outputs[1:], trial.thesis.run.outputs[1:])
 
 
+@pytest.mark.long
 def test_the_same_seeds_give_the_same_table(open_loop: Trials) -> None:
     again = run_trials("open_loop_5_1", "thesis-6", (CHAMBER_1, INTERNAL))
     first, second = (
@@ -223,6 +232,7 @@ def test_no_table_of_the_committed_page_is_wider_than_a_screen() -> None:
         assert len(cells(line)) == width <= 12
 
 
+@pytest.mark.long
 def test_the_products_filter_has_the_leak_in_the_state_of_its_place(leaks: list[Trial]) -> None:
     for trial in leaks:
         true = true_flow(trial)

@@ -42,7 +42,11 @@ def test_a_rig_that_is_the_model_lacks_nothing() -> None:
 
 @pytest.mark.parametrize(
     ("parameter", "value"),
-    [("spool_null_bias", 6e-6), ("command_delay", 3.4e-3), ("pressure_1_bias", -2.5e5)],
+    [
+        ("command_delay", 3.4e-3),
+        pytest.param("spool_null_bias", 6e-6, marks=pytest.mark.long),
+        pytest.param("pressure_1_bias", -2.5e5, marks=pytest.mark.long),
+    ],
 )
 def test_what_is_hidden_is_named_and_sized(parameter: str, value: float) -> None:
     found = search(RIVALS, {parameter: value})
@@ -51,6 +55,7 @@ def test_what_is_hidden_is_named_and_sized(parameter: str, value: float) -> None
     assert found.fitted.cost < 0.9 * found.refitted.cost
 
 
+@pytest.mark.long
 def test_two_effects_at_once_are_both_named() -> None:
     hidden = {"internal_leakage": 5e-9, "command_delay": 3e-3}
     found = search(("internal_leakage", "command_delay", "spool_null_bias"), hidden)
@@ -58,6 +63,7 @@ def test_two_effects_at_once_are_both_named() -> None:
     assert found.fitted.values["internal_leakage"] == pytest.approx(5e-9, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_large_effect_is_named_that_gains_only_with_gains_of_its_own() -> None:
     # Rests between long steps: to a filter that shuts the valve there, open edges explain nothing.
     made = steps_of_hidden_rig(hiding(CASES[0], 1), "steps", [1, 2, 1], 30.0)
@@ -78,6 +84,7 @@ def test_a_nuisance_within_its_tolerance_is_refitted_and_never_named() -> None:
         assert found.fitted.values[parameter] == pytest.approx(value, rel=0.04)
 
 
+@pytest.mark.long
 def test_a_nuisance_beyond_its_tolerance_is_an_effect_of_that_name() -> None:
     found = search((*RIVALS, "supply_pressure"), {"supply_pressure": 1.1e7})
     assert named(found) == ["supply_pressure"]
@@ -92,6 +99,7 @@ def test_forces_that_are_the_same_while_moving_are_named_with_each_other() -> No
     assert max(alternative.share for alternative in effect.alternatives) > 0.5
 
 
+@pytest.mark.long
 def test_a_pumps_ripple_is_found_by_its_line() -> None:
     hidden = {
         "supply_ripple": 3e5, "supply_ripple_frequency": 47.3, "supply_ripple_phase": 1.2,

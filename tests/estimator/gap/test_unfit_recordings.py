@@ -75,6 +75,7 @@ def test_what_cannot_support_a_verdict_names_nothing_and_says_why(name: str) -> 
     assert result.values == dict(PLANT.nominal)
 
 
+@pytest.mark.long
 def test_bursts_of_lost_readings_cost_no_verdict() -> None:
     channels = ("position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
     fitted = altered(whole("multisine", 6.0, 1), lambda c: {n: burst(c[n], 0.05) for n in channels})

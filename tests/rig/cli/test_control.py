@@ -59,6 +59,7 @@ def await_test(invoke: Invoke, folder: Path, test: str) -> None:
     raise AssertionError(f"{test} never began")
 
 
+@pytest.mark.long
 def test_a_killed_campaign_is_controlled_killed_resumed_and_told_of(
     running: subprocess.Popen[str], invoke: Invoke, tmp_path: Path
 ) -> None:

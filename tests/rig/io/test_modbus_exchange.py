@@ -366,6 +366,7 @@ def test_the_specification_s_example_is_what_is_sent_and_read() -> None:
     )
 
 
+@pytest.mark.long
 def test_the_exchange_runs_interpreted_too() -> None:
     found = subprocess.run(
         [sys.executable, "-m", "pytest", __file__, "-q", "-p", "no:cacheprovider", "-k",

@@ -224,7 +224,11 @@ def run(
 CAMPAIGNS = sorted((Path(__file__).parents[3] / "config/campaigns").glob("*.yaml"))
 
 
-@pytest.mark.parametrize("path", CAMPAIGNS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [CAMPAIGNS[0], *(pytest.param(path, marks=pytest.mark.long) for path in CAMPAIGNS[1:])],
+    ids=lambda path: path.stem,
+)
 def test_no_shipped_campaign_trips_whatever_leak_it_injects(path: Path) -> None:
     campaign, rig = load_campaign(path)
     for test in campaign.tests:

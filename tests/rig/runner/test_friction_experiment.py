@@ -57,6 +57,7 @@ def test_friction_that_nobody_told_of_is_found(tmp_path: Path) -> None:
     assert found.null_V == pytest.approx(-truth.spool_null_bias / truth.valve_gain, abs=2e-3)
 
 
+@pytest.mark.long
 def test_the_model_it_writes_has_the_friction_and_says_where_it_is_from(tmp_path: Path) -> None:
     found = run(load_rig("simulated"), tmp_path)
     model = revised_model(found, tmp_path, "2020-01-01 00:00")
@@ -79,7 +80,15 @@ UNDERLAP = Model().with_effect("valve_underlap_leakage", value=2e-6)
 A_THIRD = Model(parameters=NOMINAL._replace(valve_gain=NOMINAL.valve_gain / 3.0))
 
 
-@pytest.mark.parametrize("plant", [OVERLAP, UNDERLAP, A_THIRD], ids=["over", "under", "third"])
+@pytest.mark.parametrize(
+    "plant",
+    [
+        pytest.param(OVERLAP, marks=pytest.mark.long),
+        UNDERLAP,
+        pytest.param(A_THIRD, marks=pytest.mark.long),
+    ],
+    ids=["over", "under", "third"],
+)
 def test_ramps_that_do_not_move_the_ram_are_repeated_in_closed_loop(
     plant: Model, tmp_path: Path
 ) -> None:

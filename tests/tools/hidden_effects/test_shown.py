@@ -71,6 +71,7 @@ def test_an_effect_adds_to_the_cost_above_its_limit_and_hardly_below(
     assert moved[1] > least
 
 
+@pytest.mark.long
 def test_what_is_hidden_in_a_trial_is_at_least_so_many_times_its_limit(tmp_path: Path) -> None:
     envelopes = [
         drawn_for(Plan("single", 5, number, SECONDS, 3.0), tmp_path / "shown").envelope
