@@ -136,6 +136,14 @@ def test_a_console_that_does_not_answer_is_told_and_found_again(site: Site, page
     assert site.client.sent == []
 
 
+def test_enter_confirms_in_a_list_of_choices_too(site: Site, page: Page) -> None:
+    page.locator("[data-do=skip]").click()
+    expect(page.locator("#dialog select")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("#dialog")).not_to_be_visible()
+    until(lambda: site.client.sent == [("skip", "bench", "Anna", "first")], "the order")
+
+
 def test_names_that_are_html_are_shown_as_text(site: Site, page: Page) -> None:
     name = "<img src=x onerror=alert(1)>"
     test = {"name": name, "expect": name, "status": name, "verdict": name}

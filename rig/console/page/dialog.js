@@ -28,6 +28,10 @@ form.addEventListener("submit", (event) => {
 });
 cancel.addEventListener("click", () => end(null));
 shade.addEventListener("click", () => end(null));
+// In a list of choices Enter does nothing by itself; here it confirms, as everywhere in a dialog.
+choice.addEventListener("keydown", (event) => {
+  if (event.key === "Enter") { event.preventDefault(); form.requestSubmit(); }
+});
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape" && settle) { event.preventDefault(); end(null); }
 });
