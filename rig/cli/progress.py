@@ -71,7 +71,8 @@ class CampaignProgress(Observer):
             f"on the rig {campaign.rig_name}, judged by {campaign.filter_name}"
         )
         if finished:
-            self._screen.print(f"{len(finished)} of them are finished, and are not run again")
+            done = "1 of them is" if len(finished) == 1 else f"{len(finished)} of them are"
+            self._screen.print(f"{done} finished, and not run again")
 
     def rig_tells(self, text: str) -> None:
         """Write what the rig tells."""

@@ -119,7 +119,7 @@ def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
                 "ball": ball,
                 "needle": needle,
                 "metered_L_per_min": None if is_shut else metered,
-                "zero_L_per_min": metered if is_shut else None,
+                "shut_L_per_min": metered if is_shut else None,
             }
         )
     return found
@@ -135,8 +135,8 @@ def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
             text, how = known or ("not known", "off")
             contacts.append({"name": name, "text": text, "how": how})
     if contacts:
-        homed = bool(health.get("homed"))
-        text, how = ("homed", "good") if homed else ("not homed", "off")
+        words = {True: ("homed", "good"), False: ("not homed", "off")}
+        text, how = words[bool(health.get("homed"))] if health else ("not known", "off")
         contacts.append({"name": "position", "text": text, "how": how})
     trips = _mapping(health.get("trips"))
     return {
@@ -183,9 +183,8 @@ def _health(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def _progress(snapshot: Snapshot) -> dict[str, Any]:
-    progress, campaign = snapshot.progress, snapshot.campaign
-    # Of a test of an earlier run nothing is under way.
-    if not progress or progress.get("session") != campaign.get("session"):
+    progress = snapshot.progress
+    if not progress:
         return {}
     return {
         "number": _rounded(progress.get("number"), 0),

@@ -92,10 +92,7 @@ class Snapshot:
             return "unheard"
         if self.alive:
             return "live"
-        campaign = self.campaign
-        # What an earlier publisher said tells nothing of one that came after it.
-        is_its_own = campaign.get("session", self.session) == self.session
-        return "ended" if is_its_own and campaign.get("status") == "ended" else "dead"
+        return "ended" if self.campaign.get("status") == "ended" else "dead"
 
 
 @dataclass(frozen=True)
@@ -266,6 +263,9 @@ class RigView:
         self._session, self._is_begun = name, False
         self._sequences.clear()
         self._channels.clear()
+        # What an earlier publisher told of test, verdict and trips is not so now, and its numbers
+        # say nothing of how new an answer of this one is.
+        self._lasting.clear()
 
     def _number(self, kind: str, sequence: int, received_ns: int) -> None:
         last = self._sequences.get(kind)

@@ -59,9 +59,6 @@ def test_a_stream_that_died_is_dead_with_its_age() -> None:
     assert told(alive=False, age_s=7.04, campaign=ended)["life"]["life"] == "ended"
     assert told(alive=True, campaign=ended)["life"]["life"] == "live"
     assert sections(Snapshot("bench"))["life"]["life"] == "unheard"
-    # That an earlier run has ended says nothing of one that went silent.
-    earlier = {**ended, "session": "s0"}
-    assert told(alive=False, age_s=7.04, campaign=earlier)["life"]["life"] == "dead"
 
 
 def test_interlocks_are_told_in_words_with_the_first_out_first() -> None:
@@ -80,6 +77,11 @@ def test_interlocks_are_told_in_words_with_the_first_out_first() -> None:
     assert words["valve"] == ("enabled", "live")
     assert words["I/O watchdog"] == ("not known", "off")
     assert words["position"] == ("homed", "good")
+    unheard = {
+        each["name"]: each["text"]
+        for each in told(latest=latest, health={})["interlocks"]["contacts"]
+    }
+    assert unheard["position"] == "not known"
     assert [each["by"] for each in found["first_out"]] == ["loop", "field"]
     assert [each["after_ms"] for each in found["first_out"]] == [0.0, 12.0]
     assert found["confirmed"] == [
@@ -93,7 +95,7 @@ def test_a_rig_without_bypass_valves_has_none() -> None:
     latest = {"internal_leakage_ball": 1.0, "flow_internal_m3_per_s": 1e-5}
     assert told(latest=latest)["bypass"] == [
         {"name": "internal_leakage", "ball": 1.0, "needle": None,
-         "metered_L_per_min": 0.6, "zero_L_per_min": None}
+         "metered_L_per_min": 0.6, "shut_L_per_min": None}
     ]  # fmt: skip
 
 
@@ -103,14 +105,7 @@ def test_a_rig_without_bypass_valves_has_none() -> None:
 def test_what_a_meter_reads_of_a_shut_valve_is_its_zero(shut: dict[str, float]) -> None:
     latest = {f"external_leakage_1_{part}": value for part, value in shut.items()}
     (valve,) = told(latest=latest | {"flow_1_m3_per_s": 8.3e-7})["bypass"]
-    assert (valve["metered_L_per_min"], valve["zero_L_per_min"]) == (None, 0.05)
-
-
-def test_of_an_earlier_run_no_test_is_under_way() -> None:
-    before, now = {"session": "s0", "name": "first"}, {"session": "s1"}
-    campaign = {**RUNNING.campaign, **now}
-    assert told(campaign=campaign, progress={**RUNNING.progress, **before})["progress"] == {}
-    assert told(campaign=campaign, progress={**RUNNING.progress, **now})["progress"]
+    assert (valve["metered_L_per_min"], valve["shut_L_per_min"]) == (None, 0.05)
 
 
 NONSENSE = st.recursive(

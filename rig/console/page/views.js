@@ -70,9 +70,10 @@ export function readings({ sections }) {
 }
 
 // What a meter reads while its valve is shut is its zero, and no leak.
-function metered({ metered_L_per_min: flow, zero_L_per_min: zero }) {
-  const cell = element("td", "number", zero === null ? figure(flow, 2) : element("span", "quiet", `zero ${figure(zero, 2)}`));
-  if (zero !== null) cell.title = "The valve is shut: this is what the meter reads of nothing.";
+function metered({ metered_L_per_min: flow, shut_L_per_min: shut }) {
+  if (shut === null) return element("td", "number", figure(flow, 2));
+  const cell = element("td", "number quiet", `(${figure(shut, 2)})`);
+  cell.title = "The valve is shut: this is what the meter reads of nothing.";
   return cell;
 }
 
@@ -155,7 +156,7 @@ export const underWay = ({ common }) => (common.launch?.last?.exit_code === null
 
 export function queue({ sections }) {
   const { campaign: told, progress } = sections;
-  if (!told?.tests) return;
+  if (!told?.tests) { put(by("tests"), []); return; }
   const running = told.status === "running" ? progress?.name : null;
   put(by("tests"), [
     head("", "test", "expected", "found", ""),

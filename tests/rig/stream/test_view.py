@@ -150,6 +150,35 @@ def test_a_rig_that_said_goodbye_has_ended_and_one_that_went_silent_is_dead(
     assert view.snapshot(2 * S).life == "dead"
 
 
+def test_what_an_earlier_publisher_told_of_its_test_is_not_so_now(
+    view: RigView, publisher: Publisher
+) -> None:
+    told: dict[str, dict[str, Any]] = {
+        "progress": {"number": 2},
+        "decision": {"verdict": "internal_leakage", "test": 2},
+        "campaign": {"status": "ended"},
+        "health": {"trips": {"first_out": []}},
+    }
+    for kind, content in told.items():
+        publisher.send(kind, content)
+        assert getattr(view.snapshot(0), kind)
+    Publisher(view, "s2").heartbeat()
+    assert [getattr(view.snapshot(0), kind) for kind in told] == [{}] * 4
+    assert view.snapshot(0).verdicts
+
+
+def test_an_answer_of_a_new_publisher_counts_however_far_the_earlier_one_had_counted(
+    view: RigView, publisher: Publisher
+) -> None:
+    """What was sent before anybody was connected comes as an answer only."""
+    for _ in range(5):
+        publisher.send("campaign", {"status": "ended"})
+    again = Publisher(view, "s2")
+    again.heartbeat()
+    view.take_past("campaign", again.message("campaign", {"status": "running"}), 0)
+    assert view.snapshot(0).campaign["status"] == "running"
+
+
 def test_a_late_joiner_puts_the_past_before_the_present(
     view: RigView, publisher: Publisher
 ) -> None:
