@@ -54,17 +54,19 @@ class Baseline:
         levels: healthy level of the innovations of both pressures, by thesis filter.
         recordings: content hashes of the recordings, by name.
         model: name of the model that was assumed.
+        model_error: factor on what the detector allows for errors of the model beside this rig.
     """
 
     nuisances: NuisanceBelief
     levels: Mapping[str, HealthyLevel]
     recordings: Mapping[str, str] = field(default_factory=dict)
     model: str = ""
+    model_error: float = 1.0
 
     def detector(self, filter_name: str, model: Model, false_alarms_per_day: float) -> Detector:
         """Return a filter's detector that assumes this baseline."""
         if filter_name == DEFAULT_FILTER:
-            return OilAccountDetector(model, false_alarms_per_day, self.nuisances)
+            return OilAccountDetector(model, false_alarms_per_day, self.nuisances, self.model_error)
         level = self.levels[filter_name]
         return PatternDetector(false_alarms_per_day, level.baseline(false_alarms_per_day))
 

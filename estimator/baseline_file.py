@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from .baseline import PATTERN_FILTERS, Baseline, BaselineError
-from .leak_test import NuisanceBelief
+from .leak_test import NuisanceBelief, checked_model_error
 from .nuisances import NUISANCES
 from .pattern import HealthyLevel
 
@@ -23,6 +23,7 @@ def content_of(baseline: Baseline) -> dict[str, Any]:
     return {
         "baseline_version": VERSION,
         "model": baseline.model,
+        "model_error": baseline.model_error,
         "recordings": dict(baseline.recordings),
         "nuisances": {
             nuisance.name: {
@@ -72,7 +73,10 @@ def baseline_of(content: Mapping[str, Any]) -> Baseline:
     }
     if set(levels) != set(PATTERN_FILTERS):
         raise ValueError(f"it has levels of {sorted(levels)}, not {list(PATTERN_FILTERS)}")
-    return Baseline(belief, levels, dict(content["recordings"]), str(content["model"]))
+    # Files from before there was this setting do not have it.
+    model_error = checked_model_error(float(content.get("model_error", 1.0)))
+    recordings = dict(content["recordings"])
+    return Baseline(belief, levels, recordings, str(content["model"]), model_error)
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:

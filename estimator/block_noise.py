@@ -53,11 +53,12 @@ class RecentBlocks:
         return np.asarray(left)
 
 
-def lasting_noise(residuals: Array) -> float:
+def lasting_noise(residuals: Array, model_error: float = 1.0) -> float:
     """Return by how much noise that lasts from block to block raises the variance of a mean.
 
     Args:
         residuals: of the two chambers, float64 (n, 2), block by block.
+        model_error: of the two standard errors below, the part that is allowed for.
 
     For an autocorrelation of rho from block to block it is (1 + rho) / (1 - rho) (Priestley 1981,
     section 5.3.2). Few residuals tell rho badly, and being what a fit has left they tell it too
@@ -66,6 +67,8 @@ def lasting_noise(residuals: Array) -> float:
     power = float((residuals**2).sum())
     if power == 0.0:
         return 1.0
-    rho = float((residuals[1:] * residuals[:-1]).sum()) / power + 2.0 / sqrt(residuals.size)
+    rho = float((residuals[1:] * residuals[:-1]).sum()) / power + 2.0 * model_error / sqrt(
+        residuals.size
+    )
     rho = min(max(rho, 0.0), MOST_LASTING)
     return (1.0 + rho) / (1.0 - rho)

@@ -146,6 +146,8 @@ class OilAccountDetector:
         model: the model the filter assumes.
         false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
         expected: what is known of this rig's nuisances, from a baseline.
+        model_error: factor on what is allowed for errors of the model (dead zones and the like);
+            0: the model is exact.
     """
 
     def __init__(
@@ -153,12 +155,13 @@ class OilAccountDetector:
         model: Model,
         false_alarms_per_day: float = 1.0,
         expected: NuisanceBelief = UNINFORMED,
+        model_error: float = 1.0,
     ) -> None:
         self._parameters = model.parameters
-        self._setting = false_alarms_per_day, expected
+        self._setting = false_alarms_per_day, expected, model_error
         self._test = LeakTest(*self._setting)
         self._account = OilAccount(model.parameters, self._test)
-        self._supply = SupplyTest(model.parameters, false_alarms_per_day)
+        self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._hold = Hold()
@@ -259,7 +262,8 @@ class OilAccountDetector:
         sizes = [self._mean_size(leak) for leak in leaks]
         flow = sum(leak.coefficient * size for leak, size in zip(leaks, sizes, strict=True))
         deviations = [leak.deviation * size for leak, size in zip(leaks, sizes, strict=True)]
-        deviations += [FLOW_ERROR * DEAD_ZONE[leak.fault] * LITRE_PER_MINUTE for leak in leaks]
+        bound = self._test.model_error * LITRE_PER_MINUTE
+        deviations += [FLOW_ERROR * DEAD_ZONE[leak.fault] * bound for leak in leaks]
         deviations += [SIZE_ERROR * flow]
         return Decision(
             verdict,

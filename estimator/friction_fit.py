@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .crossings import student_quantile
 from .friction_samples import FrictionSamples
-from .leak_test import student_quantile
 
 Array = NDArray[np.float64]
 

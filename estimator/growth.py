@@ -56,7 +56,11 @@ def stretches(sums: AccountSums) -> NDArray[np.int64]:
 
 
 def growths(
-    sums: AccountSums, products: FaultProducts, recent: RecentBlocks, variance: float
+    sums: AccountSums,
+    products: FaultProducts,
+    recent: RecentBlocks,
+    variance: float,
+    model_error: float = 1.0,
 ) -> list[Growth]:
     """Return what each leak alone would have grown by, the likeliest first.
 
@@ -65,6 +69,7 @@ def growths(
         products: the same blocks' `AccountSums.faults_since`.
         recent: the latest of them, which tell whether noise lasts.
         variance: of the noise if there were no leak, to begin with.
+        model_error: what part of the usual errors of the model is allowed for.
     """
     marks = stretches(sums)
     _, _, total = sums.nuisances()
@@ -79,7 +84,7 @@ def growths(
             fit = JointFit(sums, products, shapes, [*marks, *marks], left)
         onsets = [int(sums.mark_blocks[mark]) for mark in (*marks, *marks)]
         present = list(zip(shapes, onsets, fit.coefficients, strict=True))
-        lasting = lasting_noise(recent.residuals(fit.nuisances, present))
+        lasting = lasting_noise(recent.residuals(fit.nuisances, present), model_error)
         levels = np.cumsum(fit.coefficients[marks.size :])
         deviation = sqrt(fit.error_of_sum(marks.size) * lasting)
         found.append(Growth(fault, marks, levels, deviation, fit.explained))

@@ -142,4 +142,10 @@ def _inverse(normal: Array) -> Array:
     seen = diagonal > 0.0
     scale = 1.0 / np.sqrt(np.where(seen, diagonal, 1.0))
     normal = np.where(np.diag(~seen), 1.0, normal)
-    return np.asarray(scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale)
+    scaled = scale[:, None] * normal * scale
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        # Nothing was to be seen of a fault between two of its marks: they share its coefficient.
+        inverse = np.linalg.pinv(scaled, hermitian=True)
+    return np.asarray(scale[:, None] * inverse * scale)

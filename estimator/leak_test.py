@@ -12,8 +12,7 @@ has the formulae.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import exp, inf, log, pi, sqrt
-from statistics import NormalDist
+from math import hypot, inf, log, pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -25,6 +24,7 @@ from .account_regression import Regression, Scores
 from .account_row import FAULT_COUNT, INTERNAL_LEAKAGE, SUPPLY_LEAKAGE
 from .account_sums import MARKS, SHIFT, AccountSums, FaultProducts
 from .block_noise import RecentBlocks, lasting_noise
+from .crossings import between, noise_limit, student_quantile
 from .flow_account import BLOCK_S, AccountBlock
 from .growth import LEAST_BLOCKS, growths
 from .joint_fit import JointFit
@@ -33,7 +33,9 @@ from .nuisances import NUISANCE_COUNT, NUISANCES, nuisance_index
 Array = NDArray[np.float64]
 
 NOISE: Final = 0.01
-"""Expected noise of one block's missing flow, L/min: twice the sensors' own (docs/detection.md)."""
+"""Expected noise of one block's missing flow, L/min: the sensors' own and errors of the model."""
+SENSOR_NOISE: Final = 0.002
+"""The sensors' part of it (docs/detection.md)."""
 DEAD_ZONE: Final = (0.01, 0.01, 0.015, 0.04, 0.04)
 """Flow in L/min that no fault is claimed for, by fault: what the model may still be wrong by after
 the nuisances. 0.1 um of metering edge is 0.01 L/min; edges near null, where a ram that is held
@@ -62,21 +64,36 @@ ONSETS: Final = MARKS
 SHARES: Final = FAULT_COUNT + 1
 """What shares the stated rate where the supply pressure is measured: the faults, and the test of
 that pressure (`supply_test`)."""
+DIRECTIONS: Final = 4.0
+"""Faults that noise could be taken for, in effect: by simulation (`tools/alarm_threshold.py`)."""
+LEFT_OUT: Final = 0.3
+"""What the statistic is lower by for leaving out the block that speaks most: likewise."""
 _RIVAL_GAIN: Final = 20.0
 """Twice the log likelihood by which a rival cause must win to be preferred: odds of e^10."""
+MOST_MODEL_ERROR: Final = 10.0
+"""Greatest factor on what is allowed for errors of the model."""
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
 _SETTLED_PART: Final = 0.8
 """Noise that a fault explains this much of was mostly that fault: it is estimated anew."""
 
 
-def student_quantile(probability: float, freedom: float) -> float:
-    """Return the value that Student's t exceeds with a (small) probability, to 3 %.
+def checked_model_error(model_error: float) -> float:
+    """Return a factor on what is allowed for errors of the model.
 
-    Wallace's transformation of the normal quantile (Wallace 1959, Ann. Math. Stat. 30).
+    Raises:
+        ValueError: it is not within 0 to `MOST_MODEL_ERROR`.
     """
-    z = -NormalDist().inv_cdf(probability)
-    scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
-    return sqrt(freedom * (exp(scaled * scaled / freedom) - 1.0))
+    if not 0.0 <= model_error <= MOST_MODEL_ERROR:
+        raise ValueError(
+            f"model_error: {model_error} is outside 0 (the model is exact) to {MOST_MODEL_ERROR:g}"
+        )
+    return model_error
+
+
+def _expected_noise(model_error: float) -> float:
+    """Return the expected noise of a block's missing flow in m^3/s, errors of the model scaled."""
+    model = model_error * sqrt(NOISE**2 - SENSOR_NOISE**2)
+    return hypot(SENSOR_NOISE, model) * LITRE_PER_MINUTE
 
 
 @dataclass(frozen=True)
@@ -150,17 +167,30 @@ class LeakTest:
     Args:
         false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
         expected: what is believed of the nuisances before any block.
+        model_error: factor on what is allowed for errors of the model: the dead zones, noise beyond
+            the sensors' own, noise that lasts, doubts of an account, a null that shifts, a limit
+            as if all looks were independent. 1: what rigs unlike the model were found to need;
+            0: the model is exact.
 
     Raises:
-        ValueError: the rate is not above 0 and at most 10000.
+        ValueError: the rate is not above 0 and at most 10000, or the factor not within 0 to 10.
     """
 
-    def __init__(self, false_alarms_per_day: float, expected: NuisanceBelief = UNINFORMED) -> None:
+    def __init__(
+        self,
+        false_alarms_per_day: float,
+        expected: NuisanceBelief = UNINFORMED,
+        model_error: float = 1.0,
+    ) -> None:
         if not 0.0 < false_alarms_per_day <= 1e4:
             raise ValueError(
                 f"false_alarms_per_day: {false_alarms_per_day} is outside 0 to 10000 per day"
             )
         self.false_alarms_per_day = false_alarms_per_day
+        self.model_error = checked_model_error(model_error)
+        self._dead_zone = model_error * _DEAD_ZONE
+        self._relative_dead_zone = model_error * RELATIVE_DEAD_ZONE
+        self._noise = _expected_noise(model_error)
         self.sums = AccountSums()
         self._expected = expected
         self._root = np.linalg.cholesky(expected.covariance)
@@ -180,13 +210,19 @@ class LeakTest:
     def threshold(self, freedom: float) -> float:
         """Return the value of the statistic that a healthy rig exceeds at the stated rate.
 
-        The chance of a false alarm in one block is shared out over all faults and onsets looked at
-        (Bonferroni's bound, so the true rate is lower), and turned into a quantile of Student's t.
+        Where the model is exact the rate is shared out over the faults, as many of them as count,
+        and over all onsets (`estimator.crossings`), less what leaving out a block takes from a
+        statistic. By default it is shared out as if all were independent (Bonferroni's bound, so
+        the true rate is lower).
         """
         per_block = self.false_alarms_per_day * BLOCK_S / 86400.0
         shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
         looks = shares * max(self.sums.marks, 1)
-        return student_quantile(min(per_block / looks, 0.25), freedom)
+        bound = student_quantile(min(per_block / looks, 0.25), freedom)
+        rate = per_block * FAULT_COUNT / shares / DIRECTIONS
+        most = max(self.blocks, MINIMUM_BLOCKS)
+        exact = noise_limit(rate, WITNESSES, most, freedom) - LEFT_OUT
+        return between(exact, bound, self.model_error)
 
     def limit(self) -> float:
         """Return what the statistic of a first fault has to exceed as of the last block."""
@@ -197,11 +233,12 @@ class LeakTest:
         if not block.complete:
             return
         # Where nuisances may do more than their signatures say, the account counts for less.
-        noise = np.hypot(NOISE * LITRE_PER_MINUTE, block.doubts)
+        noise = np.hypot(self._noise, self.model_error * block.doubts)
         nuisances = block.nuisances / noise[:, None]
         missing = block.missing / noise - nuisances @ self._expected.mean
         # A null that shifts may begin like a fault: a fault has to explain more than that.
-        shapes = np.column_stack([block.faults, block.nuisances[:, _NULL_BIAS]]) / noise[:, None]
+        shift = self.model_error * block.nuisances[:, _NULL_BIAS]
+        shapes = np.column_stack([block.faults, shift]) / noise[:, None]
         rows = missing, nuisances @ self._root, shapes
         self._recent.add(*rows)
         self.sums.add(block, rows, self._kept)
@@ -241,10 +278,12 @@ class LeakTest:
 
     def _grown(self) -> Finding | None:
         products, regression = self._candidates().products, self._candidates().regression
-        likeliest = growths(self.sums, products, self._recent, regression.variance)[0]
+        likeliest = growths(
+            self.sums, products, self._recent, regression.variance, self.model_error
+        )[0]
         fault, levels = likeliest.fault, likeliest.levels
         size = float(products.sizes[likeliest.marks[-1], fault])
-        dead = _DEAD_ZONE[fault] / size if size > 0.0 else inf
+        dead = self._dead_zone[fault] / size if size > 0.0 else inf
         statistic = (float(levels[-1]) - dead) / likeliest.deviation
         if not statistic > self.limit():
             return None
@@ -266,14 +305,14 @@ class LeakTest:
             if candidates.gain[mark, fault] < _RIVAL_GAIN:
                 break
             variance = float(candidates.scores.variance[mark, fault])
-            found.append(self._examined(int(fault), mark, None, _DEAD_ZONE[fault], variance))
+            found.append(self._examined(int(fault), mark, None, self._dead_zone[fault], variance))
         return found
 
     def _beside(self, first: Finding, second: Finding) -> Finding:
         """Return a fault fitted anew beside another that was found after it."""
         at = self._mark(second), second.fault
         variance = float(self._candidates(first).scores.variance[at])
-        dead = _DEAD_ZONE[first.fault]
+        dead = self._dead_zone[first.fault]
         again = self._examined(first.fault, self._mark(first), second, dead, variance)
         return replace(again, likelihood=first.likelihood)
 
@@ -336,10 +375,10 @@ class LeakTest:
         visible = (information > 0.0) & (size > 0.0)
         if self._healthy_noise is None:
             residuals = self._recent.residuals(regression.nuisances()[0])
-            self._healthy_noise = lasting_noise(residuals)
+            self._healthy_noise = lasting_noise(residuals, self.model_error)
         lasting = self._healthy_noise
         error = regression.variance * lasting / np.where(visible, information, 1.0)
-        dead = _DEAD_ZONE / np.where(visible, size, 1.0)
+        dead = self._dead_zone / np.where(visible, size, 1.0)
         return np.where(visible, self.limit() * np.sqrt(error) + dead, np.inf)
 
     def present(self, finding: Finding) -> float:
@@ -360,7 +399,7 @@ class LeakTest:
         fit = JointFit(self.sums, candidates.products, faults, marks, variance)
         size = float(candidates.products.sizes[mark, fault])
         left = float(fit.coefficients[1:].sum())
-        dead = max(_DEAD_ZONE[fault] / size, RELATIVE_DEAD_ZONE * finding.coefficient)
+        dead = max(self._dead_zone[fault] / size, self._relative_dead_zone * finding.coefficient)
         return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
 
     def probabilities(self) -> Array:
@@ -374,7 +413,7 @@ class LeakTest:
         lasting = next((fault.lasting for fault in self._likely()), 1.0)
         size = np.where(usable, candidates.products.sizes, 1.0)
         error = np.sqrt(scores.variance * lasting / np.where(usable, scores.information, 1.0))
-        surplus = np.maximum(scores.coefficient - _DEAD_ZONE / size, 0.0) / error
+        surplus = np.maximum(scores.coefficient - self._dead_zone / size, 0.0) / error
         width = np.log(sqrt(2.0 * pi) / GREATEST_FLOW * size * error)
         onsets = max(self.sums.marks, 1)
         logs = np.where(usable, 0.5 * surplus**2 + np.minimum(width, 0.0), -np.inf)
@@ -432,10 +471,10 @@ class LeakTest:
         """Return the fault that explains most, beside one found, if a healthy rig would not."""
         candidates = self._candidates(beside)
         scores, sizes, usable = candidates.scores, candidates.products.sizes, candidates.usable
-        dead_zone = _DEAD_ZONE
+        dead_zone = self._dead_zone
         if beside is not None:
             flow = beside.coefficient * sizes[self._mark(beside), beside.fault]
-            dead_zone = np.maximum(dead_zone, RELATIVE_DEAD_ZONE * flow)
+            dead_zone = np.maximum(dead_zone, self._relative_dead_zone * flow)
         limit = self.threshold(candidates.regression.freedom)
         error = scores.variance / np.where(usable, scores.information, 1.0)
         dead = dead_zone / np.where(usable, sizes, 1.0)
@@ -470,7 +509,7 @@ class LeakTest:
         fit = JointFit(self.sums, self._candidates().products, faults, marks, variance, settling)
         onsets = [int(self.sums.mark_blocks[m]) for m in marks]
         present = list(zip(faults, onsets, fit.coefficients, strict=True))
-        return lasting_noise(self._recent.residuals(fit.nuisances, present))
+        return lasting_noise(self._recent.residuals(fit.nuisances, present), self.model_error)
 
     def _mark(self, finding: Finding) -> int:
         return self.sums.mark_of(finding.onset)

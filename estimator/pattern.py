@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from .crossings import student_quantile
 from .detection import Decision, Samples
 from .filters import FilterRun
-from .leak_test import student_quantile
 from .residuals import THESIS_WINDOW, extend_moving_average, start_moving_average
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .break_away import BreakAway
-from .leak_test import student_quantile
+from .crossings import student_quantile
 
 Array = NDArray[np.float64]
 

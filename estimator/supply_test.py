@@ -25,8 +25,9 @@ from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .account_row import SUPPLY_LEAKAGE
 from .block_noise import lasting_noise
+from .crossings import between, noise_limit, student_quantile
 from .flow_account import BLOCK_S, AccountBlock
-from .leak_test import MINIMUM_BLOCKS, PRIOR, SHARES, WITNESSES, Finding, student_quantile
+from .leak_test import MINIMUM_BLOCKS, PRIOR, SHARES, WITNESSES, Finding
 
 Array = NDArray[np.float64]
 
@@ -80,9 +81,14 @@ class SupplyTest:
         parameters: what is assumed of the rig.
         false_alarms_per_day: alarms that all tests together may raise on a healthy rig in a day of
             continuous running; this one has one of `SHARES` of them.
+        model_error: factor on both parts of the dead zone, and on what is allowed for noise that
+            may last from block to block; 0: the model is exact.
     """
 
-    def __init__(self, parameters: Parameters, false_alarms_per_day: float) -> None:
+    def __init__(
+        self, parameters: Parameters, false_alarms_per_day: float, model_error: float = 1.0
+    ) -> None:
+        self._model_error = model_error
         self._assumed = parameters.supply_pressure, parameters.supply_droop
         self._share = false_alarms_per_day * BLOCK_S / 86400.0 / SHARES
         # One row each: 1, mean(q), mean(q |q|) in units of their priors' pressure, and p_s - p_0.
@@ -120,8 +126,11 @@ class SupplyTest:
 
     def limit(self) -> float:
         """Return what the statistic of a sound rig exceeds at the stated rate (`LeakTest`)."""
+        freedom = _NOISE_WEIGHT + self._blocks
         onsets = min(max(self._blocks, 1), ONSETS)
-        return student_quantile(min(self._share / onsets, 0.25), _NOISE_WEIGHT + self._blocks)
+        bound = student_quantile(min(self._share / onsets, 0.25), freedom)
+        exact = noise_limit(self._share, WITNESSES, max(onsets, MINIMUM_BLOCKS), freedom)
+        return between(exact, bound, self._model_error)
 
     def search(self) -> Finding | None:
         """Return a drop that a sound supply does not show, as supply leakage; coefficient in Pa."""
@@ -172,7 +181,7 @@ class SupplyTest:
         deviation = sqrt(float(contrast @ fit.covariance[best] @ contrast) * spread)
         dead = WANDER * self._assumed[0]
         dead += DROOP_ERROR * abs(self._droop_change(since[best], total)) * abs(float(estimate[2]))
-        statistic = (drop - dead) / deviation
+        statistic = (drop - self._model_error * dead) / deviation
         onset = self._blocks - rows.shape[0] + int(onsets[best])
         if held and self._likeliest is not None:
             onset, onset_s = self._likeliest.onset, self._likeliest.onset_s
@@ -217,4 +226,4 @@ class SupplyTest:
         left[onset:] -= rows[onset:, :2] @ (_SIGNS * estimate[3:])
         # Two unknowns are fitted to the blocks since the onset alone.
         uneven = float((left[onset:] ** 2).sum()) / (left[onset:].size - 2) / variance
-        return max(uneven, 1.0) * lasting_noise(left[:, None])
+        return max(uneven, 1.0) * lasting_noise(left[:, None], self._model_error)

@@ -38,6 +38,21 @@ def drawn_rig(rng: np.random.Generator) -> Parameters:
     )
 
 
+_BESIDE_THE_ACCOUNT: Final = (
+    "stiction",
+    "coulomb",
+    "viscous",
+    "friction_asymmetry",
+    "spring_stiffness",
+)
+"""What no oil account depends on."""
+
+
+def known_rig(rig: Parameters) -> Parameters:
+    """Return a rig that is exactly the model, but for friction and load, which are the rig's."""
+    return NOMINAL._replace(**{name: getattr(rig, name) for name in _BESIDE_THE_ACCOUNT})
+
+
 def sine(rng: np.random.Generator, ticks: int) -> Array:
     """Return a sine of 3 to 20 cm and 0.2 to 1 Hz, in m."""
     time_s = np.arange(ticks) * TICK

@@ -22,7 +22,7 @@ from itertools import pairwise
 from math import ceil
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +33,14 @@ from scipy import stats
 from estimator.detection import OilAccountDetector, Samples
 from estimator.filters import FILTERS, OUTPUTS, FilterRun
 from estimator.flow_account import BLOCK_TICKS
+from estimator.leak_test import UNINFORMED, checked_model_error
 from estimator.product_lanes import ProductLanes
 from rig.compile_cache import source_key
 from rig.loop.lanes import SimulatedLanes
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.lanes import LANES
-from tools.drawn_rigs import MIDDLE, drawn_rig, mixed_motion
+from tools.drawn_rigs import MIDDLE, drawn_rig, known_rig, mixed_motion
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,27 @@ _ASKED: Final = 20
 RUN_S: Final = 1800.0
 _DAY_S: Final = 86400.0
 _ROOT: Final = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is asked of a study.
+
+    Attributes:
+        rate: false alarms a day that the detectors are set to.
+        model_error: factor on what they allow for errors of the model; 0: it is exact.
+        known: whether the rigs are exactly the model, but for friction and load.
+    """
+
+    rate: float
+    model_error: float = 1.0
+    known: bool = False
+
+    @property
+    def name(self) -> str:
+        """What files of a study at this setting are called."""
+        allowed = "" if self.model_error == 1.0 else f"-model-error-{self.model_error:g}"
+        return f"{self.rate:g}{allowed}{'-known' if self.known else ''}"
 
 
 @dataclass(frozen=True)
@@ -87,9 +109,9 @@ class Group:
 class Judge:
     """The detector of one rig, started afresh after each alarm."""
 
-    def __init__(self, seed: int, rate: float) -> None:
-        self._seed, self._rate = seed, rate
-        self._detector = OilAccountDetector(Model(), rate)
+    def __init__(self, seed: int, rate: float, model_error: float = 1.0) -> None:
+        self._seed, self._setting = seed, (Model(), rate, UNINFORMED, model_error)
+        self._detector = OilAccountDetector(*self._setting)
         self._blocks = 0
         self.verdicts: Counter[str] = Counter()
 
@@ -111,7 +133,7 @@ class Judge:
         self.verdicts[decision.verdict] += 1
         if decision.verdict in SILENT:
             return None
-        self._detector = OilAccountDetector(Model(), self._rate)
+        self._detector = OilAccountDetector(*self._setting)
         return Alarm(
             self._seed,
             float(samples.time_s[-1]),
@@ -130,22 +152,39 @@ def _stretches(ticks: int) -> Iterator[slice]:
         yield slice(first, last)
 
 
-def run_group(number: int, rate: float, run_s: float = RUN_S) -> Group:
+class Watcher(Protocol):
+    """Watches one rig of a group, block by block."""
+
+    verdicts: Counter[str]
+
+    def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
+        """Take the next block; return the alarm if it is one."""
+
+
+def run_group(
+    number: int,
+    setting: Setting,
+    run_s: float = RUN_S,
+    watchers: Sequence[Watcher] | None = None,
+) -> Group:
     """Run and judge `LANES` rigs, drawn by the group's number.
 
     Args:
         number: of the group; its rigs' seeds follow from it.
-        rate: false alarms a day that the detectors are set to.
+        setting: of the detectors, and what rigs are drawn.
         run_s: seconds of each rig.
+        watchers: of each rig; by default a `Judge`.
     """
     seeds = [number * LANES + lane for lane in range(LANES)]
     generators = [np.random.default_rng((seed, 1)) for seed in seeds]
     ticks = round(run_s / TICK) + 1
     rigs = [drawn_rig(generator) for generator in generators]
+    if setting.known:
+        rigs = [known_rig(rig) for rig in rigs]
     motions = [mixed_motion(generator, ticks) for generator in generators]
     lanes = SimulatedLanes(rigs, seeds, [MIDDLE] * LANES)
     filters = ProductLanes(Model())
-    judges = [Judge(seed, rate) for seed in seeds]
+    judges = watchers or [Judge(seed, setting.rate, setting.model_error) for seed in seeds]
     alarms, wall = [], np.zeros(3)
     for part in _stretches(ticks):
         clock = [time.perf_counter()]
@@ -183,7 +222,7 @@ def poisson_interval(count: int) -> tuple[float, float]:
     return lower, float(stats.chi2.ppf(0.975, 2 * count + 2) / 2.0)
 
 
-def summary_of(groups: Sequence[Group], rate: float) -> dict[str, Any]:
+def summary_of(groups: Sequence[Group], setting: Setting) -> dict[str, Any]:
     """Return what a study found, as it is written to its summary."""
     alarms = [alarm for group in groups for alarm in group.alarms]
     rig_s = sum(group.rig_s for group in groups)
@@ -194,11 +233,13 @@ def summary_of(groups: Sequence[Group], rate: float) -> dict[str, Any]:
     return {
         "hours": rig_s / 3600.0,
         "rigs": len(groups) * LANES,
-        "false_alarms_per_day": rate,
+        "false_alarms_per_day": setting.rate,
+        "model_error": setting.model_error,
+        "rigs_are_the_model": setting.known,
         "alarms": len(alarms),
         "alarms_per_day": len(alarms) / days,
         "interval_per_day": [low, high],
-        "setting_within_interval": low <= rate <= high,
+        "setting_within_interval": low <= setting.rate <= high,
         "alarms_by_verdict": dict(Counter(alarm.verdict for alarm in alarms).most_common()),
         "alarms_by_motion": dict(Counter(alarm.motion for alarm in alarms).most_common()),
         "decisions": {name: count / verdicts.total() for name, count in verdicts.most_common()},
@@ -223,10 +264,12 @@ def read_groups(file: Path) -> dict[int, Group]:
     return found
 
 
-def study(hours: float, rate: float, jobs: int, out: Path, run_s: float = RUN_S) -> dict[str, Any]:
+def study(
+    hours: float, setting: Setting, jobs: int, out: Path, run_s: float = RUN_S
+) -> dict[str, Any]:
     """Run the groups that are not kept from before, and return the summary of all."""
     out.mkdir(parents=True, exist_ok=True)
-    kept = out / f"groups-{rate:g}-{source_key(_ROOT)}.jsonl"
+    kept = out / f"groups-{setting.name}-{source_key(_ROOT)}.jsonl"
     numbers = range(ceil(hours * 3600.0 / (run_s * LANES)))
     done = read_groups(kept)
     left = [number for number in numbers if number not in done]
@@ -238,7 +281,7 @@ def study(hours: float, rate: float, jobs: int, out: Path, run_s: float = RUN_S)
         Progress(transient=True) as progress,
     ):
         task = progress.add_task("healthy hours", total=len(numbers), completed=len(done))
-        futures = [pool.submit(run_group, number, rate, run_s) for number in left]
+        futures = [pool.submit(run_group, number, setting, run_s) for number in left]
         for future in as_completed(futures):
             group = future.result()
             # A line that was cut off must not swallow this one.
@@ -246,9 +289,9 @@ def study(hours: float, rate: float, jobs: int, out: Path, run_s: float = RUN_S)
             lines.flush()
             done[group.number] = group
             progress.advance(task)
-    summary = summary_of([done[number] for number in numbers], rate)
+    summary = summary_of([done[number] for number in numbers], setting)
     text = json.dumps(summary, indent=2) + "\n"
-    (out / f"summary-{rate:g}.json").write_text(text, encoding="utf-8")
+    (out / f"summary-{setting.name}.json").write_text(text, encoding="utf-8")
     return summary
 
 
@@ -259,8 +302,21 @@ def main() -> None:
     parser.add_argument("--false-alarms-per-day", type=float, default=1.0, help="the setting")
     parser.add_argument("--jobs", type=int, default=1, help="processes (default 1)")
     parser.add_argument("--out", type=Path, required=True, help="folder for what was done")
+    parser.add_argument(
+        "--model-error",
+        type=float,
+        default=1.0,
+        help="factor on what is allowed for errors of the model (default 1; 0: it is exact)",
+    )
+    parser.add_argument(
+        "--known-rigs",
+        action="store_true",
+        help="rigs that are exactly the model, but for friction and load",
+    )
     options = parser.parse_args()
-    found = study(options.hours, options.false_alarms_per_day, options.jobs, options.out)
+    allowed = checked_model_error(options.model_error)
+    setting = Setting(options.false_alarms_per_day, allowed, options.known_rigs)
+    found = study(options.hours, setting, options.jobs, options.out)
     low, high = found["interval_per_day"]
     console = Console(width=110)
     console.print(

@@ -1,11 +1,13 @@
 """`rig baseline`: learns from healthy recordings what the detector may assume of a rig."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from estimator.baseline import learn_baseline
 from estimator.baseline_file import write_baseline
+from estimator.leak_test import MOST_MODEL_ERROR
 from rig.configuration.model import load_model
 from rig.recording import read_recording
 
@@ -21,7 +23,14 @@ from .problems import Problems
     help="File to write.",
 )
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
-def command(recordings: tuple[str, ...], out: Path, model: str) -> int:
+@click.option(
+    "--model-error",
+    type=click.FloatRange(0.0, MOST_MODEL_ERROR),
+    default=1.0,
+    show_default=True,
+    help="Factor on what the detector allows for errors of the model; 0: it is exact.",
+)
+def command(recordings: tuple[str, ...], out: Path, model: str, model_error: float) -> int:
     """Learn from healthy recordings of a rig what is normal for it, for `rig replay --baseline`.
 
     Recordings that do not look healthy are refused, and those that together tell of a leak which
@@ -43,7 +52,7 @@ def command(recordings: tuple[str, ...], out: Path, model: str) -> int:
             problems.add(f"{content.source}: the same samples as {first.source}; give them once")
     if problems.found:
         return problems.report()
-    write_baseline(learn_baseline(contents, assumed), out)
+    write_baseline(replace(learn_baseline(contents, assumed), model_error=model_error), out)
     number = len(contents)
     click.echo(f"{out}: learnt from {number} healthy recording{'s' if number > 1 else ''}")
     return 0

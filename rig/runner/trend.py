@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.leak_test import student_quantile
+from estimator.crossings import student_quantile
 
 from .archive import Run
 

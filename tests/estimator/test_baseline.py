@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,31 @@ def test_it_survives_a_file_bit_for_bit(baseline: Baseline, tmp_path: Path) -> N
     assert [entry.name for entry in tmp_path.iterdir()] == ["rig.json"]
 
 
+def test_it_says_how_far_the_model_may_be_off(baseline: Baseline, tmp_path: Path) -> None:
+    path = tmp_path / "rig.json"
+    write_baseline(replace(baseline, model_error=0.0), path)
+    exact = load_baseline(path, Model().name)
+    assert exact.model_error == 0.0
+    decided = [
+        replay(recorded(4), Model(), detector=each.detector("product", Model(), 1.0)).decision
+        for each in (baseline, exact)
+    ]
+    assert [decision.verdict for decision in decided] == ["healthy", "healthy"]
+    usual, without = (each.details["smallest_internal_leakage_m3_per_s"] for each in decided)
+    assert without < 0.3 * usual
+
+
+def test_a_file_from_before_there_was_this_factor_means_one(
+    baseline: Baseline, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.json"
+    write_baseline(baseline, path)
+    content = json.loads(path.read_text())
+    del content["model_error"]
+    path.write_text(json.dumps(content))
+    assert load_baseline(path, Model().name).model_error == 1.0
+
+
 def test_a_leaking_recording_is_no_baseline() -> None:
     leaking = recorded(6)
     leaking.channels["spool_m"][10000:] += 8e-6
@@ -125,6 +151,7 @@ def test_no_recording_is_no_baseline() -> None:
         (lambda content: content.update(tolerance_covariance=[[1.0]]), "reshape"),
         (lambda content: content["innovation_levels_Pa"].pop("thesis-6"), "thesis-7"),
         (lambda content: content.update(recordings=3), "iterable"),
+        (lambda content: content.update(model_error=-1.0), "model_error: -1.0 is outside 0"),
         (lambda content: content["nuisances"].pop("bulk_modulus"), "other weaknesses"),
         (lambda content: content.update(model="thesis"), "beside the model thesis, not nominal"),
     ],

@@ -3,17 +3,19 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import binom as binomial
 from scipy.stats import t as student
 
 from estimator.account_row import FAULT_COUNT, FAULTS
+from estimator.crossings import student_quantile
 from estimator.flow_account import AccountBlock
 from estimator.leak_test import (
     MINIMUM_BLOCKS,
     ONSETS,
+    SENSOR_NOISE,
     WITNESSES,
     Finding,
     LeakTest,
-    student_quantile,
 )
 from estimator.nuisances import NUISANCE_COUNT
 from rig.plant.parameters import LITRE_PER_MINUTE
@@ -34,8 +36,12 @@ def blocks(
     noise: float = 0.01,
     nuisance: float = 1.0,
     correlation: float = 0.0,
+    between: float = 0.0,
 ) -> list[AccountBlock]:
-    """Return blocks of a rig in motion whose nuisances are drawn from their tolerances; L/min."""
+    """Return blocks of a rig in motion whose nuisances are drawn from their tolerances; L/min.
+
+    Errors are correlated by `correlation` from block to block, by `between` between the chambers.
+    """
     rng = np.random.default_rng(seed)
     shapes = 0.2 * LITRE_PER_MINUTE * rng.standard_normal((count, 2, NUISANCE_COUNT))
     # The null bias enters chamber 1 and leaves chamber 2, always.
@@ -48,6 +54,7 @@ def blocks(
     faults[:, :, 2] = 0.6 * ROOT * np.sign(swing)[:, None] * np.array([1.0, -1.0])
     faults[:, :, 3:] = 1e-11 * rng.random((count, 2, 2))
     errors = rng.standard_normal((count, 2))
+    errors[:, 1] = between * errors[:, 0] + np.sqrt(1.0 - between**2) * errors[:, 1]
     for k in range(1, count):
         errors[k] = correlation * errors[k - 1] + np.sqrt(1.0 - correlation**2) * errors[k]
     column = FAULTS.index(leak)
@@ -87,13 +94,48 @@ def test_the_quantile_is_students(probability: float, freedom: float) -> None:
 
 @pytest.mark.parametrize("correlation", [0.0, 0.3])
 def test_a_healthy_rig_alarms_no_more_often_than_stated(correlation: float) -> None:
-    """At 2000 a day, 120 runs of 30 s are 3600 s: 83 alarms are allowed; Bonferroni's bound and the
-    model-error budget keep them well below, also when errors hang together."""
+    """At 2000 a day, 120 runs of 30 s are 3600 s: 83 alarms are allowed; what is allowed for errors
+    of the model keeps them well below, also when errors hang together."""
     alarms = sum(
         any(searched(blocks(60, seed, correlation=correlation), 2000.0)) for seed in range(120)
     )
     allowed = 2000.0 / 86400.0 * 3600.0
     assert alarms < allowed
+
+
+def alarms_of(series: list[AccountBlock], rate: float, model_error: float) -> tuple[int, int]:
+    """Return how often a test, begun anew each time, accused, and the blocks it judged."""
+    test, alarms, judged = LeakTest(rate, model_error=model_error), 0, 0
+    for block in series:
+        test.add(block)
+        judged += test.blocks >= MINIMUM_BLOCKS
+        if test.search():
+            alarms += 1
+            test = LeakTest(rate, model_error=model_error)
+    return alarms, judged
+
+
+def test_where_the_model_is_exact_alarms_come_at_the_stated_rate() -> None:
+    """At 1500 a day, and noise as the accounts have it: the count is within its 95 % interval."""
+    rate = 1500.0
+    series = blocks(6000, 11, noise=SENSOR_NOISE, between=-0.9)
+    alarms, judged = alarms_of(series, rate, model_error=0.0)
+    stated = rate * 0.5 / 86400.0
+    low, high = binomial.ppf([0.025, 0.975], judged, stated)
+    assert high < 1.5 * judged * stated  # The interval says something.
+    assert low <= alarms <= high
+
+
+def test_what_is_allowed_for_errors_of_the_model_keeps_alarms_away() -> None:
+    series = blocks(2000, 11, noise=SENSOR_NOISE, between=-0.9)
+    assert alarms_of(series, 1500.0, model_error=0.0)[0] > 5
+    assert alarms_of(series, 1500.0, model_error=1.0)[0] == 0
+
+
+@pytest.mark.parametrize("factor", [-0.1, 10.1, float("nan")])
+def test_an_impossible_factor_on_errors_of_the_model_is_refused(factor: float) -> None:
+    with pytest.raises(ValueError, match="model_error"):
+        LeakTest(1.0, model_error=factor)
 
 
 def test_at_one_a_day_an_hour_of_runs_is_silent() -> None:

@@ -110,6 +110,14 @@ def test_neither_a_rise_nor_what_a_regulator_wanders_by_is_a_leak(pascals: float
     assert not found
 
 
+def test_where_the_model_is_exact_less_than_a_regulators_wander_is_a_leak() -> None:
+    given = blocks(dropped(0.8 * WANDER * NOMINAL.supply_pressure))
+    exact = SupplyTest(NOMINAL, 1.0, model_error=0.0)
+    for block in given:
+        exact.add(block)
+    assert finding(exact).onset_s == pytest.approx(0.5 * BEGINS, abs=0.5)
+
+
 def test_a_drop_keeps_its_onset_when_that_is_older_than_what_is_kept() -> None:
     test, found = watched(blocks(dropped(1e5, BEGINS + 2 * ONSETS)))
     assert found == list(range(found[0], BEGINS + 2 * ONSETS))

@@ -14,6 +14,7 @@ from tools.healthy_hours import (
     Alarm,
     Group,
     Judge,
+    Setting,
     poisson_interval,
     read_groups,
     study,
@@ -34,11 +35,11 @@ def test_the_interval_of_a_count_is_that_of_tables(count: int, lower: float, upp
 
 
 def test_a_summary_sets_the_alarms_of_all_days_beside_the_setting() -> None:
-    found = summary_of([QUIET, LOUD], 1.0)
+    found = summary_of([QUIET, LOUD], Setting(1.0))
     assert found["hours"] == 24.0
     assert found["alarms_per_day"] == 1.0
     assert found["setting_within_interval"]
-    assert not summary_of([QUIET, LOUD], 100.0)["setting_within_interval"]
+    assert not summary_of([QUIET, LOUD], Setting(100.0))["setting_within_interval"]
     assert found["alarms_by_motion"] == {"steps": 1}
     assert found["decisions"]["inconclusive"] == pytest.approx(0.05)
     assert found["rig_seconds_per_core_second"]["all"] == pytest.approx(86400.0 / 8.0)
@@ -107,14 +108,14 @@ def test_a_study_runs_what_is_asked_once_and_by_its_seed_alone(
 ) -> None:
     run_s = 10.0
     hours = 2 * LANES * run_s / 3600.0
-    found = study(hours, 1.0, 1, tmp_path, run_s)
+    found = study(hours, Setting(1.0), 1, tmp_path, run_s)
     assert found["rigs"] == 2 * LANES
     assert found["hours"] == pytest.approx(hours)
     assert json.loads((tmp_path / "summary-1.json").read_text())["alarms"] == found["alarms"]
     monkeypatch.setattr(healthy_hours, "run_group", None)
-    assert study(hours, 1.0, 1, tmp_path, run_s) == found
+    assert study(hours, Setting(1.0), 1, tmp_path, run_s) == found
     monkeypatch.undo()
-    again = healthy_hours.run_group(1, 1.0, run_s)
+    again = healthy_hours.run_group(1, Setting(1.0), run_s)
     (kept,) = tmp_path.glob("groups-1-*.jsonl")
     before = read_groups(kept)[1]
     assert (again.verdicts, again.alarms) == (before.verdicts, before.alarms)

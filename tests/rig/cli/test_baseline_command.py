@@ -28,6 +28,15 @@ def test_a_baseline_of_a_healthy_recording_is_used_by_replay(
     assert json.loads(done.out)["verdict"] == "external_leakage_1"
 
 
+def test_a_baseline_tells_how_far_the_model_may_be_off(invoke: Invoke, recordings: Path) -> None:
+    healthy = recordings / "healthy.mcap"
+    assert invoke("baseline", healthy, "--model-error", "0.5", "--out", "rig.json").code == 0
+    assert json.loads(Path("rig.json").read_text())["model_error"] == 0.5
+    refused = invoke("baseline", healthy, "--model-error", "11", "--out", "other.json")
+    assert (refused.code, Path("other.json").exists()) == (2, False)
+    assert "--model-error" in refused.err
+
+
 def test_a_leaking_recording_is_refused_and_nothing_written(
     invoke: Invoke, recordings: Path
 ) -> None:
