@@ -9,7 +9,7 @@ import numpy as np
 from .fit import Fitter
 from .linear import cost_of, slices_of
 from .results import Curve, Verdict
-from .search import CHANCE, HELD_OUT, MATERIAL, Found, Search, deviate
+from .search import CHANCE, HELD_OUT, MATERIAL, MOST_EFFECTS, Found, Search, deviate
 from .variables import Values, Variable
 
 EXPLAINED: Final = 0.8
@@ -25,6 +25,11 @@ FREE: Final = 0.05
 """Part of the excess that a free curve may still take away once the whole answer is named."""
 _PINNED: Final = 1e-3
 """Of a size's plausible range: nearer to one of its ends it would go further if it might."""
+AHEAD: Final = 5.0
+"""Noise variances of gap over the horizon held out that are more than a cause of another form
+leaves: of a stick-slip motion a twin's own gap varies by some."""
+HALVED: Final = 0.5
+"""Part of the gap over the horizon that names must take away, where more than that is left."""
 CONFIRMED: Final = 0.1
 """Part of what an effect would gain on held-out recordings, were it exact, that it must gain."""
 
@@ -90,6 +95,7 @@ def judge(
     held_out: float,
     held_out_before: float = float("nan"),
     located: float | None = None,
+    ahead: tuple[float, float] = (float("nan"), float("nan")),
 ) -> Judgement:
     """Return the verdict.
 
@@ -101,6 +107,8 @@ def judge(
         held_out_before: the same, with nuisances refitted only.
         located: part of the excess that a disturbance of one equation explains; that of the best of
             `rest` if not given.
+        ahead: gap over the horizon held out, of the model as given and with all that was found, in
+            noise variances.
     """
     excess = found.fitted.cost / found.samples - found.floor
     if located is None:
@@ -138,6 +146,13 @@ def judge(
         return Judgement("unknown_effect", (_implausible(found, beyond, excess),))
     if found.named and held_out > max(HELD_OUT, (1.0 - EXPLAINED) * held_out_before):
         return Judgement("unknown_effect", (_not_held_out(found, held_out, held_out_before),))
+    given, left = ahead
+    if (
+        found.named
+        and left > AHEAD
+        and (left > (1.0 - HALVED) * given or len(found.named) == MOST_EFFECTS)
+    ):
+        return Judgement("unknown_effect", (_not_ahead(found, given, left),))
     if found.named:
         return Judgement("missing_effect", _missing(found, excess))
     if held_out > HELD_OUT:
@@ -200,6 +215,15 @@ def _not_held_out(found: Found, after: float, before: float) -> str:
         f"{names} would explain the recordings fitted to, but those held out are still predicted "
         f"{after:.2g} noise variances a reading worse than the noise allows, of {before:.2g} "
         f"without them: less than {EXPLAINED:.0%} is explained there, so that nothing is named"
+    )
+
+
+def _not_ahead(found: Found, given: float, left: float) -> str:
+    names = " and ".join(named.effect for named in found.named)
+    return (
+        f"{names} would lower one-step errors, but over the horizon held out {left:.2g} of "
+        f"{given:.2g} noise variances are left: they stand in for something else, so that nothing "
+        "is named"
     )
 
 

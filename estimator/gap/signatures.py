@@ -28,7 +28,7 @@ _FEW: Final = 2.0
 """Times a size that shows in a few blocks only."""
 _NEAR: Final = 0.2
 """Of the logarithm of a size."""
-_ENDLESS: Final = 10.0
+ENDLESS: Final = 10.0
 """A neutral value so many times above all starts is a limit that no motion reaches."""
 
 
@@ -232,7 +232,7 @@ def _limit(
         ratios.append(np.sqrt(bar / gain) if gain > 0.0 else np.inf)
         sizes.append(size)
     starts = [start[knob.key] for _, start in tried if start]
-    if starts and neutral > _ENDLESS * max(starts):
+    if starts and neutral > ENDLESS * max(starts):
         shown = [value for value, ratio in zip(starts, ratios, strict=True) if ratio <= 1.0]
         return DetectionLimit(effect.name, knob.key, max(shown, default=0.0), unit)
     # The start nearest to the size itself: there the effect is as the linearisation has it.

@@ -22,16 +22,16 @@ from .predictor import Predictor
 from .records import Record, record_of
 from .results import AddedTerm, Curve, DetectionLimit, Estimate, GapResult, NamedEffect, Rival
 from .search import MATERIAL, Found, Named, Search
-from .signatures import absorbed, cosines, limits
+from .signatures import ENDLESS, absorbed, cosines, limits
 from .suitability import unsuitable, usable, worse_than_resting
 from .unknown import Unknown, find_unknown
 from .variables import Values, Variable, effect_variables
 from .with_term import with_term
 
 _NORMAL_95: Final = 1.96
-_FORM: Final = 1e-3
-"""Of an effect's size: a standard error for the step of the model's own integration, and of what
-the rig's effect is otherwise than the model's."""
+_FORM: Final = 5e-3
+"""Of an effect's size: a standard error for what the rig's effect, and all else of the rig, is
+otherwise than the model's, which no scatter of the recordings shows: 1 % at twice that."""
 
 
 @dataclass
@@ -118,7 +118,10 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     excess = search.held_out_excess(found.fitted.values)
     without = search.held_out_excess(found.refitted.values) if found.named else excess
     shown = _located(plant, result.where if weak else result.rest, unknown)
-    judgement = judge(found, result.rest, resting, excess, without, shown)
+    if found.named:
+        _measure(result, fitter.predictor, judged.records, found.fitted.values, fitter.pool)
+    ahead = (result.gap_before, result.gap_after)
+    judgement = judge(found, result.rest, resting, excess, without, shown, ahead)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest = result.where
@@ -231,14 +234,25 @@ def _show(
     """Set the gap on the recordings held out, and free runs."""
     if not judged:
         return
-    given = predictor.plant.nominal
-    gaps = channel_gaps(predictor, judged, given, result.values, pool)
-    before, after = mean_gap(gaps)
-    if np.isfinite(before + after):
-        result.channels, result.gap_before, result.gap_after = gaps, before, after
-        result.free_runs = free_runs(predictor, judged, given, result.values)
+    # That of what was named is known since it was judged.
+    if result.verdict != "missing_effect" or not result.channels:
+        _measure(result, predictor, judged, result.values, pool)
+    if result.channels:
+        result.free_runs = free_runs(predictor, judged, predictor.plant.nominal, result.values)
     if result.added is not None:
         _show_added(result, result.added, predictor, judged, pool)
+
+
+def _measure(
+    result: GapResult, predictor: Predictor, judged: Sequence[Record], values: Values,
+    pool: ThreadPoolExecutor,
+) -> None:  # fmt: skip
+    """Set the held-out gap of the model as given and with values; none where it is not finite."""
+    gaps = channel_gaps(predictor, judged, predictor.plant.nominal, values, pool)
+    before, after = mean_gap(gaps)
+    finite = bool(np.isfinite(before + after))
+    result.channels = gaps if finite else []
+    result.gap_before, result.gap_after = (before, after) if finite else (np.nan, np.nan)
 
 
 def _show_added(
@@ -292,10 +306,23 @@ def _standard_errors(fitter: Fitter, search: Search, found: Found) -> dict[str, 
     }
 
 
+def form_error(value: float, before: float) -> float:
+    """Return the standard error of an effect's parameter by what form the rig's effect may have.
+
+    Args:
+        value: fitted, SI.
+        before: that of the model as given; one far beyond `value` is a limit without effect, of
+            which only where it is now has a size.
+    """
+    size = value if abs(before) > ENDLESS * abs(value) > 0.0 else value - before
+    return _FORM * abs(size)
+
+
 def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, float]) -> Estimate:
     value = found.fitted.values[variable.parameter]
     before = plant.nominal[variable.parameter]
-    error = np.hypot(errors[variable.parameter], _FORM * (value - before) if variable.key else 0.0)
+    form = form_error(value, before) if variable.key else 0.0
+    error = np.hypot(errors[variable.parameter], form)
     reach = float(_NORMAL_95 * error)
     unit = next(p.unit for p in plant.parameters if p.name == variable.parameter)
     return Estimate(

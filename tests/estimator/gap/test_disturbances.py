@@ -27,6 +27,7 @@ from estimator.gap.plant import (
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import Record, made_of
 from estimator.gap.results import Curve
+from estimator.gap.search import MOST_EFFECTS
 from estimator.gap.sensitivities import course_of
 from estimator.gap.unknown import find_unknown, in_symbols
 from estimator.gap.variables import Variable
@@ -261,6 +262,24 @@ def test_the_most_that_is_plausible_is_no_finding_if_it_leaves_much(
     size: float, after: float, verdict: str
 ) -> None:
     assert judge(_found(5.0, after, True, size), [], [], 0.0).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("names", "ahead", "verdict"),
+    [
+        (1, (20.0, 1.0), "missing_effect"),
+        (1, (20.0, 12.0), "unknown_effect"),
+        (1, (3.0, 2.0), "missing_effect"),
+        (MOST_EFFECTS, (1000.0, 20.0), "unknown_effect"),
+        (MOST_EFFECTS, (1000.0, 2.0), "missing_effect"),
+    ],
+)
+def test_names_that_leave_the_gap_over_the_horizon_open_are_not_claimed(
+    names: int, ahead: tuple[float, float], verdict: str
+) -> None:
+    found = _found(5.0, 0.02, True)
+    found.named = names * found.named
+    assert judge(found, [], [], 0.0, ahead=ahead).verdict == verdict
 
 
 def test_recordings_held_out_that_no_finding_explains_support_no_verdict() -> None:

@@ -12,6 +12,7 @@ from estimator.gap.records import Record, made_of, record_of
 from estimator.gap.search import Found, Search
 from estimator.gap.servo_effects import EFFECTS, NOT_TOLD_APART
 from estimator.gap.servo_proposals import propose_end_stop
+from estimator.gap.workflow import form_error
 from rig.plant import CATALOGUE
 from tests.estimator.gap.courses import fitter, recorded, rig
 from tools.worked_gap_example.trials import CASES, hiding, recording_of
@@ -163,3 +164,14 @@ def test_a_plant_that_a_value_breaks_is_no_candidate_and_no_crash() -> None:
         assert np.all(of_record.costs(broken) >= 1e299)
         variables = Search(of_record).nuisances
         assert of_record.fit(broken, variables).cost >= 1e299
+
+
+@pytest.mark.parametrize(
+    ("value", "before", "error"),
+    [(2e-3, 0.0, 1e-5), (960.0, 760.0, 1.0), (0.0, 4.0, 0.02), (0.02, 1e3, 1e-4)],
+    ids=["from nothing", "a shift", "to nothing", "a limit"],
+)
+def test_the_form_of_an_effect_is_known_to_half_a_per_cent_of_its_size(
+    value: float, before: float, error: float
+) -> None:
+    assert form_error(value, before) == pytest.approx(error)
