@@ -169,6 +169,9 @@ FILES = (
     "rigs/simulated.yaml",
     "models/nominal.yaml",
 )
+MUTATED = [
+    pytest.param(name, marks=pytest.mark.long) if "loaded" in name else name for name in FILES
+]
 JUNK: st.SearchStrategy[Any] = st.one_of(
     st.none(),
     st.booleans(),
@@ -207,7 +210,7 @@ def rename(container: Any, key: Any, junk: Any) -> None:
         container[str(junk)] = container.pop(key)
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", MUTATED)
 @given(data=st.data(), mutation=st.sampled_from([replace, replace, delete, rename]), junk=JUNK)
 def test_a_mutated_file_is_checked_or_refused(
     tmp_path_factory: pytest.TempPathFactory,
@@ -225,7 +228,7 @@ def test_a_mutated_file_is_checked_or_refused(
         assert str(check(path))
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", MUTATED)
 @given(
     position=st.floats(0.0, 1.0),
     length=st.integers(0, 8),

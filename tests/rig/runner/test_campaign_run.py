@@ -375,6 +375,7 @@ def test_a_detector_of_one_s_own_judges_every_test(
     assert outcome.tests[0].detected_at_s == pytest.approx(0.5)
 
 
+@pytest.mark.long
 def test_healthy_tests_run_first_where_the_thesis_s_detector_learns_from_them(
     tmp_path: Path, rig: Rig, make_test: MakeTest, leaking: MakeTest, make_campaign: MakeCampaign
 ) -> None:

@@ -80,13 +80,10 @@ UNDERLAP = Model().with_effect("valve_underlap_leakage", value=2e-6)
 A_THIRD = Model(parameters=NOMINAL._replace(valve_gain=NOMINAL.valve_gain / 3.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "plant",
-    [
-        pytest.param(OVERLAP, marks=pytest.mark.long),
-        UNDERLAP,
-        pytest.param(A_THIRD, marks=pytest.mark.long),
-    ],
+    [OVERLAP, UNDERLAP, A_THIRD],
     ids=["over", "under", "third"],
 )
 def test_ramps_that_do_not_move_the_ram_are_repeated_in_closed_loop(
