@@ -97,6 +97,7 @@ def test_pressures_that_are_swapped_are_no_friction() -> None:
         assert "pressure_1_Pa and pressure_2_Pa are swapped" in estimate.needs
 
 
+@pytest.mark.long
 def test_worn_seals_differ_and_the_same_rig_does_not() -> None:
     new, worn = found(sine_of(NOMINAL)), found(sine_of(WORN))
     changed = {change.name for change in friction_changes(new, worn) if change.significant}

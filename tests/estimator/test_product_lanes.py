@@ -11,6 +11,8 @@ from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.lanes import LANES
 
+pytestmark = pytest.mark.long
+
 Array = NDArray[np.float64]
 
 TICKS = 2500

@@ -10,6 +10,8 @@ from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.lanes import LANES
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize(("name", "factored"), [("thesis-7", False), ("thesis-7-ud", True)])
 def test_each_lane_estimates_as_alone(name: str, factored: bool) -> None:

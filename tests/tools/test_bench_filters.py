@@ -21,6 +21,8 @@ from tools.bench_filters import (
 )
 from tools.bench_product import product_record
 
+pytestmark = pytest.mark.long
+
 EACH_FILTER = pytest.mark.parametrize("contest", CONTESTS, ids=lambda contest: contest.name)
 
 

@@ -21,6 +21,8 @@ from tools.healthy_hours import (
     summary_of,
 )
 
+pytestmark = pytest.mark.long
+
 ALARM = Alarm(3, 100.0, "internal_leakage", 90.0, "steps", 5.0, 4.0)
 WALL = {"simulation": 1.0, "filter": 1.0, "detector": 2.0}
 QUIET = Group(0, 43200.0, WALL, {"healthy": 90, "inconclusive": 10}, [])

@@ -10,6 +10,8 @@ from tools.tolerant_control.comparison import LOADS, setpoint
 from tools.tolerant_control.margins import least_margins
 from tools.tolerant_control.runs import NO_LEAK, leak_coefficients, run
 
+pytestmark = pytest.mark.long
+
 SINE = "sine, 20 mm at 1 Hz"
 STEPS = "steps of 100 mm every 3 s"
 HOLD = "step of 50 mm, then hold"

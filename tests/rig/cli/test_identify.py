@@ -70,6 +70,7 @@ def test_a_dry_run_tells_every_motion_and_moves_nothing(invoke: Invoke, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_a_rig_is_identified_by_itself_and_its_model_written(invoke: Invoke) -> None:
     done = invoke("identify", "friction", "--rig", "simulated", "--out", "found")
     assert (done.code, done.err) == (0, "")

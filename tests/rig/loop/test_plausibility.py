@@ -269,6 +269,7 @@ HEALTHY = {
 """Three minutes each: half an hour of rig time."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", HEALTHY)
 def test_half_an_hour_of_healthy_motions_makes_no_false_trip(name: str) -> None:
     outcome = run(HEALTHY[name])
@@ -278,6 +279,7 @@ def test_half_an_hour_of_healthy_motions_makes_no_false_trip(name: str) -> None:
     assert outcome.peak.work_J < 10.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("column", range(8))
 def test_the_greatest_fault_that_a_bypass_makes_is_no_trip(column: int) -> None:
     coefficient = (2.6e-8, 2.6e-8, 2.6e-8, 1e-11, 1e-11, 1e-11, 9.2e-8, 4e13)[column]
@@ -287,6 +289,7 @@ def test_the_greatest_fault_that_a_bypass_makes_is_no_trip(column: int) -> None:
         assert run(HEALTHY[name], faults=faults).cause is Cause.NONE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("exchange", [0.15, 0.6, 1.2, 3.0])
 @pytest.mark.parametrize("every", [4, 10])
 def test_a_device_slower_than_the_loop_makes_no_false_trip(every: int, exchange: float) -> None:
@@ -294,6 +297,7 @@ def test_a_device_slower_than_the_loop_makes_no_false_trip(every: int, exchange:
         assert run(motion, every=every, exchange=exchange).cause is Cause.NONE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["reversed encoder", "frozen encoder", "encoder of double scale"])
 def test_an_encoder_that_errs_is_found_out_by_a_device_slower_than_the_loop(fault: str) -> None:
     outcome = run(HEALTHY["fast sine"], fault, 10_000, every=4, exchange=1.2)
@@ -301,6 +305,7 @@ def test_an_encoder_that_errs_is_found_out_by_a_device_slower_than_the_loop(faul
     assert 0 <= outcome.tick - 10_000 <= 2 * CAUGHT[fault].ticks
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", [4, 10])
 def test_a_device_slower_than_the_loop_that_falls_silent_trips_by_the_age_of_its_sample(
     every: int,
@@ -311,6 +316,7 @@ def test_a_device_slower_than_the_loop_that_falls_silent_trips_by_the_age_of_its
     assert CAUGHT["no sample"].ticks - every <= outcome.tick - 10_000 <= CAUGHT["no sample"].ticks
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("in_exchange", [False, True], ids=["asleep", "in an exchange"])
 @pytest.mark.parametrize("stall", [1, 5, 20])
 def test_missed_ticks_make_no_false_trip(stall: int, in_exchange: bool) -> None:

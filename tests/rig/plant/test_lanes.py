@@ -125,6 +125,7 @@ def _rates(states: Any, parameters: Any, like: Any, faults: Any, out: Any) -> An
     store(out, 8, k[8])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", [0.0, 1.0])
 def test_the_plants_rates_are_the_same_in_lanes(law: float) -> None:
     rng = np.random.default_rng(1)

@@ -50,7 +50,10 @@ def assert_same(recording: Recording, outcome: TestOutcome, campaign: Campaign) 
     assert result.detected_at_s == outcome.detected_at_s
 
 
-@pytest.mark.parametrize("filter_name", ["product", "thesis-6", "thesis-7"])
+@pytest.mark.parametrize(
+    "filter_name",
+    ["product", "thesis-7", pytest.param("thesis-6", marks=pytest.mark.long)],
+)
 def test_a_replay_comes_to_the_estimates_and_decisions_of_the_run_bit_for_bit(
     tmp_path: Path,
     rig: Rig,
@@ -100,7 +103,9 @@ def test_a_recording_that_went_through_parquet_replays_the_same(
     assert_same(read_recording(tmp_path / "leak.parquet"), outcome.tests[1], campaign)
 
 
-@pytest.mark.parametrize("filter_name", ["product", "thesis-6"])
+@pytest.mark.parametrize(
+    "filter_name", ["product", pytest.param("thesis-6", marks=pytest.mark.long)]
+)
 def test_a_replay_does_so_where_the_campaign_had_a_baseline(
     tmp_path: Path, rig: Rig, leaking: MakeTest, make_campaign: MakeCampaign, filter_name: str
 ) -> None:

@@ -92,6 +92,7 @@ def test_the_last_group_may_lack_cases(setting: Setting, cases: Cases) -> None:
     np.testing.assert_array_equal(some["innovation_1_Pa"], whole["innovation_1_Pa"][:3])
 
 
+@pytest.mark.long
 def test_the_products_detector_names_and_sizes_the_leaks_of_cases(cases: Cases) -> None:
     sweep = load_sweep("leaks", Path(__file__).parent)
     setting = setting_of(replace(sweep, duration_s=SECONDS, filter_name="product"))

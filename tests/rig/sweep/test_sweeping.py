@@ -176,6 +176,7 @@ def deadly(setting: Setting, cases: Cases) -> Judged:
     os._exit(9)
 
 
+@pytest.mark.long
 def test_a_chunk_that_kills_every_process_is_given_up_by_name(
     sweep: Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,6 +202,7 @@ def until(holds: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.long
 def test_a_sweep_killed_at_any_point_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -248,6 +250,7 @@ def cluster(
             process.wait()
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
     sweep: Sweep, table: bytes, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen[bytes]]]
@@ -280,6 +283,7 @@ def test_a_cluster_that_is_not_there_is_bad_input(monkeypatch: pytest.MonkeyPatc
         connect("tcp://127.0.0.1:9")
 
 
+@pytest.mark.long
 def test_a_worker_with_another_version_is_refused(sweep: Sweep, tmp_path: Path) -> None:
     def elsewhere(chunks: Iterator[Cases], setting: Setting, stopped: object) -> Iterator[Judged]:
         cases = next(chunks)

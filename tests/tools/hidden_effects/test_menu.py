@@ -15,6 +15,8 @@ from tools.hidden_effects.recordings import PRESSURE_NOISE, SPOOL_NOISE, at_rest
 from tools.hidden_effects.rig_values import TABLE, RigValues
 from tools.hidden_effects.sizes import OFF_MENU_SIZES, SIZES
 
+pytestmark = pytest.mark.long
+
 Array = NDArray[np.float64]
 TIME = np.arange(1500) * physics.TICK
 COMMAND = 4.0 * np.sin(2.0 * np.pi * 2.0 * TIME) + 1.0 * np.sin(2.0 * np.pi * 11.0 * TIME)

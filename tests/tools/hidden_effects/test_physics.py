@@ -12,6 +12,8 @@ from tools.hidden_effects import physics
 from tools.hidden_effects.recordings import at_rest
 from tools.hidden_effects.rig_values import TABLE, RigValues
 
+pytestmark = pytest.mark.long
+
 Array = NDArray[np.float64]
 SIMULATOR = ("physics", "rig_values", "menu", "motions", "recordings", "sizes", "drawn_trials")
 FOLDER = Path(physics.__file__).parent

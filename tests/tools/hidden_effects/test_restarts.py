@@ -10,6 +10,8 @@ from tools.hidden_effects.recordings import record, write
 from tools.hidden_effects.restarts import SENSOR_NOISE, following, line, main, read
 from tools.hidden_effects.rig_values import TABLE
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -24,6 +24,8 @@ from tools.hidden_effects.menu import MENU
 from tools.hidden_effects.shown import smallest_shown
 from tools.hidden_effects.trials import Plan, drawn_for
 
+pytestmark = pytest.mark.long
+
 SECONDS = 4.0
 
 
