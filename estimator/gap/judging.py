@@ -26,8 +26,8 @@ FREE: Final = 0.05
 _PINNED: Final = 1e-3
 """Of a size's plausible range: nearer to one of its ends it would go further if it might."""
 AHEAD: Final = 5.0
-"""Noise variances of gap over the horizon held out that are more than a cause of another form
-leaves: of a stick-slip motion a twin's own gap varies by some."""
+"""Noise variances of gap over the horizon held out that are too much to be left, where names took
+less than half away or are as many as may be. Chosen with blind trials in sight (docs/gap.md)."""
 HALVED: Final = 0.5
 """Part of the gap over the horizon that names must take away, where more than that is left."""
 CONFIRMED: Final = 0.1
