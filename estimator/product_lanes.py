@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rig.plant import Model, Parameters
 from rig.plant.compiled import inlined, inner
-from rig.plant.lanes import LANES, everywhere, in_lanes, load, select, store
+from rig.plant.lanes import LANES, align_stack, everywhere, in_lanes, load, select, store
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 
 from .filters import OUTPUTS
@@ -120,6 +120,7 @@ def product_lane_ticks(
         vector: scratch (11, LANES).
         states: (ticks, 11, LANES), to be filled with the estimates.
     """
+    align_stack()
     out = np.empty(len(OUTPUTS))
     ordinary = np.empty((1, LANES))
     all_x, all_factors, all_watch = in_lanes(x), in_lanes(factors), in_lanes(watch)

@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant import Model
-from rig.plant.lanes import LANES, in_lanes, load, store
+from rig.plant.lanes import LANES, align_stack, aligned, empty_lanes, in_lanes, load, store
 
 from .filters import OUTPUTS
 from .thesis import initial_state, thesis7_step, thesis7_ud_step
@@ -34,6 +34,7 @@ def thesis7_lane_ticks(x, covariance, held, readings, par, factored, out, states
         out: (9, LANES), outputs of the last sample.
         states: (ticks, 7, LANES), to be filled with the estimates.
     """
+    align_stack()
     for k in range(readings.shape[0]):
         z = readings[k]
         position, p1, p2 = load(z, 0), load(z, 1), load(z, 2)
@@ -58,13 +59,13 @@ class Thesis7Lanes:
 
     def __init__(self, model: Model, *, factored: bool = False) -> None:
         x, covariance = initial_state(with_load=True)
-        self._x = np.repeat(x[:, None], LANES, axis=1)
+        self._x = aligned(np.repeat(x[:, None], LANES, axis=1))
         first = factors_of(covariance) if factored else covariance
-        self._covariance = np.repeat(first[:, :, None], LANES, axis=2)
+        self._covariance = aligned(np.repeat(first[:, :, None], LANES, axis=2))
         self._parameters = model.parameters
         self._factored = factored
-        self._held = np.zeros((1, LANES))
-        self._out = np.zeros((len(OUTPUTS), LANES))
+        self._held = aligned(np.zeros((1, LANES)))
+        self._out = aligned(np.zeros((len(OUTPUTS), LANES)))
         self._started = False
 
     def advance(self, readings: Array) -> Array:
@@ -73,7 +74,7 @@ class Thesis7Lanes:
         The first sample ever starts the filters: its command holds from there on. Returns float64
         (ticks, 7, LANES).
         """
-        states = np.empty((readings.shape[0], _STATES, LANES))
+        states = empty_lanes(readings.shape[0] * _STATES).reshape((-1, _STATES, LANES))
         first = 0 if self._started else 1
         if not self._started:
             states[0] = self._x

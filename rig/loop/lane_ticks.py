@@ -14,7 +14,16 @@ from numba import njit
 from rig.plant.compiled import inlined
 from rig.plant.dynamics import PlantState
 from rig.plant.integrator import TICK, next_step
-from rig.plant.lanes import anywhere, gather, load, load_fields, scatter, select, store
+from rig.plant.lanes import (
+    align_stack,
+    anywhere,
+    gather,
+    load,
+    load_fields,
+    scatter,
+    select,
+    store,
+)
 from rig.plant.parameters import Parameters
 from rig.plant.sensors import encoder_position, pressure_reading, spool_reading
 from rig.plant.step_length import SHORTEST, resolving_step
@@ -121,6 +130,7 @@ def plant_ticks(
     Returns:
         Whether the log was long enough.
     """
+    align_stack()
     par = load_fields(parameters, like, _FRICTION_LAW)
     ticks = setpoint.shape[0]
     shortest = SHORTEST * longest_step

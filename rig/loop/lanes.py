@@ -14,7 +14,7 @@ from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
 from rig.plant import NO_FAULT, NOMINAL, REMEMBERING, FaultInput, Parameters
 from rig.plant.dynamics import rest_state
 from rig.plant.integrator import LONGEST_STEP
-from rig.plant.lanes import LANES
+from rig.plant.lanes import LANES, aligned, empty_lanes
 from rig.plant.lanes.normal import fill_normal, start_streams
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 
@@ -81,7 +81,7 @@ class SimulatedLanes:
         self._sensors = sensors
         self._gain, self._limit = gain, limit
         self._streams = start_streams(seeds)
-        self._log = np.empty((_BATCH * MOST_STEPS, LOGGED, LANES))
+        self._log = empty_lanes(_BATCH * MOST_STEPS * LOGGED).reshape((-1, LOGGED, LANES))
 
     def advance(self, setpoint: Array, open_loop: Array) -> Array:
         """Run as many ticks as there are setpoints.
@@ -94,7 +94,7 @@ class SimulatedLanes:
             What was measured, float64 (ticks, 6, LANES), as `LANE_READINGS`.
         """
         ticks = setpoint.shape[0]
-        readings = np.empty((ticks, READING_COUNT, LANES))
+        readings = empty_lanes(ticks * READING_COUNT).reshape((ticks, READING_COUNT, LANES))
         for first in range(0, ticks, _BATCH):
             part = slice(first, first + _BATCH)
             self._batch(setpoint[part], open_loop[part], readings[part])
@@ -102,7 +102,7 @@ class SimulatedLanes:
 
     def _batch(self, setpoint: Array, open_loop: Array, readings: Array) -> None:
         ticks = setpoint.shape[0]
-        rows = np.empty((ticks, LANES))
+        rows = empty_lanes(ticks)
         enough = plant_ticks(
             np.ascontiguousarray(setpoint), np.ascontiguousarray(open_loop), self._gain,
             self._limit, LONGEST_STEP, self._faults, self._onset, self.plant, self._parameters,
@@ -113,7 +113,7 @@ class SimulatedLanes:
                 f"a rig needed more than {MOST_STEPS} steps a millisecond throughout"
             )
         self._onset -= ticks
-        noise = np.empty((ticks * NOISE_COUNT, LANES))
+        noise = empty_lanes(ticks * NOISE_COUNT)
         fill_normal(self._streams, noise)
         reading_ticks(
             self._log, rows, noise, self._parameters, self.rigs[0], self._sensors, readings
@@ -132,4 +132,4 @@ def _require_no_memory(rigs: Sequence[Parameters]) -> None:
 
 def _by_lane(of_rigs: Sequence[Any]) -> Array:
     """Return values (n,) of each rig as an array (n, LANES)."""
-    return np.ascontiguousarray(np.transpose(np.array(of_rigs, dtype=np.float64)))
+    return aligned(np.transpose(np.array(of_rigs, dtype=np.float64)))

@@ -133,9 +133,12 @@ def leak_flows(p1, p2, back, par, fault):
     l2 = par.external_leakage_2_linear + fault[4]
     l12 = par.internal_leakage_linear + fault[5]
     q1 = q2 = q12 = 0.0
-    if anywhere((k1 != 0.0) | (k2 != 0.0) | (k12 != 0.0)):
+    # One by one: roots take as long as all the rest, and few rigs leak in several places.
+    if anywhere(k1 != 0.0):
         q1 = k1 * signed_root(p1 - back)
+    if anywhere(k2 != 0.0):
         q2 = k2 * signed_root(p2 - back)
+    if anywhere(k12 != 0.0):
         q12 = k12 * signed_root(p1 - p2)
     if anywhere((l1 != 0.0) | (l2 != 0.0) | (l12 != 0.0)):
         q1 += l1 * (p1 - back)

@@ -18,7 +18,7 @@ from rig.compile_cache import source_key
 from rig.configuration.sweep_plan import Sweep, SweepFilter
 from rig.plant import NO_FAULT, Model, Parameters
 from rig.plant.dynamics import rest_state
-from rig.plant.lanes import LANES
+from rig.plant.lanes import LANES, aligned
 from rig.plant.lanes.normal import start_streams
 from rig.plant.sensors import SensorParameters
 
@@ -130,7 +130,7 @@ class Group:
         cases, at = self.cases, self.at
         self.motions = cases.motions.of(at)
         scale_sines(self.motions.sines, self.motions.peak[None, :].copy(), self.setting.ticks)
-        self.parameters = np.ascontiguousarray(cases.parameters[:, at])
+        self.parameters = aligned(cases.parameters[:, at])
         self.faults = np.zeros((len(NO_FAULT), LANES))
         self.faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
         self.onset = cases.onset_tick[at][None, :].copy()
@@ -138,7 +138,7 @@ class Group:
         self.open_loop = self.motions.open_loop[None, :].copy()
         rigs = [Parameters(*map(float, column)) for column in self.parameters.T]
         at_rest = [rest_state(rig, x) for rig, x in zip(rigs, self._starts(), strict=True)]
-        self.plant = np.ascontiguousarray(np.transpose(at_rest))
+        self.plant = aligned(np.transpose(at_rest))
 
     def _starts(self) -> Array:
         """Return where each ram rests at first: where its setpoint begins, m."""
@@ -175,12 +175,13 @@ def run_thesis7(group: Group) -> Array:
     """
     setting, motions = group.setting, group.motions
     x, covariance = initial_state(with_load=True)
-    sums = np.zeros((setting.blocks, len(SUMS), LANES))
+    sums = aligned(np.zeros((setting.blocks, len(SUMS), LANES)))
     enough = thesis7_cases(
         setting.ticks, AHEAD, motions.sines, motions.levels, motions.ends, group.open_loop,
         setting.gain, setting.limit, setting.longest_step_s, group.plant, group.parameters,
         setting.like, setting.sensors, group.faults, group.onset, group.noise, group.stream(0),
-        np.repeat(x[:, None], LANES, axis=1), np.repeat(covariance[:, :, None], LANES, axis=2),
+        aligned(np.repeat(x[:, None], LANES, axis=1)),
+        aligned(np.repeat(covariance[:, :, None], LANES, axis=2)),
         setting.model.parameters, sums,
     )  # fmt: skip
     if not enough:

@@ -114,10 +114,10 @@ class Cases:
     def alike(self) -> NDArray[np.intp]:
         """Return the cases (n,) in an order in which alike ones follow one another.
 
-        Lanes wait for the slowest of them, and all of them take the roots of a leak that one has.
+        Lanes wait for the slowest of them, and all of them take the root of a leak that one has.
         """
-        leaky = self.coefficients.any(axis=0)
-        return np.lexsort((self.numbers, self.motions.pace, self.motions.kind, leaky))
+        place = np.arange(1, len(LEAKS) + 1) @ (self.coefficients != 0.0)
+        return np.lexsort((self.numbers, self.motions.pace, self.motions.kind, place))
 
 
 def draw(sweep: Sweep, first: int, count: int) -> Cases:

@@ -62,10 +62,15 @@ class Motions:
 
     def of(self, lanes: NDArray[np.intp]) -> "Motions":
         """Return the motions of some of the cases."""
-        parts = (self.sines, self.levels, self.ends)
+        parts = (self.sines[: self._sine_rows(lanes)], self.levels, self.ends)
         sines, levels, ends = (np.ascontiguousarray(part[:, lanes]) for part in parts)
         rest = (self.open_loop[lanes], self.kind[lanes], self.pace[lanes])
         return Motions(sines, self.peak[lanes], levels, ends, *rest)
+
+    def _sine_rows(self, lanes: NDArray[np.intp]) -> int:
+        """Return the rows of all sines up to the last that one of some cases has."""
+        has = self.sines[AMPLITUDE::SINE_ROWS, lanes].any(axis=1)
+        return SINE_ROWS * int(np.flatnonzero(has)[-1] + 1) if has.any() else 0
 
 
 class _Table:

@@ -63,11 +63,26 @@ def _kind(values: np.ndarray) -> pa.DataType:
 
 
 def _array(values: np.ndarray) -> pa.Array:
+    """Return values (n,) as Arrow has them, NaN as missing.
+
+    From the bytes: given an array or a list, `pyarrow.array` imports pandas to ask whether it is
+    one of its own, a second of work while processes wait.
+    """
     if values.dtype.kind in "US":
-        return pa.array(values.tolist(), type=pa.string())
-    if values.dtype.kind == "f":
-        return pa.array(values, mask=np.isnan(values))
-    return pa.array(values)
+        words = [word.encode() for word in values.tolist()]
+        ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
+        return pa.StringArray.from_buffers(len(words), _bytes(ends), pa.py_buffer(b"".join(words)))
+    known = _bits(~np.isnan(values)) if values.dtype.kind == "f" else None
+    content = _bits(values) if values.dtype.kind == "b" else _bytes(values)
+    return pa.Array.from_buffers(_kind(values), values.size, [known, content])
+
+
+def _bytes(values: np.ndarray) -> pa.Buffer:
+    return pa.py_buffer(values.tobytes())
+
+
+def _bits(truths: np.ndarray) -> pa.Buffer:
+    return _bytes(np.packbits(truths, bitorder="little"))
 
 
 def write_table(table: pa.Table, path: Path) -> None:

@@ -7,7 +7,6 @@ thesis's moving averages follow.
 from math import floor
 from typing import Final
 
-import numpy as np
 from numba import njit
 
 from estimator.thesis import thesis7_step
@@ -26,7 +25,18 @@ from rig.loop.lane_ticks import (
 from rig.plant.compiled import inlined
 from rig.plant.dynamics import signed_root
 from rig.plant.integrator import TICK
-from rig.plant.lanes import LANES, anywhere, gather, in_lanes, load, load_fields, select, store
+from rig.plant.lanes import (
+    LANES,
+    align_stack,
+    anywhere,
+    empty_lanes,
+    gather,
+    in_lanes,
+    load,
+    load_fields,
+    select,
+    store,
+)
 from rig.plant.lanes.normal import fill_normal, sine_and_cosine
 from rig.plant.parameters import Parameters
 from rig.plant.sensors import encoder_position, pressure_reading
@@ -105,6 +115,7 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
         held: (1, LANES), which level is held; updated.
         setpoint: (ticks, LANES), to be filled, m or V.
     """
+    align_stack()
     at = load(held, 0)
     count = sines.shape[0] // SINE_ROWS
     for k in range(setpoint.shape[0]):
@@ -145,6 +156,7 @@ def thesis7_ticks(
         out: scratch (9, LANES), outputs of the last tick.
         sums: (6, LANES), to be filled: `SUMS`.
     """
+    align_stack()
     par = load_fields(parameters, like, _FRICTION_LAW)
     deviation = sensors.pressure_noise * load(scale, 0)
     command = load(held, 0)
@@ -226,13 +238,13 @@ def thesis7_cases(
         Whether every plant came to the end; else one needed too many steps.
     """
     batch = ahead * BLOCK + 1
-    log = np.empty((batch * MOST_STEPS, LOGGED, LANES))
-    rows, setpoint = np.empty((batch, LANES)), np.empty((batch, LANES))
-    is_open = np.empty((batch, LANES))
+    log = empty_lanes(batch * MOST_STEPS * LOGGED).reshape((batch * MOST_STEPS, LOGGED, LANES))
+    rows, setpoint, is_open = empty_lanes(batch), empty_lanes(batch), empty_lanes(batch)
     for k in range(batch):
         is_open[k] = open_loop[0]
-    noise = np.empty((2 * (BLOCK + 1), LANES))
-    held, level, out = np.zeros((1, LANES)), np.zeros((1, LANES)), np.zeros((9, LANES))
+    noise = empty_lanes(2 * (BLOCK + 1))
+    held, level, out = empty_lanes(1), empty_lanes(1), empty_lanes(9)
+    held[:], level[:] = 0.0, 0.0
     until_onset = onset.copy()
     first = 0
     while first < ticks:
@@ -293,9 +305,7 @@ def reading_block(
         Whether every plant came to the end of the block.
     """
     ticks = readings.shape[0]
-    setpoint, rows, is_open = (
-        np.empty((ticks, LANES)), np.empty((ticks, LANES)), np.empty((ticks, LANES)),
-    )  # fmt: skip
+    setpoint, rows, is_open = empty_lanes(ticks), empty_lanes(ticks), empty_lanes(ticks)
     for k in range(ticks):
         is_open[k] = open_loop[0]
     setpoint_ticks(first, sines, levels, ends, level, setpoint)
@@ -305,10 +315,10 @@ def reading_block(
     ):  # fmt: skip
         return False
     until_onset -= ticks
-    of_pressures, of_others = np.empty((2 * ticks, LANES)), np.empty((2 * ticks, LANES))
+    of_pressures, of_others = empty_lanes(2 * ticks), empty_lanes(2 * ticks)
     fill_normal(pressures, of_pressures)
     fill_normal(others, of_others)
-    noise = np.empty((NOISE_COUNT * ticks, LANES))
+    noise = empty_lanes(NOISE_COUNT * ticks)
     for k in range(ticks):
         for i in range(2):
             store(noise, NOISE_COUNT * k + i, load(scale, 0) * load(of_pressures, 2 * k + i))

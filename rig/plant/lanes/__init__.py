@@ -6,6 +6,7 @@ each operation for all rigs at once (SIMD). Every operation but e^x rounds as th
 """
 
 from . import arithmetic, exponential
+from .alignment import align_stack, aligned, empty_lanes
 from .arrays import in_lanes
 from .choosing import anywhere, everywhere, select
 from .kinds import LANES, lanes, truths
@@ -13,8 +14,11 @@ from .memory import gather, load, load_fields, scatter, store
 
 __all__ = [
     "LANES",
+    "align_stack",
+    "aligned",
     "anywhere",
     "arithmetic",
+    "empty_lanes",
     "everywhere",
     "exponential",
     "gather",
