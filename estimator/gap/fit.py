@@ -37,6 +37,15 @@ class Fitted:
         return float(self.costs.sum())
 
 
+def _change(changed: Array, base: Array, size: float) -> Array:
+    """Return the change of innovations (n, outputs) by one unit of what changed them by `size`."""
+    change = changed - base
+    # A plant that breaks down with a probe says nothing of that direction.
+    if not np.abs(change).max() < _BREAKDOWN:
+        return np.zeros_like(change)
+    return np.asarray(change / size)
+
+
 class Fitter:
     """Fits a plant's parameters to records.
 
@@ -119,14 +128,14 @@ class Fitter:
         found: dict[int, Changes] = {}
         bases = self.innovations(values)
 
-        def run(task: tuple[int, int]) -> Array:
-            column, record = columns[task[0]], self.records[task[1]]
-            changed = self.predictor.innovations(record, column.values)[0]
-            change = changed - bases[task[1]][0]
-            # A plant that breaks down with a probe says nothing of that direction.
-            if not np.abs(change).max() < _BREAKDOWN:
-                return np.zeros_like(change)
-            return np.asarray(change / column.size)
+        def run(task: tuple[list[int], int]) -> list[Array]:
+            group, number = task
+            values_of = [columns[i].values for i in group]
+            changed = self.predictor.innovations_of(self.records[number], values_of)
+            return [
+                _change(each, bases[number][0], columns[i].size)
+                for i, each in zip(group, changed, strict=True)
+            ]
 
         def disturb(number: int) -> Array:
             record, states = self.records[number], bases[number][1]
@@ -136,9 +145,11 @@ class Fitter:
             return self.predictor.disturbed(record, values, stack) / sizes
 
         count = range(len(self.records))
-        tasks = [(i, number) for i in by_values for number in count]
-        for task, change in zip(tasks, self.pool.map(run, tasks), strict=True):
-            found.setdefault(task[0], []).append(change)
+        groups = self.predictor.groups([columns[i].values for i in by_values])
+        tasks = [([by_values[k] for k in group], number) for group in groups for number in count]
+        for (group, _), changes in zip(tasks, self.pool.map(run, tasks), strict=True):
+            for i, change in zip(group, changes, strict=True):
+                found.setdefault(i, []).append(change)
         if by_kicks:
             together = list(self.pool.map(disturb, count))
             for place, i in enumerate(by_kicks):

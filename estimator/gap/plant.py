@@ -26,6 +26,10 @@ STEP: Final = void(_VECTOR, _VECTOR, _VECTOR)
 REMEMBER: Final = void(_VECTOR, _VECTOR, _VECTOR)
 READ: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
 """Signatures to compile the four functions with: `njit(STEP, cache=True, error_model="numpy")`."""
+_MATRIX: Final = float64[:, ::1]
+STEP_IN_LANES: Final = void(_MATRIX, _VECTOR, _MATRIX, _VECTOR)
+READ_IN_LANES: Final = void(_MATRIX, _VECTOR, _MATRIX, _VECTOR, _MATRIX)
+"""Signatures of what a plant may give beside, see `InLanes`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +268,26 @@ class Motion:
     campaign: Mapping[str, Any]
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class InLanes:
+    """A plant's step and readings for several runs side by side (`rig.plant.lanes`).
+
+    States (states, LANES), parameters (parameters, LANES) and readings (outputs, LANES) have a
+    column for each run; the memory is one for all of them.
+
+    Attributes:
+        step: (states, memory, parameters, those of the first lane), compiled with STEP_IN_LANES.
+        read: (states, memory, parameters, those of the first lane, readings), compiled with
+            READ_IN_LANES.
+        kind: (values of all parameters by name) -> what runs must have in common to be side by
+            side; None of one whose steps cannot be taken so.
+    """
+
+    step: Any
+    read: Any
+    kind: Callable[[Mapping[str, float]], tuple[float, ...] | None]
+
+
 @njit(DRIVE, cache=True, error_model="numpy")
 def hold(inputs, memory, parameters):
     """Drive of a plant that its inputs reach as they are: they are kept in the memory."""
@@ -335,6 +359,7 @@ class Plant:
             if it cannot hold any.
         held_terms: (values of all parameters by name) -> that equation and its terms, each with
             its coefficients.
+        in_lanes: the same plant for several runs side by side; None if it runs alone.
     """
 
     name: str
@@ -366,6 +391,7 @@ class Plant:
     loop: tuple[tuple[int, int, float], ...] = ()
     hold_terms: Callable[[str, Sequence[Any], Array, Mapping[str, float]], Held] | None = None
     held_terms: Callable[[Mapping[str, float]], tuple[str, Any]] | None = None
+    in_lanes: InLanes | None = None
 
     def remembers(self, values: Mapping[str, float]) -> bool:
         """Return whether readings depend on the states before."""

@@ -12,6 +12,8 @@ from typing import Final
 import numpy as np
 from numba import float64, int64, njit, types, void
 
+from rig.plant.compiled import inner
+
 from .plant import DRIVE, READ, REMEMBER, STEP
 
 _DRIVE: Final = types.FunctionType(DRIVE)
@@ -33,6 +35,103 @@ def _advance(drive, step, remember, x, inputs, memory, parameters):
     remember(x, memory, parameters)
 
 
+@inner
+def correct(
+    read, memory, parameters, changes, readings, variances, x, covariance, slope, gains,
+    innovation_variances, couplings,
+):  # fmt: skip
+    """Correct a state and its covariance in place by the readings of one sample.
+
+    They are taken one after the other (Bierman 1977, ch. 2), each linearised about the prediction.
+
+    Args:
+        read: of the plant, compiled with READ.
+        memory: float64 (length,).
+        parameters: of the plant.
+        changes: float64 (states,), for derivatives by differences.
+        readings: float64 (outputs,).
+        variances: float64 (outputs,), of the readings; infinite where one is not to be used.
+        x: float64 (states,), predicted; updated.
+        covariance: float64 (states, states); updated.
+        slope: float64 (outputs, states), written: derivatives of the readings.
+        gains: float64 (outputs, states), written, as all that follow as of `run_filter`.
+        innovation_variances: float64 (outputs,), written.
+        couplings: float64 (outputs, outputs), written.
+    """
+    count, outputs = x.size, readings.size
+    expected, shifted = np.empty(outputs), np.empty(outputs)
+    ahead = np.empty(count)
+    point = x.copy()
+    read(x, memory, parameters, expected)
+    for j in range(count):
+        point[j] = x[j] + changes[j]
+        read(point, memory, parameters, shifted)
+        point[j] = x[j]
+        for i in range(outputs):
+            slope[i, j] = (shifted[i] - expected[i]) / changes[j]
+    for i in range(outputs):
+        for k in range(outputs):
+            couplings[i, k] = 0.0
+        variance = variances[i]
+        if not variance < np.inf:
+            innovation_variances[i] = np.inf
+            gains[i, :] = 0.0
+            continue
+        innovation = readings[i] - expected[i]
+        for j in range(count):
+            innovation -= slope[i, j] * (x[j] - point[j])
+            total = 0.0
+            for k in range(count):
+                # Most readings are of one state alone.
+                if slope[i, k] != 0.0:
+                    total += covariance[j, k] * slope[i, k]
+            ahead[j] = total
+            variance += slope[i, j] * total
+        innovation_variances[i] = variance
+        for k in range(i):
+            for j in range(count):
+                couplings[i, k] += slope[i, j] * gains[k, j]
+        for j in range(count):
+            gains[i, j] = ahead[j] / variance
+            x[j] += gains[i, j] * innovation
+        for j in range(count):
+            for k in range(count):
+                covariance[j, k] -= gains[i, j] * ahead[k]
+
+
+@inner
+def predict_covariance(transition, noises, product, covariance):
+    """Move a covariance (states, states) in place by a step of its transition.
+
+    Args:
+        transition: float64 (states, states), of the state by that before.
+        noises: float64 (states,), variances of the model's error over one sample.
+        product: float64 (states, states), scratch.
+        covariance: updated.
+    """
+    count = noises.size
+    # Along rows, so that the processor adds several at once.
+    for i in range(count):
+        for j in range(count):
+            product[i, j] = 0.0
+        for k in range(count):
+            rate = transition[i, k]
+            for j in range(count):
+                product[i, j] += rate * covariance[k, j]
+    turned = transition.T.copy()
+    for i in range(count):
+        for j in range(count):
+            covariance[i, j] = 0.0
+        for k in range(count):
+            part = product[i, k]
+            for j in range(i + 1):
+                covariance[i, j] += part * turned[k, j]
+    for i in range(count):
+        for j in range(i):
+            covariance[j, i] = covariance[i, j]
+        covariance[i, i] += noises[i]
+
+
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR,
          _MATRIX, _CUBE, _MATRIX, _CUBE, _CUBE, _CUBE),
@@ -43,9 +142,6 @@ def run_filter(
     noises, memory, gains, innovation_variances, couplings, transitions, slopes,
 ):  # fmt: skip
     """Run the filter over a recording and keep its gains.
-
-    The readings of a sample are taken one after the other (Bierman 1977, ch. 2), each linearised
-    about the prediction.
 
     Args:
         drive: of the plant, compiled with DRIVE.
@@ -73,46 +169,15 @@ def run_filter(
     remembered = memory[0]
     x = start.copy()
     point, ahead = np.empty(count), np.empty(count)
-    expected, shifted = np.empty(outputs), np.empty(outputs)
     covariance = np.diag(spread * spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
     slope = np.empty((outputs, count))
     kept = transitions.shape[0] > 0
     for t in range(inputs.shape[0]):
-        read(x, remembered, parameters, expected)
-        for j in range(count):
-            point[:] = x
-            point[j] += changes[j]
-            read(point, remembered, parameters, shifted)
-            for i in range(outputs):
-                slope[i, j] = (shifted[i] - expected[i]) / changes[j]
-        point[:] = x
-        for i in range(outputs):
-            for k in range(outputs):
-                couplings[t, i, k] = 0.0
-            variance = variances[t, i]
-            if not variance < np.inf:
-                innovation_variances[t, i] = np.inf
-                gains[t, i, :] = 0.0
-                continue
-            innovation = readings[t, i] - expected[i]
-            for j in range(count):
-                innovation -= slope[i, j] * (x[j] - point[j])
-                total = 0.0
-                for k in range(count):
-                    total += covariance[j, k] * slope[i, k]
-                ahead[j] = total
-                variance += slope[i, j] * total
-            innovation_variances[t, i] = variance
-            for k in range(i):
-                for j in range(count):
-                    couplings[t, i, k] += slope[i, j] * gains[t, k, j]
-            for j in range(count):
-                gains[t, i, j] = ahead[j] / variance
-                x[j] += gains[t, i, j] * innovation
-            for j in range(count):
-                for k in range(count):
-                    covariance[j, k] -= gains[t, i, j] * ahead[k]
+        correct(
+            read, remembered, parameters, changes, readings[t], variances[t], x, covariance, slope,
+            gains[t], innovation_variances[t], couplings[t],
+        )  # fmt: skip
         drive(inputs[t], remembered, parameters)
         ahead[:] = x
         step(ahead, remembered, parameters)
@@ -125,20 +190,7 @@ def run_filter(
         if kept:
             transitions[t] = transition
             slopes[t] = slope
-        for i in range(count):
-            for j in range(count):
-                total = 0.0
-                for k in range(count):
-                    total += transition[i, k] * covariance[k, j]
-                product[i, j] = total
-        for i in range(count):
-            for j in range(i + 1):
-                total = 0.0
-                for k in range(count):
-                    total += product[i, k] * transition[j, k]
-                covariance[i, j] = total
-                covariance[j, i] = total
-            covariance[i, i] += noises[i]
+        predict_covariance(transition, noises, product, covariance)
         x[:] = ahead
         remember(x, remembered, parameters)
 

@@ -1,17 +1,22 @@
 """Predictions of one plant over records, for given values of its parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+
+from rig.plant.lanes import LANES
 
 from .plant import Array, Plant
 from .prediction import predict_ahead, run_filter, run_free, run_frozen, run_tangent
 from .records import Gains, Record, made_of, roughness
+from .side_by_side import run_filter_in_lanes, run_frozen_in_lanes
 
 Values = Mapping[str, float]
 
 _FIRST = 20
 """Samples at the start of a record that the state is started from."""
+_FEWEST = 3
+"""Runs that are worth lanes."""
 
 
 def _none() -> tuple[Array, Array]:
@@ -43,13 +48,23 @@ class Predictor:
     def _run_filter(
         self, record: Record, gains: Gains, values: Values, transitions: Array, slopes: Array
     ) -> None:
+        plant = self.plant
         start, spread = self._start(record, values)
-        run_filter(
-            *self._functions, record.inputs, record.readings,
-            record.variances + roughness(record, self.plant, values),
-            self.plant.vector(values), start, spread, self._changes,
-            self._noises, self._memory(start, record, values), gains.states,
-            gains.variances, gains.couplings, transitions, slopes,
+        variances = record.variances + roughness(record, plant, values)
+        parameters = plant.vector(values)
+        rest = (
+            start, spread, self._changes, self._noises, self._memory(start, record, values),
+            gains.states, gains.variances, gains.couplings, transitions, slopes,
+        )  # fmt: skip
+        if plant.in_lanes is None or plant.in_lanes.kind(values) is None:
+            run_filter(
+                *self._functions, record.inputs, record.readings, variances, parameters, *rest
+            )
+            return
+        run_filter_in_lanes(
+            plant.drive, plant.in_lanes.step, plant.remember, plant.read, record.inputs,
+            record.readings, variances, np.repeat(parameters[:, None], LANES, axis=1), parameters,
+            *rest,
         )  # fmt: skip
 
     def innovations(
@@ -71,6 +86,53 @@ class Predictor:
             np.empty((0, count)) if kicks is None else kicks, innovations, states,
         )  # fmt: skip
         return innovations, states
+
+    def groups(self, values: Sequence[Values]) -> list[list[int]]:
+        """Return which of some values are to be run together (`innovations_of`).
+
+        Those that a plant can run side by side, at most as many as there are lanes; the others
+        each by itself.
+        """
+        alike: dict[tuple[float, ...], list[int]] = {}
+        found: list[list[int]] = []
+        for index, each in enumerate(values):
+            kind = self._kind(each)
+            if kind is None:
+                found.append([index])
+            else:
+                alike.setdefault(kind, []).append(index)
+        for members in alike.values():
+            rounds = -(-len(members) // LANES)
+            found += [members[k::rounds] for k in range(rounds)]
+        return found
+
+    def _kind(self, values: Values) -> tuple[float, ...] | None:
+        """Return what runs side by side with these values have in common; None if there is none."""
+        if self.plant.in_lanes is None or self.plant.remembers(values):
+            return None
+        return self.plant.in_lanes.kind(values)
+
+    def innovations_of(self, record: Record, values: Sequence[Values]) -> list[Array]:
+        """Return innovations (n, outputs) as `innovations` does, with each of a group's values.
+
+        But for the last digits: e^x of lanes rounds otherwise.
+        """
+        plant = self.plant
+        if len(values) < _FEWEST or plant.in_lanes is None:
+            return [self.innovations(record, each)[0] for each in values]
+        padded = [*values, *[values[-1]] * (LANES - len(values))]
+        starts = np.stack([self._start(record, each)[0] for each in padded], axis=-1)
+        parameters = np.stack([plant.vector(each) for each in padded], axis=-1)
+        innovations = np.empty((*record.readings.shape, LANES))
+        gains = record.gains
+        run_frozen_in_lanes(
+            plant.drive, plant.in_lanes.step, plant.remember, plant.in_lanes.read, record.inputs,
+            record.readings, gains.variances, gains.states, gains.couplings,
+            np.ascontiguousarray(parameters), np.ascontiguousarray(parameters[:, 0]),
+            np.ascontiguousarray(starts),
+            self._memory(np.ascontiguousarray(starts[:, 0]), record, values[0]), innovations,
+        )  # fmt: skip
+        return [innovations[:, :, lane] for lane in range(len(values))]
 
     def disturbed(self, record: Record, values: Values, kicks: Array) -> Array:
         """Return what small kicks of the state (n, states, columns) add to innovations.

@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 from math import exp
-from typing import Any, Final
+from typing import Final
 
-import numba.extending
 import numpy as np
-from numba import njit, types
-from numba.core import cgutils
+from numba import njit
 from numpy.typing import NDArray
 
 from rig.plant import NO_FAULT, Model, Parameters, quantities
@@ -39,6 +37,8 @@ from .plant import (
 )
 from .records import smoothed
 from .servo_effects import EFFECTS, NOT_TOLD_APART, nuisances
+from .servo_lanes import IN_LANES
+from .servo_memory import BEHIND, COMMAND, MEMORY, NEXT, PATH, SEEN, SEEN_1, SEEN_2, parameters_of
 from .servo_terms import held_terms, hold_terms
 
 STATES: Final = (
@@ -46,41 +46,12 @@ STATES: Final = (
     "friction_state", "supply_pressure", "return_pressure", "seen_pressure_1", "seen_pressure_2",
 )  # fmt: skip
 """Those of the rig, and both pressures behind the lag of their transducers."""
-_SEEN_1: Final = 9
-_SEEN_2: Final = 10
-
-# The memory: the command, its path as it is and as it is after the step, the encoder's, and how far
-# what it sees is behind the ram.
-_COMMAND: Final = 0
-_PATH: Final = 1
-_NEXT: Final = _PATH + PATH_SIZE
-_SEEN: Final = _NEXT + PATH_SIZE
-_BEHIND: Final = _SEEN + TRANSDUCERS_SIZE
-_MEMORY: Final = _BEHIND + 1
 _FAULT: Final = tuple(NO_FAULT)
-_PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
-# As it is declared, its arguments would count the context that numba adds.
-intrinsic: Final[Any] = numba.extending.intrinsic
-
-
-@intrinsic
-def _parameters(typing_context, values):
-    """Return `Parameters` of an array (count,)."""
-
-    def emit(context, builder, signature, arguments):
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        fields = [
-            builder.load(cgutils.gep_inbounds(builder, data, index))
-            for index in range(len(Parameters._fields))
-        ]
-        return context.make_tuple(builder, signature.return_type, fields)
-
-    return _PARAMETERS_TYPE(values), emit
 
 
 @njit(DRIVE, cache=True, error_model="numpy")
 def _drive(inputs, memory, parameters):
-    memory[_COMMAND] = inputs[0]
+    memory[COMMAND] = inputs[0]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -96,34 +67,34 @@ def _lagging(seen, before, pressure, par):
 
 @njit(STEP, cache=True, error_model="numpy")
 def _step(state, memory, parameters):
-    path = memory[_NEXT : _NEXT + PATH_SIZE]
-    path[:] = memory[_PATH : _PATH + PATH_SIZE]
-    par = _parameters(parameters)
+    path = memory[NEXT : NEXT + PATH_SIZE]
+    path[:] = memory[PATH : PATH + PATH_SIZE]
+    par = parameters_of(parameters)
     before_1, before_2 = max(state[2], 0.0), max(state[3], 0.0)
-    drive(state, path, memory[_COMMAND], par, _FAULT)
-    state[_SEEN_1] = _lagging(state[_SEEN_1], before_1, state[2], par)
-    state[_SEEN_2] = _lagging(state[_SEEN_2], before_2, state[3], par)
+    drive(state, path, memory[COMMAND], par, _FAULT)
+    state[SEEN_1] = _lagging(state[SEEN_1], before_1, state[2], par)
+    state[SEEN_2] = _lagging(state[SEEN_2], before_2, state[3], par)
 
 
 @njit(REMEMBER, cache=True, error_model="numpy")
 def _remember(state, memory, parameters):
     """Keep how far the encoder is behind the ram: that much less is read of its position."""
-    par = _parameters(parameters)
-    memory[_PATH : _PATH + PATH_SIZE] = memory[_NEXT : _NEXT + PATH_SIZE]
-    seen = memory[_SEEN : _SEEN + TRANSDUCERS_SIZE]
+    par = parameters_of(parameters)
+    memory[PATH : PATH + PATH_SIZE] = memory[NEXT : NEXT + PATH_SIZE]
+    seen = memory[SEEN : SEEN + TRANSDUCERS_SIZE]
     follow(seen, state, par)
-    memory[_BEHIND] = state[4] - seen_position(seen, state[4], par)
+    memory[BEHIND] = state[4] - seen_position(seen, state[4], par)
 
 
 @njit(READ, cache=True, error_model="numpy")
 def _read(state, memory, parameters, readings):
     means = reading_means(
-        state[4] - memory[_BEHIND],
-        state[_SEEN_1],
-        state[_SEEN_2],
+        state[4] - memory[BEHIND],
+        state[SEEN_1],
+        state[SEEN_2],
         state[0],
         state[7],
-        _parameters(parameters),
+        parameters_of(parameters),
     )
     readings[0], readings[1], readings[2] = means.position, means.pressure_1, means.pressure_2
     readings[3] = means.spool
@@ -132,9 +103,9 @@ def _read(state, memory, parameters, readings):
 def _begin(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
     """Return the memory (length,) of a rig long in `state` under its first command."""
     par = Parameters(**{name: values[name] for name in Parameters._fields})
-    memory = np.zeros(_MEMORY)
-    memory[_PATH:_NEXT] = command_path(par, spool=state[0], command=inputs[0, 0])
-    memory[_SEEN:_BEHIND] = transducers(par, state[:_SEEN_1])
+    memory = np.zeros(MEMORY)
+    memory[PATH:NEXT] = command_path(par, spool=state[0], command=inputs[0, 0])
+    memory[SEEN:BEHIND] = transducers(par, state[:SEEN_1])
     return memory
 
 
@@ -293,4 +264,5 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         not_told_apart=NOT_TOLD_APART,
         hold_terms=hold_terms,
         held_terms=held_terms,
+        in_lanes=IN_LANES,
     )  # fmt: skip
