@@ -27,8 +27,10 @@ REMEMBER: Final = void(_VECTOR, _VECTOR, _VECTOR)
 READ: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
 """Signatures to compile the four functions with: `njit(STEP, cache=True, error_model="numpy")`."""
 _MATRIX: Final = float64[:, ::1]
-STEP_IN_LANES: Final = void(_MATRIX, _VECTOR, _MATRIX, _VECTOR)
-READ_IN_LANES: Final = void(_MATRIX, _VECTOR, _MATRIX, _VECTOR, _MATRIX)
+DRIVE_IN_LANES: Final = void(_VECTOR, _MATRIX)
+STEP_IN_LANES: Final = void(_MATRIX, _MATRIX, _MATRIX, _VECTOR)
+REMEMBER_IN_LANES: Final = STEP_IN_LANES
+READ_IN_LANES: Final = void(_MATRIX, _MATRIX, _MATRIX, _VECTOR, _MATRIX)
 """Signatures of what a plant may give beside, see `InLanes`."""
 
 
@@ -270,20 +272,28 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class InLanes:
-    """A plant's step and readings for several runs side by side (`rig.plant.lanes`).
+    """A plant for several runs side by side (`rig.plant.lanes`), by the same inputs.
 
-    States (states, LANES), parameters (parameters, LANES) and readings (outputs, LANES) have a
-    column for each run; the memory is one for all of them.
+    States (states, LANES), memory (rows, LANES), parameters (parameters, LANES) and readings
+    (outputs, LANES) have a column for each run.
 
     Attributes:
+        begin: (start states (states, LANES), inputs (m, inputs), values of all parameters by name
+            of each lane) -> memory (rows, LANES) at the first sample.
+        drive: (inputs, memory), compiled with DRIVE_IN_LANES.
         step: (states, memory, parameters, those of the first lane), compiled with STEP_IN_LANES.
+        remember: (states, memory, parameters, those of the first lane), compiled with
+            REMEMBER_IN_LANES.
         read: (states, memory, parameters, those of the first lane, readings), compiled with
             READ_IN_LANES.
         kind: (values of all parameters by name) -> what runs must have in common to be side by
-            side; None of one whose steps cannot be taken so.
+            side; None of one that runs alone.
     """
 
+    begin: Callable[[Array, Array, Sequence[Mapping[str, float]]], Array]
+    drive: Any
     step: Any
+    remember: Any
     read: Any
     kind: Callable[[Mapping[str, float]], tuple[float, ...] | None]
 

@@ -52,19 +52,21 @@ class Predictor:
         start, spread = self._start(record, values)
         variances = record.variances + roughness(record, plant, values)
         parameters = plant.vector(values)
-        rest = (
-            start, spread, self._changes, self._noises, self._memory(start, record, values),
-            gains.states, gains.variances, gains.couplings, transitions, slopes,
-        )  # fmt: skip
-        if plant.in_lanes is None or plant.in_lanes.kind(values) is None:
+        rest = (gains.states, gains.variances, gains.couplings, transitions, slopes)
+        known = (start, spread, self._changes, self._noises, self._memory(start, record, values))
+        in_lanes = plant.in_lanes
+        if in_lanes is None or in_lanes.kind(values) is None:
             run_filter(
-                *self._functions, record.inputs, record.readings, variances, parameters, *rest
-            )
+                *self._functions, record.inputs, record.readings, variances, parameters, *known,
+                *rest,
+            )  # fmt: skip
             return
+        together = np.repeat(start[:, None], LANES, axis=1)
+        memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
         run_filter_in_lanes(
-            plant.drive, plant.in_lanes.step, plant.remember, plant.read, record.inputs,
-            record.readings, variances, np.repeat(parameters[:, None], LANES, axis=1), parameters,
-            *rest,
+            in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read,
+            record.inputs, record.readings, variances,
+            np.repeat(parameters[:, None], LANES, axis=1), parameters, *known, memory, *rest,
         )  # fmt: skip
 
     def innovations(
@@ -93,10 +95,11 @@ class Predictor:
         Those that a plant can run side by side, at most as many as there are lanes; the others
         each by itself.
         """
+        in_lanes = self.plant.in_lanes
         alike: dict[tuple[float, ...], list[int]] = {}
         found: list[list[int]] = []
         for index, each in enumerate(values):
-            kind = self._kind(each)
+            kind = None if in_lanes is None else in_lanes.kind(each)
             if kind is None:
                 found.append([index])
             else:
@@ -106,31 +109,24 @@ class Predictor:
             found += [members[k::rounds] for k in range(rounds)]
         return found
 
-    def _kind(self, values: Values) -> tuple[float, ...] | None:
-        """Return what runs side by side with these values have in common; None if there is none."""
-        if self.plant.in_lanes is None or self.plant.remembers(values):
-            return None
-        return self.plant.in_lanes.kind(values)
-
     def innovations_of(self, record: Record, values: Sequence[Values]) -> list[Array]:
         """Return innovations (n, outputs) as `innovations` does, with each of a group's values.
 
         But for the last digits: e^x of lanes rounds otherwise.
         """
-        plant = self.plant
-        if len(values) < _FEWEST or plant.in_lanes is None:
+        plant, in_lanes = self.plant, self.plant.in_lanes
+        if len(values) < _FEWEST or in_lanes is None:
             return [self.innovations(record, each)[0] for each in values]
         padded = [*values, *[values[-1]] * (LANES - len(values))]
-        starts = np.stack([self._start(record, each)[0] for each in padded], axis=-1)
-        parameters = np.stack([plant.vector(each) for each in padded], axis=-1)
+        starts = np.column_stack([self._start(record, each)[0] for each in padded])
+        parameters = np.column_stack([plant.vector(each) for each in padded])
         innovations = np.empty((*record.readings.shape, LANES))
         gains = record.gains
         run_frozen_in_lanes(
-            plant.drive, plant.in_lanes.step, plant.remember, plant.in_lanes.read, record.inputs,
-            record.readings, gains.variances, gains.states, gains.couplings,
-            np.ascontiguousarray(parameters), np.ascontiguousarray(parameters[:, 0]),
-            np.ascontiguousarray(starts),
-            self._memory(np.ascontiguousarray(starts[:, 0]), record, values[0]), innovations,
+            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, record.inputs,
+            record.readings, gains.variances, gains.states, gains.couplings, parameters,
+            plant.vector(values[0]), starts, in_lanes.begin(starts, record.inputs[:_FIRST], padded),
+            innovations,
         )  # fmt: skip
         return [innovations[:, :, lane] for lane in range(len(values))]
 

@@ -1,41 +1,99 @@
 """The rig's own plant side by side in lanes (`rig.plant.lanes`): eight runs, or one and its slopes.
 
-What reaches the plants of the command is the same in all lanes, and goes its path once. Each lane
-has its own state and parameters, and takes the integration steps that its own motion asks for.
+The same physics as `servo_actuator`, to the last digits: each lane has its own state, parameters
+and memory, and takes the integration steps that its own motion asks for. Of what `command_path` and
+`transducers` keep, the memory here holds what samples that follow one another need: no times.
 """
 
-from collections.abc import Mapping
-from math import exp
+from collections.abc import Mapping, Sequence
+from math import exp, floor
 from typing import Final
 
+import numpy as np
 from numba import njit
 
 from rig.plant import NO_FAULT, Parameters
-from rig.plant.command_path import PATH_SIZE, delayed_command, followed_command
+from rig.plant.command_path import LONGEST_DELAY_TICKS, play
 from rig.plant.compiled import inlined
 from rig.plant.integrator import SUBSTEPS, TICK, next_step
-from rig.plant.lanes import anywhere, load, load_fields, select, store
+from rig.plant.lanes import anywhere, gather, load, load_fields, select, store
 from rig.plant.step_length import SHORTEST, resolving_step
 from rig.plant.transducers import reading_means
 
-from .plant import READ_IN_LANES, STEP_IN_LANES, InLanes
-from .servo_memory import COMMAND, NEXT, PATH, SEEN_1, SEEN_2, parameters_of
+from .plant import (
+    DRIVE_IN_LANES,
+    READ_IN_LANES,
+    REMEMBER_IN_LANES,
+    STEP_IN_LANES,
+    Array,
+    InLanes,
+)
+from .servo_memory import SEEN_1, SEEN_2, parameters_of
 
 _FAULT: Final = tuple(NO_FAULT)
 _FRICTION_LAW: Final = Parameters._fields.index("friction_law")
 _TERM_KINDS: Final = tuple(name for name in Parameters._fields if name.endswith("_kind"))
+_LAPS: Final = ("valve_deadband", "valve_underlap_leakage", "valve_flow_asymmetry")
+
+# Rows of the memory: how many samples there were, the commands of the last 20 ms and of now, the
+# spool's reference behind the play before and after the step, the encoder behind its own play now
+# and at the samples before, and how far what it shows is behind the ram.
+_KEPT: Final = LONGEST_DELAY_TICKS + 2
+_COUNT: Final = 0
+_COMMANDS: Final = 1
+_REFERENCE: Final = _COMMANDS + _KEPT
+_NEXT_REFERENCE: Final = _REFERENCE + 1
+_ENCODERS: Final = _NEXT_REFERENCE + 1
+_BEHIND: Final = _ENCODERS + _KEPT
+_MEMORY: Final = _BEHIND + 1
+
+_NO_FRACTION: Final = 1e-6
+"""Part of a tick below which a delay is one of whole ticks (`rig.plant.command_path`)."""
+
+
+def _begin(states: Array, inputs: Array, values: Sequence[Mapping[str, float]]) -> Array:
+    """Return the memory (rows, LANES) of rigs long in their states (states, LANES)."""
+    command = inputs[0, 0]
+    memory = np.zeros((_MEMORY, len(values)))
+    memory[_COMMANDS : _COMMANDS + _KEPT] = command
+    half = np.array([each["valve_hysteresis"] for each in values])
+    asked = np.array([each["valve_gain"] for each in values]) * command
+    memory[_REFERENCE] = np.minimum(np.maximum(states[0], asked - half), asked + half)
+    memory[_ENCODERS : _ENCODERS + _KEPT] = states[4]
+    return memory
+
+
+@njit(DRIVE_IN_LANES, cache=True, error_model="numpy")
+def _drive(inputs, memory):
+    memory[_COUNT] += 1.0
+    memory[_COMMANDS + int(memory[_COUNT, 0]) % _KEPT] = inputs[0]
+
+
+@inlined
+def _kept(memory, first, back):
+    """Return what was kept in the ring from row `first` on, so many samples ago (lanes)."""
+    at = load(memory, _COUNT) - back
+    return gather(memory, first + (at - _KEPT * floor(at * (1.0 / _KEPT) + 1e-9)))
+
+
+@inlined
+def _ticks(delay):
+    """Return the whole ticks of a delay in s, and what is left of it, in ticks."""
+    whole = floor(delay * (1.0 / TICK) + _NO_FRACTION)
+    part = delay * (1.0 / TICK) - whole
+    return whole, select(part < _NO_FRACTION, 0.0, part)
 
 
 @inlined
 def _advance(states, command, par, duration):
-    """Advance the plant's nine states (rows, LANES) in place over a time in s."""
+    """Advance the plant's nine states (rows, LANES) in place over a time in s of each lane."""
     y = (
         load(states, 0), load(states, 1), load(states, 2), load(states, 3), load(states, 4),
         load(states, 5), load(states, 6), load(states, 7), load(states, 8),
     )  # fmt: skip
-    longest = resolving_step(y, duration / SUBSTEPS, duration, par, _FAULT)
-    shortest = SHORTEST * duration / SUBSTEPS
-    remaining = duration + 0.0 * par.piston_area
+    longest = resolving_step(y, duration * (1.0 / SUBSTEPS), duration, par, _FAULT)
+    shortest = (SHORTEST / SUBSTEPS) * duration
+    remaining = duration
     while anywhere(remaining > 0.0):
         y, remaining = next_step(y, remaining, longest, shortest, command, par, _FAULT)
     store(states, 0, y[0])
@@ -53,39 +111,55 @@ def _advance(states, command, par, duration):
 def _lagging(seen, before, pressure, lag):
     """Return pressures in Pa behind their lags, one tick later (`rig.plant.transducers`)."""
     after = max(pressure, 0.0)
-    behind = (after - before) * (lag / TICK)
+    behind = (after - before) * (lag * (1.0 / TICK))
     later = after - behind + exp(-TICK / lag) * (seen - before + behind)
     return select(lag == 0.0, pressure, later)
 
 
 @njit(STEP_IN_LANES, cache=True, error_model="numpy")
 def _step(states, memory, parameters, first):
-    path = memory[NEXT : NEXT + PATH_SIZE]
-    path[:] = memory[PATH : PATH + PATH_SIZE]
-    like = parameters_of(first)
-    par = load_fields(parameters, like, _FRICTION_LAW)
+    par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
     before_1, before_2 = max(load(states, 2), 0.0), max(load(states, 3), 0.0)
-    before, following, late = memory[COMMAND], memory[COMMAND], 0.0
-    if like.command_delay != 0.0:
-        before, following, late = delayed_command(path, memory[COMMAND], like.command_delay)
+    whole, late = _ticks(par.command_delay)
+    command = _kept(memory, _COMMANDS, whole)
+    earlier = select(late > 0.0, _kept(memory, _COMMANDS, whole + 1.0), command)
+    half, gain = par.valve_hysteresis, par.valve_gain
+    reference = load(memory, _REFERENCE)
     # A loop, not two copies: it is long, and takes long to compile.
     for part in range(2):
-        command, duration = before, late
+        acting, duration = earlier, TICK * late
         if part == 1:
-            command, duration = following, TICK - late
-        if duration > 0.0:
-            _advance(states, followed_command(path, command, like), par, duration)
+            acting, duration = command, TICK - TICK * late
+        reference = play(reference, gain * acting, half)
+        if anywhere(duration > 0.0):
+            _advance(states, select(half != 0.0, reference / gain, acting), par, duration)
+    store(memory, _NEXT_REFERENCE, reference)
     lag = par.pressure_lag
     store(states, SEEN_1, _lagging(load(states, SEEN_1), before_1, load(states, 2), lag))
     store(states, SEEN_2, _lagging(load(states, SEEN_2), before_2, load(states, 3), lag))
+
+
+@njit(REMEMBER_IN_LANES, cache=True, error_model="numpy")
+def _remember(states, memory, parameters, first):
+    par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
+    store(memory, _REFERENCE, load(memory, _NEXT_REFERENCE))
+    count, position = int(memory[_COUNT, 0]), load(states, 4)
+    before = load(memory, _ENCODERS + (count - 1) % _KEPT)
+    encoder = play(before, position, 0.5 * par.position_backlash)
+    store(memory, _ENCODERS + count % _KEPT, encoder)
+    whole, part = _ticks(par.position_delay)
+    later, earlier = _kept(memory, _ENCODERS, whole), _kept(memory, _ENCODERS, whole + 1.0)
+    # Before the first sample it was where it began, to the end of that sample's interval.
+    part = select(whole + 1.0 >= load(memory, _COUNT), select(part > 0.0, 1.0, 0.0), part)
+    store(memory, _BEHIND, position - (later + (earlier - later) * part))
 
 
 @njit(READ_IN_LANES, cache=True, error_model="numpy")
 def _read(states, memory, parameters, first, readings):
     par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
     means = reading_means(
-        load(states, 4), load(states, SEEN_1), load(states, SEEN_2), load(states, 0),
-        load(states, 7), par,
+        load(states, 4) - load(memory, _BEHIND), load(states, SEEN_1), load(states, SEEN_2),
+        load(states, 0), load(states, 7), par,
     )  # fmt: skip
     store(readings, 0, means.position)
     store(readings, 1, means.pressure_1)
@@ -94,23 +168,20 @@ def _read(states, memory, parameters, first, readings):
 
 
 def _kind(values: Mapping[str, float]) -> tuple[float, ...] | None:
-    """Return what rigs must have in common: their laws, and what becomes of the command.
+    """Return what rigs must have in common: what makes the steps of all others its own too.
 
-    Where one has laps or air, all others would take its steps too, and differ from a run alone.
+    A supply that ripples takes eight times the steps, and runs alone.
     """
     if values["supply_ripple"] != 0.0:
         return None
-    play = values["valve_hysteresis"]
-    laps = ("valve_deadband", "valve_underlap_leakage", "valve_flow_asymmetry")
+    ticks = values["command_delay"] / TICK + _NO_FRACTION
     return (
         values["friction_law"],
-        values["command_delay"],
-        play,
-        values["valve_gain"] if play else 0.0,
-        float(any(values[name] != 0.0 for name in laps)),
+        float(ticks % 1.0 >= 2.0 * _NO_FRACTION),
+        float(any(values[name] != 0.0 for name in _LAPS)),
         float(values["entrained_air"] != 0.0),
         *(values[name] for name in _TERM_KINDS),
     )
 
 
-IN_LANES: Final = InLanes(_step, _read, _kind)
+IN_LANES: Final = InLanes(_begin, _drive, _step, _remember, _read, _kind)

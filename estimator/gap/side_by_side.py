@@ -12,16 +12,24 @@ from numba import float64, njit, types, void
 
 from rig.plant.lanes import LANES, load, store
 
-from .plant import DRIVE, READ, READ_IN_LANES, REMEMBER, STEP_IN_LANES
+from .plant import (
+    DRIVE_IN_LANES,
+    READ,
+    READ_IN_LANES,
+    REMEMBER,
+    REMEMBER_IN_LANES,
+    STEP_IN_LANES,
+)
 from .prediction import correct, predict_covariance
 
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
 _CUBE: Final = float64[:, :, ::1]
-_DRIVE: Final = types.FunctionType(DRIVE)
-_REMEMBER: Final = types.FunctionType(REMEMBER)
+_DRIVE: Final = types.FunctionType(DRIVE_IN_LANES)
 _STEP: Final = types.FunctionType(STEP_IN_LANES)
+_REMEMBER: Final = types.FunctionType(REMEMBER_IN_LANES)
 _READ: Final = types.FunctionType(READ_IN_LANES)
+_REMEMBER_ALONE: Final = types.FunctionType(REMEMBER)
 _READ_ALONE: Final = types.FunctionType(READ)
 
 
@@ -37,10 +45,10 @@ def run_frozen_in_lanes(
     """Predict a recording one sample ahead with given gains, with other parameters in each lane.
 
     Args:
-        drive: of the plant, compiled with DRIVE.
-        step: of the plant, compiled with STEP_IN_LANES.
-        remember: of the plant, compiled with REMEMBER.
-        read: of the plant, compiled with READ_IN_LANES.
+        drive: of `InLanes`.
+        step: likewise.
+        remember: likewise.
+        read: likewise.
         inputs: float64 (n, inputs).
         readings: float64 (n, outputs).
         innovation_variances: float64 (n, outputs), of `run_filter`.
@@ -49,16 +57,14 @@ def run_frozen_in_lanes(
         parameters: float64 (parameters, LANES).
         first: float64 (parameters,), those of the first lane.
         starts: float64 (states, LANES); the state after the recording is left there.
-        memory: float64 (1, length), of `Plant.begin`.
+        memory: float64 (rows, LANES), of `InLanes.begin`.
         innovations: float64 (n, outputs, LANES), written: over their standard deviations, 0 if not
             used.
     """
     count, outputs = starts.shape[0], readings.shape[1]
-    remembered = memory[0]
     expected = np.empty((outputs, LANES))
-    state = np.empty(count)
     for t in range(inputs.shape[0]):
-        read(starts, remembered, parameters, first, expected)
+        read(starts, memory, parameters, first, expected)
         written = innovations[t]
         for i in range(outputs):
             variance = innovation_variances[t, i]
@@ -74,30 +80,31 @@ def run_frozen_in_lanes(
             store(written, i, innovation / sqrt(variance))
             for j in range(count):
                 store(starts, j, load(starts, j) + gains[t, i, j] * innovation)
-        drive(inputs[t], remembered, first)
-        step(starts, remembered, parameters, first)
-        for j in range(count):
-            state[j] = starts[j, 0]
-        remember(state, remembered, first)
+        drive(inputs[t], memory)
+        step(starts, memory, parameters, first)
+        remember(starts, memory, parameters, first)
 
 
 @njit(
-    void(_DRIVE, _STEP, _REMEMBER, _READ_ALONE, _MATRIX, _MATRIX, _MATRIX, _MATRIX, _VECTOR,
-         _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _CUBE, _MATRIX, _CUBE, _CUBE, _CUBE),
+    void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MATRIX, _MATRIX, _MATRIX, _MATRIX,
+         _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE,
+         _CUBE, _CUBE),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter_in_lanes(
-    drive, step, remember, read, inputs, readings, variances, parameters, first, start, spread,
-    changes, noises, memory, gains, innovation_variances, couplings, transitions, slopes,
+    drive, step, remember, keep, read, inputs, readings, variances, parameters, first, start,
+    spread, changes, noises, memory, in_lanes, gains, innovation_variances, couplings,
+    transitions, slopes,
 ):  # fmt: skip
     """Run the filter over a recording as `run_filter` does, the derivatives of its step in lanes.
 
     Args:
-        drive: of the plant, compiled with DRIVE.
-        step: of the plant, compiled with STEP_IN_LANES.
-        remember: of the plant, compiled with REMEMBER.
-        read: of the plant, compiled with READ.
-        inputs: as of `run_filter`, as all others but two.
+        drive: of `InLanes`.
+        step: likewise.
+        remember: likewise.
+        keep: as `remember` of `run_filter`.
+        read: as of `run_filter`.
+        inputs: likewise.
         readings: likewise.
         variances: likewise.
         parameters: float64 (parameters, LANES), the same in all lanes.
@@ -106,8 +113,9 @@ def run_filter_in_lanes(
         spread: likewise.
         changes: likewise.
         noises: likewise.
-        memory: likewise.
-        gains: likewise.
+        memory: likewise; of what the sensors keep.
+        in_lanes: float64 (rows, LANES), of `InLanes.begin`; of what reaches the plant.
+        gains: as of `run_filter`.
         innovation_variances: likewise.
         couplings: likewise.
         transitions: likewise.
@@ -129,7 +137,7 @@ def run_filter_in_lanes(
             read, remembered, first, changes, readings[t], variances[t], x, covariance, slope,
             gains[t], innovation_variances[t], couplings[t],
         )  # fmt: skip
-        drive(inputs[t], remembered, first)
+        drive(inputs[t], in_lanes)
         for batch in range(batches):
             for i in range(count):
                 for lane in range(LANES):
@@ -138,7 +146,7 @@ def run_filter_in_lanes(
                 j = batch * LANES + lane - 1
                 if 0 <= j < count:
                     points[batch, j, lane] += changes[j]
-            step(points[batch], remembered, parameters, first)
+            step(points[batch], in_lanes, parameters, first)
         for i in range(count):
             ahead[i] = points[0, i, 0]
         for j in range(count):
@@ -150,4 +158,5 @@ def run_filter_in_lanes(
             slopes[t] = slope
         predict_covariance(transition, noises, product, covariance)
         x[:] = ahead
-        remember(x, remembered, first)
+        remember(points[0], in_lanes, parameters, first)
+        keep(x, remembered, first)

@@ -5,12 +5,12 @@ each that the motion would have shown (`limits`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from .fit import Fitter
+from .fit import Changes, Fitter
 from .linear import Column, Linear, assemble
 from .plant import Array, Effect, Plant
 from .results import DetectionLimit
@@ -124,7 +124,8 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
             columns[column.name] = column
             tried[effect.name].append((column.name, {}))
     linear = fitter.linearise(values, list(columns.values()))
-    found = []
+    found: list[DetectionLimit] = []
+    guesses: dict[int, _Guess] = {}
     for effect in plant.effects.values():
         own = {variable.parameter for variable in effect_variables(effect)}
         kept = [
@@ -137,11 +138,13 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
         limit = _limit(plant, values, effect, linear, tried[effect.name], kept)
         if len(effect.knobs) == 1 and 0.0 < limit.size < np.inf:
             sign = _direction(values, effect, tried[effect.name])
-            nuisances = [columns[name] for name in kept]
-            limit = replace(
-                limit, size=_checked(fitter, values, effect, sign * limit.size, nuisances)
-            )
+            nuisances = tuple(columns[name] for name in kept)
+            variable = effect_variables(effect)[0]
+            guesses[len(found)] = _Guess(variable, nuisances, sign * limit.size)
         found.append(limit)
+    _check(fitter, values, list(guesses.values()))
+    for place, guess in guesses.items():
+        found[place] = replace(found[place], size=guess.size(values))
     return found
 
 
@@ -155,39 +158,67 @@ def _direction(
     return float(np.sign(effect_variables(effect)[0].column(values).size))
 
 
-def _checked(
-    fitter: Fitter, values: Values, effect: Effect, change: float, nuisances: Sequence[Column]
-) -> float:
-    """Return the size from which an effect shows, from a first guess at its change.
+@dataclass
+class _Guess:
+    """What change of an effect would show, to be tried.
+
+    Attributes:
+        variable: of the effect.
+        nuisances: that may take their share of it.
+        change: from the value written.
+        settled: whether trying it again would change it little.
+    """
+
+    variable: Variable
+    nuisances: tuple[Column, ...]
+    change: float
+    settled: bool = False
+
+    def tried(self, values: Values) -> float:
+        """Return the value that the change leads to, within the bounds."""
+        return self.variable.within(values[self.variable.parameter] + self.change)
+
+    def size(self, values: Values) -> float:
+        """Return the size from which the effect shows; infinite if none that is plausible does."""
+        present = values[self.variable.parameter]
+        upwards = self.change > 0.0
+        reach = self.variable.upper - present if upwards else present - self.variable.lower
+        return abs(self.change) if abs(self.change) <= reach * (1.0 + _NEAR) else float("inf")
+
+
+def _check(fitter: Fitter, values: Values, guesses: Sequence[_Guess]) -> None:
+    """Try first guesses at what shows, and better them.
 
     A probe that is large beside it makes a ram stick or slip in a few samples, which say nothing of
-    a small one: the effect is run at the size itself, and that again where it was far off.
+    a small one: effects are run at the size itself, and again where that was far off.
     """
-    variable = effect_variables(effect)[0]
-    present = values[variable.parameter]
     for _ in range(_TRIES):
-        tried = variable.within(present + change)
-        if tried == present:
-            return float("inf")
-        gain, bar, blocks = _shown(fitter, values, variable.put(values, tried), nuisances)
-        factor = np.sqrt(bar / gain) if gain > 0.0 else _FAR
-        if blocks <= FEW_BLOCKS:
-            factor = max(factor, _FEW)
-        change = (tried - present) * min(factor, _FAR)
-        if abs(np.log(factor)) < _NEAR:
-            break
-    reach = variable.upper - present if change > 0.0 else present - variable.lower
-    return abs(change) if abs(change) <= reach * (1.0 + _NEAR) else float("inf")
+        for guess in guesses:
+            if guess.tried(values) == values[guess.variable.parameter]:
+                guess.change, guess.settled = float("inf"), True
+        left = [guess for guess in guesses if not guess.settled]
+        columns = [
+            Column("change", guess.variable.put(values, guess.tried(values)), 1.0) for guess in left
+        ]
+        # All of them first: what runs side by side is run so.
+        for guess, moved in zip(left, fitter.changes(values, columns), strict=True):
+            gain, bar, blocks = _shown(fitter, values, moved, guess.nuisances)
+            factor = np.sqrt(bar / gain) if gain > 0.0 else _FAR
+            if blocks <= FEW_BLOCKS:
+                factor = max(factor, _FEW)
+            present = values[guess.variable.parameter]
+            guess.change = float((guess.tried(values) - present) * min(factor, _FAR))
+            guess.settled = bool(abs(np.log(factor)) < _NEAR)
 
 
 def _shown(
-    fitter: Fitter, values: Values, changed: Values, nuisances: Sequence[Column]
+    fitter: Fitter, values: Values, moved: Changes, nuisances: Sequence[Column]
 ) -> tuple[float, float, float]:
     """Return what a change adds to the cost, the bar that this has to pass, and in how many blocks.
 
     As the fit would, large innovations count in proportion, and the nuisances take their share.
     """
-    moved, *followed = fitter.changes(values, [Column("change", changed, 1.0), *nuisances])
+    followed = fitter.changes(values, nuisances)
     used = [np.isfinite(record.gains.variances) for record in fitter.records]
     linear = assemble(nuisances, moved, followed, used, fitter.blocks, fitter.pool)
     steps, _ = linear.solve([column.name for column in nuisances])

@@ -70,15 +70,6 @@ def play(follower, leader, half_width):
     return min(max(follower, leader - half_width), leader + half_width)
 
 
-@inlined
-def followed_command(path, command, par):
-    """Return the command in V that the spool follows behind its play, and take that along."""
-    if par.valve_hysteresis == 0.0:
-        return command
-    path[_REFERENCE] = play(path[_REFERENCE], par.valve_gain * command, par.valve_hysteresis)
-    return path[_REFERENCE] / par.valve_gain
-
-
 @inner
 def delayed_command(path, command, delay):
     """Take a command (V); return those that act before and after a moment (s) of this tick."""
@@ -111,7 +102,10 @@ def _rippled(time, step, par):
 @inner
 def _drive_for(state, path, command, par, fault, duration, substeps):
     """Advance plant and path over a time in s in which a command (V) acts."""
-    driven = followed_command(path, command, par)
+    driven = command
+    if par.valve_hysteresis != 0.0:
+        path[_REFERENCE] = play(path[_REFERENCE], par.valve_gain * command, par.valve_hysteresis)
+        driven = path[_REFERENCE] / par.valve_gain
     ripples = par.supply_ripple != 0.0
     supply, pieces, steps = par.supply_pressure, 1, substeps
     if ripples:
