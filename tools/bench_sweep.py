@@ -3,7 +3,9 @@
 `python -m tools.bench_sweep` runs the shipped sweep of a thousand minutes on all cores, as a user
 does, and between its rounds the closed-loop test of `tools.bench_lanes`, whose rate tells how fast
 the machine is just then. `--cluster` runs it on a Dask cluster of as many worker processes on
-loopback as well, and says whether its table is the same.
+loopback as well, and says whether its table is the same. `--against FOLDER` runs another checkout
+of this program in turn with this one, and tells by how much this one is faster; run it once before,
+so that what it compiles is there.
 
 A rate of the wall clock counts the time from the first case to the last, times the processes; one
 of the processor counts what the processes used of it, whatever else the machine does.
@@ -34,8 +36,13 @@ WANTED: Final = 8000.0
 _RATES: Final = ("of_process_after_start", "of_process", "of_processor")
 
 
-def sweep(reference: str, out: Path, *options: str) -> dict[str, Any]:
-    """Run a sweep as a user does; return its summary."""
+def sweep(reference: str, out: Path, *options: str, checkout: Path | None = None) -> dict[str, Any]:
+    """Run a sweep as a user does, by this program or another checkout; return its summary."""
+    environment = dict(os.environ)
+    if checkout is not None:
+        # Each has a folder of its own for what it compiles.
+        environment.pop("NUMBA_CACHE_DIR", None)
+        environment["PYTHONPATH"] = str(checkout)
     command = [sys.executable, "-m", "rig.cli", "sweep", reference, "--out", str(out), "--json"]
     done = subprocess.run(
         [*command, *options],
@@ -43,6 +50,8 @@ def sweep(reference: str, out: Path, *options: str) -> dict[str, Any]:
         stderr=subprocess.DEVNULL,
         text=True,
         check=True,
+        env=environment,
+        cwd=checkout,
     )
     told: dict[str, Any] = json.loads(done.stdout)
     return told
@@ -117,6 +126,31 @@ def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: C
         console.print(f"The cluster's table is {'the same' if same else 'NOT the same'}.")
 
 
+def compare(reference: str, jobs: int, rounds: int, other: Path, console: Console) -> None:
+    """Run another checkout and this one in turn; print both rates of each round, and ratios."""
+    this = Path(__file__).resolve().parents[1]
+    table = Table(title=f"rig sweep {reference}: rig-seconds per second, another checkout to this")
+    for column in ("round", "wall, start-up apart", "ratio", "processor", "ratio"):
+        table.add_column(column, justify="right")
+    ratios = []
+    with tempfile.TemporaryDirectory() as name:
+        for number in range(rounds):
+            rates: list[tuple[float, float]] = []
+            for checkout in (other.resolve(), this):
+                out = Path(name) / f"{number}-{len(rates)}"
+                told = sweep(reference, out, "--jobs", str(jobs), checkout=checkout)
+                found = told["timing"]["rig_seconds_per_second"]
+                rates.append((found["of_process_after_start"], found["of_processor"]))
+            ratios.append([after / before for before, after in zip(*rates, strict=True)])
+            cells = [f"{rates[0][i]:.0f} to {rates[1][i]:.0f}" for i in range(2)]
+            told_ratios = [f"{ratio:.2f}" for ratio in ratios[-1]]
+            table.add_row(f"{number + 1}", cells[0], told_ratios[0], cells[1], told_ratios[1])
+    console.print(table)
+    wall, processor = np.median(ratios, axis=0)
+    console.print(f"Medians of the ratios: {wall:.2f} by the wall clock, {processor:.2f} by the "
+                  "processor.")  # fmt: skip
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -124,8 +158,12 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument("--rounds", type=int, default=3, help="how often it is run")
     parser.add_argument("--cluster", action="store_true", help="on a Dask cluster as well")
+    parser.add_argument("--against", type=Path, help="another checkout, to compare with")
     options = parser.parse_args()
     console = Console(width=110)
+    if options.against is not None:
+        compare(options.sweep, options.jobs, options.rounds, options.against, console)
+        return
     measure(options.sweep, options.jobs, options.rounds, options.cluster, console)
 
 

@@ -32,13 +32,15 @@ from rig.plant.transducers import reading_means
 LOGGED: Final = 7
 """Rows of lanes that each step leaves in the log: what transducers see, the return pressure, and
 the command. The fewer they are, the longer a log stays in the processor's cache."""
+LOGGED_OF_CHAMBERS: Final = 5
+"""Rows of a log without spool and supply pressure, for a filter that does not look at them."""
 POSITION: Final = 0
 PRESSURE_1: Final = 1
 PRESSURE_2: Final = 2
-SPOOL: Final = 3
-SUPPLY: Final = 4
-RETURN: Final = 5
-COMMAND: Final = 6
+COMMAND: Final = 3
+RETURN: Final = 4
+SPOOL: Final = 5
+SUPPLY: Final = 6
 MOST_STEPS: Final = 80
 """Rows of log that are enough for a tick: 64 steps of the shortest length, and some that end
 where a ram comes to rest."""
@@ -80,14 +82,15 @@ def _store_states(plant, y):
 
 @inlined
 def _log_step(log, first, y, command):
-    """Write what is seen of the states `y` (lanes), and the command, to `LOGGED` rows."""
+    """Write what is seen of the states `y` (lanes), and the command, to the rows of a step."""
     store(log, first + POSITION, y[_POSITION])
     store(log, first + PRESSURE_1, y[_PRESSURE_1])
     store(log, first + PRESSURE_2, y[_PRESSURE_2])
-    store(log, first + SPOOL, y[_SPOOL])
-    store(log, first + SUPPLY, y[_SUPPLY])
-    store(log, first + RETURN, y[_RETURN])
     store(log, first + COMMAND, command)
+    store(log, first + RETURN, y[_RETURN])
+    if log.shape[1] == LOGGED:
+        store(log, first + SPOOL, y[_SPOOL])
+        store(log, first + SUPPLY, y[_SUPPLY])
 
 
 @inlined
@@ -114,7 +117,8 @@ def plant_ticks(
 
     Args:
         setpoint: (ticks, LANES) in m, or in V in open loop.
-        open_loop: (ticks, LANES), not 0 where the setpoint is the command.
+        open_loop: (1, LANES) for all ticks or (ticks, LANES), not 0 where the setpoint is the
+            command.
         gain: of the position loop, V/m.
         limit: greatest command of either sign, V.
         longest_step: of the integration, s; `rig.plant.integrator.LONGEST_STEP` to a tick.
@@ -124,7 +128,8 @@ def plant_ticks(
         parameters: (fields, LANES), `Parameters` of each rig.
         like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
-        log: (steps, `LOGGED`, LANES), to be filled; `MOST_STEPS` steps a tick are enough.
+        log: (steps, `LOGGED` or `LOGGED_OF_CHAMBERS`, LANES), to be filled; `MOST_STEPS` steps a
+            tick are enough.
         rows: (ticks, LANES), to be filled: which row of the log is a lane's tick.
 
     Returns:
@@ -132,7 +137,7 @@ def plant_ticks(
     """
     align_stack()
     par = load_fields(parameters, like, _FRICTION_LAW)
-    ticks = setpoint.shape[0]
+    ticks, always = setpoint.shape[0], open_loop.shape[0] == 1
     shortest = SHORTEST * longest_step
     y = (
         load(plant, 0), load(plant, 1), load(plant, 2), load(plant, 3), load(plant, 4),
@@ -148,8 +153,8 @@ def plant_ticks(
         if anywhere(begins):
             position = encoder_position(par.position_gain * y[_POSITION], sensors)
             asked = gather(setpoint, tick)
-            closed = gather(open_loop, tick) == 0.0
-            asked = select(closed, gain * (asked - position), asked)
+            is_open = load(open_loop, 0) if always else gather(open_loop, tick)
+            asked = select(is_open == 0.0, gain * (asked - position), asked)
             command = select(begins, min(max(asked, -limit), limit), command)
             longest = select(begins, resolving_step(y, longest_step, TICK, par, fault), longest)
             remaining = select(begins, TICK, remaining)
@@ -157,7 +162,7 @@ def plant_ticks(
         if not anywhere(remaining > 0.0):
             _store_states(plant, y)
             return True
-        _log_step(log, row * LOGGED, y, command)
+        _log_step(log, row * log.shape[1], y, command)
         y, remaining = next_step(y, remaining, longest, shortest, command, par, fault)
     return False
 

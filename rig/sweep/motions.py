@@ -49,7 +49,8 @@ class Motions:
         ends: float64 (k, n), s: level i is held until ends[i]; the last for ever.
         open_loop: float64 (n,), 1 where the setpoint is the valve's command.
         kind: (n,), which of the sweep's motions it is.
-        pace: float64 (n,), how fast it is among those of its kind: only an order.
+        pace: float64 (n,), how fast it is among those of its kind, but for a factor; 1 where it
+            stands still most of the time.
     """
 
     sines: Array
@@ -82,7 +83,7 @@ class _Table:
         self.ends: list[Sequence[float]] = [(np.inf,)] * count
         self.peak = np.full(count, np.nan)
         self.open_loop = np.zeros(count)
-        self.pace = np.zeros(count)
+        self.pace = np.ones(count)
 
     def finish(self, kind: NDArray[np.intp]) -> Motions:
         levels = _columns(self.levels, padding=None)
@@ -201,7 +202,6 @@ def _random(t: _Table, case: int, own: Own, until: float, seed: int, turns: list
     levels = Pseudorandom(lower, upper, shortest, longest, seed)
     ends, held = levels.sequence(until)
     t.ends[case], t.levels[case] = ends.tolist(), held.tolist()
-    t.pace[case] = (upper - lower) / (shortest + longest)
 
 
 _FILL: Final = {

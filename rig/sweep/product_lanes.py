@@ -14,7 +14,7 @@ from estimator.filters import FILTERS, OUTPUTS, FilterRun
 from estimator.product_lanes import ProductLanes
 from rig.loop.lane_ticks import LANE_READINGS, LOGGED, MOST_STEPS
 from rig.plant.integrator import TICK
-from rig.plant.lanes import LANES
+from rig.plant.lanes import LANES, empty_lanes
 
 from .ticks import BLOCK, reading_block
 from .truth import outcome_columns, true_flow
@@ -64,7 +64,8 @@ class _Bench:
         self._level = np.zeros((1, LANES))
         self._until_onset = group.onset.copy()
         self._streams = group.stream(0), group.stream(1)
-        self._log = np.empty(((BLOCK + 1) * MOST_STEPS, LOGGED, LANES))
+        steps = (BLOCK + 1) * MOST_STEPS
+        self._log = empty_lanes(steps * LOGGED).reshape((steps, LOGGED, LANES))
         self.flow = np.zeros((1, LANES))
 
     def readings(self, first: int, ticks: int) -> Array:

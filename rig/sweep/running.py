@@ -37,7 +37,7 @@ class Timing:
         busy_s: seconds of these processes, added up, without start-up.
         start_s: seconds until the first of them ran a case.
         elapsed_s: seconds from the start to the last result.
-        workers: which processes they were.
+        ready_s: by process, seconds from the start until it ran its first case.
     """
 
     cases: int = 0
@@ -46,16 +46,29 @@ class Timing:
     busy_s: float = 0.0
     start_s: float = 0.0
     elapsed_s: float = 0.0
-    workers: set[str] = field(default_factory=set)
+    ready_s: dict[str, float] = field(default_factory=dict)
+
+    def add(self, judged: Judged, cases: int, rig_s: float, received_s: float) -> None:
+        """Count a chunk of cases and rig-seconds, the result of which came at a time, s."""
+        self.ready_s.setdefault(judged.worker, received_s - judged.wall_s)
+        self.start_s = min(self.ready_s.values())
+        self.cases += cases
+        self.rig_s += rig_s
+        self.process_s += judged.process_s
+        self.busy_s += judged.wall_s
+
+    @property
+    def workers(self) -> set[str]:
+        """Which processes they were."""
+        return set(self.ready_s)
 
     def told(self) -> dict[str, Any]:
         """Return it as JSON holds it, with rates."""
-        processes = max(len(self.workers), 1)
-        after_start = (self.elapsed_s - self.start_s) * processes
+        after_start = sum(self.elapsed_s - ready_s for ready_s in self.ready_s.values())
         return {
             "cases": self.cases,
             "rig_s": self.rig_s,
-            "processes": len(self.workers),
+            "processes": len(self.ready_s),
             "start_s": self.start_s,
             "elapsed_s": self.elapsed_s,
             "rig_seconds_per_second": {
@@ -130,7 +143,7 @@ def run_sweep(
         SweepError: a case could not be run, or a worker has another version of this program.
         OSError: the folder cannot be written.
     """
-    started, timing, begun = time.perf_counter(), Timing(), False
+    started, timing = time.perf_counter(), Timing()
     all_chunks = chunks_of(sweep)
     done = folder.done(all_chunks)
     left = all_chunks.keys() - done.keys()
@@ -143,18 +156,12 @@ def run_sweep(
             yield cases
 
     for judged in runner(chunks(), setting_of(sweep), stopped):
+        received_s = time.perf_counter() - started
         _require_same_sources(judged)
         cases = drawn.pop(judged.chunk)
         folder.keep(judged.chunk, rows_of(cases, dict(judged.figures)))
-        now = time.perf_counter() - started
-        if not begun:
-            timing.start_s, begun = now - judged.wall_s, True
-        timing.cases += cases.count
-        timing.rig_s += cases.count * sweep.duration_s
-        timing.process_s += judged.process_s
-        timing.busy_s += judged.wall_s
-        timing.elapsed_s = now
-        timing.workers.add(judged.worker)
+        timing.add(judged, cases.count, cases.count * sweep.duration_s, received_s)
+        timing.elapsed_s = time.perf_counter() - started
         advanced(cases.count)
     return timing
 

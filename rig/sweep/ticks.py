@@ -13,6 +13,7 @@ from estimator.thesis import thesis7_step
 from rig.loop.lane_ticks import (
     COMMAND,
     LOGGED,
+    LOGGED_OF_CHAMBERS,
     MOST_STEPS,
     NOISE_COUNT,
     POSITION,
@@ -118,13 +119,15 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
     align_stack()
     at = load(held, 0)
     count = sines.shape[0] // SINE_ROWS
+    until, level = gather(ends, at), gather(levels, at)
     for k in range(setpoint.shape[0]):
         time_s = (first + k) * TICK
-        over = gather(ends, at) <= time_s + _ROUNDING_S
+        over = until <= time_s + _ROUNDING_S
         while anywhere(over):
             at = select(over, at + 1.0, at)
-            over = gather(ends, at) <= time_s + _ROUNDING_S
-        total = gather(levels, at)
+            until, level = gather(ends, at), gather(levels, at)
+            over = until <= time_s + _ROUNDING_S
+        total = level
         for i in range(count):
             total += _wave(sines, i, time_s)
         store(setpoint, k, total)
@@ -140,7 +143,7 @@ def thesis7_ticks(
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
-        log: of `plant_ticks`.
+        log: of `plant_ticks`, of chambers.
         rows: (ticks, LANES), of `plant_ticks`.
         noise: (ticks, 2, LANES) standard normal numbers, of both pressures.
         scale: (1, LANES), factor on the transducers' deviations.
@@ -166,7 +169,7 @@ def thesis7_ticks(
     )  # fmt: skip
     outputs = in_lanes(out)
     for k in range(rows.shape[0]):
-        row, drawn = load(rows, k) * LOGGED, 2 * k
+        row, drawn = load(rows, k) * LOGGED_OF_CHAMBERS, 2 * k
         p1, p2 = gather(log, row + PRESSURE_1), gather(log, row + PRESSURE_2)
         shown = reading_means(gather(log, row + POSITION), p1, p2, nothing, nothing, par)
         position = encoder_position(shown.position, sensors)
@@ -238,10 +241,9 @@ def thesis7_cases(
         Whether every plant came to the end; else one needed too many steps.
     """
     batch = ahead * BLOCK + 1
-    log = empty_lanes(batch * MOST_STEPS * LOGGED).reshape((batch * MOST_STEPS, LOGGED, LANES))
-    rows, setpoint, is_open = empty_lanes(batch), empty_lanes(batch), empty_lanes(batch)
-    for k in range(batch):
-        is_open[k] = open_loop[0]
+    steps = batch * MOST_STEPS
+    log = empty_lanes(steps * LOGGED_OF_CHAMBERS).reshape((steps, LOGGED_OF_CHAMBERS, LANES))
+    rows, setpoint = empty_lanes(batch), empty_lanes(batch)
     noise = empty_lanes(2 * (BLOCK + 1))
     held, level, out = empty_lanes(1), empty_lanes(1), empty_lanes(9)
     held[:], level[:] = 0.0, 0.0
@@ -251,7 +253,7 @@ def thesis7_cases(
         count = min(batch if first == 0 else batch - 1, ticks - first)
         setpoint_ticks(first, sines, levels, ends, level, setpoint[:count])
         if not plant_ticks(
-            setpoint[:count], is_open[:count], gain, limit, longest_step, faults, until_onset,
+            setpoint[:count], open_loop, gain, limit, longest_step, faults, until_onset,
             plant, parameters, like, sensors, log, rows[:count],
         ):  # fmt: skip
             return False
@@ -305,13 +307,11 @@ def reading_block(
         Whether every plant came to the end of the block.
     """
     ticks = readings.shape[0]
-    setpoint, rows, is_open = empty_lanes(ticks), empty_lanes(ticks), empty_lanes(ticks)
-    for k in range(ticks):
-        is_open[k] = open_loop[0]
+    setpoint, rows = empty_lanes(ticks), empty_lanes(ticks)
     setpoint_ticks(first, sines, levels, ends, level, setpoint)
     if not plant_ticks(
-        setpoint, is_open, gain, limit, longest_step, faults, until_onset, plant, parameters, like,
-        sensors, log, rows,
+        setpoint, open_loop, gain, limit, longest_step, faults, until_onset, plant, parameters,
+        like, sensors, log, rows,
     ):  # fmt: skip
         return False
     until_onset -= ticks
