@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rig.plant.lanes import LANES
+from rig.plant.lanes import LANES, aligned, empty_lanes
 
 from .plant import Array, Plant
 from .prediction import predict_ahead, run_filter, run_free, run_frozen, run_tangent
@@ -66,7 +66,8 @@ class Predictor:
         run_filter_in_lanes(
             in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read,
             record.inputs, record.readings, variances,
-            np.repeat(parameters[:, None], LANES, axis=1), parameters, *known, memory, *rest,
+            aligned(np.repeat(parameters[:, None], LANES, axis=1)), parameters, *known,
+            aligned(memory), *rest,
         )  # fmt: skip
 
     def innovations(
@@ -118,15 +119,15 @@ class Predictor:
         if len(values) < _FEWEST or in_lanes is None:
             return [self.innovations(record, each)[0] for each in values]
         padded = [*values, *[values[-1]] * (LANES - len(values))]
-        starts = np.column_stack([self._start(record, each)[0] for each in padded])
-        parameters = np.column_stack([plant.vector(each) for each in padded])
-        innovations = np.empty((*record.readings.shape, LANES))
+        starts = aligned(np.column_stack([self._start(record, each)[0] for each in padded]))
+        parameters = aligned(np.column_stack([plant.vector(each) for each in padded]))
+        innovations = empty_lanes(record.readings.size).reshape((*record.readings.shape, LANES))
         gains = record.gains
         run_frozen_in_lanes(
             in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, record.inputs,
             record.readings, gains.variances, gains.states, gains.couplings, parameters,
-            plant.vector(values[0]), starts, in_lanes.begin(starts, record.inputs[:_FIRST], padded),
-            innovations,
+            plant.vector(values[0]), starts,
+            aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded)), innovations,
         )  # fmt: skip
         return [innovations[:, :, lane] for lane in range(len(values))]
 

@@ -16,7 +16,7 @@ from rig.plant import NO_FAULT, Parameters
 from rig.plant.command_path import LONGEST_DELAY_TICKS, play
 from rig.plant.compiled import inlined
 from rig.plant.integrator import SUBSTEPS, TICK, next_step
-from rig.plant.lanes import anywhere, gather, load, load_fields, select, store
+from rig.plant.lanes import align_stack, anywhere, gather, load, load_fields, select, store
 from rig.plant.step_length import SHORTEST, resolving_step
 from rig.plant.transducers import reading_means
 
@@ -118,6 +118,7 @@ def _lagging(seen, before, pressure, lag):
 
 @njit(STEP_IN_LANES, cache=True, error_model="numpy")
 def _step(states, memory, parameters, first):
+    align_stack()
     par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
     before_1, before_2 = max(load(states, 2), 0.0), max(load(states, 3), 0.0)
     whole, late = _ticks(par.command_delay)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numba import float64, njit, types, void
 
-from rig.plant.lanes import LANES, load, store
+from rig.plant.lanes import LANES, align_stack, empty_lanes, load, store
 
 from .plant import (
     DRIVE_IN_LANES,
@@ -62,7 +62,8 @@ def run_frozen_in_lanes(
             used.
     """
     count, outputs = starts.shape[0], readings.shape[1]
-    expected = np.empty((outputs, LANES))
+    align_stack()
+    expected = empty_lanes(outputs)
     for t in range(inputs.shape[0]):
         read(starts, memory, parameters, first, expected)
         written = innovations[t]
@@ -131,7 +132,7 @@ def run_filter_in_lanes(
     kept = transitions.shape[0] > 0
     # Column 0 is the course itself, column 1 + j that with a change of state j.
     batches = (count + LANES) // LANES
-    points = np.empty((batches, count, LANES))
+    points = empty_lanes(batches * count).reshape((batches, count, LANES))
     for t in range(inputs.shape[0]):
         correct(
             read, remembered, first, changes, readings[t], variances[t], x, covariance, slope,
