@@ -11,11 +11,11 @@ from typing import Final
 
 import numpy as np
 
+from .findings import CHANCE
 from .fit import Fitter
 from .linear import bounded_least_squares, standard_errors
 from .plant import Array, Plant
 from .results import Curve
-from .search import CHANCE
 from .variables import Values, Variable
 
 CERTAIN: Final = 4.0

@@ -12,12 +12,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Final
 
+from .findings import FORM, Alternative, Found, Named, deviate
 from .fit import Fitter
 from .plant import Effect, Motion, Plant
 from .predictor import Predictor
 from .records import made_of
 from .results import Separation
-from .search import FORM, Alternative, Found, Named, deviate
 from .signatures import cosines
 from .variables import Values, Variable, effect_variables, freed, nuisance_variable
 

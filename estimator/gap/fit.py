@@ -10,7 +10,7 @@ import numpy as np
 from .linear import Column, Linear, assemble, cost_of, slices_of
 from .plant import Array
 from .predictor import Predictor
-from .records import Record
+from .records import Gains, Record
 from .variables import Values, Variable
 
 Changes = list[Array]
@@ -46,6 +46,10 @@ def _change(changed: Array, base: Array, size: float) -> Array:
     return np.asarray(change / size)
 
 
+_KEPT: Final = 3
+"""Values whose gains are kept: a search goes back to those that it came from."""
+
+
 class Fitter:
     """Fits a plant's parameters to records.
 
@@ -65,9 +69,10 @@ class Fitter:
         self._bases: dict[tuple[float, ...], list[tuple[Array, Array]]] = {}
         self._changes: dict[tuple[object, ...], Changes] = {}
         self._filtered: dict[str, float] = {}
+        self._gains: dict[tuple[float, ...], list[Gains]] = {}
 
     def refresh(self, values: Values) -> None:
-        """Filter the records anew with these values, for their gains."""
+        """Filter the records anew with these values, for their gains; the last few are kept."""
         if self._filtered == values:
             return
         self._filtered = dict(values)
@@ -75,7 +80,16 @@ class Fitter:
         self._changes.clear()
         for record in self.records:
             record.release()
-        list(self.pool.map(lambda record: self.predictor.filter(record, values), self.records))
+        key = tuple(values.values())
+        known = self._gains.pop(key, None)
+        if known is None:
+            list(self.pool.map(lambda record: self.predictor.filter(record, values), self.records))
+            known = [record.gains for record in self.records]
+        for record, gains in zip(self.records, known, strict=True):
+            record.gains = gains
+        self._gains[key] = known
+        while len(self._gains) > _KEPT:
+            self._gains.pop(next(iter(self._gains)))
 
     @property
     def samples(self) -> int:

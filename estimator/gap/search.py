@@ -14,15 +14,25 @@ worse than noise allows, an effect that is beyond chance and twins is named as w
 without them, it takes away most of what they have too much: it matters in their motion.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from typing import Final
 
-import numpy as np
-
+from .findings import (
+    CHANCE,
+    HELD_OUT,
+    MATERIAL,
+    MOST_EFFECTS,
+    Alternative,
+    Found,
+    Named,
+    Screened,
+    deviate,
+    earns,
+)
 from .fit import Changes, Fitted, Fitter
-from .linear import Column
-from .plant import Array, Effect, Trace
+from .plant import Effect
+from .screening import Screening
+from .twins import FEW, Twins
 from .variables import (
     Values,
     Variable,
@@ -32,29 +42,27 @@ from .variables import (
     started,
 )
 
-MATERIAL: Final = 0.01
-"""Squared shift of predictions, over their variance, that an effect must cause where it acts."""
-CHANCE: Final = 25.0
-"""Least gain in cost: a normal deviate of five, beyond chance for any number of candidates."""
-FEW_BLOCKS: Final = 2.0
-"""What gains in no more blocks is not named."""
+__all__ = [
+    "CHANCE",
+    "HELD_OUT",
+    "MATERIAL",
+    "MOST_EFFECTS",
+    "Found",
+    "Named",
+    "Screened",
+    "Search",
+    "deviate",
+]
+
 OVER_TWIN: Final = 5.0
 """Times the greatest gain among twins that a gain must be."""
-FORM: Final = 0.01
-"""Part of what an effect explains that its form may be wrong by: a tenth in amplitude, squared.
-Another effect that explains all but this much may be the cause as well."""
-MOST_EFFECTS: Final = 4
-HELD_OUT: Final = 0.1
-"""Excess in squared error held out, in variances a reading, that is more than a model that lacks
-nothing has: ten times what matters."""
 MOST: Final = 0.5
-"""Part of that excess that an effect must take away."""
+"""Part of the excess held out that an effect must take away to be named for that alone."""
 _TRIED: Final = 5
 _TRIED_AGAIN: Final = 2
 _PROMISED: Final = 2.0
 """Times the best gain so far that an effect must promise, by the linearisation, to be tried again
 with gains of its own."""
-_TWINS: Final = 2
 _SWAPS: Final = 3
 """Times that alternatives are tried; each but the last may exchange one effect for another."""
 _ROUNDS: Final = 5
@@ -65,107 +73,6 @@ _NEAR: Final = 0.2
 """Part of an effect's gain that another must have had at some stage to be tried in its place."""
 
 
-@dataclass(frozen=True)
-class Screened:
-    """A candidate as the linearisation sees it: which start it is, and what it would gain."""
-
-    effect: str
-    start: Mapping[str, float]
-    gain: float
-    acting: float
-    """Share of the readings that it moves."""
-
-
-@dataclass(frozen=True)
-class Alternative:
-    """Another effect in the place of one.
-
-    Attributes:
-        effect: its name.
-        share: part of the named effect's gain that it reaches.
-        z: normal deviate of what it explains less, by the scatter of the blocks.
-        fitted: the fit with it.
-    """
-
-    effect: str
-    share: float
-    z: float
-    fitted: Fitted
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect that earned its place.
-
-    Attributes:
-        effect: of the catalogue.
-        gain: in cost, against the model without it.
-        per_reading: that over the readings used.
-        bar: what the gain had to pass.
-        z: of the gain, by the scatter of its blocks.
-        alternatives: other effects in its place, best first.
-    """
-
-    effect: str
-    gain: float
-    per_reading: float
-    bar: float
-    z: float
-    alternatives: tuple[Alternative, ...] = ()
-
-    @property
-    def indistinguishable(self) -> tuple[Alternative, ...]:
-        """Alternatives that may be the cause as well, at most two."""
-        return tuple(a for a in self.alternatives if a.share >= 1.0 - FORM or a.z < 3.0)[:2]
-
-
-@dataclass
-class Found:
-    """What a search ends with.
-
-    Attributes:
-        given: cost of each block with the model as given.
-        refitted: with its nuisances refitted.
-        fitted: with all that was found.
-        variables: that were fitted.
-        named: effects, in the order in which they were found.
-        floor: cost of a twin of the final model, per reading.
-        samples: readings used.
-    """
-
-    given: Fitted
-    refitted: Fitted
-    fitted: Fitted
-    variables: tuple[Variable, ...]
-    named: list[Named]
-    floor: float = 0.0
-    samples: int = 0
-    errors: dict[str, float] = field(default_factory=dict)
-    rejected: list[Screened] = field(default_factory=list)
-
-    @property
-    def explained(self) -> float:
-        """Part of the excess over the floor that the named effects take away."""
-        before = self.refitted.cost / self.samples - self.floor
-        after = self.fitted.cost / self.samples - self.floor
-        return 1.0 - after / before if before > 0.0 else 0.0
-
-
-def deviate(differences: Array) -> float:
-    """Return the normal deviate of the sum of differences (blocks,) by their scatter."""
-    scatter = float(np.sqrt(len(differences)) * np.std(differences, ddof=1))
-    return float(differences.sum()) / scatter if scatter > 0.0 else 0.0
-
-
-def _earns(before: Fitted, fitted: Fitted, bar: float) -> bool:
-    """Tell whether a fit gains more than a bar, in more than two blocks."""
-    gains = before.costs - fitted.costs
-    # Scaled: the cost of a block that cannot be predicted at all has no square.
-    scaled = gains / max(float(np.abs(gains).max()), 1e-300)
-    acting_blocks = scaled.sum() ** 2 / max(float((scaled**2).sum()), 1e-300)
-    return bool(gains.sum() > bar and acting_blocks > FEW_BLOCKS)
-
-
 class Search:
     """Searches the records of a fitter for effects of its plant's catalogue."""
 
@@ -174,7 +81,8 @@ class Search:
         self.plant = fitter.predictor.plant
         self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
         self._seed = seed
-        self._twins: dict[tuple[float, ...], list[Fitter]] = {}
+        self._twins = Twins(fitter, seed)
+        self._screening = Screening(self.plant)
 
     def run(self) -> Found:
         """Return what the model lacks, as far as the records tell."""
@@ -197,7 +105,7 @@ class Search:
         """Add effects while they earn their place; return what was screened at any stage."""
         seen: dict[str, list[Screened]] = {}
         while len(found.named) < MOST_EFFECTS:
-            screened = self.screen(self.fitter, found.fitted.values, found.variables)
+            screened = self._screening.screen(self.fitter, found.fitted.values, found.variables)
             for candidate in screened:
                 seen.setdefault(candidate.effect, []).append(candidate)
             added = self._next(found, screened) or self._next_held_out(found, screened)
@@ -247,14 +155,14 @@ class Search:
             fitted = self._with(before, found.variables, candidate)
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
-            if _earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
+            if earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
                 best = (effect, fitted, bar)
         gained = before.cost - best[1].cost if best is not None else 0.0
         for candidate in [c for c in hopeful if c.gain > _PROMISED * gained][:_TRIED_AGAIN]:
             fitted = self._with_own_gains(before, found.variables, candidate)
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
-            if _earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
+            if earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
                 best = (effect, fitted, bar)
         return best
 
@@ -274,7 +182,7 @@ class Search:
         for candidate in hopeful:
             fitted = self._with(before, found.variables, candidate)
             bar = self._bar(candidate, chance, 0.0)
-            if not _earns(before, fitted, bar):
+            if not earns(before, fitted, bar):
                 continue
             left = self.held_out_excess(fitted.values)
             if left < least:
@@ -330,108 +238,18 @@ class Search:
         changes = self.fitter.changes(values, columns)
         return {column.name: change for column, change in zip(columns, changes, strict=True)}
 
-    def screen(
-        self,
-        fitter: Fitter,
-        values: Values,
-        variables: tuple[Variable, ...],
-        effects: Collection[str] | None = None,
-    ) -> list[Screened]:
-        """Return all candidates that a linearisation says gain something, best first."""
-        columns = fitter.columns(values, variables)
-        base = [column.name for column in columns]
-        starts: dict[str, tuple[str, Mapping[str, float], list[str]]] = {}
-        fitted = {variable.parameter for variable in variables if variable.key}
-        for effect in self.plant.effects.values():
-            if all(knob.parameter in fitted for knob in effect.knobs):
-                continue
-            if effects is not None and effect.name not in effects:
-                continue
-            given = self._starts(fitter, values, effect)
-            for number, start in enumerate(given):
-                column = Column(
-                    f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
-                )
-                columns.append(column)
-                starts[column.name] = (effect.name, start, [column.name])
-            if not effect.starts and effect.propose is None:
-                added = fitter.columns(values, effect_variables(effect))
-                columns += added
-                starts[added[0].name] = (effect.name, {}, [column.name for column in added])
-        linear = fitter.linearise(values, columns)
-        without = linear.solve(base)[1]
-        reached = self._reached(fitter, values, [c for c in columns if "#" in c.name])
-        best: dict[str, Screened] = {}
-        for name, (added_effect, start, names) in starts.items():
-            parameters = {v.parameter for v in effect_variables(self.plant.effects[added_effect])}
-            kept = [
-                c for c, v in zip(base, variables, strict=True) if v.parameter not in parameters
-            ]
-            gain = linear.solve([*kept, *names])[1] - without
-            gain = max(gain, reached.get(name, 0.0) - without)
-            index = linear.indices([name])[0]
-            square = float(linear.products[:, index, index].sum())
-            acting = min(
-                1.0, 3.0 * square**2 / max(linear.quartics[index], 1e-300) / linear.samples
-            )
-            if gain > 0.0 and (added_effect not in best or gain > best[added_effect].gain):
-                best[added_effect] = Screened(added_effect, start, gain, acting)
-        return sorted(best.values(), key=lambda candidate: -candidate.gain)
-
-    def _reached(
-        self, fitter: Fitter, values: Values, columns: Sequence[Column]
-    ) -> dict[str, float]:
-        """Return what the cost loses at starts themselves: large effects are far from linear."""
-        before = fitter.costs(values).sum()
-        changes = fitter.changes(values, columns)
-        costs = fitter.pool.map(lambda change: fitter.changed_costs(values, change), changes)
-        return {
-            column.name: float(before - left.sum())
-            for column, left in zip(columns, costs, strict=True)
-        }
-
-    def _starts(
-        self, fitter: Fitter, values: Values, effect: Effect
-    ) -> tuple[Mapping[str, float], ...]:
-        """Return where fits of an effect start: stated ones and those that the records propose."""
-        if effect.propose is None:
-            return effect.starts
-        traces = [
-            Trace(record.inputs, states, innovations, record.readings)
-            for record, (innovations, states) in zip(
-                fitter.records, fitter.innovations(values), strict=True
-            )
-        ]
-        return (*effect.starts, *effect.propose(traces, values))
-
     def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
         """Return what each of some effects gains at most on twins of the present model."""
         most: dict[str, float] = {}
         for fitter in self.twins(found.fitted.values):
-            screened = self.screen(fitter, found.fitted.values, found.variables, effects)
+            screened = self._screening.screen(fitter, found.fitted.values, found.variables, effects)
             for candidate in screened:
                 most[candidate.effect] = max(most.get(candidate.effect, 0.0), candidate.gain)
         return most
 
-    def twins(self, values: Values, count: int = _TWINS) -> list[Fitter]:
+    def twins(self, values: Values, count: int = FEW) -> list[Fitter]:
         """Return fitters of records that a rig exactly like the model would have made."""
-        key = tuple(values.values())
-        if key not in self._twins:
-            self._twins.clear()
-        made = self._twins.setdefault(key, [])
-        predictor, pool = self.fitter.predictor, self.fitter.pool
-        for twin in range(len(made), count):
-            numbers = range(len(self.fitter.records))
-            records = pool.map(
-                lambda index, first=self._seed + 1000 * twin: predictor.twin(
-                    self.fitter.records[index], values, first + index
-                ),
-                numbers,
-            )
-            fitter = Fitter(predictor, list(records), pool)
-            fitter.refresh(values)
-            made.append(fitter)
-        return made[:count]
+        return self._twins.of(values, count)
 
     # After the search
 
@@ -482,7 +300,9 @@ class Search:
                 for name, reached in most.items()
                 if name not in taken and reached > _NEAR * most.get(named.effect, 0.0)
             }
-            screened = self.screen(self.fitter, without.values, variables, near | {named.effect})
+            screened = self._screening.screen(
+                self.fitter, without.values, variables, near | {named.effect}
+            )
             own = next((c.gain for c in screened if c.effect == named.effect), 0.0)
             likely = [c for c in screened if c.effect != named.effect and c.gain > 0.4 * own]
             alternatives = []

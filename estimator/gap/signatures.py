@@ -10,11 +10,12 @@ from typing import Final
 
 import numpy as np
 
+from .findings import CHANCE, FEW_BLOCKS, MATERIAL, Found
 from .fit import Changes, Fitter
 from .linear import Column, Linear, assemble
 from .plant import Array, Effect, Plant
 from .results import DetectionLimit
-from .search import CHANCE, FEW_BLOCKS, MATERIAL, Found, Search
+from .search import Search
 from .variables import Values, Variable, effect_variables, started
 
 ABSORBED: Final = 0.1

@@ -6,11 +6,11 @@ found must predict better than "nothing changes" would.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
 
+from .fit import Fitter
 from .linear import BLOCK_S, SETTLING_S, slices_of
 from .plant import Array, Output, Plant
 from .predictor import Predictor
@@ -41,37 +41,26 @@ def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
     return [record for record in records if slices_of(record, plant.period)]
 
 
-def unsuitable(
-    records: Sequence[Record],
-    judged: Sequence[Record],
-    predictor: Predictor,
-    pool: ThreadPoolExecutor,
-) -> list[str]:
+def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
     """Return why recordings cannot support a verdict, in words; empty if they can.
 
     Args:
-        records: to fit to.
-        judged: held out.
-        predictor: of the model as given; filters the records.
-        pool: threads to run in.
+        fitter: of the records to fit to; filtered with the model as given, if they come so far.
+        judged: of those held out, likewise.
     """
-    plant = predictor.plant
+    plant = fitter.predictor.plant
     reasons = [
-        *_too_short(records, plant, FITTED_BLOCKS, "to fit to"),
-        *_too_short(judged, plant, JUDGED_BLOCKS, "held out"),
+        *_too_short(fitter.records, plant, FITTED_BLOCKS, "to fit to"),
+        *_too_short(judged.records, plant, JUDGED_BLOCKS, "held out"),
     ]
     if reasons:
         return reasons
-    reasons += _commands(records, plant)
+    reasons += _commands(fitter.records, plant)
     for index, output in enumerate(plant.outputs):
-        reasons += _readings(records, index, output)
+        reasons += _readings(fitter.records, index, output)
     if reasons:
         return reasons
-    return [
-        reason
-        for found in pool.map(lambda record: _lost(record, predictor), (*records, *judged))
-        for reason in found
-    ]
+    return [*_lost(fitter), *_lost(judged)]
 
 
 def _too_short(records: Sequence[Record], plant: Plant, least: int, which: str) -> list[str]:
@@ -133,18 +122,27 @@ def _noise(readings: Array) -> float:
     return float(np.median(curved)) / (0.6745 * 6.0**0.5)
 
 
-def _lost(record: Record, predictor: Predictor) -> list[str]:
-    predictor.filter(record, predictor.plant.nominal)
-    innovations = predictor.innovations(record, predictor.plant.nominal)[0]
-    with np.errstate(all="ignore"):
-        missed = np.median(np.abs(innovations), axis=0)
-    return [
-        f"{record.source}: {output.channel} has nothing to do with the model: predictions one "
-        f"sample ahead miss by {'no number' if not np.isfinite(miss) else f'{miss:.0f}'} standard "
-        "deviations; are its units and columns right?"
-        for output, miss in zip(predictor.plant.outputs, missed, strict=True)
-        if not miss < LOST
-    ]
+def _lost(fitter: Fitter) -> list[str]:
+    plant = fitter.predictor.plant
+    fitter.refresh(plant.nominal)
+    found = []
+    for record, (innovations, _) in zip(
+        fitter.records, fitter.innovations(plant.nominal), strict=True
+    ):
+        with np.errstate(all="ignore"):
+            missed = np.median(np.abs(innovations), axis=0)
+        found += [
+            f"{record.source}: {output.channel} has nothing to do with the model: predictions one "
+            f"sample ahead miss by {_told(miss)} standard deviations; are its units and columns "
+            "right?"
+            for output, miss in zip(plant.outputs, missed, strict=True)
+            if not miss < LOST
+        ]
+    return found
+
+
+def _told(miss: float) -> str:
+    return f"{miss:.0f}" if np.isfinite(miss) else "no number"
 
 
 def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> list[str]:

@@ -7,10 +7,11 @@ plant, whose filter and simulation then have them, and are fitted together with 
 from typing import Final
 
 from .disturbances import TIME
+from .findings import Found
 from .fit import Fitted
 from .plant import Effect, Plant
 from .results import AddedTerm, Estimate
-from .search import Found, Search
+from .search import Search
 from .unknown import Unknown
 from .variables import Values, effect_variables, freed
 

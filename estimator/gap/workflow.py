@@ -74,9 +74,9 @@ def find_gap(
     records = usable([record_of(recording, plant) for recording in recordings], plant)
     judged = usable([record_of(recording, plant) for recording in holdout], plant)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        result.reasons = unsuitable(records, judged, predictor, pool)
+        fitter, judge_with = (Fitter(predictor, each, pool) for each in (records, judged))
+        result.reasons = unsuitable(fitter, judge_with)
         if not result.reasons:
-            fitter, judge_with = (Fitter(predictor, each, pool) for each in (records, judged))
             try:
                 _search(result, Search(fitter, seed, judge_with), judge_with)
             except np.linalg.LinAlgError:

@@ -8,7 +8,7 @@ import pytest
 from estimator.gap.plant import Plant
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import Record, made_of, smoothed
-from tests.estimator.gap.courses import recorded, rig
+from tests.estimator.gap.courses import fitter, recorded, rig
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +31,22 @@ def test_a_rig_that_is_the_model_leaves_nearly_white_innovations_of_their_stated
     assert np.std(pressures, axis=0) == pytest.approx([1.0, 1.0], abs=0.08)
     neighbours = np.mean(pressures[1:] * pressures[:-1], axis=0)
     assert neighbours == pytest.approx([0.0, 0.0], abs=0.15)
+
+
+def test_going_back_to_values_brings_back_their_gains_without_a_run(
+    plant: Plant, record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = {**plant.nominal, "viscous": 1.2 * plant.nominal["viscous"]}
+    with fitter(plant, record.unfiltered()) as of_record:
+        of_record.refresh(plant.nominal)
+        gains, costs = of_record.records[0].gains, of_record.costs(plant.nominal)
+        of_record.refresh(other)
+        assert of_record.records[0].gains is not gains
+        assert not np.array_equal(of_record.costs(plant.nominal), costs)
+        monkeypatch.delattr(Predictor, "filter")
+        of_record.refresh(plant.nominal)
+        assert of_record.records[0].gains is gains
+        assert np.array_equal(of_record.costs(plant.nominal), costs)
 
 
 def test_the_state_that_is_found_is_that_of_the_rig(plant: Plant, record: Record) -> None:

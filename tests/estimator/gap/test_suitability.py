@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.gap.fit import Fitter
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import record_of
 from estimator.gap.servo_actuator import servo_actuator
@@ -40,7 +41,8 @@ def reasons_of(recording: Recording) -> list[str]:
     records = [record_of(recording, PLANT)]
     kept = usable(records, PLANT)
     with ThreadPoolExecutor(1) as pool:
-        return unsuitable(kept, kept, Predictor(PLANT), pool)
+        fitter = Fitter(Predictor(PLANT), kept, pool)
+        return unsuitable(fitter, fitter)
 
 
 def noise(n: int, size: float) -> Array:
