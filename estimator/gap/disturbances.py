@@ -35,7 +35,7 @@ class Place:
         name: of the equation, or "reading of" a channel.
         unit: SI.
         shown: unit shown, and how many of it are one SI unit.
-        row: state that is kicked, or the number of states plus the output.
+        rows: states that are kicked, or the number of states plus the output.
         of: regions, besides time.
         equation: None for a reading.
     """
@@ -43,23 +43,29 @@ class Place:
     name: str
     unit: str
     shown: tuple[str, float]
-    row: int
+    rows: tuple[int, ...]
     of: tuple[str, ...]
     equation: Equation | None = None
 
-    def rate(self, states: Array, values: Values) -> Array:
-        """Return the kick (n,) of one unit of disturbance."""
-        return np.ones(len(states)) if self.equation is None else self.equation.rate(states, values)
+    def rates(self, states: Array, values: Values) -> Array:
+        """Return the kicks (n, rows) of one unit of disturbance."""
+        if self.equation is None:
+            return np.ones((len(states), 1))
+        of = (self.equation.rate, *(rate for _, rate in self.equation.also))
+        return np.stack([rate(states, values) for rate in of], axis=1)
 
 
 def places_of(plant: Plant) -> list[Place]:
     """Return everything of a plant that a disturbance may enter."""
-    found = [Place(e.name, e.unit, e.shown, e.state, e.of, e) for e in plant.equations]
+    found = [
+        Place(e.name, e.unit, e.shown, (e.state, *(state for state, _ in e.also)), e.of, e)
+        for e in plant.equations
+    ]
     for index, output in enumerate(plant.outputs):
         found.append(
             Place(
                 f"reading of {output.channel}", output.unit, output.shown or (output.unit, 1.0),
-                len(plant.states) + index, output.of,
+                (len(plant.states) + index,), output.of,
             )
         )  # fmt: skip
     return found
@@ -161,8 +167,8 @@ class Attribution:
 
         def run(index: int) -> tuple[Array, Array, int]:
             course = self.courses[index]
-            kicks = shapes[index] * place.rate(course.states, self.values)[:, None]
-            answers = course.answers([place.row], kicks[:, None, :])
+            rates = place.rates(course.states, self.values)
+            answers = course.answers(place.rows, rates[:, :, None] * shapes[index][:, None, :])
             changes = np.concatenate([self._known[index], answers], axis=2)
             weights = np.minimum(1.0, HUBER / np.maximum(np.abs(course.innovations), 1e-12))
             rows = np.stack([np.arange(b.start, b.stop) for b in self._blocks[index]])

@@ -10,6 +10,7 @@ from .fit import Fitter
 from .linear import cost_of, slices_of
 from .results import Curve, Verdict
 from .search import CHANCE, HELD_OUT, MATERIAL, MOST_EFFECTS, Found, Search, deviate
+from .unsettled import Unsettled
 from .variables import Values, Variable
 
 EXPLAINED: Final = 0.8
@@ -96,6 +97,7 @@ def judge(
     held_out_before: float = float("nan"),
     located: float | None = None,
     ahead: tuple[float, float] = (float("nan"), float("nan")),
+    unsettled: Sequence[Unsettled] = (),
 ) -> Judgement:
     """Return the verdict.
 
@@ -109,6 +111,7 @@ def judge(
             `rest` if not given.
         ahead: gap over the horizon held out, of the model as given and with all that was found, in
             noise variances.
+        unsettled: of each channel, what of its errors goes with the motion with all that was found.
     """
     excess = found.fitted.cost / found.samples - found.floor
     if located is None:
@@ -141,6 +144,9 @@ def judge(
     unexplained = excess > MATERIAL and (not found.named or found.explained < EXPLAINED)
     if free > MATERIAL and (unexplained or free > FREE * before):
         return Judgement("unknown_effect", _unknown(found, rest[0]))
+    stirred = [channel for channel in unsettled if channel.counts]
+    if stirred:
+        return Judgement("unknown_effect", (_stirred(found, stirred),))
     beyond = _at_an_end(found)
     if beyond and excess > MATERIAL:
         return Judgement("unknown_effect", (_implausible(found, beyond, excess),))
@@ -179,6 +185,23 @@ def _at_an_end(found: Found) -> list[Variable]:
         if any(abs(value - end) <= near for end in ends):
             pinned.append(variable)
     return pinned
+
+
+def _stirred(found: Found, stirred: Sequence[Unsettled]) -> str:
+    worst = max(stirred, key=lambda channel: channel.stirred)
+    top = int(np.argmax(worst.values))
+    what = (
+        f"errors of {worst.channel} stay {worst.mean:.2g} predicted variances above the noise, "
+        f"and it goes with the {worst.region}: {worst.values[top]:.2g} at {worst.at[top]:.3g} "
+        f"{worst.unit}, {worst.values.min():.2g} where they are least"
+    )
+    if not found.named:
+        return f"{what}; no effect of the catalogue explains it, nor does noise of a sensor"
+    names = " and ".join(named.effect for named in found.named)
+    return (
+        f"with {names}, {what}; the cause itself would leave no more than noise, so that nothing "
+        "is named: something acts that no steady law tells, such as a resonance or chance"
+    )
 
 
 def _implausible(found: Found, beyond: Sequence[Variable], excess: float) -> str:

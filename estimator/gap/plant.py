@@ -207,9 +207,12 @@ class Held:
     refused: tuple[tuple[int, str], ...] = ()
 
 
+Rate = Callable[[Array, Mapping[str, float]], Array]
+
+
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """An equation that a disturbance may enter.
+    """An equation that a disturbance may enter, or several that one disturbance enters at once.
 
     Attributes:
         name: as in reports: "force balance", "chamber 1".
@@ -219,14 +222,17 @@ class Equation:
             sample by one unit of disturbance.
         shown: unit in reports, and how many of it are one SI unit.
         of: what it is drawn against, names of `Region`.
+        also: further states that the same disturbance drives, with their rates: what leaks from one
+            chamber comes into the other.
     """
 
     name: str
     unit: str
     state: int
-    rate: Callable[[Array, Mapping[str, float]], Array]
+    rate: Rate
     shown: tuple[str, float]
     of: tuple[str, ...]
+    also: tuple[tuple[int, Rate], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,6 +179,13 @@ def _chamber_rate(states: Array, values: Mapping[str, float], chamber: int) -> A
     return np.asarray(par.bulk_modulus * TICK / volumes[chamber])
 
 
+def _leak_rate(states: Array, values: Mapping[str, float], chamber: int) -> Array:
+    """Return the change of a chamber's pressure by an opening to the other (eqs. 5.1, 5.2)."""
+    difference = states[:, 2] - states[:, 3]
+    flow = np.sign(difference) * np.sqrt(np.abs(difference))
+    return (flow if chamber else -flow) * _chamber_rate(states, values, chamber)
+
+
 def _force_rate(states: Array, values: Mapping[str, float]) -> Array:
     mass = values["moving_mass"] + values["payload_mass"]
     return np.full(len(states), -TICK / mass)
@@ -200,6 +207,12 @@ EQUATIONS: Final = (
     Equation(
         "flow, chamber 2", "m^3/s", 3, lambda x, v: _chamber_rate(x, v, 1), _LITRES,
         ("spool opening", "pressure 2", "velocity", "position"),
+    ),
+    # An opening rather than a flow: what leaks at one place of the stroke turns with the pressures.
+    Equation(
+        "leak across the piston", "m^3/(s Pa^0.5)", 2, lambda x, v: _leak_rate(x, v, 0),
+        ("L/min/MPa^0.5", 1e3 / LITRE_PER_MINUTE), ("position", "pressure difference"),
+        ((3, lambda x, v: _leak_rate(x, v, 1)),),
     ),
     Equation("spool", "m", 1, _spool_rate, ("um", 1e6), ("command", "spool opening")),
 )  # fmt: skip

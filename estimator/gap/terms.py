@@ -124,6 +124,6 @@ def _along_a_length(name: str, low: float, high: float, times: Sequence[str]) ->
         yield Term(name, "wave", "", (float(1.0 / inverse),))
     step = span / (BUMPS - 1)
     for middle in np.linspace(low, high, BUMPS):
-        for width in (0.5 * step, step):
+        for width in (0.5 * step, step, 2.0 * step):
             for factor in times:
                 yield Term(name, "bump", factor, (float(middle), float(width)))

@@ -25,6 +25,7 @@ from .search import MATERIAL, Found, Named, Search
 from .signatures import ENDLESS, absorbed, cosines, limits
 from .suitability import unsuitable, usable, worse_than_resting
 from .unknown import Unknown, find_unknown
+from .unsettled import compared, unsettled
 from .variables import Values, Variable, effect_variables
 from .with_term import with_term
 
@@ -95,6 +96,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     weak = not found.named or found.explained < EXPLAINED
     # First what takes the fitter as the search has left it: other values filter the records anew.
     known = None if weak else _known(search, found, seen)
+    left = unsettled(fitter, search.twins(found.fitted.values), found.fitted.values)
     if found.named:
         after = attribution(fitter, found.fitted.values, found.variables)
         result.rest = _ranked(
@@ -103,6 +105,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         )
     resting = [] if weak else _resting(fitter, judged, found.fitted.values)
     fitter.refresh(found.refitted.values)
+    left = compared(left, fitter, found.refitted.values)
     before = attribution(fitter, found.refitted.values, search.nuisances)
     result.where = _ranked(
         before.curves(found.floor),
@@ -121,7 +124,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     if found.named:
         _measure(result, fitter.predictor, judged.records, found.fitted.values, fitter.pool)
     ahead = (result.gap_before, result.gap_after)
-    judgement = judge(found, result.rest, resting, excess, without, shown, ahead)
+    judgement = judge(found, result.rest, resting, excess, without, shown, ahead, left)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest = result.where

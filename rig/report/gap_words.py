@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import ceil, floor, isfinite, log10
 from typing import Final
 
+from estimator.gap.judging import NOWHERE
 from estimator.gap.results import (
     Band,
     ChannelGap,
@@ -110,8 +111,13 @@ def headline(result: GapResult) -> str:
     """Return the finding in one sentence."""
     if result.verdict == "missing_effect":
         return f"The model lacks {'; '.join(_named(each) for each in result.effects)}."
-    if result.verdict == "unknown_effect" and result.rest:
-        curve = result.rest[0]
+    if result.verdict == "unknown_effect":
+        curve = result.rest[0] if result.rest else None
+        if curve is None or curve.share < NOWHERE:
+            return (
+                "Something is missing that neither an effect of the catalogue nor a steady "
+                "disturbance of one equation explains."
+            )
         return (
             f"A disturbance of the {curve.equation} that goes with the {curve.region} is missing, "
             "and no effect of the catalogue explains it."

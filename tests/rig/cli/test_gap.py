@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from rig.plant import NOMINAL, Parameters
 from rig.plant.added_terms import AddedTerm, fields_of, terms_of
 from rig.plant.integrator import TICK
 from rig.recording import Recording, export
+from rig.report.gap_words import headline
 from tools.friction_coverage import recorded
 
 Invoke = Callable[..., Any]
@@ -213,3 +215,11 @@ def test_a_page_that_cannot_be_made_leaves_nothing_behind(
     monkeypatch.setattr("rig.runner.gap.dump_model", fails)
     assert invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out").code == 1
     assert list((files / "out").iterdir()) == []
+
+
+def test_the_headline_names_no_place_that_explains_next_to_nothing() -> None:
+    unknown = found()
+    unknown.verdict, unknown.effects, unknown.names = "unknown_effect", [], ()
+    assert "flow, chamber 1 that goes with the spool opening" in headline(unknown)
+    unknown.rest = [replace(unknown.rest[0], share=0.02)]
+    assert "nor a steady disturbance" in headline(unknown)
