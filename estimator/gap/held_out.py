@@ -58,13 +58,15 @@ def channel_gaps(
         "floor": [(after, index, twin) for index in numbers for twin in range(FLOOR_TWINS)],
     }
     found = pool.map(run, [task for of_name in tasks.values() for task in of_name])
-    mean = {}
+    mean, scatter = {}, np.zeros(len(outputs))
     for name, of_name in tasks.items():
         parts = list(islice(found, len(of_name)))
         lengths = [float(len(records[index])) for _, index, _ in of_name]
         mean[name] = tuple(
             np.average([part[k] for part in parts], axis=0, weights=lengths) for k in range(3)
         )
+        if name == "floor":
+            scatter = _scatter([part[0] for part in parts], [len(record) for record in records])
     ends = edges(predictor.plant.period)
     gaps: list[ChannelGap] = []
     for k, output in enumerate(outputs):
@@ -82,9 +84,23 @@ def channel_gaps(
                     Band(low, high, *(float(mean[name][2][band, k]) for name in mean))
                     for band, (low, high) in enumerate(pairwise(ends))
                 ),
+                float(scatter[k]) / variances[k],
             )
         )  # fmt: skip
     return gaps
+
+
+def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
+    """Return the standard deviation by chance of one run's mean squares less the floor, (outputs,).
+
+    Args:
+        squares: of each record's twins, one record after the other.
+        lengths: of the records.
+    """
+    by_record = np.reshape(squares, (len(lengths), FLOOR_TWINS, -1))
+    shares = np.array(lengths)[:, None] / sum(lengths)
+    variances = (shares**2 * by_record.var(axis=1, ddof=1)).sum(axis=0)
+    return np.asarray(np.sqrt(variances * (1.0 + 1.0 / FLOOR_TWINS)))
 
 
 def mean_gap(gaps: Sequence[ChannelGap]) -> tuple[float, float]:

@@ -29,6 +29,9 @@ _PINNED: Final = 1e-3
 AHEAD: Final = 5.0
 """Noise variances of gap over the horizon held out that are too much to be left, where names took
 less than half away or are as many as may be. Chosen with blind trials in sight (docs/gap.md)."""
+_SURE: Final = 2.0
+"""Standard deviations by which a gap must be above that bound: where a ram sticks and slips, twins
+of the same rig differ by several noise variances."""
 HALVED: Final = 0.5
 """Part of the gap over the horizon that names must take away, where more than that is left."""
 CONFIRMED: Final = 0.1
@@ -98,6 +101,7 @@ def judge(
     located: float | None = None,
     ahead: tuple[float, float] = (float("nan"), float("nan")),
     unsettled: Sequence[Unsettled] = (),
+    scatter: float = 0.0,
 ) -> Judgement:
     """Return the verdict.
 
@@ -111,6 +115,7 @@ def judge(
             `rest` if not given.
         ahead: gap over the horizon held out, of the model as given and with all that was found, in
             noise variances.
+        scatter: of the gap that is left, by chance: one standard deviation.
         unsettled: of each channel, what of its errors goes with the motion with all that was found.
     """
     excess = found.fitted.cost / found.samples - found.floor
@@ -155,7 +160,7 @@ def judge(
     given, left = ahead
     if (
         found.named
-        and left > AHEAD
+        and left > AHEAD + _SURE * scatter
         and (left > (1.0 - HALVED) * given or len(found.named) == MOST_EFFECTS)
     ):
         return Judgement("unknown_effect", (_not_ahead(found, given, left),))

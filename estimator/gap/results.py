@@ -147,6 +147,7 @@ class ChannelGap:
         whiteness_after: likewise.
         whiteness_floor: likewise, of the twin.
         bands: power of the innovations by frequency.
+        scatter: of `after - floor` by chance, as twins scatter: one standard deviation.
     """
 
     channel: str
@@ -161,6 +162,7 @@ class ChannelGap:
     whiteness_after: float
     whiteness_floor: float
     bands: tuple[Band, ...] = ()
+    scatter: float = 0.0
 
 
 @dataclass(frozen=True)

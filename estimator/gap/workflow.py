@@ -124,7 +124,8 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     if found.named:
         _measure(result, fitter.predictor, judged.records, found.fitted.values, fitter.pool)
     ahead = (result.gap_before, result.gap_after)
-    judgement = judge(found, result.rest, resting, excess, without, shown, ahead, left)
+    scatter = float(np.mean([gap.scatter for gap in result.channels])) if found.named else 0.0
+    judgement = judge(found, result.rest, resting, excess, without, shown, ahead, left, scatter)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest = result.where

@@ -167,6 +167,7 @@ def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
                 "floor": _plain(gap.floor),
                 "rms_before": _plain(gap.rms_before),
                 "rms_after": _plain(gap.rms_after),
+                "scatter": _plain(gap.scatter),
                 "unit": gap.unit,
                 "whiteness": {
                     "before": _plain(gap.whiteness_before),

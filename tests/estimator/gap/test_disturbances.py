@@ -282,6 +282,12 @@ def test_names_that_leave_the_gap_over_the_horizon_open_are_not_claimed(
     assert judge(found, [], [], 0.0, ahead=ahead).verdict == verdict
 
 
+def test_a_gap_that_twins_have_too_speaks_against_no_name() -> None:
+    found, ahead = _found(5.0, 0.02, True), (9.0, 8.0)
+    assert judge(found, [], [], 0.0, ahead=ahead, scatter=1.0).verdict == "unknown_effect"
+    assert judge(found, [], [], 0.0, ahead=ahead, scatter=3.0).verdict == "missing_effect"
+
+
 def test_recordings_held_out_that_no_finding_explains_support_no_verdict() -> None:
     found = _found(0.005, 0.005, False)
     assert judge(found, [_curve(0.9)], [], 5.0).verdict == "inconclusive"
