@@ -145,10 +145,14 @@ class Fitter:
         def run(task: tuple[list[int], int]) -> list[Array]:
             group, number = task
             values_of = [columns[i].values for i in group]
-            changed = self.predictor.innovations_of(self.records[number], values_of)
+            record, base = self.records[number], bases[number][0]
+            if len(group) == 1:
+                changed = [self.predictor.innovations(record, values_of[0])[0]]
+            else:
+                # Lanes round otherwise, and where a ram sticks and slips that is not little.
+                base, *changed = self.predictor.innovations_of(record, [values, *values_of])
             return [
-                _change(each, bases[number][0], columns[i].size)
-                for i, each in zip(group, changed, strict=True)
+                _change(each, base, columns[i].size) for i, each in zip(group, changed, strict=True)
             ]
 
         def disturb(number: int) -> Array:

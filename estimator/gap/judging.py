@@ -10,7 +10,7 @@ from .fit import Fitter
 from .linear import cost_of, slices_of
 from .results import Curve, Verdict
 from .search import CHANCE, HELD_OUT, MATERIAL, MOST_EFFECTS, Found, Search, deviate
-from .unsettled import Unsettled
+from .unsettled import LEFT, Unsettled
 from .variables import Values, Variable
 
 EXPLAINED: Final = 0.8
@@ -34,6 +34,9 @@ _SURE: Final = 2.0
 of the same rig differ by several noise variances."""
 HALVED: Final = 0.5
 """Part of the gap over the horizon that names must take away, where more than that is left."""
+SHOWN: Final = 1.0
+"""Noise variances a reading held out that what is missing makes, from which it shows there: ten
+times what is too much to be left."""
 CONFIRMED: Final = 0.1
 """Part of what an effect would gain on held-out recordings, were it exact, that it must gain."""
 
@@ -150,7 +153,9 @@ def judge(
     if free > MATERIAL and (unexplained or free > FREE * before):
         return Judgement("unknown_effect", _unknown(found, rest[0]))
     stirred = [channel for channel in unsettled if channel.counts]
-    if stirred:
+    # A motion held out that shows what is missing, and that names predict, outweighs one fitted to.
+    borne_out = held_out_before > SHOWN and held_out < LEFT * held_out_before
+    if stirred and not (found.named and borne_out):
         return Judgement("unknown_effect", (_stirred(found, stirred),))
     beyond = _at_an_end(found)
     if beyond and excess > MATERIAL:

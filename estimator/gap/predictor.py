@@ -93,8 +93,8 @@ class Predictor:
     def groups(self, values: Sequence[Values]) -> list[list[int]]:
         """Return which of some values are to be run together (`innovations_of`).
 
-        Those that a plant can run side by side, at most as many as there are lanes; the others
-        each by itself.
+        Those that a plant can run side by side, one less than there are lanes, the last being for
+        what they are compared with; the others each by itself.
         """
         in_lanes = self.plant.in_lanes
         alike: dict[tuple[float, ...], list[int]] = {}
@@ -106,7 +106,7 @@ class Predictor:
             else:
                 alike.setdefault(kind, []).append(index)
         for members in alike.values():
-            rounds = -(-len(members) // LANES)
+            rounds = -(-len(members) // (LANES - 1))
             found += [members[k::rounds] for k in range(rounds)]
         return found
 
