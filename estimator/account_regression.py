@@ -24,9 +24,17 @@ Array = NDArray[np.float64]
 NOISE_WEIGHT: Final = 8.0
 """How many values' worth of belief stands behind a noise variance of one."""
 LEAST_VARIANCE: Final = 0.25
-"""The noise variance is never believed to be less: the sensors' own (docs/detection.md)."""
+"""The noise variance of a model that errs as usual is never believed to be less."""
 _LEAST_INFORMATION: Final = 1e-6
 """Below this part of its raw information a column is all nuisance, up to round-off."""
+
+
+def least_variance(model_error: float) -> float:
+    """Return the noise variance that is believed at least.
+
+    Sensors are no quieter than on their data sheets; what a model errs by may be less than usual.
+    """
+    return 1.0 - (1.0 - LEAST_VARIANCE) * min(model_error, 1.0)
 
 
 @dataclass(frozen=True)
@@ -47,10 +55,11 @@ class Scores:
 
 
 @njit(cache=True, error_model="numpy")
-def _noise_variance(values, projected, squares, count):
+def _noise_variance(values, projected, squares, count, least):
     """Return the noise variance that is its own re-estimate (MacKay 1992), and F's freedom.
 
-    `values` are the eigenvalues of F'F, `projected` is F'y in their axes, `squares` is y'y.
+    `values` are the eigenvalues of F'F, `projected` is F'y in their axes, `squares` is y'y;
+    the variance is `least` at least.
     """
     variance = 1.0
     used = 0.0
@@ -62,7 +71,7 @@ def _noise_variance(values, projected, squares, count):
             residual -= projected[a] * projected[a] * kept * (2.0 - values[a] * kept)
             used += values[a] * kept
         estimate = (NOISE_WEIGHT + residual) / (NOISE_WEIGHT + count - used)
-        estimate = max(estimate, LEAST_VARIANCE)
+        estimate = max(estimate, least)
         settled = abs(estimate - variance) < 1e-4 * variance
         variance = estimate
         if settled:
@@ -71,7 +80,9 @@ def _noise_variance(values, projected, squares, count):
 
 
 @njit(cache=True, error_model="numpy")
-def _score(rotated, squares, products, values, projected, total, freedom, variance, out):
+def _score(
+    rotated, squares, products, values, projected, total, freedom, variance, least, out
+):  # fmt: skip
     """Fill `out` (4, marks, faults) with the fields of `Scores`, beside a shift of unknown size.
 
     Args:
@@ -84,6 +95,7 @@ def _score(rotated, squares, products, values, projected, total, freedom, varian
         total: y'y.
         freedom: degrees of freedom of the noise variance that is left.
         variance: noise variance to weigh with.
+        least: noise variance that is believed at least.
         out: to fill.
     """
     m = values.size
@@ -127,7 +139,7 @@ def _score(rotated, squares, products, values, projected, total, freedom, varian
                 out[0, mark, i] = coefficient
                 out[1, mark, i] = information
                 out[2, mark, i] = explained
-                out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, LEAST_VARIANCE)
+                out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, least)
 
 
 class Regression:
@@ -138,18 +150,26 @@ class Regression:
         products: F'y, float64 (m,).
         total: y'y.
         count: values in y.
+        least: noise variance that is believed at least.
 
     Attributes:
         variance: the noise variance, estimated with the data.
         freedom: degrees of freedom behind it, less one for a column more.
     """
 
-    def __init__(self, squares: Array, products: Array, total: float, count: int) -> None:
+    def __init__(
+        self,
+        squares: Array,
+        products: Array,
+        total: float,
+        count: int,
+        least: float = LEAST_VARIANCE,
+    ) -> None:
         values, self._vectors = np.linalg.eigh(squares)
         self._values = np.maximum(values, 0.0)  # Round-off may leave F'F short of semidefinite.
         self._projected = self._vectors.T @ products
-        self._total = total
-        self.variance, used = _noise_variance(self._values, self._projected, total, count)
+        self._total, self._least = total, least
+        self.variance, used = _noise_variance(self._values, self._projected, total, count, least)
         self.freedom = NOISE_WEIGHT + count - used - 1.0
 
     def score(self, crossed: Array, products: FaultProducts, variance: float) -> Scores:
@@ -166,7 +186,7 @@ class Regression:
         whole = np.ascontiguousarray
         _score(
             rotated, whole(products.squares), whole(products.products), self._values,
-            self._projected, self._total, self.freedom, variance, out,
+            self._projected, self._total, self.freedom, variance, self._least, out,
         )  # fmt: skip
         return Scores(*out)
 

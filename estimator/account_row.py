@@ -6,7 +6,7 @@ by chamber 1 and 2 the missing flow, the nuisances and the faults, then the faul
 doubts by chamber, and the least and greatest position.
 """
 
-from math import sqrt
+from math import erfc, exp, pi, sqrt
 from typing import Final
 
 from numba import njit
@@ -90,10 +90,30 @@ _DROP_ERROR: Final = 2e5
 that, the orifice law is not linear in the error."""
 _RADIUS_SCALE: Final = 1e-6
 """m: the edge radius at which its flow is linearised."""
+_ROOT_OF_TWO: Final = sqrt(2.0)
+_PEAK: Final = sqrt(2.0 / pi)
+"""Mean absolute value of a standard normal number."""
+_TOLD: Final = 4.0
+_FAR: Final = 4.0
+"""Standard deviations from its edge at which noise does not open one any more."""
 _BLUR_REACH: Final = 3e-6
 """m: within this of null no straight line holds for the flow past real edges (`edge_*`'s sigma)."""
 _BLUR: Final = 3e-7
 """m: what the opening may be off by there, a tenth of that tolerance, after the nuisances."""
+
+
+@inlined
+def _rectified(distance, deviation):
+    """Return what noise adds to the mean of an absolute value: E|d + e| - |d|, e normal, in m.
+
+    Twice what it adds to the mean opening of an edge that opens from d = 0 on.
+    """
+    away = abs(distance)
+    if away >= _FAR * deviation:
+        return 0.0
+    scaled = away / deviation
+    density = _PEAK * exp(-0.5 * scaled * scaled)
+    return deviation * (density - scaled * erfc(scaled / _ROOT_OF_TWO))
 
 
 @inlined
@@ -119,7 +139,9 @@ def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
 
 
 @njit(cache=True, error_model="numpy")
-def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
+def add_sample(
+    spool, spool_rate, steady, deviation, null_bias, null_spread, p1, p2, par, row
+):  # fmt: skip
     """Add one sample's flows and signatures to the sums in `row`.
 
     A signature is the missing flow of a rig with one unit more of a weakness than the model. The
@@ -130,6 +152,8 @@ def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
     Args:
         spool: its displacement in the middle of the sample, m.
         spool_rate: m/s.
+        steady: the spool's displacement averaged over its noise, m.
+        deviation: of that noise in `spool`, one standard deviation, m.
         null_bias: of the spool, m.
         null_spread: how far that may be off, m.
         p1: pressure of chamber 1, Pa.
@@ -156,6 +180,14 @@ def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
         q2 -= g2 * (true_opening - opening)
     slope_1 = 0.5 * q1 / max(drop_1, _LEAST_DROP)
     slope_2 = 0.5 * q2 / max(drop_2, _LEAST_DROP)
+    # Noise about null opens one edge, then the other, of which no oil knows.
+    lap = par.valve_deadband - par.valve_underlap_leakage
+    forth = 0.5 * conductance * _rectified(steady + null_bias - lap, deviation)
+    reverse = 0.5 * conductance * _rectified(steady + null_bias + lap, deviation)
+    fed_1, fed_2 = signed_root(supply - p1), signed_root(supply - p2)
+    drained_1, drained_2 = signed_root(p1 - back), signed_root(p2 - back)
+    q1 -= forth * fed_1 - reverse * drained_1
+    q2 -= (1.0 - par.valve_flow_asymmetry) * (forth * drained_2 - reverse * fed_2)
     leak_1, leak_2, leak_12 = leak_flows(p1, p2, back, par, NO_FAULT)
     row[MISSING] += q1 - leak_1 - leak_12
     row[MISSING + 1] += -q2 - leak_2 + leak_12
@@ -173,8 +205,7 @@ def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
     # A rounded edge still passes oil where it should be shut, from the supply and to the return.
     scaled = away / _RADIUS_SCALE
     ajar = 0.5 * conductance * (sqrt(1.0 + scaled * scaled) - scaled)
-    through_1 = signed_root(supply - p1) - signed_root(p1 - back)
-    through_2 = signed_root(supply - p2) - signed_root(p2 - back)
+    through_1, through_2 = fed_1 - drained_1, fed_2 - drained_2
     row[_RADIUS] -= ajar * through_1
     row[_RADIUS + 1] -= ajar * through_2
     row[_LANDS] -= supply + back - 2.0 * p1
@@ -202,7 +233,7 @@ def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
     row[_DELAY] -= g1 * spool_rate
     row[_DELAY + 1] += g2 * spool_rate
 
-    e1, e2, e12 = signed_root(p1 - back), signed_root(p2 - back), signed_root(p1 - p2)
+    e1, e2, e12 = drained_1, drained_2, signed_root(p1 - p2)
     row[_SEAL_1] += e1
     row[_SEAL_2 + 1] += e2
     row[_SEAL] += e12
@@ -211,17 +242,17 @@ def add_sample(spool, spool_rate, null_bias, null_spread, p1, p2, par, row):
     row[_LEAK_2 + 1] += e2
     row[_LEAK_12] += e12
     row[_LEAK_12 + 1] -= e12
-    if extending:
-        row[_SUPPLY_LEAK] += slope_1
-        row[_BLOCKAGE + 1] -= slope_2 * q2 * q2
-    else:
-        row[_SUPPLY_LEAK + 1] -= slope_2
-        row[_BLOCKAGE] += slope_1 * q1 * q1
     row[SIZE] += abs(e1)
     row[SIZE + 1] += abs(e2)
     row[SIZE + 2] += abs(e12)
-    row[SIZE + 3] += abs(slope_1) if extending else abs(slope_2)
-    row[SIZE + 4] += abs(slope_2 * q2 * q2) if extending else abs(slope_1 * q1 * q1)
+    # A flow that noise lets through tells nothing of the lines, and errs as the account does.
+    if away > _TOLD * deviation:
+        fed, returned = (slope_1, slope_2 * q2 * q2) if extending else (slope_2, slope_1 * q1 * q1)
+        chamber = 0 if extending else 1
+        row[_SUPPLY_LEAK + chamber] += fed if extending else -fed
+        row[_BLOCKAGE + 1 - chamber] += -returned if extending else returned
+        row[SIZE + 3] += abs(fed)
+        row[SIZE + 4] += abs(returned)
 
     row[DOUBT] += _doubt(conductance * opening, drop_1)
     row[DOUBT + 1] += _doubt(conductance * opening, drop_2)

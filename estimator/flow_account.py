@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rig.plant import Parameters
 from rig.plant.integrator import TICK
+from rig.plant.sensors import DATA_SHEET
 
 from .account_row import (
     BRIDGED,
@@ -53,6 +54,12 @@ _LONGEST: Final = 16 * BLOCK_TICKS
 """Cavities open and close again, so an account is only drawn up when neither chamber is dry; until
 then its block grows, by half a second at a time, and is given up after 8 s."""
 
+
+_SHARE: Final = 0.01
+"""Of the latest sample in the averages of the spool and of its noise: they take 0.1 s."""
+_SPOOL_NOISE: Final = 0.43 * DATA_SHEET.spool_noise
+"""m: what a transducer's noise makes of the product filter's estimate of a spool at rest. Where the
+estimate varies by more than that, the spool moves."""
 
 _REACH: Final = 5
 """Ticks from one measured sample to the next that the filter bridges. In between, the flow is that
@@ -102,9 +109,10 @@ def _accumulate(
 ):  # fmt: skip
     """Add samples to the running block `row`; move finished blocks to `rows`, return their number.
 
-    `last` keeps (samples in the block, last spool, p1, p2, position, samples since a measured one)
-    between calls; samples are -1 while no block can begin, for want of a sample before it or
-    because a chamber is dry. Samples before the filter has started are NaN and passed over.
+    Between calls `last` keeps samples in the block, last spool, p1, p2, position, samples since a
+    measured one, average of the spool and of its squared deviation from that. Samples are -1 while
+    no block can begin, for want of a sample before it or because a chamber is dry. Samples before
+    the filter has started are NaN and passed over.
     """
     finished = 0
     for k in range(time_s.size):
@@ -116,13 +124,19 @@ def _accumulate(
             bridged = last[5] if last[5] <= _REACH else 1.0
             last[5] = 0.0
         dry = min(p1[k], p2[k]) < DRY
+        apart = spool[k] - last[6]
+        last[6] += _SHARE * apart
+        last[7] += _SHARE * (apart * apart - last[7])
         if last[0] >= 0.0:
             if last[0] == 0.0:
                 row[LEAST] = row[LEAST + 1] = last[4]
             rate = (spool[k] - last[1]) / TICK
             oil_1, oil_2 = 0.5 * (p1[k] + last[2]), 0.5 * (p2[k] + last[3])
             middle = 0.5 * (spool[k] + last[1])
-            add_sample(middle, rate, null_bias, null_spread, oil_1, oil_2, par, row)
+            deviation = min(sqrt(last[7]), _SPOOL_NOISE)
+            add_sample(
+                middle, rate, last[6], deviation, null_bias, null_spread, oil_1, oil_2, par, row
+            )
             moved = (position[k] - last[4]) / TICK
             rise_1, rise_2 = (p1[k] - last[2]) / TICK, (p2[k] - last[3]) / TICK
             middle = 0.5 * (position[k] + last[4])
@@ -157,7 +171,7 @@ class FlowAccount:
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
-        self._last = np.array([-1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        self._last = np.array([-1.0, *[0.0] * 7])
         self._row = np.zeros(WIDTH)
 
     @property

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .account_regression import LEAST_VARIANCE
+from .account_regression import least_variance
 from .account_row import FAULTS
 from .account_sums import SHIFT, AccountSums, FaultProducts
 from .block_noise import RecentBlocks, lasting_noise
@@ -80,7 +80,7 @@ def growths(
         # What is left of the missing flow, beliefs about nuisances included, tells the noise anew.
         left = (total - fit.explained) / (2 * sums.blocks - marks.size)
         if not 0.5 < left / variance < 2.0:
-            left = max(left, LEAST_VARIANCE)
+            left = max(left, least_variance(model_error))
             fit = JointFit(sums, products, shapes, [*marks, *marks], left)
         onsets = [int(sums.mark_blocks[mark]) for mark in (*marks, *marks)]
         present = list(zip(shapes, onsets, fit.coefficients, strict=True))

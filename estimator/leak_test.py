@@ -12,7 +12,7 @@ has the formulae.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, inf, log, pi, sqrt
+from math import inf, log, pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rig.plant.parameters import LITRE_PER_MINUTE
 
-from .account_regression import Regression, Scores
+from .account_regression import Regression, Scores, least_variance
 from .account_row import FAULT_COUNT, INTERNAL_LEAKAGE, SUPPLY_LEAKAGE
 from .account_sums import MARKS, SHIFT, AccountSums, FaultProducts
 from .block_noise import RecentBlocks, lasting_noise
@@ -33,14 +33,25 @@ from .nuisances import NUISANCE_COUNT, NUISANCES, nuisance_index
 Array = NDArray[np.float64]
 
 NOISE: Final = 0.01
-"""Expected noise of one block's missing flow, L/min: the sensors' own and errors of the model."""
-SENSOR_NOISE: Final = 0.002
-"""The sensors' part of it (docs/detection.md)."""
+"""Expected noise of one block's missing flow by errors of the model, L/min."""
+SENSOR_ERRORS: Final = {
+    "spool_null_bias": 2.9e-8,
+    "pressure_1_bias": 1.4e3,
+    "pressure_2_bias": 1.4e3,
+}
+"""What sensors' noise makes of the means over a block, one standard deviation, m and Pa: 1 um and
+30 kPa a sample over 500 of them; the filter takes two fifths off the spool's (docs/detection.md).
+They enter an account as the nuisances of that name do, both chambers at once."""
+OWN_NOISE: Final = 0.0006
+"""L/min, of each chamber beside that: what the ends of a block are not known by."""
 DEAD_ZONE: Final = (0.01, 0.01, 0.015, 0.04, 0.04)
 """Flow in L/min that no fault is claimed for, by fault: what the model may still be wrong by after
 the nuisances. 0.1 um of metering edge is 0.01 L/min; edges near null, where a ram that is held
 works, look most like an internal leak; supply and return pressures wander by more than leaks."""
 _DEAD_ZONE: Final = np.array(DEAD_ZONE)
+_LEAST_PART: Final = np.array([0.0, 0.0, 0.0, 0.25, 0.25])
+"""Of the dead zone, that stays if a model errs less than usual: what supply and return do is not
+linear in their tolerances, by which the accounts follow them."""
 RELATIVE_DEAD_ZONE: Final = 0.05
 """Beside a fault, another one must exceed this part of its flow too, and a fault that is down to it
 has gone: the leak law is not exact."""
@@ -64,8 +75,9 @@ ONSETS: Final = MARKS
 SHARES: Final = FAULT_COUNT + 1
 """What shares the stated rate where the supply pressure is measured: the faults, and the test of
 that pressure (`supply_test`)."""
-DIRECTIONS: Final = 4.0
-"""Faults that noise could be taken for, in effect: by simulation (`tools/alarm_threshold.py`)."""
+DIRECTIONS: Final = 2.0
+"""Faults that noise could be taken for, in effect: 0.8 to 1.6 by simulation, rounded up
+(`tools/alarm_threshold.py`)."""
 LEFT_OUT: Final = 0.3
 """What the statistic is lower by for leaving out the block that speaks most: likewise."""
 _RIVAL_GAIN: Final = 20.0
@@ -73,6 +85,13 @@ _RIVAL_GAIN: Final = 20.0
 MOST_MODEL_ERROR: Final = 10.0
 """Greatest factor on what is allowed for errors of the model."""
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
+_SENSORS: Final = [nuisance_index(name) for name in SENSOR_ERRORS]
+_IN_SIGMAS: Final = np.array(
+    [
+        error / NUISANCES[at].sigma
+        for error, at in zip(SENSOR_ERRORS.values(), _SENSORS, strict=True)
+    ]
+)
 _SETTLED_PART: Final = 0.8
 """Noise that a fault explains this much of was mostly that fault: it is estimated anew."""
 
@@ -90,10 +109,11 @@ def checked_model_error(model_error: float) -> float:
     return model_error
 
 
-def _expected_noise(model_error: float) -> float:
-    """Return the expected noise of a block's missing flow in m^3/s, errors of the model scaled."""
-    model = model_error * sqrt(NOISE**2 - SENSOR_NOISE**2)
-    return hypot(SENSOR_NOISE, model) * LITRE_PER_MINUTE
+def sensor_noise(block: AccountBlock) -> Array:
+    """Return the covariance (2, 2) of what sensors make of a block's missing flows, (m^3/s)^2."""
+    errors = block.nuisances[:, _SENSORS] * _IN_SIGMAS
+    own = (OWN_NOISE * LITRE_PER_MINUTE) ** 2
+    return np.asarray(errors @ errors.T + own * np.eye(2))
 
 
 @dataclass(frozen=True)
@@ -188,9 +208,9 @@ class LeakTest:
             )
         self.false_alarms_per_day = false_alarms_per_day
         self.model_error = checked_model_error(model_error)
-        self._dead_zone = model_error * _DEAD_ZONE
+        self._dead_zone = np.maximum(model_error, _LEAST_PART) * _DEAD_ZONE
         self._relative_dead_zone = model_error * RELATIVE_DEAD_ZONE
-        self._noise = _expected_noise(model_error)
+        self._least_variance = least_variance(model_error)
         self.sums = AccountSums()
         self._expected = expected
         self._root = np.linalg.cholesky(expected.covariance)
@@ -232,18 +252,26 @@ class LeakTest:
         """Take one more block; incomplete blocks only pass the time."""
         if not block.complete:
             return
-        # Where nuisances may do more than their signatures say, the account counts for less.
-        noise = np.hypot(self._noise, self.model_error * block.doubts)
-        nuisances = block.nuisances / noise[:, None]
-        missing = block.missing / noise - nuisances @ self._expected.mean
+        white = self._whitening(block)
+        nuisances = white @ block.nuisances
+        missing = white @ block.missing - nuisances @ self._expected.mean
         # A null that shifts may begin like a fault: a fault has to explain more than that.
         shift = self.model_error * block.nuisances[:, _NULL_BIAS]
-        shapes = np.column_stack([block.faults, shift]) / noise[:, None]
+        shapes = white @ np.column_stack([block.faults, shift])
         rows = missing, nuisances @ self._root, shapes
         self._recent.add(*rows)
         self.sums.add(block, rows, self._kept)
         self._scored.clear()
         self._findings = self._healthy_noise = None
+
+    def _whitening(self, block: AccountBlock) -> Array:
+        """Return what makes a block's expected noise white and 1, float64 (2, 2), s/m^3.
+
+        Where nuisances may do more than their signatures say, the account counts for less.
+        """
+        model = np.full(2, self.model_error * NOISE * LITRE_PER_MINUTE)
+        model = np.hypot(model, self.model_error * block.doubts)
+        return np.linalg.inv(np.linalg.cholesky(sensor_noise(block) + np.diag(model**2)))
 
     def search(self) -> list[Finding]:
         """Return the faults found in all blocks so far: none, one, or two at once."""
@@ -258,7 +286,18 @@ class LeakTest:
         if first is None:
             return self._pair() or self._slow()
         second = self._best(first)
-        return [first] if second is None else [self._beside(first, second), second]
+        if second is not None:
+            return [self._beside(first, second), second]
+        # Two leaks at once may pass for one fault of the lines, which explains both a little.
+        pair = self._pair() if first.fault >= SUPPLY_LEAKAGE else []
+        if pair and self._explained(*pair) > first.likelihood + _RIVAL_GAIN:
+            return pair
+        return [first]
+
+    def _explained(self, first: Finding, second: Finding) -> float:
+        """Return the gain in twice the log likelihood of two faults together."""
+        alone = self._candidates().gain[self._mark(first), first.fault]
+        return float(alone) + second.likelihood
 
     def _pair(self) -> list[Finding]:
         """Return two faults neither of which stands out while the other passes for noise."""
@@ -447,7 +486,7 @@ class LeakTest:
         if beside is not None:
             ff, fy, crossed = _fault_as_nuisance(beside, self._mark(beside), products, ff, fy)
             visible[:, beside.fault] = False
-        regression = Regression(ff, fy, yy, 2 * self.blocks)
+        regression = Regression(ff, fy, yy, 2 * self.blocks, self._least_variance)
         variance = regression.variance
         for _ in range(3):
             scores = regression.score(crossed, products, variance)

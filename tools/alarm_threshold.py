@@ -32,20 +32,17 @@ from estimator.leak_test import (
     DIRECTIONS,
     LEFT_OUT,
     MINIMUM_BLOCKS,
-    SENSOR_NOISE,
     WITNESSES,
     LeakTest,
+    sensor_noise,
 )
 from estimator.oil_account import OilAccount
 from rig.plant import Model
 from rig.plant.lanes import LANES
-from rig.plant.parameters import LITRE_PER_MINUTE
 from tools.healthy_hours import RUN_S, Setting, poisson_interval, run_group
 
 Array = NDArray[np.float64]
 
-BETWEEN_CHAMBERS: Final = -0.9
-"""Correlation of the noise of both chambers' accounts of one block."""
 LIMITS: Final = (3.3, 3.55, 3.8, 4.05, 4.3)
 _LOWEST: Final = 2.0
 """Statistics below it are not looked at closely."""
@@ -72,15 +69,12 @@ class _NoiseWatcher:
         self._account = OilAccount(Model().parameters, LeakTest(1.0, model_error=0.0))
         self._test = _Highest(1.0, model_error=0.0)
         self._noise = np.random.default_rng((seed, 2))
-        spread = (SENSOR_NOISE * LITRE_PER_MINUTE) ** 2
-        within = np.array([[1.0, BETWEEN_CHAMBERS], [BETWEEN_CHAMBERS, 1.0]])
-        self._root = np.linalg.cholesky(spread * within)
         self.statistics: list[float] = []
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> None:
         """Take the next block."""
         for block in draw_up(self._account, samples, run):
-            missing = self._root @ self._noise.standard_normal(2)
+            missing = np.linalg.cholesky(sensor_noise(block)) @ self._noise.standard_normal(2)
             self._test.add(replace(block, missing=missing, doubts=np.zeros(2)))
             self.statistics.append(self._test.highest())
 

@@ -265,12 +265,21 @@ def read_groups(file: Path) -> dict[int, Group]:
 
 
 def study(
-    hours: float, setting: Setting, jobs: int, out: Path, run_s: float = RUN_S
+    hours: float, setting: Setting, jobs: int, out: Path, run_s: float = RUN_S, first: int = 0
 ) -> dict[str, Any]:
-    """Run the groups that are not kept from before, and return the summary of all."""
+    """Run the groups that are not kept from before, and return the summary of all.
+
+    Args:
+        hours: rig-hours, rounded up to whole groups.
+        setting: of the detectors.
+        jobs: processes.
+        out: folder for what was done.
+        run_s: seconds of each rig.
+        first: number of the first group, by which its rigs are drawn.
+    """
     out.mkdir(parents=True, exist_ok=True)
     kept = out / f"groups-{setting.name}-{source_key(_ROOT)}.jsonl"
-    numbers = range(ceil(hours * 3600.0 / (run_s * LANES)))
+    numbers = range(first, first + ceil(hours * 3600.0 / (run_s * LANES)))
     done = read_groups(kept)
     left = [number for number in numbers if number not in done]
     # A process for each core: matrices of 20 by 20 gain nothing from threads of their own.
@@ -300,6 +309,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=float, default=10.0, help="rig-hours (default 10)")
     parser.add_argument("--false-alarms-per-day", type=float, default=1.0, help="the setting")
+    parser.add_argument("--first-group", type=int, default=0, help="of rigs drawn (default 0)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (default 1)")
     parser.add_argument("--out", type=Path, required=True, help="folder for what was done")
     parser.add_argument(
@@ -316,7 +326,7 @@ def main() -> None:
     options = parser.parse_args()
     allowed = checked_model_error(options.model_error)
     setting = Setting(options.false_alarms_per_day, allowed, options.known_rigs)
-    found = study(options.hours, setting, options.jobs, options.out)
+    found = study(options.hours, setting, options.jobs, options.out, first=options.first_group)
     low, high = found["interval_per_day"]
     console = Console(width=110)
     console.print(

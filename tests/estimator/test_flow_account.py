@@ -16,6 +16,7 @@ from estimator.flow_account import (
 )
 from estimator.nuisances import NUISANCES
 from rig.plant import NOMINAL, Model, Parameters
+from rig.plant.dynamics import valve_conductance
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.simulation import simulate
 
@@ -235,3 +236,35 @@ def test_leaks_are_quoted_at_their_reference_drops() -> None:
     assert reference_drop(NOMINAL, "internal_leakage") == pytest.approx(2.6e6, rel=0.01)
     flow = reference_flow(NOMINAL, "external_leakage_2", 3.87e-9) / LITRE_PER_MINUTE
     assert flow == pytest.approx(0.61, abs=0.01)
+
+
+def at_rest(noise: float, opening: float = 0.0) -> list[AccountBlock]:
+    """Return accounts of a ram held for a minute, of whose spool an estimate is noisy (m)."""
+    count = 120 * BLOCK_TICKS + 1
+    shocks = np.random.default_rng(1).standard_normal(count)
+    spool = np.zeros(count)
+    for k in range(1, count):
+        spool[k] = 0.5 * spool[k - 1] + 0.75**0.5 * noise * shocks[k]
+    held = (np.full(count, value) for value in (12e6, 2.7e6, 0.3, 1.0))
+    time_s = np.arange(count, dtype=np.float64) * 1e-3
+    return FlowAccount(NOMINAL).add(time_s, spool + opening, *held)
+
+
+def test_noise_about_null_lets_no_oil_through() -> None:
+    """It opens one edge, then the other, at unlike pressure drops: half its mean size is a flow."""
+    noise = 4.3e-7
+    supply, p1 = NOMINAL.supply_pressure, 12e6
+    unlike = np.sqrt(supply - p1) - np.sqrt(p1 - NOMINAL.return_pressure)
+    feigned = valve_conductance(NOMINAL) * 0.5 * noise * np.sqrt(2.0 / np.pi) * abs(unlike)
+    assert feigned / LITRE_PER_MINUTE > 0.01
+    assert abs(missing(at_rest(noise))[2:, 0].mean()) < 0.2 * feigned / LITRE_PER_MINUTE
+
+
+def test_noise_about_null_tells_nothing_of_the_lines() -> None:
+    """What it lets through errs as the account does, and would be taken for a fault's sign."""
+    lines = [FAULTS.index(name) for name in ("supply_leakage", "return_blockage")]
+    noisy, open_ = (
+        np.mean([block.sizes[lines] for block in at_rest(4.3e-7, opening)[2:]], axis=0)
+        for opening in (0.0, 5e-6)
+    )
+    assert (noisy < 1e-3 * open_).all()

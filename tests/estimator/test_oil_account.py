@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from estimator.account_row import FAULTS
 from estimator.account_sums import MARKS
 from estimator.detection import Decision, OilAccountDetector, draw_up
 from estimator.filters import FilterRun, start_memory
 from estimator.flow_account import AccountBlock
-from estimator.leak_test import LeakTest
+from estimator.leak_test import LeakTest, sensor_noise
 from estimator.nuisances import NUISANCES
 from estimator.oil_account import OilAccount
 from estimator.replay import filter_recording, part_of, samples_of, stretch
@@ -124,6 +125,22 @@ def test_a_leak_that_the_model_has_is_none() -> None:
     assert np.abs(missing[4:]).mean() / LITRE_PER_MINUTE < 0.01
     unaware = np.array([b.missing for b in blocks_of(recording, run)])
     assert np.abs(unaware[4:]).mean() / LITRE_PER_MINUTE > 0.1
+
+
+def test_accounts_of_a_rig_that_is_the_model_scatter_as_its_sensors_make_them(
+    sound: tuple[Recording, FilterRun],
+) -> None:
+    """What is left is white and of variance one, within its chi-square bounds of 99.9 %."""
+    left = np.array(
+        [
+            np.linalg.solve(np.linalg.cholesky(sensor_noise(block)), block.missing)
+            for block in blocks_of(*sound)[4:]
+        ]
+    )
+    low, high = chi2.ppf([0.0005, 0.9995], left.size) / left.size
+    assert low < (left**2).mean() < high
+    missing = np.array([block.missing for block in blocks_of(*sound)[4:]])
+    assert np.corrcoef(missing.T)[0, 1] < -0.6  # What errs into one chamber errs out of the other.
 
 
 def repeated(blocks: list[AccountBlock], count: int) -> list[AccountBlock]:
