@@ -19,7 +19,7 @@ demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write it
 # A file's tests share what they set up, so that files are what the workers share out. Three of them
 # on two processors: tests of processes mostly wait.
 test: $(INSTALLED) ## run the tests
-	@$(BIN)/python -m pytest -n 3 --dist loadgroup
+	@$(BIN)/python -m pytest -n 3 --dist loadfile
 
 test-long: $(INSTALLED) ## run the tests that test leaves out for their length
 	@$(BIN)/python -m pytest -n 2 -m long
