@@ -93,9 +93,8 @@ _RADIUS_SCALE: Final = 1e-6
 _ROOT_OF_TWO: Final = sqrt(2.0)
 _PEAK: Final = sqrt(2.0 / pi)
 """Mean absolute value of a standard normal number."""
-_TOLD: Final = 4.0
 _FAR: Final = 4.0
-"""Standard deviations from its edge at which noise does not open one any more."""
+"""Standard deviations from an edge at which noise neither opens it nor feigns a flow past it."""
 _BLUR_REACH: Final = 3e-6
 """m: within this of null no straight line holds for the flow past real edges (`edge_*`'s sigma)."""
 _BLUR: Final = 3e-7
@@ -246,7 +245,7 @@ def add_sample(
     row[SIZE + 1] += abs(e2)
     row[SIZE + 2] += abs(e12)
     # A flow that noise lets through tells nothing of the lines, and errs as the account does.
-    if away > _TOLD * deviation:
+    if away > _FAR * deviation:
         fed, returned = (slope_1, slope_2 * q2 * q2) if extending else (slope_2, slope_1 * q1 * q1)
         chamber = 0 if extending else 1
         row[_SUPPLY_LEAK + chamber] += fed if extending else -fed
