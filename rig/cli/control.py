@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from rig.runner.control_port import ask
+from rig.control_socket import ask
 from rig.runner.desk import Request
 
 from .application import EXIT_BAD_INPUT

@@ -9,17 +9,20 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 from rig.configuration.document import Sources
 from rig.configuration.lookup import shipped_config_dir
 from rig.configuration.problems import ConfigError, Problem
+from rig.control_socket import ask
 
 JOURNAL: Final = "journal.jsonl"
 MOST_RUNS: Final = 8
@@ -27,6 +30,10 @@ MOST_RUNS: Final = 8
 TAIL_BYTES: Final = 1 << 20
 """Of a journal, in which its last line begins."""
 LOG_BYTES: Final = 2000
+ASK_S: Final = 1.0
+"""How long a run may take to say that it stops, before it is interrupted."""
+ASKED: Final = "asked to stop"
+INTERRUPTED: Final = "interrupted"
 ENDINGS: Final = {
     0: "all as expected",
     1: "a test failed or was skipped",
@@ -218,13 +225,24 @@ class Launcher:
         running = self.present()
         return "" if running is None else running.folder.name
 
-    def interrupt(self) -> bool:
-        """Stop what runs here as Ctrl-C does; return whether there was anything."""
-        running = [launched for launched in self._launched if launched.exit_code is None]
-        for launched in running:
+    def stop(self, said: str) -> str:
+        """Stop what runs here, and return how: `ASKED`, `INTERRUPTED`, or empty if nothing runs.
+
+        Its control port is asked first: then its journal tells who stopped it and why. Where that
+        does not take it within `ASK_S`, the process is interrupted, as by Ctrl-C.
+
+        Args:
+            said: who stops it, and why.
+        """
+        done = ""
+        for launched in [each for each in self._launched if each.exit_code is None]:
+            if _takes_a_stop(launched.folder, said):
+                done = done or ASKED
+                continue
             with suppress(ProcessLookupError):
                 launched.process.send_signal(signal.SIGINT)
-        return bool(running)
+            done = INTERRUPTED
+        return done
 
     def look(self) -> None:
         """Take note of what has ended."""
@@ -284,6 +302,24 @@ class Launcher:
             raise LaunchRefused(f"it cannot be started: {error.strerror or error}") from None
         self._launched.append(Launched(name, folder, rig, process, log))
         del self._launched[:-20]
+
+
+def _takes_a_stop(folder: Path, said: str) -> bool:
+    """Return whether the run in a folder says within `ASK_S` that it stops; whatever happens."""
+    answers: SimpleQueue[bool] = SimpleQueue()
+
+    def asking() -> None:
+        taken = False
+        with suppress(Exception):  # whatever it is, the signal is left
+            ask(folder, "abort", said, wait_s=ASK_S)
+            taken = True
+        answers.put(taken)
+
+    # In a thread: opening the folder of a disk that hangs is waited for no longer than the answer.
+    with suppress(Empty, RuntimeError):
+        threading.Thread(target=asking, name="stop", daemon=True).start()
+        return answers.get(timeout=ASK_S)
+    return False
 
 
 def _content(launched: Launched) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from rig.stream.client import Answer, StreamClient, UnknownRigError
 from rig.stream.commands import KeyFileError
 from rig.stream.settings import COMMANDS, CommandName
 
-from .launcher import Launched, Launcher, LaunchRefused
+from .launcher import ASKED, Launched, Launcher, LaunchRefused
 from .seat import Seat, SeatTaken
 from .visitors import Visitor
 
@@ -22,6 +22,10 @@ ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", *COMMAN
 STOP_S: Final = 2.5
 """How long an answer to a stop is waited for."""
 COMMAND_S: Final = 5.0
+ASKED_REASON: Final = "the stream did not take it; the run's control port did"
+INTERRUPTED_REASON: Final = (
+    "neither the stream nor the run's control port took it; the process was interrupted"
+)
 
 _KEYS: Final = frozenset({"order", "rig", "text", "name"})
 
@@ -75,6 +79,11 @@ def parse(body: bytes) -> Order:
     return Order(**content)
 
 
+def _said(order: Order, visitor: Visitor) -> str:
+    """Return what the journal keeps of an order: who gave it, and the remark."""
+    return f"{visitor.name}: {order.text}" if order.text else visitor.name
+
+
 class Orders:
     """Carries orders out; methods may wait for a rig's answer, and are called from any thread.
 
@@ -126,15 +135,16 @@ class Orders:
         return True
 
     def _send(self, command: CommandName, order: Order, visitor: Visitor, wait_s: float) -> Answer:
-        said = f"{visitor.name}: {order.text}" if order.text else visitor.name
+        said = _said(order, visitor)
         return self._client.send(command, order.rig, said, wait_s, order.name)
 
     def _stop(self, order: Order, visitor: Visitor) -> Answer:
         """Abort the rig that the page shows by the stream; else, or too, what was started here.
 
-        What was started here is interrupted as by Ctrl-C where the stream does not answer, and
-        where its rig is not heard yet, so that no page can show it. It is not called obeyed where
-        that is not the rig that the page shows.
+        What was started here is asked by its control port where the stream does not answer, and
+        where its rig is not heard yet, so that no page can show it; where that does not answer
+        either, it is interrupted as by Ctrl-C. Of other runs it is not known here whose folder is
+        whose. It is not called obeyed where that is not the rig that the page shows.
         """
         try:
             rig = order.rig or self._only_living()
@@ -145,17 +155,22 @@ class Orders:
         if answer.accepted:
             meant = "" if order.rig else f"on {rig}, the only one that lives"
             # The page may show another rig until the one that was started is heard: stop both.
-            if running and not self._was_heard(running) and self._launcher.interrupt():
-                also = "and what was started here, not heard yet, was interrupted"
-                return Answer(True, f"{meant}, {also}" if meant else also)
+            if running and not self._was_heard(running):
+                done = self._launcher.stop(_said(order, visitor))
+                if done:
+                    also = f"and what was started here, not heard yet, was {done}"
+                    return Answer(True, f"{meant}, {also}" if meant else also)
             return Answer(True, meant)
-        if not self._launcher.interrupt():
+        done = self._launcher.stop(_said(order, visitor))
+        if not done:
             return answer
         elsewhere = running and (self.rig_of_run(running.folder.name) or running.rig)
         if elsewhere and elsewhere != rig:
-            text = f"{answer.reason}; what was started here, on {elsewhere}, was interrupted"
+            text = f"{answer.reason}; what was started here, on {elsewhere}, was {done}"
             return Answer(False, text)
-        return Answer(True, "the stream did not answer; the process was interrupted")
+        if done == ASKED:
+            return Answer(True, ASKED_REASON)
+        return Answer(True, INTERRUPTED_REASON)
 
     def _only_living(self) -> str:
         """Return the rig that is meant by a page that was not told of any yet."""

@@ -9,7 +9,8 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Final
 
-from .control_port import SOCKET
+from rig.control_socket import SOCKET
+
 from .journal import JOURNAL, JournalError, is_written, read_journal
 
 RESULTS: Final = "results.json"

@@ -2,14 +2,20 @@
 
 import json
 import signal
+import socket
 import subprocess
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rig.configuration.problems import ConfigError
-from rig.console.launcher import Launcher, LaunchRefused, offers_of
+from rig.console.launcher import ASKED, INTERRUPTED, Launcher, LaunchRefused, offers_of
+from rig.control_socket import SOCKET
+from rig.runner.control_port import ControlPort
+from rig.runner.desk import Desk
+from rig.runner.stopping import StopFlag
 
 CAMPAIGN = (
     "name: {name}\ndescription: |\n  Two\n  lines.\nrig: bench\ntests:\n  - name: a\n  - name: b\n"
@@ -152,11 +158,81 @@ def test_it_is_known_on_which_rig_a_run_is_that_goes_on(
     assert launcher.present() is None
 
 
-def test_what_runs_here_can_be_interrupted(launcher: Launcher, started: list[Process]) -> None:
-    assert not launcher.interrupt()
+@pytest.fixture
+def running(launcher: Launcher) -> Path:
+    """Return the folder of a run that was started."""
     launcher.start("leaks")
-    assert launcher.interrupt()
+    present = launcher.present()
+    assert present is not None
+    present.folder.mkdir()
+    return present.folder
+
+
+def test_a_run_that_answers_is_stopped_with_its_reason_and_not_interrupted(
+    launcher: Launcher, started: list[Process], running: Path
+) -> None:
+    desk, stop, written = Desk(), StopFlag(), []
+    desk.open(["one"], {}, lambda kind, **told: written.append(told["text"]), stop)
+    with ControlPort(running, desk, written.append):
+        assert launcher.stop("Anna: enough") == ASKED
+    assert (written, stop.requested) == (["Anna: enough"], True)
+    assert started[0].signals == []
+
+
+def test_a_run_without_a_control_port_is_interrupted_at_once(
+    launcher: Launcher, started: list[Process]
+) -> None:
+    assert launcher.stop("Anna") == ""
+    launcher.start("leaks")
+    assert launcher.stop("Anna") == INTERRUPTED
     assert started[0].signals == [signal.SIGINT]
+
+
+def test_a_run_that_takes_no_requests_is_interrupted(
+    launcher: Launcher, started: list[Process], running: Path
+) -> None:
+    with ControlPort(running, Desk(), lambda why: None):
+        assert launcher.stop("Anna") == INTERRUPTED
+    assert started[0].signals == [signal.SIGINT]
+
+
+def test_a_run_that_hangs_is_interrupted(
+    launcher: Launcher,
+    started: list[Process],
+    running: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rig.console.launcher.ASK_S", 0.05)
+    with socket.socket(socket.AF_UNIX) as listener:
+        monkeypatch.chdir(running)
+        listener.bind(SOCKET)
+        listener.listen(1)  # and never answers
+        assert launcher.stop("Anna") == INTERRUPTED
+    assert started[0].signals == [signal.SIGINT]
+
+
+@pytest.mark.parametrize("how", ["fails", "hangs"])
+def test_whatever_comes_of_asking_the_run_is_interrupted(
+    launcher: Launcher,
+    started: list[Process],
+    running: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    how: str,
+) -> None:
+    released = threading.Event()
+
+    def ask(*_: object, **__: object) -> None:
+        if how == "hangs":  # as a disk that does not answer: no timeout of the socket ends it
+            released.wait(30)
+        raise RuntimeError(how)
+
+    monkeypatch.setattr("rig.console.launcher.ask", ask)
+    monkeypatch.setattr("rig.console.launcher.ASK_S", 0.05 if how == "hangs" else 30.0)
+    try:
+        assert launcher.stop("Anna") == INTERRUPTED
+        assert started[0].signals == [signal.SIGINT]
+    finally:
+        released.set()
 
 
 def test_away_from_the_rigs_machine_nothing_is_started(tmp_path: Path) -> None:

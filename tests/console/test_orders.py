@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.console.launcher import Launcher, Offer
+from rig.console.launcher import ASKED, INTERRUPTED, Launcher, Offer
 from rig.console.orders import Order, Orders
 from rig.console.seat import Seat
 from rig.console.visitors import Visitor
@@ -17,17 +17,17 @@ ANNA = Visitor(1, "Anna", 9e9)
 
 
 class FakeLauncher(Launcher):
-    """A launcher that says whether something runs, and keeps what it is asked."""
+    """A launcher that says how it stops what runs, and keeps what it is asked."""
 
-    def __init__(self, folder: Path, *, running: bool = False) -> None:
+    def __init__(self, folder: Path, stops: str = "") -> None:
         offers = [Offer(name, name, "", rig, 1) for name, rig in (("a", "bench"), ("b", "other"))]
         super().__init__(offers, folder, "loopback", None, lambda text: None)
-        self.running = running
+        self.stops = stops
         self.asked: list[str] = []
 
-    def interrupt(self) -> bool:
-        self.asked.append("interrupt")
-        return self.running
+    def stop(self, said: str) -> str:
+        self.asked.append(f"stop: {said}")
+        return self.stops
 
     def start(self, name: str) -> None:
         self.asked.append(f"start {name}")
@@ -50,20 +50,21 @@ def orders(client: FakeClient, launcher: Launcher) -> Orders:
 def test_a_stop_that_the_stream_answers_leaves_processes_alone(
     client: FakeClient, tmp_path: Path
 ) -> None:
-    launcher = FakeLauncher(tmp_path, running=True)
+    launcher = FakeLauncher(tmp_path, ASKED)
     assert orders(client, launcher).carry_out(Order("stop", "bench"), ANNA) == Answer(True)
     assert (client.sent, launcher.asked) == ([("abort", "bench", "Anna", "")], [])
 
 
 @pytest.mark.parametrize("rig", ["bench", "unheard"])
-def test_a_stop_that_nobody_answers_interrupts_what_was_started_here(
-    client: FakeClient, tmp_path: Path, rig: str
+@pytest.mark.parametrize("done", [ASKED, INTERRUPTED])
+def test_a_stop_that_the_stream_does_not_take_stops_what_was_started_here_and_says_how(
+    client: FakeClient, tmp_path: Path, rig: str, done: str
 ) -> None:
     client.answer = Answer(False, "no answer")
-    launcher = FakeLauncher(tmp_path, running=True)
-    answer = orders(client, launcher).carry_out(Order("stop", rig), ANNA)
-    assert (answer.accepted, launcher.asked) == (True, ["interrupt"])
-    assert "interrupted" in answer.reason
+    launcher = FakeLauncher(tmp_path, done)
+    answer = orders(client, launcher).carry_out(Order("stop", rig, "enough"), ANNA)
+    assert (answer.accepted, launcher.asked) == (True, ["stop: Anna: enough"])
+    assert ("interrupted" in answer.reason) is (done == INTERRUPTED)
     nothing = orders(client, FakeLauncher(tmp_path)).carry_out(Order("stop", rig), ANNA)
     assert not nothing.accepted
 

@@ -37,10 +37,14 @@ tests:
 
 @pytest.fixture
 def invoke(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Invoke:
-    """Run `rig` with arguments in an empty working directory."""
+    """Run `rig` with arguments in an empty working directory, its tracebacks kept elsewhere."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path_factory.mktemp("temporary")))
 
     def run(*arguments: object) -> Done:
         capsys.readouterr()

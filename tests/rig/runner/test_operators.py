@@ -15,9 +15,10 @@ from estimator.detection import Decision
 from faults.campaign import Campaign, CampaignTest
 from faults.conditions import Condition, WhenUnmet
 from rig.configuration.rig import Rig
+from rig.control_socket import SOCKET, ControlError, ask
 from rig.recording import read_recording
 from rig.runner import CampaignOutcome, Observer, Status, run_campaign
-from rig.runner.control_port import SOCKET, ControlError, ControlPort, ask
+from rig.runner.control_port import ControlPort
 from rig.runner.desk import LONGEST_TEXT, Desk, RefusedError, Request
 from rig.runner.journal import JOURNAL, read_journal
 from rig.runner.simulated_bench import SimulatedBench
