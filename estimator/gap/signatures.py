@@ -106,7 +106,8 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
 
     The distance from the value written at which its gain, what it adds to the cost once the
     nuisances have had their share, reaches the bar (`search`) in more than two blocks; infinite
-    for an effect that no size within its bounds would show. Effects whose starts depend on the
+    for an effect that no size within its bounds would show. One that is a nuisance within its
+    tolerance shows by what lies beyond. Effects whose starts depend on the
     motion are left out: they have no first order.
     """
     plant = fitter.predictor.plant
@@ -146,7 +147,25 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
     _check(fitter, values, list(guesses.values()))
     for place, guess in guesses.items():
         found[place] = replace(found[place], size=guess.size(values))
-    return found
+    return [_beyond_tolerance(plant, values, limit) for limit in found]
+
+
+def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> DetectionLimit:
+    """Return a limit from where its effect is named at all.
+
+    A refit takes a nuisance as far as its tolerance, which is about its nominal value, not the one
+    that is written: only what lies beyond, on the farther side, is left to show.
+    """
+    knob = plant.effects[limit.effect].knobs[0]
+    refitted = [n for n in plant.nuisances if n.effect == limit.effect]
+    if not refitted:
+        return limit
+    present = values[knob.parameter]
+    (nuisance,) = refitted
+    width = nuisance.tolerance * abs(nuisance.nominal)
+    size = limit.size + width + abs(present - nuisance.nominal)
+    reach = max(knob.upper - present, present - knob.lower)
+    return replace(limit, size=size if size <= reach * (1.0 + _NEAR) else float("inf"))
 
 
 def _direction(
@@ -272,9 +291,5 @@ def _limit(
     if len(effect.knobs) > 1 and starts:
         near = int(np.argmin(np.array(ratios) * sizes))
     size = float(ratios[near] * sizes[near])
-    tolerance = next(
-        (n.tolerance * abs(n.nominal) for n in plant.nuisances if n.effect == effect.name), 0.0
-    )
-    size = max(size, tolerance)
     reach = max(abs(knob.upper - present), abs(knob.lower - present))
     return DetectionLimit(effect.name, knob.key, size if size <= reach else np.inf, unit)
