@@ -13,7 +13,7 @@ import numpy as np
 from .findings import CHANCE, FEW_BLOCKS, MATERIAL, Found
 from .fit import Changes, Fitter
 from .linear import Column, Linear, assemble
-from .plant import Array, Effect, Plant
+from .plant import Array, Effect, Knob, Plant
 from .results import DetectionLimit
 from .search import Search
 from .variables import Values, Variable, effect_variables, started
@@ -30,7 +30,9 @@ _FEW: Final = 2.0
 _NEAR: Final = 0.2
 """Of the logarithm of a size."""
 ENDLESS: Final = 10.0
-"""A neutral value so many times above all starts is a limit that no motion reaches."""
+"""A neutral value so many times above all that is plausible is a limit that no motion reaches."""
+_LIMITS: Final = 7
+"""Values of such a limit that are tried at once, in lanes."""
 
 
 def left(linear: Linear, names: Sequence[str], nuisances: Sequence[str]) -> Array:
@@ -107,15 +109,19 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
     The distance from the value written at which its gain, what it adds to the cost once the
     nuisances have had their share, reaches the bar (`search`) in more than two blocks; infinite
     for an effect that no size within its bounds would show. One that is a nuisance within its
-    tolerance shows by what lies beyond. Effects whose starts depend on the
-    motion are left out: they have no first order.
+    tolerance shows by what lies beyond. Of a limit that no motion reaches at its neutral value it
+    is the largest value that shows; 0 if none does. Other effects whose starts depend on the motion
+    are left out: they have no first order.
     """
     plant = fitter.predictor.plant
     base = fitter.columns(values, variables)
     columns = {column.name: column for column in base}
     tried: dict[str, list[tuple[str, Mapping[str, float]]]] = {}
+    endless = [effect for effect in plant.effects.values() if _is_endless(plant, effect)]
     for effect in plant.effects.values():
         tried[effect.name] = []
+        if effect in endless:
+            continue
         for number, start in enumerate(effect.starts):
             name = f"{effect.name}#{number}"
             columns[name] = Column(name, started(plant, values, effect, start), 1.0)
@@ -147,7 +153,50 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
     _check(fitter, values, list(guesses.values()))
     for place, guess in guesses.items():
         found[place] = replace(found[place], size=guess.size(values))
-    return [_beyond_tolerance(plant, values, limit) for limit in found]
+    found = [_beyond_tolerance(plant, values, limit) for limit in found]
+    for effect in endless:
+        limited = effect.knobs[0]
+        # One that was found has no size from which it would have shown.
+        if _far_above(values[limited.parameter], limited):
+            size = _largest_shown(fitter, values, effect_variables(effect)[0], base)
+            found.append(DetectionLimit(effect.name, limited.key, size, _unit(plant, limited)))
+    return found
+
+
+def _far_above(value: float, knob: Knob) -> bool:
+    return value > ENDLESS * knob.upper
+
+
+def _is_endless(plant: Plant, effect: Effect) -> bool:
+    """Tell whether an effect is a limit whose neutral value no motion reaches."""
+    knob = effect.knobs[0]
+    return len(effect.knobs) == 1 and _far_above(plant.nominal[knob.parameter], knob)
+
+
+def _unit(plant: Plant, knob: Knob) -> str:
+    return next(p.unit for p in plant.parameters if p.name == knob.parameter)
+
+
+def _largest_shown(
+    fitter: Fitter, values: Values, variable: Variable, nuisances: Sequence[Column]
+) -> float:
+    """Return the largest value of a limit that shows, to a tenth; 0 if no plausible one does."""
+
+    def largest(tried: Array) -> float:
+        columns = [Column("change", variable.put(values, float(value)), 1.0) for value in tried]
+        shown = [0.0]
+        for value, moved in zip(tried, fitter.changes(values, columns), strict=True):
+            gain, bar, blocks = _shown(fitter, values, moved, nuisances)
+            if gain >= bar and blocks > FEW_BLOCKS:
+                shown.append(float(value))
+        return max(shown)
+
+    tried = np.geomspace(variable.lower, variable.upper, _LIMITS)
+    best = largest(tried)
+    above = tried[tried > best]
+    if best == 0.0 or not len(above):
+        return best
+    return max(best, largest(np.geomspace(best, above[0], _LIMITS + 2)[1:-1]))
 
 
 def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> DetectionLimit:
@@ -269,8 +318,7 @@ def _limit(
     tried: Sequence[tuple[str, Mapping[str, float]]], kept: Sequence[str],
 ) -> DetectionLimit:  # fmt: skip
     knob = effect.knobs[0]
-    unit = next(p.unit for p in plant.parameters if p.name == knob.parameter)
-    neutral, present = plant.nominal[knob.parameter], values[knob.parameter]
+    present = values[knob.parameter]
     ratios, sizes = [], []
     for name, start in tried:
         gain = float(left(linear, [name], kept)[0, 0])
@@ -283,13 +331,12 @@ def _limit(
         ratios.append(np.sqrt(bar / gain) if gain > 0.0 else np.inf)
         sizes.append(size)
     starts = [start[knob.key] for _, start in tried if start]
-    if starts and neutral > ENDLESS * max(starts):
-        shown = [value for value, ratio in zip(starts, ratios, strict=True) if ratio <= 1.0]
-        return DetectionLimit(effect.name, knob.key, max(shown, default=0.0), unit)
     # The start nearest to the size itself: there the effect is as the linearisation has it.
     near = int(np.argmin(np.abs(np.log(np.maximum(ratios, 1e-12))))) if starts else 0
     if len(effect.knobs) > 1 and starts:
         near = int(np.argmin(np.array(ratios) * sizes))
     size = float(ratios[near] * sizes[near])
     reach = max(abs(knob.upper - present), abs(knob.lower - present))
-    return DetectionLimit(effect.name, knob.key, size if size <= reach else np.inf, unit)
+    return DetectionLimit(
+        effect.name, knob.key, size if size <= reach else np.inf, _unit(plant, knob)
+    )

@@ -1,7 +1,12 @@
 """The sizes that are said to show are those from which an effect would be named."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from estimator.gap.predictor import Predictor
+from estimator.gap.records import made_of
 from estimator.gap.signatures import limits
 from estimator.gap.variables import nuisance_variable
 from tests.estimator.gap.courses import fitter, recorded, rig
@@ -22,3 +27,29 @@ def test_what_a_refit_may_take_does_not_show(softer: float) -> None:
             width = nuisance.tolerance * nuisance.nominal
             assert away + width < sizes[nuisance.effect] < 2.0 * (away + width)
     assert 0.0 < sizes["pressure_1_bias"] < 1e5
+
+
+def test_a_valves_greatest_speed_shows_if_the_motion_needs_more() -> None:
+    plant = rig(["valve_rate_limit"])
+    time = np.arange(4000) * plant.period
+    steps = 1.5 * np.sign(np.sin(12.0 * time + 0.3))[:, None]
+    readings = np.tile([0.3, 6.9e6, 6.9e6, 0.0], (len(time), 1))
+    asked = made_of("steps", steps, readings, plant)
+    record = Predictor(replace(plant, steering=())).twin(asked, plant.nominal, 0)
+    speed = np.abs(np.gradient(record.readings[:, 3], plant.period))
+    with fitter(plant, record) as fitted:
+        fitted.refresh(plant.nominal)
+        nuisances = [nuisance_variable(n) for n in plant.nuisances]
+        (shown,) = limits(fitted, plant.nominal, nuisances)
+        known = {**plant.nominal, "valve_rate_limit": shown.size}
+        assert limits(fitted, known, nuisances) == []
+    assert (shown.effect, shown.key, shown.unit) == ("valve_rate_limit", "value", "m/s")
+    assert 0.3 * speed.max() < shown.size < speed.max()
+
+
+def test_slow_motions_show_no_greatest_speed_of_a_valve() -> None:
+    plant = rig(["valve_rate_limit"])
+    with fitter(plant, recorded(plant, plant.nominal)) as fitted:
+        fitted.refresh(plant.nominal)
+        (shown,) = limits(fitted, plant.nominal, [nuisance_variable(n) for n in plant.nuisances])
+    assert shown.size == 0.0
