@@ -52,6 +52,8 @@ def cosines(
 ) -> Array:
     """Return the cosine of the first of some changes with each (changes,).
 
+    NaN where the model breaks down without any of them, as beyond a stop that it does not have.
+
     Args:
         fitter: of the records, with gains.
         values: without any of the changes.
@@ -61,6 +63,8 @@ def cosines(
     base = fitter.columns(values, variables)
     columns = [Column(name, changed, 1.0) for name, changed in changes.items()]
     linear = fitter.linearise(values, [*base, *columns])
+    if not np.isfinite(linear.products).all():
+        return np.full(len(changes), np.nan)
     products = left(linear, list(changes), [column.name for column in base])
     squares = np.maximum(np.diag(products), 1e-300)
     return np.asarray(products[0] / np.sqrt(squares[0] * squares))

@@ -7,7 +7,7 @@ import pytest
 
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import made_of
-from estimator.gap.signatures import limits
+from estimator.gap.signatures import cosines, limits
 from estimator.gap.variables import nuisance_variable
 from tests.estimator.gap.courses import fitter, recorded, rig
 
@@ -53,3 +53,11 @@ def test_slow_motions_show_no_greatest_speed_of_a_valve() -> None:
         fitted.refresh(plant.nominal)
         (shown,) = limits(fitted, plant.nominal, [nuisance_variable(n) for n in plant.nuisances])
     assert shown.size == 0.0
+
+
+def test_a_model_that_breaks_down_without_an_effect_has_no_cosines() -> None:
+    plant = rig(["pressure_1_bias"])
+    with fitter(plant, recorded(plant, plant.nominal, seconds=2.0)) as fitted:
+        fitted.refresh(plant.nominal)
+        broken = {**plant.nominal, "piston_area": float("nan")}
+        assert np.isnan(cosines(fitted, broken, [], {"one": plant.nominal, "two": broken})).all()
