@@ -1,14 +1,34 @@
 """Settings of every test: Hypothesis draws the same examples on every machine of the CI."""
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from rig.compile_cache import use_compile_cache
+
+from .compiling_once import compile_apart, compile_once
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let the picture of the console in the README be taken by the test that looks at it."""
     parser.addoption("--console-picture", metavar="PNG", help="where the console is photographed")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let the workers of a run compile together what none of them finds in the cache."""
+    worker = getattr(config, "workerinput", {}).get("workerid", "")
+    if not worker:
+        return
+    use_compile_cache()
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    if not folder:
+        return
+    compile_once(Path(folder) / "locks")
+    here = Path(__file__).parent
+    if any(here.is_relative_to(Path(asked).resolve()) for asked in config.args):
+        compile_apart(int(worker.removeprefix("gw")))
 
 
 # A first call may compile for seconds: a deadline per example would measure the compiler.
