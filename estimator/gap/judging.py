@@ -158,7 +158,7 @@ def judge(
     if stirred and not (found.named and borne_out):
         return Judgement("unknown_effect", (_stirred(found, stirred),))
     beyond = _at_an_end(found)
-    if beyond and excess > MATERIAL:
+    if beyond and excess > MATERIAL and not borne_out:
         return Judgement("unknown_effect", (_implausible(found, beyond, excess),))
     if found.named and held_out > max(HELD_OUT, (1.0 - EXPLAINED) * held_out_before):
         return Judgement("unknown_effect", (_not_held_out(found, held_out, held_out_before),))

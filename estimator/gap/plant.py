@@ -6,8 +6,11 @@ the play of a spool, the lag of a transducer. Each sample, in this order:
 
     drive(inputs, memory, parameters)              what reaches the plant of the inputs
     step(state, memory, parameters)                the state one sample later, in place
-    remember(state, memory, parameters)            what the sensors make of the state over time
+    remember(before, state, memory, parameters)    what the sensors make of the state's move
     read(state, memory, parameters, readings)      the readings, without noise
+
+Between two samples a filter corrects the state: `before` is the state that was stepped, not the one
+that was last remembered.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +26,7 @@ Array = NDArray[np.float64]
 _VECTOR: Final = float64[::1]
 DRIVE: Final = void(_VECTOR, _VECTOR, _VECTOR)
 STEP: Final = void(_VECTOR, _VECTOR, _VECTOR)
-REMEMBER: Final = void(_VECTOR, _VECTOR, _VECTOR)
+REMEMBER: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
 READ: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
 """Signatures to compile the four functions with: `njit(STEP, cache=True, error_model="numpy")`."""
 _MATRIX: Final = float64[:, ::1]
@@ -312,7 +315,7 @@ def hold(inputs, memory, parameters):
 
 
 @njit(REMEMBER, cache=True, error_model="numpy")
-def forget(state, memory, parameters):
+def forget(before, state, memory, parameters):
     """Remember nothing: the readings of such a plant follow from its state."""
 
 
@@ -362,6 +365,9 @@ class Plant:
             so quickly, and by laws known so badly, that no model predicts within a sample what
             happens when: on a stop, with an empty chamber; None if there is nothing of the kind.
         memories: parameters, neutral at 0, by which readings depend on the states before.
+        shares: (parameters by name) -> (outputs, states): part of its best gains that the filter
+            is to use, less than 1 where a reading tells of a past that hardly matters any more;
+            None if all are used.
         period: one sample, s.
         horizon: how far ahead predictions are judged, s.
         steering: input, output and gain that keep a simulation on the course of a recording.
@@ -400,6 +406,7 @@ class Plant:
     begin: Callable[[Array, Array, Mapping[str, float]], Array] = begin_held
     violent: Callable[[Array, Mapping[str, float]], NDArray[np.bool_]] | None = None
     memories: tuple[str, ...] = ()
+    shares: Callable[[Mapping[str, float]], Array] | None = None
     period: float = 1e-3
     horizon: float = 0.02
     not_told_apart: Mapping[frozenset[str], str] = field(default_factory=dict)

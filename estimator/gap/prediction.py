@@ -28,27 +28,30 @@ _CUBE: Final = float64[:, :, ::1]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _advance(drive, step, remember, x, inputs, memory, parameters):
-    """Move a state (count,) and its memory (length,) in place by a sample of inputs."""
+def _advance(drive, step, remember, before, x, inputs, memory, parameters):
+    """Move a state (count,) and its memory (length,) by a sample of inputs, from before to x."""
+    x[:] = before
     drive(inputs, memory, parameters)
     step(x, memory, parameters)
-    remember(x, memory, parameters)
+    remember(before, x, memory, parameters)
 
 
 @inner
 def correct(
-    read, memory, parameters, changes, readings, variances, x, covariance, slope, gains,
+    read, memory, parameters, changes, shares, readings, variances, x, covariance, slope, gains,
     innovation_variances, couplings,
 ):  # fmt: skip
     """Correct a state and its covariance in place by the readings of one sample.
 
-    They are taken one after the other (Bierman 1977, ch. 2), each linearised about the prediction.
+    They are taken one after the other (Bierman 1977, ch. 2), each linearised about the prediction;
+    the covariance is that of the gains used, whatever part of the best ones (Joseph's form).
 
     Args:
         read: of the plant, compiled with READ.
         memory: float64 (length,).
         parameters: of the plant.
         changes: float64 (states,), for derivatives by differences.
+        shares: float64 (outputs, states), part of the best gains that is used.
         readings: float64 (outputs,).
         variances: float64 (outputs,), of the readings; infinite where one is not to be used.
         x: float64 (states,), predicted; updated.
@@ -91,12 +94,18 @@ def correct(
         for k in range(i):
             for j in range(count):
                 couplings[i, k] += slope[i, j] * gains[k, j]
+        whole = True
         for j in range(count):
             gains[i, j] = ahead[j] / variance
+            if shares[i, j] != 1.0:
+                gains[i, j] *= shares[i, j]
+                whole = False
             x[j] += gains[i, j] * innovation
         for j in range(count):
             for k in range(count):
                 covariance[j, k] -= gains[i, j] * ahead[k]
+                if not whole:
+                    covariance[j, k] -= (ahead[j] - gains[i, j] * variance) * gains[i, k]
 
 
 @inner
@@ -134,12 +143,12 @@ def predict_covariance(transition, noises, product, covariance):
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR,
-         _MATRIX, _CUBE, _MATRIX, _CUBE, _CUBE, _CUBE),
+         _MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE, _CUBE, _CUBE),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter(
     drive, step, remember, read, inputs, readings, variances, parameters, start, spread, changes,
-    noises, memory, gains, innovation_variances, couplings, transitions, slopes,
+    noises, shares, memory, gains, innovation_variances, couplings, transitions, slopes,
 ):  # fmt: skip
     """Run the filter over a recording and keep its gains.
 
@@ -156,6 +165,7 @@ def run_filter(
         spread: float64 (states,), standard deviations of `start`.
         changes: float64 (states,), for derivatives by differences.
         noises: float64 (states,), variances of the model's error over one sample.
+        shares: float64 (outputs, states), part of the best gains that is used.
         memory: float64 (1, length), of `Plant.begin`.
         gains: float64 (n, outputs, states), written.
         innovation_variances: float64 (n, outputs), written; infinite where not used.
@@ -175,8 +185,8 @@ def run_filter(
     kept = transitions.shape[0] > 0
     for t in range(inputs.shape[0]):
         correct(
-            read, remembered, parameters, changes, readings[t], variances[t], x, covariance, slope,
-            gains[t], innovation_variances[t], couplings[t],
+            read, remembered, parameters, changes, shares, readings[t], variances[t], x, covariance,
+            slope, gains[t], innovation_variances[t], couplings[t],
         )  # fmt: skip
         drive(inputs[t], remembered, parameters)
         ahead[:] = x
@@ -191,8 +201,8 @@ def run_filter(
             transitions[t] = transition
             slopes[t] = slope
         predict_covariance(transition, noises, product, covariance)
+        remember(x, ahead, remembered, parameters)
         x[:] = ahead
-        remember(x, remembered, parameters)
 
 
 @njit(
@@ -251,7 +261,7 @@ def run_frozen(
         if kicked:
             for j in range(count):
                 x[j] += kicks[t, j]
-        remember(x, remembered, parameters)
+        remember(states[t], x, remembered, parameters)
 
 
 @njit(
@@ -335,7 +345,7 @@ def predict_ahead(
     count, outputs = states.shape[1], readings.shape[1]
     remembered, free = memory[0], memories[0]
     x, expected = np.empty(count), np.empty(outputs)
-    point = np.empty(count)
+    ahead = np.empty(count)
     for t in range(inputs.shape[0]):
         if t % horizon == 0:
             x[:] = states[t]
@@ -345,9 +355,9 @@ def predict_ahead(
             read(x, free, parameters, expected)
             for i in range(outputs):
                 errors[t, i] = readings[t, i] - expected[i]
-        _advance(drive, step, remember, x, inputs[t], free, parameters)
-        point[:] = states[t]
-        _advance(drive, step, remember, point, inputs[t], remembered, parameters)
+        _advance(drive, step, remember, x, ahead, inputs[t], free, parameters)
+        x[:] = ahead
+        _advance(drive, step, remember, states[t], ahead, inputs[t], remembered, parameters)
 
 
 @njit(
@@ -376,7 +386,7 @@ def run_free(
         simulated: float64 (n, outputs), written: readings without noise.
     """
     remembered = memory[0]
-    x = start.copy()
+    x, ahead = start.copy(), np.empty(start.size)
     expected = np.empty(readings.shape[1])
     for t in range(inputs.shape[0]):
         read(x, remembered, parameters, expected)
@@ -386,4 +396,5 @@ def run_free(
             for i in range(expected.size):
                 value += steering[j, i] * (readings[t, i] - expected[i])
             driven[t, j] = value
-        _advance(drive, step, remember, x, driven[t], remembered, parameters)
+        _advance(drive, step, remember, x, ahead, driven[t], remembered, parameters)
+        x[:] = ahead

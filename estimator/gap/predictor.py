@@ -53,7 +53,12 @@ class Predictor:
         variances = record.variances + roughness(record, plant, values)
         parameters = plant.vector(values)
         rest = (gains.states, gains.variances, gains.couplings, transitions, slopes)
-        known = (start, spread, self._changes, self._noises, self._memory(start, record, values))
+        shares = np.ones((len(plant.outputs), len(plant.states)))
+        if plant.shares is not None:
+            shares = plant.shares(values)
+        known = (
+            start, spread, self._changes, self._noises, shares, self._memory(start, record, values),
+        )  # fmt: skip
         in_lanes = plant.in_lanes
         if in_lanes is None or in_lanes.kind(values) is None:
             run_filter(

@@ -88,7 +88,7 @@ def linearise_course(
             # The last step leaves its mark in the memory: it must be that of the present model.
             ahead[:] = states[t]
             step(ahead, remembered, present)
-        remember(ahead, remembered, present)
+        remember(states[t], ahead, remembered, present)
 
 
 @njit(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.plant import NO_FAULT, Model, Parameters, quantities
 from rig.plant.command_path import PATH_SIZE, command_path, drive
-from rig.plant.dynamics import chamber_volumes
+from rig.plant.dynamics import chamber_volumes, total_mass
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import DATA_SHEET, SensorParameters
@@ -38,7 +38,19 @@ from .plant import (
 from .records import smoothed
 from .servo_effects import EFFECTS, NOT_TOLD_APART, nuisances
 from .servo_lanes import IN_LANES
-from .servo_memory import BEHIND, COMMAND, MEMORY, NEXT, PATH, SEEN, SEEN_1, SEEN_2, parameters_of
+from .servo_memory import (
+    BEHIND,
+    COMMAND,
+    CORRECTED,
+    MEMORY,
+    NEXT,
+    PATH,
+    REMEMBERED,
+    SEEN,
+    SEEN_1,
+    SEEN_2,
+    parameters_of,
+)
 from .servo_terms import held_terms, hold_terms
 
 STATES: Final = (
@@ -77,13 +89,24 @@ def _step(state, memory, parameters):
 
 
 @njit(REMEMBER, cache=True, error_model="numpy")
-def _remember(state, memory, parameters):
-    """Keep how far the encoder is behind the ram: that much less is read of its position."""
+def _remember(before, state, memory, parameters):
+    """Keep how far the encoder is behind the ram: that much less is read of its position.
+
+    A late reading corrects where the ram was as much as where it is: with a history left as it was,
+    the same error would be corrected again at each sample until the delay is over, and a filter
+    with a delay of many samples would not be stable.
+    """
     par = parameters_of(parameters)
     memory[PATH : PATH + PATH_SIZE] = memory[NEXT : NEXT + PATH_SIZE]
     seen = memory[SEEN : SEEN + TRANSDUCERS_SIZE]
+    position = state[4]
+    if par.position_delay != 0.0:
+        memory[CORRECTED] += before[4] - memory[REMEMBERED]
+        memory[REMEMBERED] = position
+        state[4] = position - memory[CORRECTED]
     follow(seen, state, par)
     memory[BEHIND] = state[4] - seen_position(seen, state[4], par)
+    state[4] = position
 
 
 @njit(READ, cache=True, error_model="numpy")
@@ -106,6 +129,7 @@ def _begin(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
     memory = np.zeros(MEMORY)
     memory[PATH:NEXT] = command_path(par, spool=state[0], command=inputs[0, 0])
     memory[SEEN:BEHIND] = transducers(par, state[:SEEN_1])
+    memory[REMEMBERED] = state[4]
     return memory
 
 
@@ -126,6 +150,22 @@ def _start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple
          1.0, 1.0, 3e4, 3e4]
     )  # fmt: skip
     return state, spread
+
+
+def _shares(values: Mapping[str, float]) -> Array:
+    """Return how much of its gains the filter uses (outputs, states): less of late positions.
+
+    They tell where the ram was. An error of that is one of where it is; errors of velocity and
+    pressures are those of the ram on its oil, over in a time of 1 / sqrt(4 b A^2 / (V m)) of that
+    mode (Merritt 1967, ch. 6), with the volume V of both chambers.
+    """
+    par = Parameters(**{name: values[name] for name in Parameters._fields})
+    volume = sum(chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par))
+    spring = 4.0 * par.bulk_modulus * par.piston_area**2 / volume
+    shares = np.ones((4, len(STATES)))
+    shares[0] = exp(-par.position_delay * (spring / total_mass(par)) ** 0.5)
+    shares[0, 4] = 1.0
+    return shares
 
 
 _ON_STOP: Final = 2e-4
@@ -273,6 +313,7 @@ def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plan
         remember=_remember,
         begin=_begin,
         violent=_violent,
+        shares=_shares,
         memories=("position_delay", "position_backlash"),
         not_told_apart=NOT_TOLD_APART,
         hold_terms=hold_terms,

@@ -5,7 +5,13 @@ from typing import Final
 from rig.plant import CATALOGUE, NOMINAL, Parameters
 
 from .plant import Effect, Knob, Nuisance, Proposal
-from .servo_proposals import propose_end_stop, propose_rate_limit, propose_ripple, propose_spring
+from .servo_proposals import (
+    propose_end_stop,
+    propose_position_delay,
+    propose_rate_limit,
+    propose_ripple,
+    propose_spring,
+)
 
 _VALVE: Final = "spool"
 _FLOWS: Final = "flows of both chambers"
@@ -128,7 +134,10 @@ EFFECTS: Final = {
         _one("pressure_2_gain", "pressure_2_Pa", 2e-3),
         _one("pressure_lag", "pressure_1_Pa and pressure_2_Pa", 2e-4, 1e-3, 5e-3, 2e-2),
         _one("position_gain", "position_m", 1e-3),
-        _one("position_delay", "position_m", 2e-4, 1e-3, 5e-3, 1.5e-2),
+        _effect(
+            "position_delay", "position_m", _knob("position_delay", "value", 2e-4),
+            starts=({"value": 1e-3},), propose=propose_position_delay,
+        ),
         _one("position_backlash", "position_m", 2e-5, 5e-5, 2e-4, 8e-4),
     )
 }  # fmt: skip

@@ -37,7 +37,8 @@ _LAPS: Final = ("valve_deadband", "valve_underlap_leakage", "valve_flow_asymmetr
 
 # Rows of the memory: how many samples there were, the commands of the last 20 ms and of now, the
 # spool's reference behind the play before and after the step, the encoder behind its own play now
-# and at the samples before, and how far what it shows is behind the ram.
+# and at the samples before, how far what it shows is behind the ram, the ram's position before the
+# step and when last remembered, and what has been corrected of that.
 _KEPT: Final = LONGEST_DELAY_TICKS + 2
 _COUNT: Final = 0
 _COMMANDS: Final = 1
@@ -45,7 +46,10 @@ _REFERENCE: Final = _COMMANDS + _KEPT
 _NEXT_REFERENCE: Final = _REFERENCE + 1
 _ENCODERS: Final = _NEXT_REFERENCE + 1
 _BEHIND: Final = _ENCODERS + _KEPT
-_MEMORY: Final = _BEHIND + 1
+_STEPPED: Final = _BEHIND + 1
+_REMEMBERED: Final = _STEPPED + 1
+_CORRECTED: Final = _REMEMBERED + 1
+_MEMORY: Final = _CORRECTED + 1
 
 _NO_FRACTION: Final = 1e-6
 """Part of a tick below which a delay is one of whole ticks (`rig.plant.command_path`)."""
@@ -60,6 +64,7 @@ def _begin(states: Array, inputs: Array, values: Sequence[Mapping[str, float]]) 
     asked = np.array([each["valve_gain"] for each in values]) * command
     memory[_REFERENCE] = np.minimum(np.maximum(states[0], asked - half), asked + half)
     memory[_ENCODERS : _ENCODERS + _KEPT] = states[4]
+    memory[_REMEMBERED] = states[4]
     return memory
 
 
@@ -120,6 +125,7 @@ def _lagging(seen, before, pressure, lag):
 def _step(states, memory, parameters, first):
     align_stack()
     par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
+    store(memory, _STEPPED, load(states, 4))
     before_1, before_2 = max(load(states, 2), 0.0), max(load(states, 3), 0.0)
     whole, late = _ticks(par.command_delay)
     command = _kept(memory, _COMMANDS, whole)
@@ -145,6 +151,12 @@ def _remember(states, memory, parameters, first):
     par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
     store(memory, _REFERENCE, load(memory, _NEXT_REFERENCE))
     count, position = int(memory[_COUNT, 0]), load(states, 4)
+    # See `servo_actuator`: what a late reading corrects, it corrects of the past as well.
+    moved = load(memory, _CORRECTED) + (load(memory, _STEPPED) - load(memory, _REMEMBERED))
+    corrected = select(par.position_delay != 0.0, moved, 0.0)
+    store(memory, _CORRECTED, corrected)
+    store(memory, _REMEMBERED, position)
+    position = position - corrected
     before = load(memory, _ENCODERS + (count - 1) % _KEPT)
     encoder = play(before, position, 0.5 * par.position_backlash)
     store(memory, _ENCODERS + count % _KEPT, encoder)

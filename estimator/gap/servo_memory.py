@@ -14,14 +14,16 @@ SEEN_1: Final = 9
 SEEN_2: Final = 10
 """Indices of the pressures behind the lag of their transducers, after the rig's own states."""
 
-# The memory: the command, its path as it is and as it is after the step, the encoder's, and how far
-# what it sees is behind the ram.
+# The memory: the command, its path as it is and as it is after the step, the encoder's, how far
+# what it sees is behind the ram; where the ram was last remembered, and what was corrected of that.
 COMMAND: Final = 0
 PATH: Final = 1
 NEXT: Final = PATH + PATH_SIZE
 SEEN: Final = NEXT + PATH_SIZE
 BEHIND: Final = SEEN + TRANSDUCERS_SIZE
-MEMORY: Final = BEHIND + 1
+REMEMBERED: Final = BEHIND + 1
+CORRECTED: Final = REMEMBERED + 1
+MEMORY: Final = CORRECTED + 1
 
 _PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
 # As it is declared, its arguments would count the context that numba adds.

@@ -33,6 +33,10 @@ _SLOWEST, _FASTEST = 5.0, 400.0
 """Hz, of a pump's ripple."""
 _FINER: Final = 4
 """Times finer than the resolution of the longest recording, so that a phase keeps to its end."""
+_LATEST: Final = 20
+"""Ticks that a position may be late by."""
+_MOVED: Final = 20
+"""Ticks over which a motion is compared: many counts of the encoder at any usual speed."""
 _BAND: Final = 20.0
 """Hz. A line whose reach comes and goes with the opening spreads over some Hz."""
 _OVER_NOISE: Final = 20.0
@@ -95,6 +99,34 @@ def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> 
         {"value": max(float(limit), 5e-3)}
         for limit in (0.95 * np.quantile(speed, 0.999), 0.5 * np.quantile(speed, 0.999))
     )
+
+
+def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
+    """Return the time by which the encoder follows what the valve's oil makes the ram do.
+
+    Of all delays the one at which K_1 y sqrt(p_s - sgn(y) p_L) + K_2 dp_L/dt, the flow of a valve
+    into compressible oil (Merritt 1967, ch. 6), is the nearest to the speed as read, whatever K_1
+    and K_2 are; p_L is the load pressure p_1 - p_2 as read.
+    """
+    left = np.zeros(_LATEST + 1)
+    for trace in traces:
+        position, p1, p2, spool = trace.readings.T[:4]
+        load, opening = p1 - p2, spool + values["spool_null_bias"]
+        drop = np.maximum(values["supply_pressure"] - np.sign(opening) * load, 0.0)
+        oil = np.cumsum(opening * np.sqrt(drop))
+        moves = np.column_stack([each[_MOVED:] - each[:-_MOVED] for each in (oil, load)])
+        moves = np.column_stack([moves, np.ones(len(moves))])
+        moved = position[_MOVED:] - position[:-_MOVED]
+        for late in range(_LATEST + 1):
+            # The same stretch for every delay.
+            known, wanted = moves[: len(moves) - _LATEST], moved[late : len(moved) - _LATEST + late]
+            fitted = np.linalg.lstsq(known / np.abs(known).max(0), wanted, rcond=None)
+            left[late] += float(fitted[1].sum())
+    best = int(left[1:-1].argmin()) + 1
+    before, at, after = left[best - 1 : best + 2]
+    curved = before - 2.0 * at + after
+    delay = best + (0.5 * (before - after) / curved if curved > 0.0 else 0.0)
+    return ({"value": float(np.clip(delay, 0.0, _LATEST)) * TICK},)
 
 
 def _unexplained(trace: Trace, values: Mapping[str, float]) -> Array:

@@ -88,13 +88,13 @@ def run_frozen_in_lanes(
 
 @njit(
     void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MATRIX, _MATRIX, _MATRIX, _MATRIX,
-         _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE,
-         _CUBE, _CUBE),
+         _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _MATRIX, _CUBE, _MATRIX,
+         _CUBE, _CUBE, _CUBE),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter_in_lanes(
     drive, step, remember, keep, read, inputs, readings, variances, parameters, first, start,
-    spread, changes, noises, memory, in_lanes, gains, innovation_variances, couplings,
+    spread, changes, noises, shares, memory, in_lanes, gains, innovation_variances, couplings,
     transitions, slopes,
 ):  # fmt: skip
     """Run the filter over a recording as `run_filter` does, the derivatives of its step in lanes.
@@ -114,6 +114,7 @@ def run_filter_in_lanes(
         spread: likewise.
         changes: likewise.
         noises: likewise.
+        shares: likewise.
         memory: likewise; of what the sensors keep.
         in_lanes: float64 (rows, LANES), of `InLanes.begin`; of what reaches the plant.
         gains: as of `run_filter`.
@@ -135,8 +136,8 @@ def run_filter_in_lanes(
     points = empty_lanes(batches * count).reshape((batches, count, LANES))
     for t in range(inputs.shape[0]):
         correct(
-            read, remembered, first, changes, readings[t], variances[t], x, covariance, slope,
-            gains[t], innovation_variances[t], couplings[t],
+            read, remembered, first, changes, shares, readings[t], variances[t], x, covariance,
+            slope, gains[t], innovation_variances[t], couplings[t],
         )  # fmt: skip
         drive(inputs[t], in_lanes)
         for batch in range(batches):
@@ -158,6 +159,6 @@ def run_filter_in_lanes(
             transitions[t] = transition
             slopes[t] = slope
         predict_covariance(transition, noises, product, covariance)
-        x[:] = ahead
         remember(points[0], in_lanes, parameters, first)
-        keep(x, remembered, first)
+        keep(x, ahead, remembered, first)
+        x[:] = ahead

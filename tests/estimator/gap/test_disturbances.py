@@ -261,7 +261,10 @@ def test_names_that_do_not_explain_the_recordings_held_out_are_not_claimed() -> 
 def test_the_most_that_is_plausible_is_no_finding_if_it_leaves_much(
     size: float, after: float, verdict: str
 ) -> None:
-    assert judge(_found(5.0, after, True, size), [], [], 0.0).verdict == verdict
+    found = _found(5.0, after, True, size)
+    assert judge(found, [], [], 0.0).verdict == verdict
+    # What a motion held out that shows it bears out is the cause all the same.
+    assert judge(found, [], [], 0.05, 50.0).verdict == "missing_effect"
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.gap.plant import Plant
+from estimator.gap.plant import Plant, Trace
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import Record, made_of, smoothed
+from estimator.gap.servo_proposals import propose_position_delay
 from tests.estimator.gap.courses import fitter, recorded, rig
 
 
@@ -81,6 +82,32 @@ def test_a_reading_that_is_late_is_followed_by_differences(plant: Plant, record:
     found = predictor.disturbed(record, late, kicks)
     assert np.abs(found[:1001]).max() == 0.0
     assert np.abs(found[1003:1100, 1]).max() > 0.1
+
+
+@pytest.mark.parametrize("delay", [1e-3, 5e-3, 12e-3, 20e-3])
+def test_a_late_position_is_predicted_nearly_as_well_as_one_in_time(
+    plant: Plant, delay: float
+) -> None:
+    """No delay makes the filter swing up, and what it sees at once it predicts as without."""
+    values = {**plant.nominal, "position_delay": delay}
+    late = recorded(plant, values)
+    predictor = Predictor(plant)
+    predictor.filter(late, values)
+    innovations = predictor.innovations(late, values)[0][1000:]
+    assert np.std(innovations[:, 1:3], axis=0) == pytest.approx([1.0, 1.0], abs=0.1)
+    assert np.std(innovations[:, 0]) < 1.3
+    # Without what the delay makes of the reading nothing of this holds.
+    assert np.std(predictor.innovations(late, plant.nominal)[0][1000:, 0]) > 2.0
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.4e-3, 7.7e-3, 16e-3])
+def test_the_delay_of_a_position_is_read_from_what_the_oil_makes_the_ram_do(
+    plant: Plant, delay: float
+) -> None:
+    late = recorded(plant, {**plant.nominal, "position_delay": delay})
+    trace = Trace(late.inputs, np.zeros((len(late), 11)), np.zeros((len(late), 4)), late.readings)
+    (start,) = propose_position_delay([trace], plant.nominal)
+    assert start["value"] == pytest.approx(delay, abs=5e-4)
 
 
 def test_a_pressure_behind_its_lag_is_predicted_as_well_as_one_without(plant: Plant) -> None:
