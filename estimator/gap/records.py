@@ -22,6 +22,8 @@ LONGEST_DWELL = 100
 """Samples that an encoder's count may rest before it counts as a new reading."""
 TIMES_OF_EXCHANGE = ("sent_s", "exchange_s")
 """Columns of a loop on hardware: when in a tick its exchange was, and how long it took."""
+BLIND_S = 0.05
+"""Without two of the readings for longer, a filter does not know where the plant went."""
 UNTIMELY_S = 1.5e-4
 """That a sample may come later or earlier than usual: at 0.2 m/s a count of the encoder."""
 
@@ -102,6 +104,36 @@ def record_of(recording: Recording, plant: Plant) -> Record:
     readings = np.column_stack([recording[output.channel] for output in plant.outputs])
     readings[untimely(recording)] = np.nan
     return made_of(recording.source, inputs, readings, plant)
+
+
+def seen_parts(record: Record, period: float) -> list[Record]:
+    """Return the parts of a record in which the plant's state can be followed.
+
+    Where two readings or more (of fewer outputs all) are missing or at an end of their range for
+    longer than `BLIND_S`, the state is not known: both chambers empty, their vapour may be of any
+    volume, and what comes when they fill again is not the model's fault. A part begins where all
+    are read: what is empty at its beginning is not known either.
+    """
+    unused = ~np.isfinite(record.variances)
+    blind = unused.sum(1) >= min(2, unused.shape[1])
+    edges = np.flatnonzero(np.diff(np.r_[False, blind, False])).reshape(-1, 2)
+    lost = [(int(a), int(b)) for a, b in edges if (b - a) * period > BLIND_S]
+    if not lost:
+        return [record]
+    parts: list[tuple[int, int]] = []
+    ends = [0, *(end for stretch in lost for end in stretch), len(record)]
+    for first, last in zip(ends[::2], ends[1::2], strict=True):
+        known = np.flatnonzero(~unused[first:last].any(1))
+        if len(known):
+            parts.append((first + int(known[0]), last))
+    return [
+        Record(
+            record.source, np.ascontiguousarray(record.inputs[a:b]),
+            np.ascontiguousarray(record.readings[a:b]),
+            np.ascontiguousarray(record.variances[a:b]),
+        )
+        for a, b in parts
+    ]  # fmt: skip
 
 
 def untimely(recording: Recording) -> BoolArray:

@@ -14,7 +14,7 @@ from .fit import Fitter
 from .linear import BLOCK_S, SETTLING_S, slices_of
 from .plant import Array, Output, Plant
 from .predictor import Predictor
-from .records import Record
+from .records import Record, seen_parts
 from .variables import Values
 
 FITTED_BLOCKS: Final = 8
@@ -37,8 +37,16 @@ _AVERAGED: Final = 50
 
 
 def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
-    """Return the records that are longer than the filter's settling and one block."""
-    return [record for record in records if slices_of(record, plant.period)]
+    """Return what of records can be followed and is longer than the filter's settling and a block.
+
+    A record that cannot be followed for so long anywhere is given whole: it is to be told what is
+    wrong with its readings.
+    """
+    kept: list[Record] = []
+    for record in records:
+        parts = [p for p in seen_parts(record, plant.period) if slices_of(p, plant.period)]
+        kept += parts or ([record] if slices_of(record, plant.period) else [])
+    return kept
 
 
 def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:

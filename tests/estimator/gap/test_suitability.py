@@ -101,3 +101,38 @@ def test_swapped_pressures_are_predicted_worse_than_by_resting() -> None:
         worse.append(worse_than_resting(predictor, record, PLANT.nominal))
     assert {"pressure_1_Pa", "pressure_2_Pa"} <= set(worse[0])
     assert worse[1] == []
+
+
+def parts_of(change: Callable[[dict[str, Array]], dict[str, Array]]) -> list[int]:
+    return [len(part) for part in usable([record_of(changed(change), PLANT)], PLANT)]
+
+
+def empty(*chambers: int, first: int, last: int) -> Callable[[dict[str, Array]], dict[str, Array]]:
+    def emptied(c: dict[str, Array]) -> dict[str, Array]:
+        read = {
+            f"pressure_{chamber}_Pa": c[f"pressure_{chamber}_Pa"].copy() for chamber in chambers
+        }
+        for pressure in read.values():
+            pressure[first:last] = 0.0
+        return read
+
+    return emptied
+
+
+def test_a_rig_is_followed_anew_once_both_chambers_were_empty() -> None:
+    before, after = parts_of(empty(1, 2, first=2000, last=2400))
+    # The mean of some readings tells where a sensor is at its limit.
+    assert 1980 < before <= 2000
+    assert 3580 < after <= 3600
+    # What is shorter than the filter's settling and a block is of no use.
+    (after,) = parts_of(empty(1, 2, first=300, last=700))
+    assert 5280 < after <= 5300
+
+
+def test_one_empty_chamber_and_a_moment_without_readings_are_followed() -> None:
+    assert parts_of(empty(2, first=2000, last=4000)) == [6000]
+    assert parts_of(empty(1, 2, first=2000, last=2020)) == [6000]
+
+
+def test_a_recording_that_cannot_be_followed_anywhere_is_told_of_as_a_whole() -> None:
+    assert parts_of(empty(1, 2, first=0, last=6000)) == [6000]
