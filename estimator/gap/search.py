@@ -72,6 +72,10 @@ _SETTLED: Final = 1e-3
 _NEAR: Final = 0.2
 """Part of an effect's gain that another must have had at some stage to be tried in its place."""
 
+_ASTRAY: Final = 0.1
+"""Part of what an effect gains with the gains found that it gains with those of the model without
+it: less, and the gains found lead a model without it astray."""
+
 
 class Search:
     """Searches the records of a fitter for effects of its plant's catalogue."""
@@ -96,7 +100,9 @@ class Search:
             self._eliminate(found)
             if not self._alternatives(found, screened):
                 break
-            screened |= self._grow(found)
+            # What was like an effect before it was exchanged for another is like that one, too.
+            for name, stages in self._grow(found).items():
+                screened.setdefault(name, []).extend(stages)
         return found
 
     # One stage
@@ -293,6 +299,8 @@ class Search:
         taken = {named.effect for named in found.named}
         for position, named in enumerate(found.named):
             variables, without = self._without(found, named.effect)
+            lost = self._lost(found, variables, without)
+            without = lost or without
             gain = without.cost - found.fitted.cost
             most = {name: max(c.gain for c in stages) for name, stages in seen.items()}
             near = {
@@ -306,8 +314,13 @@ class Search:
             own = next((c.gain for c in screened if c.effect == named.effect), 0.0)
             likely = [c for c in screened if c.effect != named.effect and c.gain > 0.4 * own]
             alternatives = []
+            self.fitter.refresh(found.fitted.values)
             for candidate in likely[: _TRIED + 2]:
-                fitted = self._with(without, variables, candidate)
+                fitted = (
+                    self._with(without, variables, candidate)
+                    if lost is None
+                    else self._led_with(found, lost, variables, candidate)
+                )
                 if found.fitted.cost - fitted.cost > CHANCE:
                     effect = self.plant.effects[candidate.effect]
                     found.variables = freed(variables, effect)
@@ -330,3 +343,33 @@ class Search:
                 deviate(without.costs - found.fitted.costs), tuple(alternatives),
             )  # fmt: skip
         return False
+
+    def _lost(
+        self, found: Found, variables: tuple[Variable, ...], without: Fitted
+    ) -> Fitted | None:
+        """Return the fit without an effect with gains of its own, if those found lead it astray.
+
+        A ram held near break-away, that the model without the effect lets go, is corrected like one
+        that sticks: no linearisation about that course tells of anything. None if all is well;
+        otherwise the records stay filtered with the fit that is returned.
+        """
+        self.fitter.refresh(without.values)
+        own = float(self.fitter.costs(without.values).sum())
+        if own - found.fitted.cost > _ASTRAY * (without.cost - found.fitted.cost):
+            self.fitter.refresh(found.fitted.values)
+            return None
+        settled = self.settled(without, variables)
+        self.fitter.refresh(settled.values)
+        return Fitted(settled.values, self.fitter.costs(settled.values))
+
+    def _led_with(
+        self, found: Found, lost: Fitted, variables: tuple[Variable, ...], candidate: Screened
+    ) -> Fitted:
+        """Return the fit with a candidate with the gains of what was found, led to it by its own.
+
+        The records stay filtered with what was found.
+        """
+        self.fitter.refresh(lost.values)
+        led = self._with_own_gains(lost, variables, candidate)
+        self.fitter.refresh(found.fitted.values)
+        return self.fitter.fit(led.values, freed(variables, self.plant.effects[candidate.effect]))

@@ -1,15 +1,17 @@
 """What a search names on rigs that are the model but for what is hidden in them."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from estimator.gap.plant import Trace
+from estimator.gap.fit import Fitted, Fitter
+from estimator.gap.plant import Array, Trace
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import Record, made_of, record_of
-from estimator.gap.search import Found, Search
+from estimator.gap.search import Found, Screened, Search
 from estimator.gap.servo_effects import EFFECTS, NOT_TOLD_APART
 from estimator.gap.servo_proposals import propose_end_stop
 from estimator.gap.workflow import form_error
@@ -175,3 +177,60 @@ def test_the_form_of_an_effect_is_known_to_half_a_per_cent_of_its_size(
     value: float, before: float, error: float
 ) -> None:
     assert form_error(value, before) == pytest.approx(error)
+
+
+def test_what_was_like_an_effect_is_tried_in_the_place_of_the_one_that_replaced_it() -> None:
+    class Exchanging(Search):
+        """Finds one effect, exchanges it for another, and screens hardly anything on top."""
+
+        stages = 0
+        tried: Sequence[Screened] = ()
+
+        def _grow(self, found: Found) -> dict[str, list[Screened]]:
+            self.stages += 1
+            gain = 7000.0 if self.stages == 1 else 40.0
+            return {"pressure_1_bias": [Screened("pressure_1_bias", {}, gain, 1.0)]}
+
+        def _alternatives(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
+            self.tried = seen["pressure_1_bias"]
+            return self.stages == 1
+
+    plant = rig(["pressure_1_bias", "pressure_2_bias"])
+    with fitter(plant, recorded(plant, plant.nominal, seconds=2.0)) as of_record:
+        search = Exchanging(of_record)
+        search.run()
+    assert max(candidate.gain for candidate in search.tried) == 7000.0
+
+
+@pytest.mark.parametrize("gained", [8e3, 4e5], ids=["astray", "not astray"])
+def test_a_model_that_the_gains_found_lead_astray_is_refitted_with_its_own(gained: float) -> None:
+    with_it, without_it = {"value": 1.0}, {"value": 0.0}
+
+    class Course:
+        """What a fitter tells of a ram near break-away: without the effect it is let go."""
+
+        filtered: Mapping[str, float] = with_it
+
+        def refresh(self, values: Mapping[str, float]) -> None:
+            self.filtered = values
+
+        def costs(self, values: Mapping[str, float]) -> Array:
+            if values == with_it:
+                return np.array([9e4])
+            return np.array([9e4 + (gained if self.filtered == without_it else 1e6)])
+
+        def fit(self, values: Mapping[str, float], *_: object) -> Fitted:
+            return Fitted(dict(values), self.costs(values))
+
+    search, course = Search.__new__(Search), Course()
+    search.fitter = cast("Fitter", course)
+    present = Fitted(with_it, course.costs(with_it))
+    found = Found(present, present, present, (), [])
+    own = search._lost(found, (), Fitted(without_it, course.costs(without_it)))
+    if gained > 1e5:
+        assert own is None
+        assert course.filtered == with_it
+    else:
+        assert own is not None
+        assert own.cost == 9e4 + gained
+        assert course.filtered == without_it
