@@ -63,6 +63,11 @@ _TRIED_AGAIN: Final = 2
 _PROMISED: Final = 2.0
 """Times the best gain so far that an effect must promise, by the linearisation, to be tried again
 with gains of its own."""
+_CLOSE: Final = 0.7
+"""Part of the best gain from which an effect is tried again beside the best."""
+_FAR: Final = 4.0
+"""Cost of a reading above which it is so: gains of a model that is off by several standard
+deviations favour what is wrong as well as what is right."""
 _SWAPS: Final = 3
 """Times that alternatives are tried; each but the last may exchange one effect for another."""
 _ROUNDS: Final = 5
@@ -157,14 +162,21 @@ class Search:
         ][:_TRIED]
         chance = self._chance(found, [c.effect for c in hopeful]) if hopeful else {}
         best: tuple[Effect, Fitted, float] | None = None
+        gains: dict[str, float] = {}
         for candidate in hopeful:
             fitted = self._with(before, found.variables, candidate)
+            gains[candidate.effect] = before.cost - fitted.cost
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
             if earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
                 best = (effect, fitted, bar)
         gained = before.cost - best[1].cost if best is not None else 0.0
-        for candidate in [c for c in hopeful if c.gain > _PROMISED * gained][:_TRIED_AGAIN]:
+        again = [c for c in hopeful if c.gain > _PROMISED * gained][:_TRIED_AGAIN]
+        if best is not None and best[1].cost > _FAR * found.samples:
+            close = [c for c in hopeful if gains[c.effect] > _CLOSE * gained]
+            if len(close) > 1:
+                again, best = [*close, *(c for c in again if c not in close)], None
+        for candidate in again:
             fitted = self._with_own_gains(before, found.variables, candidate)
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
