@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -234,3 +235,41 @@ def test_a_model_that_the_gains_found_lead_astray_is_refitted_with_its_own(gaine
         assert own is not None
         assert own.cost == 9e4 + gained
         assert course.filtered == without_it
+
+
+@pytest.mark.parametrize(
+    ("scale", "first"), [(1.0, "valve_deadband"), (100.0, "spool_null_bias")], ids=["near", "far"]
+)
+def test_effects_that_all_leave_the_model_far_off_are_compared_with_gains_of_their_own(
+    scale: float, first: str
+) -> None:
+    """Those of a model that is far off favour what is wrong as well as what is right."""
+    with_gains_given = {"valve_deadband": 0.90, "spool_null_bias": 0.93, "constant_force": 2.0}
+    with_own = {"valve_deadband": 1.1, "spool_null_bias": 0.4, "constant_force": 0.1}
+    readings = 1000
+
+    class Weighing(Search):
+        """Knows what is left a reading with each effect."""
+
+        def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
+            return {}
+
+        def _with(self, present: Fitted, variables: object, candidate: Screened) -> Fitted:
+            return self._left(with_gains_given[candidate.effect])
+
+        def _with_own_gains(
+            self, present: Fitted, variables: object, candidate: Screened
+        ) -> Fitted:
+            return self._left(with_own[candidate.effect])
+
+        def _left(self, share: float) -> Fitted:
+            return Fitted({}, np.full(10, share * scale * readings / 10))
+
+    search = Weighing.__new__(Weighing)
+    search.plant = rig(with_own)
+    search.fitter = cast("Fitter", SimpleNamespace(samples=readings))
+    before = Fitted({}, np.full(10, 2.5 * scale * readings / 10))
+    screened = [Screened(name, {}, 0.5 * scale * readings, 1.0) for name in with_own]
+    added = search._next(Found(before, before, before, (), []), screened)
+    assert added is not None
+    assert added[0].name == first
