@@ -6,10 +6,11 @@ from typing import Final
 
 import numpy as np
 
+from .findings import CHANCE, HELD_OUT, MATERIAL, MOST_EFFECTS, Found, deviate
 from .fit import Fitter
 from .linear import cost_of, slices_of
+from .refits import Refits
 from .results import Curve, Verdict
-from .search import CHANCE, HELD_OUT, MATERIAL, MOST_EFFECTS, Found, Search, deviate
 from .unsettled import LEFT, Unsettled
 from .variables import Values, Variable
 
@@ -49,7 +50,7 @@ class Judgement:
     reasons: tuple[str, ...]
 
 
-def confirm(search: Search, found: Found, judged: Fitter) -> tuple[dict[str, float], list[str]]:
+def confirm(refits: Refits, found: Found, judged: Fitter) -> tuple[dict[str, float], list[str]]:
     """Drop named effects that do not lower the error held out.
 
     What an exact effect would gain there is the cost of what it changes in the predictions. Where
@@ -63,7 +64,7 @@ def confirm(search: Search, found: Found, judged: Fitter) -> tuple[dict[str, flo
     deviates: dict[str, float] = {}
     for named in list(found.named):
         judged.refresh(found.fitted.values)
-        variables, without = search._without(found, named.effect)
+        variables, without = refits.without(found, named.effect)
         expected = _changed(judged, found.fitted.values, without.values)
         gains = judged.costs(without.values) - judged.costs(found.fitted.values)
         if expected < CHANCE:
@@ -77,7 +78,7 @@ def confirm(search: Search, found: Found, judged: Fitter) -> tuple[dict[str, flo
             )
         else:
             deviates[named.effect] = deviate(gains)
-    search.fitter.refresh(found.fitted.values)
+    refits.fitter.refresh(found.fitted.values)
     return deviates, dropped
 
 

@@ -22,37 +22,19 @@ from .findings import (
     HELD_OUT,
     MATERIAL,
     MOST_EFFECTS,
-    Alternative,
     Found,
     Named,
     Screened,
     deviate,
     earns,
 )
-from .fit import Changes, Fitted, Fitter
+from .fit import Fitted, Fitter
 from .plant import Effect
+from .refits import Refits
+from .rivals import Rivals
 from .screening import Screening
 from .twins import FEW, Twins
-from .variables import (
-    Values,
-    Variable,
-    effect_variables,
-    freed,
-    nuisance_variable,
-    started,
-)
-
-__all__ = [
-    "CHANCE",
-    "HELD_OUT",
-    "MATERIAL",
-    "MOST_EFFECTS",
-    "Found",
-    "Named",
-    "Screened",
-    "Search",
-    "deviate",
-]
+from .variables import Values, freed
 
 OVER_TWIN: Final = 5.0
 """Times the greatest gain among twins that a gain must be."""
@@ -70,16 +52,6 @@ _FAR: Final = 4.0
 deviations favour what is wrong as well as what is right."""
 _SWAPS: Final = 3
 """Times that alternatives are tried; each but the last may exchange one effect for another."""
-_ROUNDS: Final = 5
-"""Times that gains and values follow each other at most."""
-_SETTLED: Final = 1e-3
-"""Part of the cost below which a step leaves the gains as they are."""
-_NEAR: Final = 0.2
-"""Part of an effect's gain that another must have had at some stage to be tried in its place."""
-
-_ASTRAY: Final = 0.1
-"""Part of what an effect gains with the gains found that it gains with those of the model without
-it: less, and the gains found lead a model without it astray."""
 
 
 class Search:
@@ -88,22 +60,23 @@ class Search:
     def __init__(self, fitter: Fitter, seed: int = 1, judged: Fitter | None = None) -> None:
         self.fitter, self.judged = fitter, judged
         self.plant = fitter.predictor.plant
-        self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
+        self.refits = Refits(fitter)
         self._seed = seed
         self._twins = Twins(fitter, seed)
         self._screening = Screening(self.plant)
+        self.rivals = Rivals(self.refits, self._screening)
 
     def run(self) -> Found:
         """Return what the model lacks, as far as the records tell."""
         values = {**self.plant.nominal}
         self.fitter.refresh(values)
         given = Fitted(dict(values), self.fitter.costs(values))
-        present = self.settled(given, self.nuisances)
-        found = Found(given, present, present, self.nuisances, [])
+        present = self.refits.settled(given, self.refits.nuisances)
+        found = Found(given, present, present, self.refits.nuisances, [])
         screened = self._grow(found)
         for _ in range(_SWAPS):
             self._eliminate(found)
-            if not self._alternatives(found, screened):
+            if not self.rivals.exchange(found, screened):
                 break
             # What was like an effect before it was exchanged for another is like that one, too.
             for name, stages in self._grow(found).items():
@@ -126,7 +99,7 @@ class Search:
             effect, fitted, bar = added
             before = found.fitted
             found.variables = freed(found.variables, effect)
-            found.fitted = self.settled(fitted, found.variables)
+            found.fitted = self.refits.settled(fitted, found.variables)
             gain = before.cost - fitted.cost
             found.named.append(
                 Named(
@@ -135,17 +108,6 @@ class Search:
                 )
             )  # fmt: skip
         return seen
-
-    def settled(self, fitted: Fitted, variables: Sequence[Variable]) -> Fitted:
-        """Return the fit of variables whose gains are its own."""
-        for _ in range(_ROUNDS):
-            self.fitter.refresh(fitted.values)
-            before = self.fitter.costs(fitted.values).sum()
-            fitted = self.fitter.fit(fitted.values, variables, 4)
-            # Where the values hardly moved, their gains did not either.
-            if before - fitted.cost < _SETTLED * fitted.cost:
-                break
-        return fitted
 
     def _next(
         self, found: Found, screened: Sequence[Screened]
@@ -164,7 +126,7 @@ class Search:
         best: tuple[Effect, Fitted, float] | None = None
         gains: dict[str, float] = {}
         for candidate in hopeful:
-            fitted = self._with(before, found.variables, candidate)
+            fitted = self.refits.with_effect(before, found.variables, candidate)
             gains[candidate.effect] = before.cost - fitted.cost
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
@@ -177,7 +139,7 @@ class Search:
             if len(close) > 1:
                 again, best = [*close, *(c for c in again if c not in close)], None
         for candidate in again:
-            fitted = self._with_own_gains(before, found.variables, candidate)
+            fitted = self.refits.with_own_gains(before, found.variables, candidate)
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
             if earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
@@ -198,7 +160,7 @@ class Search:
         best: tuple[Effect, Fitted, float] | None = None
         least = (1.0 - MOST) * excess
         for candidate in hopeful:
-            fitted = self._with(before, found.variables, candidate)
+            fitted = self.refits.with_effect(before, found.variables, candidate)
             bar = self._bar(candidate, chance, 0.0)
             if not earns(before, fitted, bar):
                 continue
@@ -230,32 +192,6 @@ class Search:
         over_twin = OVER_TWIN * chance.get(candidate.effect, 0.0)
         return float(max(CHANCE, material * candidate.acting, over_twin))
 
-    def _with(self, present: Fitted, variables: Sequence[Variable], candidate: Screened) -> Fitted:
-        """Return the fit with a candidate added."""
-        effect = self.plant.effects[candidate.effect]
-        values = started(self.plant, present.values, effect, candidate.start)
-        kept = self._kept(present.values, variables)
-        return self.fitter.fit(values, freed(tuple(variables), effect), 5, 3e-4, kept)
-
-    def _with_own_gains(
-        self, present: Fitted, variables: Sequence[Variable], candidate: Screened
-    ) -> Fitted:
-        """Return the fit with a candidate added, whose gains are its own.
-
-        With those of a model without it, a large effect of a valve's edges hardly gains at all.
-        """
-        fitted = self._with(present, variables, candidate)
-        effect = self.plant.effects[candidate.effect]
-        fitted = self.settled(fitted, freed(tuple(variables), effect))
-        self.fitter.refresh(present.values)
-        return fitted
-
-    def _kept(self, values: Values, variables: Sequence[Variable]) -> dict[str, Changes]:
-        """Return the changes by variables, by the names of their columns."""
-        columns = self.fitter.columns(values, variables)
-        changes = self.fitter.changes(values, columns)
-        return {column.name: change for column, change in zip(columns, changes, strict=True)}
-
     def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
         """Return what each of some effects gains at most on twins of the present model."""
         most: dict[str, float] = {}
@@ -276,112 +212,8 @@ class Search:
         for named in list(found.named):
             if len(found.named) < 2:
                 return
-            variables, without = self._without(found, named.effect, exact=True)
+            variables, without = self.refits.without(found, named.effect, exact=True)
             if without.cost - found.fitted.cost < named.bar:
                 found.named.remove(named)
                 found.variables = variables
-                found.fitted = self.settled(without, variables)
-
-    def _without(
-        self, found: Found, name: str, exact: bool = False
-    ) -> tuple[tuple[Variable, ...], Fitted]:
-        """Return variables and fit without an effect, with the gains of the fit with it."""
-        kept = [v for v in found.variables if not (v.name == name and v.key)]
-        values = dict(found.fitted.values)
-        for variable in effect_variables(self.plant.effects[name]):
-            values = variable.put(values, self.plant.nominal[variable.parameter])
-        refitted = found.refitted.values
-        present = {variable.parameter for variable in kept}
-        back = [v for v in self.nuisances if v.parameter not in present]
-        back = [v for v in back if v.parameter in {w.parameter for w in found.variables}]
-        variables = (*back, *kept)
-        # The nuisances may have to go far: from where they are now, or from where they once were.
-        once = {**values, **{v.parameter: refitted[v.parameter] for v in variables if not v.key}}
-        if self.fitter.costs(once).sum() < self.fitter.costs(values).sum():
-            values = once
-        changes = None if exact else self._kept(found.fitted.values, kept)
-        return variables, self.fitter.fit(values, variables, 6, 3e-4, changes)
-
-    def _alternatives(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
-        """Try other effects in the place of each that was named.
-
-        Returns:
-            Whether one was better and took its place.
-        """
-        taken = {named.effect for named in found.named}
-        for position, named in enumerate(found.named):
-            variables, without = self._without(found, named.effect)
-            lost = self._lost(found, variables, without)
-            without = lost or without
-            gain = without.cost - found.fitted.cost
-            most = {name: max(c.gain for c in stages) for name, stages in seen.items()}
-            near = {
-                name
-                for name, reached in most.items()
-                if name not in taken and reached > _NEAR * most.get(named.effect, 0.0)
-            }
-            screened = self._screening.screen(
-                self.fitter, without.values, variables, near | {named.effect}
-            )
-            own = next((c.gain for c in screened if c.effect == named.effect), 0.0)
-            likely = [c for c in screened if c.effect != named.effect and c.gain > 0.4 * own]
-            alternatives = []
-            self.fitter.refresh(found.fitted.values)
-            for candidate in likely[: _TRIED + 2]:
-                fitted = (
-                    self._with(without, variables, candidate)
-                    if lost is None
-                    else self._led_with(found, lost, variables, candidate)
-                )
-                if found.fitted.cost - fitted.cost > CHANCE:
-                    effect = self.plant.effects[candidate.effect]
-                    found.variables = freed(variables, effect)
-                    found.fitted = self.settled(fitted, found.variables)
-                    better = deviate(without.costs - fitted.costs)
-                    found.named[position] = Named(
-                        effect.name, without.cost - fitted.cost,
-                        (without.cost - fitted.cost) / found.samples, named.bar, better,
-                    )  # fmt: skip
-                    return True
-                alternatives.append(
-                    Alternative(
-                        candidate.effect, (without.cost - fitted.cost) / gain,
-                        deviate(fitted.costs - found.fitted.costs), fitted,
-                    )
-                )  # fmt: skip
-            alternatives.sort(key=lambda alternative: -alternative.share)
-            found.named[position] = Named(
-                named.effect, gain, gain / found.samples, named.bar,
-                deviate(without.costs - found.fitted.costs), tuple(alternatives),
-            )  # fmt: skip
-        return False
-
-    def _lost(
-        self, found: Found, variables: tuple[Variable, ...], without: Fitted
-    ) -> Fitted | None:
-        """Return the fit without an effect with gains of its own, if those found lead it astray.
-
-        A ram held near break-away, that the model without the effect lets go, is corrected like one
-        that sticks: no linearisation about that course tells of anything. None if all is well;
-        otherwise the records stay filtered with the fit that is returned.
-        """
-        self.fitter.refresh(without.values)
-        own = float(self.fitter.costs(without.values).sum())
-        if own - found.fitted.cost > _ASTRAY * (without.cost - found.fitted.cost):
-            self.fitter.refresh(found.fitted.values)
-            return None
-        settled = self.settled(without, variables)
-        self.fitter.refresh(settled.values)
-        return Fitted(settled.values, self.fitter.costs(settled.values))
-
-    def _led_with(
-        self, found: Found, lost: Fitted, variables: tuple[Variable, ...], candidate: Screened
-    ) -> Fitted:
-        """Return the fit with a candidate with the gains of what was found, led to it by its own.
-
-        The records stay filtered with what was found.
-        """
-        self.fitter.refresh(lost.values)
-        led = self._with_own_gains(lost, variables, candidate)
-        self.fitter.refresh(found.fitted.values)
-        return self.fitter.fit(led.values, freed(variables, self.plant.effects[candidate.effect]))
+                found.fitted = self.refits.settled(without, variables)

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from .disturbances import TIME, Attribution, Place, places_of
+from .findings import CHANCE, MATERIAL
 from .plant import Array, Plant, Region
 from .results import Curve
-from .search import CHANCE, MATERIAL
 from .terms import Term, dictionary
 
 MOST_TERMS: Final = 3

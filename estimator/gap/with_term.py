@@ -10,8 +10,8 @@ from .disturbances import TIME
 from .findings import Found
 from .fit import Fitted
 from .plant import Effect, Plant
+from .refits import Refits
 from .results import AddedTerm, Estimate
-from .search import Search
 from .unknown import Unknown
 from .variables import Values, effect_variables, freed
 
@@ -20,15 +20,15 @@ _NORMAL_95: Final = 1.96
 _UNITS: Final = {"phase": "rad"}
 
 
-def with_term(search: Search, found: Found, unknown: Unknown) -> tuple[AddedTerm | None, list[str]]:
+def with_term(refits: Refits, found: Found, unknown: Unknown) -> tuple[AddedTerm | None, list[str]]:
     """Return an unknown disturbance as the model holds it, and what is to be said of it, in words.
 
     Args:
-        search: of the records.
+        refits: of the records.
         found: with nuisances refitted, and no more.
         unknown: to first order.
     """
-    plant = search.plant
+    plant = refits.plant
     if plant.hold_terms is None or plant.held_terms is None:
         return None, ["the model of this plant cannot hold terms in symbols: none was added"]
     held = plant.hold_terms(
@@ -41,12 +41,12 @@ def with_term(search: Search, found: Found, unknown: Unknown) -> tuple[AddedTerm
     if not held.values:
         return None, said
     effect = Effect(EFFECT, unknown.text(plant), unknown.place.name, held.knobs)
-    variables = freed(search.nuisances, effect)
-    fitter = search.fitter
+    variables = freed(refits.nuisances, effect)
+    fitter = refits.fitter
     fitter.refresh(found.refitted.values)
     before = found.refitted
     values = {name: float(held.values[name]) for name in before.values}
-    fitted = search.settled(Fitted(values, fitter.costs(values)), variables)
+    fitted = refits.settled(Fitted(values, fitter.costs(values)), variables)
     if not fitted.cost < before.cost:
         fitter.refresh(before.values)
         return None, [*said, "refitted in the model it predicts no better: it was not added"]

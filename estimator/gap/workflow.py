@@ -13,6 +13,7 @@ from rig.recording import Recording
 from .disturbances import attribution
 from .drift import drifts
 from .experiments import separations
+from .findings import MATERIAL, Found, Named
 from .fit import Fitter
 from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
@@ -21,7 +22,7 @@ from .plant import Plant
 from .predictor import Predictor
 from .records import Record, record_of
 from .results import AddedTerm, Curve, DetectionLimit, Estimate, GapResult, NamedEffect, Rival
-from .search import MATERIAL, Found, Named, Search
+from .search import Search
 from .signatures import ENDLESS, absorbed, cosines, limits
 from .suitability import unsuitable, usable, worse_than_resting
 from .unknown import Unknown, find_unknown
@@ -92,7 +93,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     found = search.run()
     _floor(search, found)
     seen = _Seen()
-    seen.held_out, dropped = confirm(search, found, judged)
+    seen.held_out, dropped = confirm(search.refits, found, judged)
     weak = not found.named or found.explained < EXPLAINED
     # First what takes the fitter as the search has left it: other values filter the records anew.
     known = None if weak else _known(search, found, seen)
@@ -106,10 +107,10 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     resting = [] if weak else _resting(fitter, judged, found.fitted.values)
     fitter.refresh(found.refitted.values)
     left = compared(left, fitter, found.refitted.values)
-    before = attribution(fitter, found.refitted.values, search.nuisances)
+    before = attribution(fitter, found.refitted.values, search.refits.nuisances)
     result.where = _ranked(
         before.curves(found.floor),
-        drifts(fitter, found.refitted.values, search.nuisances, found.floor),
+        drifts(fitter, found.refitted.values, search.refits.nuisances, found.floor),
     )
     result.rest = result.rest if found.named else result.where
     unknown = None
@@ -132,7 +133,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         return
     if result.verdict == "unknown_effect":
         # A name that explains too little would be a wrong one: the model is refitted, no more.
-        found.fitted, found.named, found.variables = found.refitted, [], search.nuisances
+        found.fitted, found.named, found.variables = found.refitted, [], search.refits.nuisances
         known = None
         result.rest = result.where
         if unknown is None:
@@ -143,7 +144,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
                 f"in symbols, to be added to the {unknown.place.name}: {unknown.text(plant)}; it "
                 f"takes away {min(unknown.share, 1.0):.0%} of the excess"
             )
-            result.added, said = with_term(search, found, unknown)
+            result.added, said = with_term(search.refits, found, unknown)
             result.reasons += said
     if known is None:
         fitter.refresh(found.fitted.values)

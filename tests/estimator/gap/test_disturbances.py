@@ -11,6 +11,7 @@ from numba import njit
 
 from estimator.gap.disturbances import attribution, hats, places_of
 from estimator.gap.drift import drifts
+from estimator.gap.findings import MOST_EFFECTS
 from estimator.gap.fit import Fitter
 from estimator.gap.judging import judge
 from estimator.gap.plant import (
@@ -27,7 +28,6 @@ from estimator.gap.plant import (
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import Record, made_of
 from estimator.gap.results import Curve
-from estimator.gap.search import MOST_EFFECTS
 from estimator.gap.sensitivities import course_of
 from estimator.gap.unknown import find_unknown, in_symbols
 from estimator.gap.variables import Variable

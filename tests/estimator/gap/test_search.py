@@ -8,11 +8,15 @@ from typing import cast
 import numpy as np
 import pytest
 
+from estimator.gap.findings import Found, Screened
 from estimator.gap.fit import Fitted, Fitter
 from estimator.gap.plant import Array, Trace
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import Record, made_of, record_of
-from estimator.gap.search import Found, Screened, Search
+from estimator.gap.refits import Refits
+from estimator.gap.rivals import Rivals
+from estimator.gap.screening import Screening
+from estimator.gap.search import Search
 from estimator.gap.servo_effects import EFFECTS, NOT_TOLD_APART
 from estimator.gap.servo_proposals import propose_end_stop
 from estimator.gap.workflow import form_error
@@ -165,7 +169,7 @@ def test_a_plant_that_a_value_breaks_is_no_candidate_and_no_crash() -> None:
         of_record.refresh(plant.nominal)
         broken = {**plant.nominal, "piston_area": float("nan")}
         assert np.all(of_record.costs(broken) >= 1e299)
-        variables = Search(of_record).nuisances
+        variables = Refits(of_record).nuisances
         assert of_record.fit(broken, variables).cost >= 1e299
 
 
@@ -181,26 +185,34 @@ def test_the_form_of_an_effect_is_known_to_half_a_per_cent_of_its_size(
 
 
 def test_what_was_like_an_effect_is_tried_in_the_place_of_the_one_that_replaced_it() -> None:
-    class Exchanging(Search):
-        """Finds one effect, exchanges it for another, and screens hardly anything on top."""
+    class Growing(Search):
+        """Screens one effect, and hardly anything on top of the other that replaced it."""
 
         stages = 0
-        tried: Sequence[Screened] = ()
 
         def _grow(self, found: Found) -> dict[str, list[Screened]]:
             self.stages += 1
             gain = 7000.0 if self.stages == 1 else 40.0
             return {"pressure_1_bias": [Screened("pressure_1_bias", {}, gain, 1.0)]}
 
-        def _alternatives(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
+    class Exchanging(Rivals):
+        """Exchanges one effect for another once."""
+
+        times = 0
+        tried: Sequence[Screened] = ()
+
+        def exchange(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
+            self.times += 1
             self.tried = seen["pressure_1_bias"]
-            return self.stages == 1
+            return self.times == 1
 
     plant = rig(["pressure_1_bias", "pressure_2_bias"])
     with fitter(plant, recorded(plant, plant.nominal, seconds=2.0)) as of_record:
-        search = Exchanging(of_record)
+        search = Growing(of_record)
+        search.rivals = rivals = Exchanging(search.refits, Screening(plant))
         search.run()
-    assert max(candidate.gain for candidate in search.tried) == 7000.0
+    assert search.stages == rivals.times == 2
+    assert max(candidate.gain for candidate in rivals.tried) == 7000.0
 
 
 @pytest.mark.parametrize("gained", [8e3, 4e5], ids=["astray", "not astray"])
@@ -210,6 +222,7 @@ def test_a_model_that_the_gains_found_lead_astray_is_refitted_with_its_own(gaine
     class Course:
         """What a fitter tells of a ram near break-away: without the effect it is let go."""
 
+        predictor = SimpleNamespace(plant=rig(()))
         filtered: Mapping[str, float] = with_it
 
         def refresh(self, values: Mapping[str, float]) -> None:
@@ -223,11 +236,12 @@ def test_a_model_that_the_gains_found_lead_astray_is_refitted_with_its_own(gaine
         def fit(self, values: Mapping[str, float], *_: object) -> Fitted:
             return Fitted(dict(values), self.costs(values))
 
-    search, course = Search.__new__(Search), Course()
-    search.fitter = cast("Fitter", course)
+    course = Course()
+    refits = Refits(cast("Fitter", course))
+    rivals = Rivals(refits, Screening(refits.plant))
     present = Fitted(with_it, course.costs(with_it))
     found = Found(present, present, present, (), [])
-    own = search._lost(found, (), Fitted(without_it, course.costs(without_it)))
+    own = rivals.lost(found, (), Fitted(without_it, course.costs(without_it)))
     if gained > 1e5:
         assert own is None
         assert course.filtered == with_it
@@ -248,26 +262,27 @@ def test_effects_that_all_leave_the_model_far_off_are_compared_with_gains_of_the
     with_own = {"valve_deadband": 1.1, "spool_null_bias": 0.4, "constant_force": 0.1}
     readings = 1000
 
-    class Weighing(Search):
+    class Weighing(Refits):
         """Knows what is left a reading with each effect."""
 
-        def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
-            return {}
-
-        def _with(self, present: Fitted, variables: object, candidate: Screened) -> Fitted:
+        def with_effect(self, present: Fitted, variables: object, candidate: Screened) -> Fitted:
             return self._left(with_gains_given[candidate.effect])
 
-        def _with_own_gains(
-            self, present: Fitted, variables: object, candidate: Screened
-        ) -> Fitted:
+        def with_own_gains(self, present: Fitted, variables: object, candidate: Screened) -> Fitted:
             return self._left(with_own[candidate.effect])
 
         def _left(self, share: float) -> Fitted:
             return Fitted({}, np.full(10, share * scale * readings / 10))
 
-    search = Weighing.__new__(Weighing)
-    search.plant = rig(with_own)
-    search.fitter = cast("Fitter", SimpleNamespace(samples=readings))
+    class Searching(Search):
+        """Takes nothing for chance."""
+
+        def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
+            return {}
+
+    told = SimpleNamespace(samples=readings, predictor=SimpleNamespace(plant=rig(with_own)))
+    search = Searching(cast("Fitter", told))
+    search.refits = Weighing(search.fitter)
     before = Fitted({}, np.full(10, 2.5 * scale * readings / 10))
     screened = [Screened(name, {}, 0.5 * scale * readings, 1.0) for name in with_own]
     added = search._next(Found(before, before, before, (), []), screened)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from estimator.gap.disturbances import places_of
+from estimator.gap.findings import Found
 from estimator.gap.fit import Fitted
 from estimator.gap.plant import Plant
-from estimator.gap.search import Found, Search
+from estimator.gap.refits import Refits
 from estimator.gap.servo_terms import hold_terms
 from estimator.gap.terms import Term
 from estimator.gap.unknown import Unknown
@@ -61,13 +62,13 @@ def test_a_drag_in_symbols_is_refitted_in_the_model_and_explains_the_recording()
     true = AddedTerm(FORCE, "velocity", "x |x|", False, 9e3)
     record = recorded(plant, {**plant.nominal, **fields_of((true,))})
     with fitter(plant, record) as of_record:
-        search = Search(of_record)
+        refits = Refits(of_record)
         of_record.refresh(plant.nominal)
         given = Fitted(dict(plant.nominal), of_record.costs(plant.nominal))
-        refitted = search.settled(given, search.nuisances)
-        found = Found(given, refitted, refitted, search.nuisances, [], 1.0, of_record.samples)
+        refitted = refits.settled(given, refits.nuisances)
+        found = Found(given, refitted, refitted, refits.nuisances, [], 1.0, of_record.samples)
         guess = unknown(plant, FORCE, (Term("velocity", "x |x|"),), 5e3)
-        added, said = with_term(search, found, guess)
+        added, said = with_term(refits, found, guess)
     assert said == []
     assert added is not None
     (size,) = added.estimates

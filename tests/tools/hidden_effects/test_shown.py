@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.gap.findings import CHANCE, MATERIAL
 from estimator.gap.fit import Fitter
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import record_of
-from estimator.gap.search import CHANCE, MATERIAL
 from estimator.gap.servo_actuator import servo_actuator
 from estimator.gap.variables import effect_variables
 from rig.plant import Model
