@@ -19,6 +19,15 @@ EXAMPLE = Path(__file__).parents[3] / "docs" / "another_plant"
 Load = Callable[..., PlantModel]
 
 
+@pytest.fixture(scope="module")
+def axis(tmp_path_factory: pytest.TempPathFactory) -> PlantModel:
+    """Return the example as it is, compiled once for all that ask for it."""
+    folder = tmp_path_factory.mktemp("axis")
+    for file in ("axis.py", "axis.yaml"):
+        copy(EXAMPLE / file, folder / file)
+    return load_plant(f"{folder / 'axis.py'}:axis", folder / "axis.yaml")
+
+
 @pytest.fixture
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for file in ("axis.py", "axis.yaml"):
@@ -55,21 +64,20 @@ def file_problems(workplace: Path, *changes: tuple[str, str]) -> list[str]:
 
 
 def test_a_model_written_reads_back_to_the_same_values_and_tells_their_intervals(
-    workplace: Path,
+    axis: PlantModel, workplace: Path
 ) -> None:
-    loaded = load_plant("axis.py:axis", workplace / "axis.yaml")
-    values = {**loaded.plant.nominal, "offset": 1.0 / 3.0, "mass": 91.7, "cogging": 2.0}
+    values = {**axis.plant.nominal, "offset": 1.0 / 3.0, "mass": 91.7, "cogging": 2.0}
     provenance = {
         "effects": {"offset": {"parameters": {"value": {"lower": 0.31, "upper": 0.35}}}},
         "refitted": {"mass": {"lower": 91.0, "upper": 92.0}},
     }
-    loaded.plant.write(values, ("offset", "cogging"), provenance, workplace / "found.yaml")
+    axis.plant.write(values, ("offset", "cogging"), provenance, workplace / "found.yaml")
     found = load_plant("axis.py:axis", workplace / "found.yaml")
     assert found.plant.nominal == values
     assert found.effects == ("offset", "cogging")
-    assert found.plant.outputs == loaded.plant.outputs
+    assert found.plant.outputs == axis.plant.outputs
     assert [s.noise for s in found.plant.states] == pytest.approx(
-        [s.noise * 95.0 / 91.7 for s in loaded.plant.states]
+        [s.noise * 95.0 / 91.7 for s in axis.plant.states]
     )
     text = (workplace / "found.yaml").read_text()
     assert "95 %: 91 to 92 kg" in text
@@ -195,9 +203,8 @@ def test_all_mistakes_in_the_tables_are_told_at_once(workplace: Path) -> None:
     assert len(found) >= 3
 
 
-def test_a_simulation_of_an_axis_is_steered_back_within_a_second(workplace: Path) -> None:
-    plant = load_plant("axis.py:axis", workplace / "axis.yaml").plant
-    ((index, output, gain),) = plant.steering
+def test_a_simulation_of_an_axis_is_steered_back_within_a_second(axis: PlantModel) -> None:
+    ((index, output, gain),) = axis.plant.steering
     assert (index, output) == (0, 0)
     # Of M q'' = g u alone, this gain makes an oscillation of 1.5 to 4 s.
     period = 2.0 * np.pi / np.sqrt(gain * 35.0 / 95.0)
@@ -212,8 +219,8 @@ def test_steering_is_as_the_model_file_says(workplace: Path) -> None:
     assert load_plant("axis.py:axis", workplace / "b.yaml").plant.steering == ()
 
 
-def test_the_compiled_step_is_the_rates_integrated(workplace: Path) -> None:
-    plant = load_plant("axis.py:axis", workplace / "axis.yaml").plant
+def test_the_compiled_step_is_the_rates_integrated(axis: PlantModel) -> None:
+    plant = axis.plant
     state, memory = np.array([0.1, 0.2, 1.0]), np.array([0.0])
     parameters = plant.vector({**plant.nominal, "coulomb": 1e-9})
     for _ in range(1000):
