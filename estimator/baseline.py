@@ -17,8 +17,8 @@ from rig.recording import Recording
 
 from .detection import Decision, Detector, OilAccountDetector, draw_up
 from .filters import DEFAULT_FILTER, FILTERS
-from .leak_test import LeakTest, NuisanceBelief
-from .nuisances import DRIFT, NUISANCES
+from .leak_test import LeakTest
+from .nuisances import DRIFT, NUISANCES, NuisanceBelief
 from .oil_account import OilAccount
 from .pattern import STARTED_S, HealthyLevel, PatternDetector, healthy_level
 from .replay import filter_recording, replay, samples_of

@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from .account_noise import checked_model_error
 from .baseline import PATTERN_FILTERS, Baseline, BaselineError
-from .leak_test import NuisanceBelief, checked_model_error
-from .nuisances import NUISANCES
+from .nuisances import NUISANCES, NuisanceBelief
 from .pattern import HealthyLevel
 
 VERSION: Final = 1

@@ -5,7 +5,8 @@ from math import inf
 from typing import Final
 
 from .account_row import FAULTS
-from .leak_test import Finding, LeakTest
+from .finding import Finding
+from .leak_verdicts import LeakVerdicts
 
 CONFIRMED_AFTER_S: Final = 5.0
 """What is found is confirmed once it was held for that long; it is withdrawn if it passes before
@@ -37,11 +38,11 @@ class PresentLeaks:
     show its end, or when they are likelier to be those of a healthy rig or of another fault.
 
     Args:
-        test: all findings are its own.
+        verdicts: of the test that makes all findings.
     """
 
-    def __init__(self, test: LeakTest) -> None:
-        self._test = test
+    def __init__(self, verdicts: LeakVerdicts) -> None:
+        self._verdicts = verdicts
         self._holds = [Hold() for _ in range(_LEAKS)]
         self._confirmed: dict[int, Finding] = {}
         self._ended: set[int] = set()
@@ -68,7 +69,7 @@ class PresentLeaks:
         for leak, finding in list(self._confirmed.items()):
             likely = probabilities.get(FAULTS[leak], 0.0) + probabilities.get("multiple", 0.0)
             told = leak in found or likely > _LIKELIER_THAN_NOT
-            present[leak] = self._test.present(finding) if told else 0.0
+            present[leak] = self._verdicts.present(finding) if told else 0.0
             if present[leak] == 0.0:
                 del self._confirmed[leak]
                 if told or healthy:

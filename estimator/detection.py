@@ -12,11 +12,15 @@ from rig.plant import Model, Parameters
 from rig.plant.dynamics import chamber_volumes
 from rig.plant.parameters import LITRE_PER_MINUTE
 
+from .account_noise import DEAD_ZONE
 from .account_row import FAULTS
 from .confirmation import Hold, PresentLeaks
 from .filters import FilterRun
+from .finding import Finding
 from .flow_account import AccountBlock, reference_drop, reference_flow
-from .leak_test import DEAD_ZONE, MINIMUM_BLOCKS, UNINFORMED, Finding, LeakTest, NuisanceBelief
+from .leak_test import MINIMUM_BLOCKS, LeakTest
+from .leak_verdicts import LeakVerdicts
+from .nuisances import UNINFORMED, NuisanceBelief
 from .oil_account import OilAccount
 from .supply_test import SupplyTest
 
@@ -160,17 +164,19 @@ class OilAccountDetector:
         self._parameters = model.parameters
         self._setting = false_alarms_per_day, expected, model_error
         self._test = LeakTest(*self._setting)
+        self._verdicts = LeakVerdicts(self._test)
         self._account = OilAccount(model.parameters, self._test)
         self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
         self._hold = Hold()
-        self._leaks = PresentLeaks(self._test)
+        self._leaks = PresentLeaks(self._verdicts)
 
     def _begin_anew(self) -> None:
         """Leave the blocks so far behind: a leak that came and went fits no fault that stays."""
         self._test = self._account.test = LeakTest(*self._setting)
-        self._leaks = PresentLeaks(self._test)
+        self._verdicts = LeakVerdicts(self._test)
+        self._leaks = PresentLeaks(self._verdicts)
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
@@ -195,10 +201,10 @@ class OilAccountDetector:
             self._begin_anew()
         dropped = self._supply.search()
         # What a drop of the supply pressure explains is no leak.
-        findings = self._test.search() if dropped is None else self._test.leaks_beside(dropped)
+        findings = self._test.search() if dropped is None else self._verdicts.leaks_beside(dropped)
         threshold = self._test.limit() if dropped is None or findings else self._supply.limit()
         accounts = self._probabilities()
-        lines = self._test.may_be_lines(findings)
+        lines = self._verdicts.may_be_lines(findings)
         present = self._leaks.update(self._last_s, [] if lines else findings, accounts)
         probabilities = _with_supply(accounts, self._supply.odds(), bool(findings))
         if dropped is not None:
@@ -241,7 +247,7 @@ class OilAccountDetector:
         if self._test.blocks < MINIMUM_BLOCKS:
             return {}
         names = ("healthy", *FAULTS, "multiple")
-        return dict(zip(names, map(float, self._test.probabilities()), strict=True))
+        return dict(zip(names, map(float, self._verdicts.probabilities()), strict=True))
 
     def _found(self, findings: list[Finding], threshold: float, lines: bool) -> Decision:
         first = findings[0]
@@ -283,7 +289,7 @@ class OilAccountDetector:
         accounted, travel = self._later_half()
         details = {"travel_m": travel, "travel_needed_m": self._travel_needed()}
         for prefix, part in (("smallest", 0.5), ("smallest_from_start", 0.0)):
-            coefficients = self._test.smallest(part)
+            coefficients = self._verdicts.smallest(part)
             for leak, coefficient in zip(LEAKS, coefficients, strict=False):
                 flow = reference_flow(self._parameters, leak, float(coefficient))
                 details[f"{prefix}_{leak}_m3_per_s"] = flow

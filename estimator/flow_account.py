@@ -57,7 +57,7 @@ then its block grows, by half a second at a time, and is given up after 8 s."""
 
 _SHARE: Final = 0.01
 """Of the latest sample in the averages of the spool and of its noise: they take 0.1 s."""
-_SPOOL_NOISE: Final = 0.43 * DATA_SHEET.spool_noise
+SPOOL_NOISE: Final = 0.43 * DATA_SHEET.spool_noise
 """m: what a transducer's noise makes of the product filter's estimate of a spool at rest. Where the
 estimate varies by more than that, the spool moves."""
 
@@ -65,7 +65,7 @@ _REACH: Final = 5
 """Ticks from one measured sample to the next that the filter bridges. In between, the flow is that
 of the valve's model, whose spool is off by 2 um (`product_noise`): by 0.2 L/min, anew from gap to
 gap. Over the n gaps of a block that is 0.2 L/min / n^0.5: 0.02 L/min at 5 ms, twice the noise that
-the test expects of a block (`leak_test.NOISE`), which it finds and allows for."""
+the test expects of a block (`account_noise.NOISE`), which it finds and allows for."""
 _BRIDGED_PART: Final = 0.9
 """Part of a block's time that must have been bridged for it to count."""
 
@@ -133,7 +133,7 @@ def _accumulate(
             rate = (spool[k] - last[1]) / TICK
             oil_1, oil_2 = 0.5 * (p1[k] + last[2]), 0.5 * (p2[k] + last[3])
             middle = 0.5 * (spool[k] + last[1])
-            deviation = min(sqrt(last[7]), _SPOOL_NOISE)
+            deviation = min(sqrt(last[7]), SPOOL_NOISE)
             add_sample(
                 middle, rate, last[6], deviation, null_bias, null_spread, oil_1, oil_2, par, row
             )

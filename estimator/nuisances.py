@@ -1,9 +1,15 @@
 """The known weaknesses of the model of the rig that an oil account may show, with tolerances."""
 
+from dataclasses import dataclass
 from math import sqrt
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.plant.parameters import LITRE_PER_MINUTE
+
+Array = NDArray[np.float64]
 
 
 class Nuisance(NamedTuple):
@@ -68,3 +74,15 @@ def nuisance_index(name: str) -> int:
 NULL_SHIFT: Final = 0.01
 """Part of its tolerance that the spool's null may shift by in the seconds in which a fault begins:
 0.1 um, 0.01 L/min (one standard deviation)."""
+
+
+@dataclass(frozen=True)
+class NuisanceBelief:
+    """Mean (n,) and covariance (n, n) of the nuisances, each in units of its tolerance."""
+
+    mean: Array
+    covariance: Array
+
+
+UNINFORMED: Final = NuisanceBelief(np.zeros(NUISANCE_COUNT), np.eye(NUISANCE_COUNT))
+"""Nothing known but the tolerances."""

@@ -26,8 +26,11 @@ from rig.plant.parameters import LITRE_PER_MINUTE
 from .account_row import SUPPLY_LEAKAGE
 from .block_noise import lasting_noise
 from .crossings import between, noise_limit, student_quantile
+from .fault_scores import WITNESSES
+from .finding import Finding
 from .flow_account import BLOCK_S, AccountBlock
-from .leak_test import MINIMUM_BLOCKS, PRIOR, SHARES, WITNESSES, Finding
+from .leak_test import MINIMUM_BLOCKS, SHARES
+from .leak_verdicts import PRIOR
 
 Array = NDArray[np.float64]
 

@@ -24,18 +24,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from estimator.account_noise import sensor_noise
 from estimator.crossings import crossing_rate, student_quantile
 from estimator.detection import Samples, draw_up
+from estimator.fault_scores import WITNESSES
 from estimator.filters import FilterRun
 from estimator.flow_account import BLOCK_S
-from estimator.leak_test import (
-    DIRECTIONS,
-    LEFT_OUT,
-    MINIMUM_BLOCKS,
-    WITNESSES,
-    LeakTest,
-    sensor_noise,
-)
+from estimator.leak_test import DIRECTIONS, LEFT_OUT, MINIMUM_BLOCKS, LeakTest
 from estimator.oil_account import OilAccount
 from rig.plant import Model
 from rig.plant.lanes import LANES
@@ -57,7 +52,7 @@ class _Highest(LeakTest):
 
     def highest(self) -> float:
         """Return the statistic of the likeliest fault; -inf where none is likely."""
-        found = self._best() if self.blocks >= MINIMUM_BLOCKS else None
+        found = self.best() if self.blocks >= MINIMUM_BLOCKS else None
         return -np.inf if found is None else found.statistic
 
 

@@ -30,10 +30,11 @@ from rich.console import Console
 from rich.progress import Progress
 from scipy import stats
 
+from estimator.account_noise import checked_model_error
 from estimator.detection import OilAccountDetector, Samples
 from estimator.filters import FILTERS, OUTPUTS, FilterRun
 from estimator.flow_account import BLOCK_TICKS
-from estimator.leak_test import UNINFORMED, checked_model_error
+from estimator.nuisances import UNINFORMED
 from estimator.product_lanes import ProductLanes
 from rig.compile_cache import source_key
 from rig.loop.lanes import SimulatedLanes

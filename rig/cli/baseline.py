@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 
+from estimator.account_noise import MOST_MODEL_ERROR
 from estimator.baseline import learn_baseline
 from estimator.baseline_file import write_baseline
-from estimator.leak_test import MOST_MODEL_ERROR
 from rig.configuration.model import load_model
 from rig.recording import read_recording
 

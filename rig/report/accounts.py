@@ -10,8 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.account_noise import NOISE
+from estimator.finding import Finding
 from estimator.flow_account import AccountBlock
-from estimator.leak_test import MINIMUM_BLOCKS, NOISE, Finding, LeakTest
+from estimator.leak_test import MINIMUM_BLOCKS, LeakTest
+from estimator.leak_verdicts import LeakVerdicts
 from estimator.nuisances import NUISANCE_COUNT
 from estimator.oil_account import OilAccount
 from rig.plant import Parameters
@@ -69,6 +72,7 @@ def account_history(
     if not all(name in recording for name in (*_ESTIMATES, *_MEASURED)):
         return None
     test, likeliest = LeakTest(false_alarms_per_day), _LikeliestFault(false_alarms_per_day)
+    verdicts = LeakVerdicts(test)
     blocks: list[AccountBlock] = []
     findings: list[Finding] = []
     statistics, thresholds, smallest = [], [], []
@@ -79,7 +83,7 @@ def account_history(
         likely = findings or likeliest.search()
         statistics.append(likely[0].statistic if likely else 0.0)
         thresholds.append(test.limit())
-        smallest.append(np.array([test.smallest(0.5), test.smallest(0.0)]))
+        smallest.append(np.array([verdicts.smallest(0.5), verdicts.smallest(0.0)]))
     if not blocks:
         return None
     explained = _explained(blocks, findings)

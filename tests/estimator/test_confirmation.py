@@ -7,7 +7,7 @@ import pytest
 
 from estimator.account_row import FAULTS
 from estimator.confirmation import CONFIRMED_AFTER_S, PresentLeaks
-from estimator.leak_test import Finding
+from estimator.finding import Finding
 
 LEAK, OTHER, LINE = 0, 2, FAULTS.index("supply_leakage")
 SURE = {FAULTS[LEAK]: 1.0}
@@ -19,13 +19,13 @@ def finding(fault: int, coefficient: float = 5e-9) -> Finding:
 
 
 class Confirmation:
-    """Asks every half second, as the detector does; its test says of a leak what it is told."""
+    """Asks every half second, as the detector does; its verdicts say what they are told."""
 
     def __init__(self) -> None:
         self.left: dict[int, float] = {}
         self.time_s = 10.0
-        test: Any = SimpleNamespace(present=lambda f: self.left.get(f.fault, f.coefficient))
-        self.leaks = PresentLeaks(test)
+        verdicts: Any = SimpleNamespace(present=lambda f: self.left.get(f.fault, f.coefficient))
+        self.leaks = PresentLeaks(verdicts)
 
     def after(
         self, seconds: float, faults: tuple[int, ...] = (), probabilities: dict[str, float] = SURE

@@ -5,6 +5,7 @@ import pytest
 
 from estimator.growth import LEAST_BLOCKS, STRETCHES, stretches
 from estimator.leak_test import LeakTest
+from estimator.leak_verdicts import LeakVerdicts
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 from .test_leak_test import ROOT, blocks
@@ -31,7 +32,7 @@ def test_a_leak_that_grows_is_named_and_followed(fault: int, rate: float) -> Non
     found = test.search()
     assert [finding.fault for finding in found] == [fault]
     size = FLOW if fault < 2 else 0.6 * FLOW
-    assert test.present(found[0]) * size == pytest.approx(256 * rate, rel=0.25)
+    assert LeakVerdicts(test).present(found[0]) * size == pytest.approx(256 * rate, rel=0.25)
 
 
 def test_health_is_not_taken_for_growth() -> None:

@@ -8,17 +8,15 @@ from numpy.typing import NDArray
 from scipy.stats import binom as binomial
 from scipy.stats import t as student
 
+from estimator.account_noise import sensor_noise
 from estimator.account_row import FAULT_COUNT, FAULTS
+from estimator.account_sums import MARKS
 from estimator.crossings import student_quantile
+from estimator.fault_scores import WITNESSES
+from estimator.finding import Finding
 from estimator.flow_account import AccountBlock
-from estimator.leak_test import (
-    MINIMUM_BLOCKS,
-    ONSETS,
-    WITNESSES,
-    Finding,
-    LeakTest,
-    sensor_noise,
-)
+from estimator.leak_test import MINIMUM_BLOCKS, LeakTest
+from estimator.leak_verdicts import LeakVerdicts
 from estimator.nuisances import NUISANCE_COUNT
 from rig.plant.parameters import LITRE_PER_MINUTE
 
@@ -228,11 +226,11 @@ def test_incomplete_blocks_are_left_out() -> None:
 
 
 def test_a_long_run_keeps_its_onsets_in_bounds_and_still_finds_a_late_leak() -> None:
-    findings = searched(blocks(ONSETS + 120, 7, flow=0.3, onset=ONSETS + 60))
-    assert not any(findings[: ONSETS + 60])
+    findings = searched(blocks(MARKS + 120, 7, flow=0.3, onset=MARKS + 60))
+    assert not any(findings[: MARKS + 60])
     (found,) = findings[-1]
     assert FAULTS[found.fault] == "external_leakage_1"
-    assert abs(found.onset - (ONSETS + 60)) <= 2
+    assert abs(found.onset - (MARKS + 60)) <= 2
 
 
 def test_fewer_false_alarms_cost_a_higher_threshold() -> None:
@@ -241,14 +239,14 @@ def test_fewer_false_alarms_cost_a_higher_threshold() -> None:
         strict.add(block)
         loose.add(block)
     assert strict.threshold(80.0) > loose.threshold(80.0) + 1.0
-    assert np.all(strict.smallest()[:3] > loose.smallest()[:3])
+    assert np.all(LeakVerdicts(strict).smallest()[:3] > LeakVerdicts(loose).smallest()[:3])
 
 
 def test_the_smallest_leak_it_claims_to_see_it_sees() -> None:
     test = LeakTest(1.0)
     for block in blocks(60, 9):
         test.add(block)
-    smallest = test.smallest()[0] * ROOT / LITRE_PER_MINUTE
+    smallest = LeakVerdicts(test).smallest()[0] * ROOT / LITRE_PER_MINUTE
     assert 0.02 < smallest < 0.15
     assert searched(blocks(60, 9, flow=1.5 * smallest, onset=30))[-1]
 

@@ -9,12 +9,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from estimator.account_noise import sensor_noise
 from estimator.account_row import FAULTS
 from estimator.account_sums import MARKS
 from estimator.detection import Decision, OilAccountDetector, draw_up
 from estimator.filters import FilterRun, start_memory
-from estimator.flow_account import AccountBlock
-from estimator.leak_test import LeakTest, sensor_noise
+from estimator.flow_account import SPOOL_NOISE, AccountBlock
+from estimator.leak_test import LeakTest
 from estimator.nuisances import NUISANCES
 from estimator.oil_account import OilAccount
 from estimator.replay import filter_recording, part_of, samples_of, stretch
@@ -36,6 +37,20 @@ def recorded(truth: Parameters, seconds: float = 30.0, seed: int = 1) -> Recordi
     loop = SimulatedLoop(
         simulated_rig(Model(parameters=truth), seed),
         Motion(setpoint, False, np.zeros((ticks, 8)), 0.3, 1500),
+        start_memory("product", model),
+        model.parameters,
+    )
+    loop.position()
+    rows = loop.advance(ticks)
+    return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
+
+
+def at_rest(seed: int, seconds: float = 30.0) -> Recording:
+    """Return a rig that is the model, with its valve shut and its ram at rest."""
+    ticks, model = round(seconds * 1000.0), Model()
+    loop = SimulatedLoop(
+        simulated_rig(model, seed),
+        Motion(np.zeros(ticks), True, np.zeros((ticks, 8)), 0.3, 1500),
         start_memory("product", model),
         model.parameters,
     )
@@ -141,6 +156,36 @@ def test_accounts_of_a_rig_that_is_the_model_scatter_as_its_sensors_make_them(
     assert low < (left**2).mean() < high
     missing = np.array([block.missing for block in blocks_of(*sound)[4:]])
     assert np.corrcoef(missing.T)[0, 1] < -0.6  # What errs into one chamber errs out of the other.
+
+
+@pytest.fixture(scope="module")
+def resting() -> list[tuple[Recording, FilterRun]]:
+    recordings = [at_rest(seed) for seed in (1, 2, 3)]
+    return [(recording, filter_recording(recording, Model())) for recording in recordings]
+
+
+def test_a_spool_at_rest_is_estimated_to_the_noise_that_its_accounts_make_up_for(
+    resting: list[tuple[Recording, FilterRun]],
+) -> None:
+    """0.43 of its transducer's noise: what varies by more is taken for motion."""
+    spool = np.concatenate([run.state("spool_m")[2000:] for _, run in resting])
+    assert np.sqrt((spool**2).mean()) == pytest.approx(SPOOL_NOISE, rel=0.1)
+
+
+def test_what_flows_past_a_spool_at_rest_scatters_as_its_transducer_makes_it(
+    resting: list[tuple[Recording, FilterRun]],
+) -> None:
+    """At rest it alone moves oil out of one account into the other.
+
+    The chi-square bounds of 99.9 % of 165 blocks would not hold a spool error a third off.
+    """
+    contrast = np.array([1.0, -1.0])
+    blocks = [block for each in resting for block in blocks_of(*each)[4:]]
+    left = np.array(
+        [contrast @ b.missing / np.sqrt(contrast @ sensor_noise(b) @ contrast) for b in blocks]
+    )
+    low, high = chi2.ppf([0.0005, 0.9995], left.size) / left.size
+    assert low < (left**2).mean() < high
 
 
 def repeated(blocks: list[AccountBlock], count: int) -> list[AccountBlock]:

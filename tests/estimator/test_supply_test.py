@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.finding import Finding
 from estimator.flow_account import AccountBlock
-from estimator.leak_test import Finding
 from estimator.supply_test import ONSETS, WANDER, SupplyTest
 from rig.plant import NOMINAL
 from rig.plant.parameters import LITRE_PER_MINUTE

@@ -12,7 +12,7 @@ import pytest
 from control.setpoints import Chirp, Constant, FromFile, Multisine, Pseudorandom, Sine, Steps
 from estimator.baseline import PATTERN_FILTERS, Baseline
 from estimator.baseline_file import write_baseline
-from estimator.leak_test import UNINFORMED
+from estimator.nuisances import UNINFORMED
 from estimator.pattern import HealthyLevel
 from faults.campaign import Campaign, CampaignTest, OnFault, SpringLoad
 from faults.verdict import Verdict

@@ -8,7 +8,7 @@ import pytest
 
 from control.setpoints import Sine
 from estimator.baseline import PATTERN_FILTERS, Baseline
-from estimator.leak_test import UNINFORMED, NuisanceBelief
+from estimator.nuisances import UNINFORMED, NuisanceBelief
 from estimator.pattern import HealthyLevel
 from estimator.replay import ReplayResult, replay
 from faults.campaign import Campaign, CampaignTest, SpringLoad
