@@ -109,8 +109,8 @@ def line_from(connection: socket.socket) -> bytes:
             connection.settimeout(max(until - time.monotonic(), 1e-3))
             piece = connection.recv(LONGEST_LINE)
         except TimeoutError:
-            raise EndlessLineError("a request that does not end") from None
+            raise EndlessLineError("a line that does not end") from None
         received += piece
         if not piece or len(received) > LONGEST_LINE:
-            raise EndlessLineError("a request that does not end, or is too long")
+            raise EndlessLineError("a line that does not end, or is too long")
     return received

@@ -34,7 +34,8 @@ def compile_once(folder: Path) -> None:
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.dispatcher import Dispatcher
 
-    folder.mkdir(parents=True, exist_ok=True)
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
     compile_alone = Dispatcher.compile
     held: set[str] = set()
 
@@ -62,9 +63,16 @@ def compile_once(folder: Path) -> None:
 
 @contextmanager
 def only_one(path: Path, patience_s: float) -> Iterator[None]:
-    """Wait until no other process is in here with this file; no longer than that."""
+    """Wait until no other process is in here with this file; no longer than that.
+
+    Where the file system takes no locks, or no files, nobody waits.
+    """
     end = time.monotonic() + patience_s
-    opened = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+    try:
+        opened = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+    except OSError:
+        yield
+        return
     try:
         while time.monotonic() < end:
             try:
@@ -72,10 +80,13 @@ def only_one(path: Path, patience_s: float) -> Iterator[None]:
                 break
             except BlockingIOError:
                 time.sleep(_LOOK_S)
+            except OSError:
+                break
         yield
     finally:
         # Not by closing it alone: a process forked meanwhile has it open too.
-        fcntl.flock(opened, fcntl.LOCK_UN)
+        with suppress(OSError):
+            fcntl.flock(opened, fcntl.LOCK_UN)
         os.close(opened)
 
 

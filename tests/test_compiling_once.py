@@ -92,3 +92,17 @@ def test_a_worker_that_hangs_while_it_compiles_is_not_waited_for_for_ever(tmp_pa
         fcntl.flock(other, fcntl.LOCK_EX)
         with only_one(path, 0.05):
             pass
+
+
+def test_where_no_file_can_be_locked_nobody_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with only_one(tmp_path / "no folder" / "lock", 60.0):
+        pass
+
+    def fails(*_: object) -> None:
+        raise OSError("no locks available")
+
+    monkeypatch.setattr(fcntl, "flock", fails)
+    with only_one(tmp_path / "lock", 60.0):
+        pass

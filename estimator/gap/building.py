@@ -289,13 +289,13 @@ def _drive(description: PlantDescription) -> Any:
 
 def _begin(
     description: PlantDescription,
-) -> Callable[[Array, Array, Mapping[str, float]], Array]:
+) -> Callable[[Array, Array, Mapping[str, float], float], Array]:
     """Return what makes the memory: the inputs as they act, and those on their way, if any are."""
     if description.input_delay is None:
         return begin_held
     length = _longest(description) + 2
 
-    def begin(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
+    def begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
         return np.concatenate([inputs[0], np.repeat(inputs[0], length)])
 
     return begin

@@ -98,6 +98,7 @@ class Attribution:
         self._base = fitter.columns(values, variables)
         kept = [(r, p) for r, p in zip(fitter.records, parts, strict=True) if p.blocks]
         self._blocks = [part.blocks for _, part in kept]
+        self._first = [record.first for record, _ in kept]
         self.courses: list[Course] = list(
             fitter.pool.map(
                 lambda pair: course_of(
@@ -120,7 +121,8 @@ class Attribution:
         """Return a region's quantity (m,) along each course, SI."""
         if name == TIME.name:
             return [
-                np.asarray(course.samples * self._period, np.float64) for course in self.courses
+                np.asarray((first + course.samples) * self._period, np.float64)
+                for first, course in zip(self._first, self.courses, strict=True)
             ]
         region = self.plant.regions[name]
         return [region.value(course.states, course.inputs) for course in self.courses]

@@ -70,7 +70,13 @@ def drifts(
 def _times(fitter: Fitter) -> Array:
     """Return the middle of each block since its recording began, s (blocks,)."""
     period = fitter.predictor.plant.period
-    return np.array([0.5 * (b.start + b.stop) * period for blocks in fitter.blocks for b in blocks])
+    return np.array(
+        [
+            (record.first + 0.5 * (block.start + block.stop)) * period
+            for record, blocks in zip(fitter.records, fitter.blocks, strict=True)
+            for block in blocks
+        ]
+    )
 
 
 def _change(products: Array, slopes: Array, steps: Array) -> Array:

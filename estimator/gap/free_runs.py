@@ -23,7 +23,7 @@ def free_runs(
 ) -> list[FreeRun]:
     """Return the first seconds of the first record, each channel beside both models.
 
-    Both start from the readings; the ram rests there, as far as the model is told.
+    Both start from the readings, the ram at rest, as far as the model is told.
     """
     if not records:
         return []
@@ -31,11 +31,15 @@ def free_runs(
     whole = records[0]
     count = min(round(SECONDS / plant.period), len(whole))
     record = Record(
-        whole.source, whole.inputs[:count], whole.readings[:count], whole.variances[:count]
+        whole.source,
+        whole.inputs[:count],
+        whole.readings[:count],
+        whole.variances[:count],
+        whole.first,
     )
     given = predictor.simulate(record, before, steered=False)[1]
     written = predictor.simulate(record, after, steered=False)[1]
-    time_s = plant.period * np.arange(count, dtype=np.float64)
+    time_s = plant.period * (whole.first + np.arange(count, dtype=np.float64))
     return [
         FreeRun(
             record.source, time_s, output.channel, output.unit, output.shown or (output.unit, 1.0),

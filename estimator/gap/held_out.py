@@ -6,9 +6,10 @@ from itertools import islice, pairwise
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .bands import band_powers, edges
-from .linear import SETTLING_S
+from .linear import SETTLING_S, mean_squares
 from .plant import Array
 from .predictor import Predictor
 from .records import Record
@@ -32,8 +33,8 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
     e = innovations[settled]
     products = (e[1:] * e[:-1]).sum(0)
     with np.errstate(all="ignore"):
-        square, whiteness = np.nanmean(errors**2, axis=0), products / (e**2).sum(0)
-    return square, whiteness, band_powers(e, predictor.plant.period)
+        whiteness = products / (e**2).sum(0)
+    return mean_squares(errors), whiteness, band_powers(e, predictor.plant.period)
 
 
 def channel_gaps(
@@ -61,10 +62,8 @@ def channel_gaps(
     mean, scatter = {}, np.zeros(len(outputs))
     for name, of_name in tasks.items():
         parts = list(islice(found, len(of_name)))
-        lengths = [float(len(records[index])) for _, index, _ in of_name]
-        mean[name] = tuple(
-            np.average([part[k] for part in parts], axis=0, weights=lengths) for k in range(3)
-        )
+        lengths = np.array([len(records[index]) for _, index, _ in of_name])
+        mean[name] = tuple(_average([part[k] for part in parts], lengths) for k in range(3))
         if name == "floor":
             scatter = _scatter([part[0] for part in parts], [len(record) for record in records])
     ends = edges(predictor.plant.period)
@@ -90,6 +89,15 @@ def channel_gaps(
     return gaps
 
 
+def _average(parts: Sequence[Array], lengths: NDArray[np.int64]) -> Array:
+    """Return the mean of parts, of those that have a value, by the lengths of their records."""
+    stacked = np.array(parts)
+    known = np.isfinite(stacked)
+    weights = known * lengths.reshape(-1, *[1] * (stacked.ndim - 1))
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.where(known, stacked, 0.0) * weights).sum(0) / weights.sum(0))
+
+
 def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
     """Return the standard deviation by chance of one run's mean squares less the floor, (outputs,).
 
@@ -97,9 +105,12 @@ def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
         squares: of each record's twins, one record after the other.
         lengths: of the records.
     """
-    by_record = np.reshape(squares, (len(lengths), FLOOR_TWINS, -1))
-    shares = np.array(lengths)[:, None] / sum(lengths)
-    variances = (shares**2 * by_record.var(axis=1, ddof=1)).sum(axis=0)
+    by_record = np.reshape(squares, (len(lengths), FLOOR_TWINS, -1)).var(axis=1, ddof=1)
+    known = np.isfinite(by_record)
+    weights = known * np.array(lengths)[:, None]
+    with np.errstate(invalid="ignore"):
+        shares = weights / weights.sum(0)
+    variances = (shares**2 * np.where(known, by_record, 0.0)).sum(axis=0)
     return np.asarray(np.sqrt(variances * (1.0 + 1.0 / FLOOR_TWINS)))
 
 

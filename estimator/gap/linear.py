@@ -46,6 +46,13 @@ class Column:
     kicks: Callable[[Record, Array], Array] | None = None
 
 
+def mean_squares(errors: Array) -> Array:
+    """Return the mean squares (outputs,) of errors (n, outputs) that are known, NaN of none."""
+    known = ~np.isnan(errors)
+    with np.errstate(all="ignore"):
+        return np.asarray(np.square(np.where(known, errors, 0.0)).sum(0) / known.sum(0))
+
+
 def slices_of(record: Record, period: float) -> list[slice]:
     """Return the blocks of a record, the settling left out."""
     first, length = round(SETTLING_S / period), round(BLOCK_S / period)

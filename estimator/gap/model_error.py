@@ -18,6 +18,7 @@ from .linear import slices_of
 from .plant import Plant
 from .predictor import Predictor
 from .records import record_of
+from .suitability import usable
 from .variables import Values
 
 SHARES: Final = tuple(float(share) for share in 2.0 ** np.arange(-8.0, 8.5, 1.0))
@@ -49,8 +50,7 @@ def _likelihood(
     states = tuple(replace(state, noise=share * state.noise) for state in plant.states)
     predictor = Predictor(replace(plant, states=states))
     total = 0.0
-    for recording in recordings:
-        record = record_of(recording, plant)
+    for record in usable([record_of(recording, plant) for recording in recordings], plant):
         predictor.filter(record, values)
         innovations = predictor.innovations(record, values)[0]
         for block in slices_of(record, plant.period):

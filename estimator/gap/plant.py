@@ -288,11 +288,12 @@ class InLanes:
 
     Attributes:
         begin: (start states (states, LANES), inputs (m, inputs), values of all parameters by name
-            of each lane) -> memory (rows, LANES) at the first sample.
+            of each lane) -> memory (rows, LANES) at the first sample; what depends on the time
+            since the recording began runs alone (`kind`).
         drive: (inputs, memory), compiled with DRIVE_IN_LANES.
         step: (states, memory, parameters, those of the first lane), compiled with STEP_IN_LANES.
         remember: (states, memory, parameters, those of the first lane), compiled with
-            REMEMBER_IN_LANES.
+            REMEMBER_IN_LANES. What it needs of the states before, `step` leaves in the memory.
         read: (states, memory, parameters, those of the first lane, readings), compiled with
             READ_IN_LANES.
         kind: (values of all parameters by name) -> what runs must have in common to be side by
@@ -319,7 +320,7 @@ def forget(before, state, memory, parameters):
     """Remember nothing: the readings of such a plant follow from its state."""
 
 
-def begin_held(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
+def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
     """Return the memory of a plant that keeps nothing but its inputs (inputs,)."""
     return np.array(inputs[0], dtype=np.float64)
 
@@ -359,8 +360,9 @@ class Plant:
         regions: what these are drawn against, by name.
         drive: compiled with DRIVE.
         remember: compiled with REMEMBER.
-        begin: (start state (count,), inputs (m, inputs), parameters by name) -> memory (length,)
-            at the first sample; at least as long as there are inputs.
+        begin: (start state (count,), inputs (m, inputs), parameters by name, time since the
+            recording began, s) -> memory (length,) at the first sample; at least as long as there
+            are inputs.
         violent: (readings (n, outputs), parameters by name) -> bool (n,): where the plant changes
             so quickly, and by laws known so badly, that no model predicts within a sample what
             happens when: on a stop, with an empty chamber; None if there is nothing of the kind.
@@ -403,7 +405,7 @@ class Plant:
     )
     drive: Any = hold
     remember: Any = forget
-    begin: Callable[[Array, Array, Mapping[str, float]], Array] = begin_held
+    begin: Callable[[Array, Array, Mapping[str, float], float], Array] = begin_held
     violent: Callable[[Array, Mapping[str, float]], NDArray[np.bool_]] | None = None
     memories: tuple[str, ...] = ()
     shares: Callable[[Mapping[str, float]], Array] | None = None

@@ -337,7 +337,7 @@ def predict_ahead(
         readings: float64 (n, outputs).
         states: float64 (n, states), filtered, of `run_frozen`.
         parameters: of the plant.
-        memory: float64 (1, length), zeros.
+        memory: float64 (1, length), of `Plant.begin`.
         memories: float64 (1, length), scratch.
         horizon: samples.
         errors: float64 (n, outputs), written: readings less predictions; NaN at the starts.
@@ -379,7 +379,7 @@ def run_free(
         readings: float64 (n, outputs).
         parameters: of the plant.
         start: float64 (states,).
-        memory: float64 (1, length), zeros.
+        memory: float64 (1, length), of `Plant.begin`.
         steering: float64 (inputs, outputs): what is added to an input for one unit by which a
             simulated reading is below the recorded one; zeros for a free run.
         driven: float64 (n, inputs), written: the inputs applied.

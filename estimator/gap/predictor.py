@@ -34,7 +34,8 @@ class Predictor:
         self._noises = np.array([state.noise for state in plant.states]) ** 2
 
     def _memory(self, start: Array, record: Record, values: Values) -> Array:
-        return self.plant.begin(start, record.inputs[:_FIRST], values)[None, :].copy()
+        time_s = record.first * self.plant.period
+        return self.plant.begin(start, record.inputs[:_FIRST], values, time_s)[None, :].copy()
 
     def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
         first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
@@ -206,4 +207,5 @@ class Predictor:
         twin = made_of(f"twin of {record.source}", driven, simulated, self.plant)
         # What the recording does not tell, its twin must not tell either.
         twin.variances[~np.isfinite(record.variances)] = np.inf
+        twin.first = record.first
         return twin

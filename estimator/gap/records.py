@@ -61,6 +61,7 @@ class Record:
         inputs: float64 (n, inputs), as commanded.
         readings: float64 (n, outputs).
         variances: float64 (n, outputs); infinite where a reading is missing or saturated.
+        first: samples of its recording before it.
         gains: of the last filter run.
         tangent: parameters, transitions (n, states, states) and slopes (n, outputs, states) that
             disturbances were last followed with.
@@ -70,6 +71,7 @@ class Record:
     inputs: Array
     readings: Array
     variances: Array
+    first: int = 0
     gains: Gains = field(init=False, repr=False)
     tangent: tuple[dict[str, float], Array, Array] | None = field(
         init=False, repr=False, default=None
@@ -130,7 +132,7 @@ def seen_parts(record: Record, period: float) -> list[Record]:
         Record(
             record.source, np.ascontiguousarray(record.inputs[a:b]),
             np.ascontiguousarray(record.readings[a:b]),
-            np.ascontiguousarray(record.variances[a:b]),
+            np.ascontiguousarray(record.variances[a:b]), record.first + a,
         )
         for a, b in parts
     ]  # fmt: skip

@@ -217,7 +217,8 @@ def course_of(
     slopes = np.empty((len(samples), outputs, count))
     shifts = np.empty((len(samples), count + outputs, len(probes)))
     last = int(samples[-1]) + 1
-    memory = plant.begin(states[0], record.inputs[:_FIRST], values)[None, :].copy()
+    time_s = record.first * plant.period
+    memory = plant.begin(states[0], record.inputs[:_FIRST], values, time_s)[None, :].copy()
     linearise_course(
         plant.drive, plant.step, plant.remember, plant.read, record.inputs[:last], states[:last],
         np.stack([plant.vector(v) for v in (values, *probes)]), memory,

@@ -123,11 +123,11 @@ def _read(state, memory, parameters, readings):
     readings[3] = means.spool
 
 
-def _begin(state: Array, inputs: Array, values: Mapping[str, float]) -> Array:
+def _begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
     """Return the memory (length,) of a rig long in `state` under its first command."""
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     memory = np.zeros(MEMORY)
-    memory[PATH:NEXT] = command_path(par, spool=state[0], command=inputs[0, 0])
+    memory[PATH:NEXT] = command_path(par, spool=state[0], command=inputs[0, 0], time_s=time_s)
     memory[SEEN:BEHIND] = transducers(par, state[:SEEN_1])
     memory[REMEMBERED] = state[4]
     return memory

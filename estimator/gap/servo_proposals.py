@@ -108,19 +108,22 @@ def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float])
     into compressible oil (Merritt 1967, ch. 6), is the nearest to the speed as read, whatever K_1
     and K_2 are; p_L is the load pressure p_1 - p_2 as read.
     """
-    left = np.zeros(_LATEST + 1)
+    left = np.ones(_LATEST + 1)
     for trace in traces:
         position, p1, p2, spool = trace.readings.T[:4]
         load, opening = p1 - p2, spool + values["spool_null_bias"]
         drop = np.maximum(values["supply_pressure"] - np.sign(opening) * load, 0.0)
         oil = np.cumsum(opening * np.sqrt(drop))
         moves = np.column_stack([each[_MOVED:] - each[:-_MOVED] for each in (oil, load)])
-        moves = np.column_stack([moves, np.ones(len(moves))])
+        largest = np.abs(moves).max(0)
+        if not (np.isfinite(largest) & (largest > 0.0)).all():
+            continue
+        moves = np.column_stack([moves / largest, np.ones(len(moves))])
         moved = position[_MOVED:] - position[:-_MOVED]
         for late in range(_LATEST + 1):
             # The same stretch for every delay.
             known, wanted = moves[: len(moves) - _LATEST], moved[late : len(moved) - _LATEST + late]
-            fitted = np.linalg.lstsq(known / np.abs(known).max(0), wanted, rcond=None)
+            fitted = np.linalg.lstsq(known, wanted, rcond=None)
             left[late] += float(fitted[1].sum())
     best = int(left[1:-1].argmin()) + 1
     before, at, after = left[best - 1 : best + 2]

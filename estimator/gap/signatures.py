@@ -168,7 +168,7 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
 
 
 def _far_above(value: float, knob: Knob) -> bool:
-    return value > ENDLESS * knob.upper
+    return knob.lower > 0.0 and value > ENDLESS * knob.upper
 
 
 def _is_endless(plant: Plant, effect: Effect) -> bool:
@@ -214,7 +214,7 @@ def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> De
     if not refitted:
         return limit
     present = values[knob.parameter]
-    (nuisance,) = refitted
+    nuisance = refitted[0]
     width = nuisance.tolerance * abs(nuisance.nominal)
     size = limit.size + width + abs(present - nuisance.nominal)
     reach = max(knob.upper - present, present - knob.lower)

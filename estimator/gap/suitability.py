@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from .fit import Fitter
-from .linear import BLOCK_S, SETTLING_S, slices_of
+from .linear import BLOCK_S, SETTLING_S, mean_squares, slices_of
 from .plant import Array, Output, Plant
 from .predictor import Predictor
 from .records import Record, seen_parts
@@ -39,14 +39,12 @@ _AVERAGED: Final = 50
 def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
     """Return what of records can be followed and is longer than the filter's settling and a block.
 
-    A record that cannot be followed for so long anywhere is given whole: it is to be told what is
-    wrong with its readings.
+    If no record can be followed for so long anywhere they are given whole: it is to be told what is
+    wrong with their readings.
     """
-    kept: list[Record] = []
-    for record in records:
-        parts = [p for p in seen_parts(record, plant.period) if slices_of(p, plant.period)]
-        kept += parts or ([record] if slices_of(record, plant.period) else [])
-    return kept
+    long = [record for record in records if slices_of(record, plant.period)]
+    parts = [part for record in long for part in seen_parts(record, plant.period)]
+    return [part for part in parts if slices_of(part, plant.period)] or long
 
 
 def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
@@ -166,11 +164,11 @@ def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> 
     resting = record.readings - record.readings[from_]
     resting[~np.isfinite(errors)] = np.nan
     settled = slice(round(SETTLING_S / plant.period), None)
-    with np.errstate(all="ignore"):
-        model = np.nanmean(errors[settled] ** 2, axis=0)
-        rest = np.nanmean(resting[settled] ** 2, axis=0)
+    used = np.isfinite(record.variances[settled]).any(axis=0)
+    # Of a channel that is not read there is nothing to predict.
+    model, rest = mean_squares(errors[settled]), mean_squares(resting[settled])
     return [
         output.channel
-        for output, a, b in zip(plant.outputs, model, rest, strict=True)
-        if a > WORSE * b + output.variance or not np.isfinite(a + b)
+        for output, is_used, a, b in zip(plant.outputs, used, model, rest, strict=True)
+        if is_used and (a > WORSE * b + output.variance or not np.isfinite(a + b))
     ]

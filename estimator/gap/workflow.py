@@ -73,8 +73,10 @@ def find_gap(
         sum(len(r) for r in recordings) * plant.period,
         sum(len(r) for r in holdout) * plant.period,
     )
-    records = usable([record_of(recording, plant) for recording in recordings], plant)
-    judged = usable([record_of(recording, plant) for recording in holdout], plant)
+    whole, whole_judged = (
+        [record_of(recording, plant) for recording in each] for each in (recordings, holdout)
+    )
+    records, judged = usable(whole, plant), usable(whole_judged, plant)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         fitter, judge_with = (Fitter(predictor, each, pool) for each in (records, judged))
         result.reasons = unsuitable(fitter, judge_with)
@@ -84,6 +86,12 @@ def find_gap(
             except np.linalg.LinAlgError:
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
         _show(result, predictor, judged, pool)
+    lost = sum(map(len, [*whole, *whole_judged])) - sum(map(len, [*records, *judged]))
+    if lost:
+        result.reasons.append(
+            f"{lost * plant.period:.1f} s of the recordings cannot be followed, as two readings or "
+            "more are missing or at an end of their range there: they are left out"
+        )
     return result
 
 

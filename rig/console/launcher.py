@@ -79,6 +79,7 @@ class Launched:
         log: what it prints.
         started_ns: wall clock, ns since 1970.
         exit_code: None while it runs.
+        asked: whether it has said that it stops.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Launched:
     log: Path
     started_ns: int = field(default_factory=time.time_ns)
     exit_code: int | None = None
+    asked: bool = False
 
 
 def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
@@ -229,14 +231,16 @@ class Launcher:
         """Stop what runs here, and return how: `ASKED`, `INTERRUPTED`, or empty if nothing runs.
 
         Its control port is asked first: then its journal tells who stopped it and why. Where that
-        does not take it within `ASK_S`, the process is interrupted, as by Ctrl-C.
+        does not take it within `ASK_S`, or took a stop before and still runs, the process is
+        interrupted, as by Ctrl-C.
 
         Args:
             said: who stops it, and why.
         """
         done = ""
         for launched in [each for each in self._launched if each.exit_code is None]:
-            if _takes_a_stop(launched.folder, said):
+            if not launched.asked and _takes_a_stop(launched.folder, said):
+                launched.asked = True
                 done = done or ASKED
                 continue
             with suppress(ProcessLookupError):

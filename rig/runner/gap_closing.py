@@ -18,6 +18,7 @@ from estimator.gap.plant import Plant
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import record_of
 from estimator.gap.results import Check, GapResult, Round, Separation
+from estimator.gap.suitability import usable
 from estimator.gap.workflow import find_gap
 from faults.campaign import Campaign
 from rig.configuration.rig import Rig
@@ -92,7 +93,7 @@ def checked(
     plant, recordings = question.plant(), _read(fresh)
     revised = replace(question, model=revised_model(question.model, found))
     again = find_gap(recordings, _read(held), revised.plant())
-    records = [record_of(recording, plant) for recording in recordings]
+    records = usable([record_of(recording, plant) for recording in recordings], plant)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         gaps = channel_gaps(Predictor(plant), records, plant.nominal, found.values, pool)
     before, after = mean_gap(gaps)

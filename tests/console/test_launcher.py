@@ -179,6 +179,16 @@ def test_a_run_that_answers_is_stopped_with_its_reason_and_not_interrupted(
     assert started[0].signals == []
 
 
+def test_a_run_that_has_said_that_it_stops_and_runs_on_is_interrupted(
+    launcher: Launcher, started: list[Process], running: Path
+) -> None:
+    desk = Desk()
+    desk.open(["one"], {}, lambda kind, **told: None, StopFlag())
+    with ControlPort(running, desk, lambda why: None):
+        assert [launcher.stop("Anna"), launcher.stop("Anna")] == [ASKED, INTERRUPTED]
+    assert started[0].signals == [signal.SIGINT]
+
+
 def test_a_run_without_a_control_port_is_interrupted_at_once(
     launcher: Launcher, started: list[Process]
 ) -> None:

@@ -9,9 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.gap.fit import Fitter
+from estimator.gap.held_out import channel_gaps
+from estimator.gap.plant import Trace
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import record_of
 from estimator.gap.servo_actuator import servo_actuator
+from estimator.gap.servo_proposals import propose_position_delay
 from estimator.gap.suitability import unsuitable, usable, worse_than_resting
 from estimator.gap.workflow import find_gap
 from rig.plant import NOMINAL, Model
@@ -136,3 +139,61 @@ def test_one_empty_chamber_and_a_moment_without_readings_are_followed() -> None:
 
 def test_a_recording_that_cannot_be_followed_anywhere_is_told_of_as_a_whole() -> None:
     assert parts_of(empty(1, 2, first=0, last=6000)) == [6000]
+
+
+def test_what_is_left_out_of_recordings_is_told() -> None:
+    emptied = changed(empty(1, 2, first=2000, last=2400))
+    (said,) = [r for r in find_gap([emptied], [moved()], PLANT).reasons if "left out" in r]
+    assert said.startswith("0.4 s of the recordings cannot be followed")
+
+
+def test_a_recording_that_cannot_be_followed_is_left_out_beside_others() -> None:
+    blind = record_of(changed(empty(1, 2, first=0, last=6000)), PLANT)
+    good = record_of(moved(), PLANT)
+    assert usable([blind, good], PLANT) == [good]
+    assert usable([blind], PLANT) == [blind]
+
+
+def test_a_channel_that_is_not_read_is_not_predicted_worse_than_by_resting() -> None:
+    predictor = Predictor(PLANT)
+    whole = record_of(changed(empty(1, first=300, last=6000)), PLANT)
+    predictor.filter(whole, PLANT.nominal)
+    assert np.isinf(whole.variances[500:, 1]).all()
+    assert worse_than_resting(predictor, whole, PLANT.nominal) == []
+
+
+def test_a_channel_that_one_part_lacks_has_the_gap_of_the_others() -> None:
+    lacking = record_of(changed(empty(1, first=300, last=6000)), PLANT)
+    good = record_of(moved(), PLANT)
+    with ThreadPoolExecutor(1) as pool:
+        predictor = Predictor(PLANT)
+        of_both = channel_gaps(predictor, [lacking, good], PLANT.nominal, PLANT.nominal, pool)
+        of_none = channel_gaps(predictor, [lacking], PLANT.nominal, PLANT.nominal, pool)
+    assert all(np.isfinite([g.before, g.after, g.floor, g.scatter]).all() for g in of_both)
+    assert np.isnan(of_none[1].before)
+    assert np.isfinite(of_none[0].before)
+
+
+def test_a_part_of_a_recording_knows_when_it_began() -> None:
+    """A pump's ripple goes on while a rig cannot be followed."""
+    values = {**PLANT.nominal, "supply_ripple": 6e5, "supply_ripple_frequency": 33.0}
+    predictor = Predictor(PLANT)
+    whole = predictor.twin(record_of(moved(), PLANT), values, 0)
+    whole.variances[1500:1707, 1:3] = np.inf
+    _, later = usable([whole], PLANT)
+    assert later.first == 1707
+    predictor.filter(later, values)
+    in_phase = predictor.innovations(later, values)[0][500:, 1:3]
+    assert np.var(in_phase) < 1.2
+    later.first = 0
+    assert np.var(predictor.innovations(later, values)[0][500:, 1:3]) > 1.4 * np.var(in_phase)
+
+
+def test_a_position_is_not_called_late_by_what_tells_nothing_of_the_oil() -> None:
+    record = record_of(moved(), PLANT)
+    nothing = np.zeros((len(record), 11)), np.zeros((len(record), 4))
+    record.readings[:, 1:3] = 0.0
+    trace = Trace(record.inputs, *nothing, record.readings)
+    assert all(
+        np.isfinite(start["value"]) for start in propose_position_delay([trace], PLANT.nominal)
+    )
