@@ -18,6 +18,7 @@ from .fit import Fitter
 from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
 from .judging import EXPLAINED, confirm, judge
+from .linear import slices_of
 from .plant import Plant
 from .predictor import Predictor
 from .records import Record, record_of
@@ -86,7 +87,8 @@ def find_gap(
             except np.linalg.LinAlgError:
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
         _show(result, predictor, judged, pool)
-    lost = sum(map(len, [*whole, *whole_judged])) - sum(map(len, [*records, *judged]))
+    long = [record for record in (*whole, *whole_judged) if slices_of(record, plant.period)]
+    lost = sum(map(len, long)) - sum(map(len, [*records, *judged]))
     if lost:
         result.reasons.append(
             f"{lost * plant.period:.1f} s of the recordings cannot be followed, as two readings or "
