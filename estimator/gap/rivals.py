@@ -38,10 +38,14 @@ class Rivals:
         """
         taken = {named.effect for named in found.named}
         for position, named in enumerate(found.named):
+            # With one and the same gains, or an equal rival would seem better by their difference.
+            self._fitter.refresh(found.fitted.values)
+            found.fitted = Fitted(found.fitted.values, self._fitter.costs(found.fitted.values))
             variables, without = self._refits.without(found, named.effect)
             lost = self.lost(found, variables, without)
             without = lost or without
-            gain = without.cost - found.fitted.cost
+            # With gains of its own a model without the effect may seem better than it is.
+            gain = max(without.cost - found.fitted.cost, named.bar)
             most = {name: max(c.gain for c in stages) for name, stages in seen.items()}
             near = {
                 name

@@ -132,6 +132,7 @@ class Search:
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
             if earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
                 best = (effect, fitted, bar)
+        first = best
         gained = before.cost - best[1].cost if best is not None else 0.0
         again = [c for c in hopeful if c.gain > _PROMISED * gained][:_TRIED_AGAIN]
         if best is not None and best[1].cost > _FAR * found.samples:
@@ -144,7 +145,7 @@ class Search:
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
             if earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
                 best = (effect, fitted, bar)
-        return best
+        return best or first
 
     def _next_held_out(
         self, found: Found, screened: Sequence[Screened]

@@ -65,14 +65,17 @@ def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
     """Run the workflow behind `rig gap` here, without its report and files.
 
     Raises:
-        WorkflowFailedError: it raised an error.
+        WorkflowFailedError: it raised an error, or a recording cannot be read.
     """
     from estimator.gap.servo_actuator import servo_actuator
     from estimator.gap.workflow import find_gap
     from rig.plant import Model
-    from rig.recording import read_recording
+    from rig.recording import RecordingError, read_recording
 
-    recordings = [read_recording(path) for path in (*identify, holdout)]
+    try:
+        recordings = [read_recording(path) for path in (*identify, holdout)]
+    except RecordingError as error:
+        raise WorkflowFailedError(str(error), refused=True) from error
     try:
         found = find_gap(recordings[:-1], recordings[-1:], servo_actuator(Model()))
     except Exception as error:  # whatever it is, this trial has failed and the next goes on

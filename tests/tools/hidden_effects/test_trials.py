@@ -12,7 +12,7 @@ from tools.hidden_effect_trials import main
 from tools.hidden_effects.menu import MENU, OFF_MENU
 from tools.hidden_effects.tables import by_effect, summary
 from tools.hidden_effects.trials import Plan, kept_file, plans, read_trials, run_trials, trial
-from tools.hidden_effects.workflow import WorkflowFailedError, rig_gap
+from tools.hidden_effects.workflow import WorkflowFailedError, in_process, rig_gap
 
 SECONDS = 1.0
 
@@ -158,3 +158,13 @@ def test_the_answer_is_the_last_line_that_rig_gap_prints(monkeypatch: pytest.Mon
     assert asked[0][3:] == [
         "gap", "a", "b", "--holdout", "c", "--model", "nominal", "--out", "out", "--json",
     ]  # fmt: skip
+
+
+def test_a_recording_that_cannot_be_read_is_refused_in_this_process_as_by_the_command(
+    tmp_path: Path,
+) -> None:
+    broken = tmp_path / "identify_1.csv"
+    broken.write_text("time_s,command_V,position_m\n0.000,,\n0.001,,\n")
+    with pytest.raises(WorkflowFailedError) as failed:
+        in_process([broken], broken, tmp_path)
+    assert failed.value.refused
