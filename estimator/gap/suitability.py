@@ -164,7 +164,7 @@ def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> 
     resting = record.readings - record.readings[from_]
     resting[~np.isfinite(errors)] = np.nan
     settled = slice(round(SETTLING_S / plant.period), None)
-    used = np.isfinite(record.variances[settled]).any(axis=0)
+    used = np.isfinite(record.variances[settled]).sum(axis=0) > 0
     # Of a channel that is not read there is nothing to predict.
     model, rest = mean_squares(errors[settled]), mean_squares(resting[settled])
     return [
