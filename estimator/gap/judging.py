@@ -30,7 +30,7 @@ _PINNED: Final = 1e-3
 AHEAD: Final = 5.0
 """Noise variances of gap over the horizon held out that are too much to be left, where names took
 less than half away or are as many as may be. Chosen with blind trials in sight (docs/gap.md)."""
-_SURE: Final = 2.0
+SURE: Final = 2.0
 """Standard deviations by which a gap must be above that bound: where a ram sticks and slips, twins
 of the same rig differ by several noise variances."""
 HALVED: Final = 0.5
@@ -166,7 +166,7 @@ def judge(
     given, left = ahead
     if (
         found.named
-        and left > AHEAD + _SURE * scatter
+        and left > AHEAD + SURE * scatter
         and (left > (1.0 - HALVED) * given or len(found.named) == MOST_EFFECTS)
     ):
         return Judgement("unknown_effect", (_not_ahead(found, given, left),))

@@ -217,12 +217,15 @@ class Check:
         effects: that it lacks, too.
         gap_before: of the model first given, on this run.
         gap_after: of the revised one, nothing refitted.
+        scatter: of that by chance, one standard deviation: where a ram sticks and slips, twins of
+            the same rig differ by as much.
     """
 
     verdict: Verdict
     effects: tuple[str, ...]
     gap_before: float
     gap_after: float
+    scatter: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ ASK_S: Final = 1.0
 """How long a run may take to say that it stops, before it is interrupted."""
 ASKED: Final = "asked to stop"
 INTERRUPTED: Final = "interrupted"
+ENDING: Final = "ending since the stop before, and interrupted as well"
 ENDINGS: Final = {
     0: "all as expected",
     1: "a test failed or was skipped",
@@ -228,11 +229,11 @@ class Launcher:
         return "" if running is None else running.folder.name
 
     def stop(self, said: str) -> str:
-        """Stop what runs here, and return how: `ASKED`, `INTERRUPTED`, or empty if nothing runs.
+        """Stop what runs here, and return how; empty if nothing runs.
 
-        Its control port is asked first: then its journal tells who stopped it and why. Where that
-        does not take it within `ASK_S`, or took a stop before and still runs, the process is
-        interrupted, as by Ctrl-C.
+        Its control port is asked first: then its journal tells who stopped it and why (`ASKED`).
+        Where that does not take it within `ASK_S`, the process is interrupted, as by Ctrl-C
+        (`INTERRUPTED`); so is one that has taken a stop before and still runs (`ENDING`).
 
         Args:
             said: who stops it, and why.
@@ -245,8 +246,14 @@ class Launcher:
                 continue
             with suppress(ProcessLookupError):
                 launched.process.send_signal(signal.SIGINT)
-            done = INTERRUPTED
+            done = done or ENDING if launched.asked else INTERRUPTED
         return done
+
+    def was_stopped(self, folder: str) -> None:
+        """Take note that the run in a folder of this name has taken a stop, by whatever way."""
+        for launched in self._launched:
+            if launched.folder.name == folder:
+                launched.asked = True
 
     def look(self) -> None:
         """Take note of what has ended."""

@@ -10,7 +10,7 @@ from rig.stream.client import Answer, StreamClient, UnknownRigError
 from rig.stream.commands import KeyFileError
 from rig.stream.settings import COMMANDS, CommandName
 
-from .launcher import ASKED, Launched, Launcher, LaunchRefused
+from .launcher import ASKED, ENDING, Launched, Launcher, LaunchRefused
 from .seat import Seat, SeatTaken
 from .visitors import Visitor
 
@@ -22,6 +22,7 @@ ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", *COMMAN
 STOP_S: Final = 2.5
 """How long an answer to a stop is waited for."""
 COMMAND_S: Final = 5.0
+ENDING_REASON: Final = "it has been ending since the stop before; it was interrupted as well"
 ASKED_REASON: Final = "the stream did not take it; the run's control port did"
 INTERRUPTED_REASON: Final = (
     "neither the stream nor the run's control port took it; the process was interrupted"
@@ -160,6 +161,8 @@ class Orders:
                 if done:
                     also = f"and what was started here, not heard yet, was {done}"
                     return Answer(True, f"{meant}, {also}" if meant else also)
+            if running and self.rig_of_run(running.folder.name) == rig:
+                self._launcher.was_stopped(running.folder.name)
             return Answer(True, meant)
         done = self._launcher.stop(_said(order, visitor))
         if not done:
@@ -168,6 +171,8 @@ class Orders:
         if elsewhere and elsewhere != rig:
             text = f"{answer.reason}; what was started here, on {elsewhere}, was {done}"
             return Answer(False, text)
+        if done == ENDING:
+            return Answer(True, ENDING_REASON)
         if done == ASKED:
             return Answer(True, ASKED_REASON)
         return Answer(True, INTERRUPTED_REASON)

@@ -74,12 +74,19 @@ def figures_of(
 
 
 def residual_level(innovation: Array) -> Figure | None:
-    """Return the mean absolute innovation (n,) in Pa, its error by blocks of 1 s; None if short."""
-    blocks = len(innovation) // _BLOCK
-    if blocks < 2:
+    """Return the mean absolute innovation (n,) in Pa, its error by blocks of 1 s; None if short.
+
+    Rows without one (NaN: the first, and those of ticks that were missed) are left out, and blocks
+    of which more than half are.
+    """
+    count = len(innovation) // _BLOCK
+    sizes = np.abs(innovation[: count * _BLOCK]).reshape(count, _BLOCK)
+    known = np.isfinite(sizes)
+    blocks = [row[of] for row, of in zip(sizes, known, strict=True) if of.sum() > _BLOCK // 2]
+    if len(blocks) < 2:
         return None
-    means = np.abs(innovation[: blocks * _BLOCK]).reshape(blocks, _BLOCK).mean(axis=1)
-    return Figure(float(means.mean()), float(means.std(ddof=1) / np.sqrt(blocks)), "Pa")
+    means = np.array([block.mean() for block in blocks])
+    return Figure(float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means))), "Pa")
 
 
 def _of_decision(decision: Decision) -> dict[str, Figure]:

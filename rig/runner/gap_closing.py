@@ -13,7 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
+import numpy as np
+
 from estimator.gap.held_out import channel_gaps, mean_gap
+from estimator.gap.judging import SURE
 from estimator.gap.plant import Plant
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import record_of
@@ -43,7 +46,8 @@ ROUNDS: Final = 4
 CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
 """That a recording must have."""
 CLOSED: Final = 0.8
-"""Part of the gap that must be gone on a check for a model with rivals left to be called done."""
+"""Part of the gap that must be gone on a check for a model with rivals left to be called done; or
+all but what chance leaves."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -98,7 +102,9 @@ def checked(
         gaps = channel_gaps(Predictor(plant), records, plant.nominal, found.values, pool)
     before, after = mean_gap(gaps)
     seconds = sum(map(len, records)) * plant.period
-    check = Check(again.verdict, tuple(effect.name for effect in again.effects), before, after)
+    names = tuple(effect.name for effect in again.effects)
+    scatter = float(np.mean([gap.scatter for gap in gaps]))
+    check = Check(again.verdict, names, before, after, scatter)
     return check, replace(
         found,
         channels=gaps,
@@ -253,7 +259,8 @@ class _Closing:
         """Whether another round of the same would tell nothing new."""
         known = {effect.name for effect in found.effects}
         known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
-        gone = check.gap_after <= (1.0 - CLOSED) * check.gap_before
+        left = max((1.0 - CLOSED) * check.gap_before, SURE * check.scatter)
+        gone = check.gap_after <= left
         return gone and set(check.effects) <= known and check.verdict != "unknown_effect"
 
     def _compute(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:

@@ -141,12 +141,14 @@ def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
 
 
 class _Told:
-    """A writer whose events the observer is told of, too."""
+    """A writer whose events the observer is told of, too; it knows the timing if that one does."""
 
     def __init__(self, writer: Writer, observer: Observer) -> None:
         self._writer = writer
         self._observer = observer
         self.write = writer.write
+        if isinstance(writer, Timed):
+            self.timing = writer.timing
 
     def event(self, time_s: float, kind: str, text: str) -> None:
         self._writer.event(time_s, kind, text)

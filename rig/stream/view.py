@@ -148,6 +148,7 @@ class RigView:
         self._lasting: dict[str, Mapping[str, Any]] = {}
         self._events: deque[Mapping[str, Any]] = deque(maxlen=EVENTS_SHOWN)
         self._verdicts: deque[Mapping[str, Any]] = deque(maxlen=VERDICTS_SHOWN)
+        self._is_new = True
         self._gaps: deque[Gap] = deque(maxlen=GAPS_SHOWN)
         self._missing: dict[str, int] = {}
 
@@ -292,11 +293,15 @@ class RigView:
             self._channels[channels.number] = channels
         elif kind == "heartbeat":
             self._heartbeat(content, received_ns)
+        elif kind == "campaign":
+            # What a run says first is worth a line though the run before ended with the same.
+            self._is_new |= content.get("begun_ns") != self._lasting.get(kind, {}).get("begun_ns")
         elif kind == "decision":
             before = self._verdicts[-1] if self._verdicts else {}
             told = ("verdict", "test")
-            if any(before.get(name) != content.get(name) for name in told):
+            if self._is_new or any(before.get(name) != content.get(name) for name in told):
                 self._verdicts.append(content)
+            self._is_new = False
 
     def _heartbeat(self, content: Mapping[str, Any], received_ns: int) -> None:
         """Take the numbers of what was sent before it: what is not here by now was lost."""

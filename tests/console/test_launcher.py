@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rig.configuration.problems import ConfigError
-from rig.console.launcher import ASKED, INTERRUPTED, Launcher, LaunchRefused, offers_of
+from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, LaunchRefused, offers_of
 from rig.control_socket import SOCKET
 from rig.runner.control_port import ControlPort
 from rig.runner.desk import Desk
@@ -185,7 +185,15 @@ def test_a_run_that_has_said_that_it_stops_and_runs_on_is_interrupted(
     desk = Desk()
     desk.open(["one"], {}, lambda kind, **told: None, StopFlag())
     with ControlPort(running, desk, lambda why: None):
-        assert [launcher.stop("Anna"), launcher.stop("Anna")] == [ASKED, INTERRUPTED]
+        assert [launcher.stop("Anna"), launcher.stop("Anna")] == [ASKED, ENDING]
+    assert started[0].signals == [signal.SIGINT]
+
+
+def test_a_run_that_took_a_stop_by_the_stream_is_ending(
+    launcher: Launcher, started: list[Process], running: Path
+) -> None:
+    launcher.was_stopped(running.name)
+    assert launcher.stop("Anna") == ENDING
     assert started[0].signals == [signal.SIGINT]
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from rig.console.launcher import ASKED, INTERRUPTED, Launcher, Offer
-from rig.console.orders import Order, Orders
+from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, Offer
+from rig.console.orders import ENDING_REASON, Order, Orders
 from rig.console.seat import Seat
 from rig.console.visitors import Visitor
 from rig.stream.client import Answer
@@ -67,6 +67,14 @@ def test_a_stop_that_the_stream_does_not_take_stops_what_was_started_here_and_sa
     assert ("interrupted" in answer.reason) is (done == INTERRUPTED)
     nothing = orders(client, FakeLauncher(tmp_path)).carry_out(Order("stop", rig), ANNA)
     assert not nothing.accepted
+
+
+def test_a_second_stop_of_a_run_that_is_ending_is_no_failure_of_the_first(
+    client: FakeClient, tmp_path: Path
+) -> None:
+    client.answer = Answer(False, "no answer")
+    answer = orders(client, FakeLauncher(tmp_path, ENDING)).carry_out(Order("stop", "bench"), ANNA)
+    assert answer == Answer(True, ENDING_REASON)
 
 
 def test_nothing_is_started_on_a_rig_that_runs(client: FakeClient, tmp_path: Path) -> None:

@@ -154,3 +154,23 @@ def test_every_motion_keeps_to_the_rigs_limits(wanted: tuple[tuple[str, float], 
         assert rig.limits.position_min_m + 0.015 < low
         assert high < rig.limits.position_max_m - 0.015
         assert not planned.warnings
+
+
+@pytest.mark.parametrize(
+    ("check", "done"),
+    [
+        (Check("adequate", (), 5.0, 0.9), True),
+        (Check("adequate", (), 5.0, 1.6), False),
+        (Check("adequate", (), 5.0, 1.6, scatter=1.0), True),
+        (Check("missing_effect", ("command_delay",), 5.0, 0.0), True),
+        (Check("missing_effect", ("payload_mass",), 5.0, 0.0), False),
+        (Check("unknown_effect", (), 5.0, 0.0), False),
+    ],
+    ids=["gone", "left", "left by chance", "the same", "another", "unknown"],
+)
+def test_a_round_is_the_last_where_the_check_leaves_nothing_but_chance(
+    check: Check, done: bool
+) -> None:
+    effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0, ())
+    found = GapResult("missing_effect", [], [effect])
+    assert gap_closing._Closing._is_done(found, check) is done

@@ -10,8 +10,11 @@ import pytest
 
 from estimator.friction import FrictionCurve, FrictionEstimate
 from rig.report.trend_page import trend_page
+from rig.runner import Observer
 from rig.runner.archive import Run
+from rig.runner.bench import Timed
 from rig.runner.figures import figures_of
+from rig.runner.single_test import _Told
 from rig.runner.trend import FEWEST, Trend, trends_of
 
 BEGUN = datetime(2026, 11, 1, tzinfo=UTC)
@@ -87,3 +90,36 @@ def test_the_page_of_one_run_claims_no_trend() -> None:
     assert "One run: no trend yet" in page
     assert "Too few runs to show a change" in page
     assert "friction asymmetry" in page
+
+
+def test_a_residual_is_followed_though_some_rows_have_none() -> None:
+    """The first row has no innovation, nor has one of a tick that was missed."""
+    innovations = 1e4 * np.random.default_rng(0).standard_normal((30_000, 2))
+    whole = figures_of(None, innovations, None, None)["residual_pressure_1"]
+    innovations[0] = np.nan
+    innovations[5000:5185] = np.nan
+    innovations[9000:10_000] = np.nan
+    found = figures_of(None, innovations, None, None)["residual_pressure_1"]
+    assert found.value == pytest.approx(whole.value, rel=0.01)
+    assert found.value == pytest.approx(1e4 * np.sqrt(2.0 / np.pi), rel=0.02)
+    assert found.standard_error is not None
+    innovations[:29_000] = np.nan
+    assert "residual_pressure_1" not in figures_of(None, innovations, None, None)
+
+
+def test_a_writer_that_knows_the_loops_timing_knows_it_though_its_events_are_told_on() -> None:
+    class Writer:
+        def write(self, rows: object) -> None:
+            pass
+
+        def event(self, time_s: float, kind: str, text: str) -> None:
+            pass
+
+    class OnHardware(Writer):
+        def timing(self) -> dict[str, int]:
+            return {"ticks": 7}
+
+    timed = _Told(OnHardware(), Observer())
+    assert isinstance(timed, Timed)
+    assert timed.timing() == {"ticks": 7}
+    assert not isinstance(_Told(Writer(), Observer()), Timed)

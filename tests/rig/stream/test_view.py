@@ -259,6 +259,15 @@ def test_verdicts_are_kept_when_they_change(view: RigView, publisher: Publisher)
     assert verdicts == ["healthy", "internal_leakage", "healthy"]
 
 
+def test_the_verdict_of_a_new_run_is_told_though_it_is_that_of_the_run_before(
+    view: RigView, publisher: Publisher
+) -> None:
+    for begun_ns in (1, 1, 2):
+        publisher.send("campaign", {"begun_ns": begun_ns})
+        publisher.send("decision", {"verdict": "healthy", "test": 1})
+    assert len(view.snapshot(0).verdicts) == 2
+
+
 def test_nothing_is_known_before_anything_came(view: RigView) -> None:
     snapshot = view.snapshot(0)
     assert (snapshot.alive, snapshot.age_s, snapshot.latest) == (False, None, {})
