@@ -104,8 +104,12 @@ def record_of(recording: Recording, plant: Plant) -> Record:
     """
     inputs = np.column_stack([recording[name] for name in plant.inputs])
     readings = np.column_stack([recording[output.channel] for output in plant.outputs])
-    readings[untimely(recording)] = np.nan
-    return made_of(recording.source, inputs, readings, plant)
+    late = np.where(untimely(recording), np.nan, lateness(recording))
+    readings[~np.isfinite(late)] = np.nan
+    record = made_of(recording.source, inputs, readings, plant)
+    # What it was at the time that all others are of: 50 us at 0.3 m/s are half a count.
+    record.readings -= np.nan_to_num(late)[:, None] * _rates(record.readings, plant.period)
+    return record
 
 
 def seen_parts(record: Record, period: float) -> list[Record]:
@@ -138,19 +142,32 @@ def seen_parts(record: Record, period: float) -> list[Record]:
     ]  # fmt: skip
 
 
-def untimely(recording: Recording) -> BoolArray:
-    """Return for each sample whether it was taken at another time than it says (n,).
+def lateness(recording: Recording) -> Array:
+    """Return by how much later than usual each sample was taken, s (n,); NaN if not known.
 
     A loop on hardware writes and reads in one exchange: a row's command acts from its own sample
     on, and what all exchanges are late by is no delay. An exchange that is later than the others is
     a sample of another time, which no effect of the rig must be made responsible for.
     """
     if not all(name in recording for name in TIMES_OF_EXCHANGE):
-        return np.zeros(len(recording), dtype=np.bool_)
+        return np.zeros(len(recording))
     late = sum((recording[name] for name in TIMES_OF_EXCHANGE), np.zeros(len(recording)))
     if not np.isfinite(late).any():
-        return np.zeros(len(recording), dtype=np.bool_)
-    return np.asarray(~(np.abs(late - np.nanmedian(late)) <= UNTIMELY_S))
+        return np.zeros(len(recording))
+    return np.asarray(late - np.nanmedian(late))
+
+
+def untimely(recording: Recording) -> BoolArray:
+    """Return for each sample whether it was taken at another time than it says (n,)."""
+    return np.asarray(~(np.abs(lateness(recording)) <= UNTIMELY_S))
+
+
+def _rates(readings: Array, period: float) -> Array:
+    """Return rates of change (n, outputs) of readings, over some samples about each."""
+    rates = np.zeros_like(readings)
+    half = _SMOOTHED // 2
+    rates[half:-half] = (readings[2 * half :] - readings[: -2 * half]) / (2 * half * period)
+    return rates
 
 
 def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record:

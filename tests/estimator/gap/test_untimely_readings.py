@@ -59,3 +59,18 @@ def test_readings_that_are_missing_are_held_for_who_is_steered_along_them(
 def test_a_simulated_recording_has_no_untimely_samples(recording: Recording) -> None:
     timeless = {k: v for k, v in recording.channels.items() if k not in ("sent_s", "exchange_s")}
     assert not untimely(Recording(timeless)).any()
+
+
+def test_a_reading_is_taken_back_to_the_time_that_its_row_tells(recording: Recording) -> None:
+    rng = np.random.default_rng(0)
+    late = 5e-5 * rng.standard_normal(N).clip(-2.0, 2.0)
+    true = 0.1 + 0.3 * recording["time_s"]
+    recording["exchange_s"][:] += late
+    recording["position_m"][:] = true + 0.3 * late
+    record = record_of(recording, servo_actuator(Model()))
+    used = np.isfinite(record.variances[:, 0])
+    used[:10] = used[-10:] = used[LATE - 10 : LATE + 10] = used[85:120] = False
+    assert used.sum() > 0.5 * N
+    # All are late by the usual: that is no error, and shifts them alike.
+    off = (record.readings[:, 0] - true)[used]
+    assert np.std(off) < 0.15 * np.std(0.3 * late)
