@@ -27,14 +27,18 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
     The power is that of each frequency band, (bands, outputs).
     """
     settled = slice(round(SETTLING_S / predictor.plant.period), None)
-    predictor.filter(record, values)
-    innovations, states = predictor.innovations(record, values)
-    errors = predictor.ahead(record, values, states)[settled]
-    e = innovations[settled]
+    errors, e = (each[settled] for each in filtered_errors(predictor, record, values))
     products = (e[1:] * e[:-1]).sum(0)
     with np.errstate(all="ignore"):
         whiteness = products / (e**2).sum(0)
     return mean_squares(errors), whiteness, band_powers(e, predictor.plant.period)
+
+
+def filtered_errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array]:
+    """Return errors over the horizon, SI, and innovations, (n, outputs); the gains are its own."""
+    predictor.filter(record, values)
+    innovations, states = predictor.innovations(record, values)
+    return predictor.ahead(record, values, states), innovations
 
 
 def channel_gaps(

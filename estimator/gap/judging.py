@@ -25,7 +25,7 @@ NOWHERE: Final = 0.3
 share if force, both flows and the spool were wrong alike."""
 FREE: Final = 0.05
 """Part of the excess that a free curve may still take away once the whole answer is named."""
-_PINNED: Final = 1e-3
+PINNED: Final = 1e-3
 """Of a size's plausible range: nearer to one of its ends it would go further if it might."""
 AHEAD: Final = 5.0
 """Noise variances of gap over the horizon held out that are too much to be left, where names took
@@ -106,6 +106,7 @@ def judge(
     ahead: tuple[float, float] = (float("nan"), float("nan")),
     unsettled: Sequence[Unsettled] = (),
     scatter: float = 0.0,
+    worse: str | None = None,
 ) -> Judgement:
     """Return the verdict.
 
@@ -121,6 +122,8 @@ def judge(
             noise variances.
         scatter: of the gap that is left, by chance: one standard deviation.
         unsettled: of each channel, what of its errors goes with the motion with all that was found.
+        worse: why the model with all that was named is worse than the one given, in words; None if
+            it is not.
     """
     excess = found.fitted.cost / found.samples - found.floor
     if located is None:
@@ -170,6 +173,8 @@ def judge(
         and (left > (1.0 - HALVED) * given or len(found.named) == MOST_EFFECTS)
     ):
         return Judgement("unknown_effect", (_not_ahead(found, given, left),))
+    if found.named and worse:
+        return Judgement("unknown_effect", (_worse(found, worse),))
     if found.named:
         return Judgement("missing_effect", _missing(found, excess))
     if held_out > HELD_OUT:
@@ -191,7 +196,7 @@ def _at_an_end(found: Found) -> list[Variable]:
     pinned = []
     for variable in sizes.values():
         value, given = (f.values[variable.parameter] for f in (found.fitted, found.given))
-        near = _PINNED * (variable.upper - variable.lower)
+        near = PINNED * (variable.upper - variable.lower)
         ends = [end for end in (variable.lower, variable.upper) if abs(end - given) > near]
         if any(abs(value - end) <= near for end in ends):
             pinned.append(variable)
@@ -259,6 +264,11 @@ def _not_ahead(found: Found, given: float, left: float) -> str:
         f"{given:.2g} noise variances are left: they stand in for something else, so that nothing "
         "is named"
     )
+
+
+def _worse(found: Found, worse: str) -> str:
+    names = " and ".join(named.effect for named in found.named)
+    return f"{names} would lower one-step errors, but {worse}; nothing is named"
 
 
 def _missing(found: Found, excess: float) -> tuple[str, ...]:

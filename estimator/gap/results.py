@@ -7,6 +7,8 @@ from typing import Any, Literal
 from .plant import Array
 
 Verdict = Literal["adequate", "missing_effect", "unknown_effect", "inconclusive"]
+Written = Literal["as given", "refitted", "with effects"]
+"""What the model written is: the one given, or what was fitted."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,7 @@ class Estimate:
         upper: end of the interval.
         unit: SI.
         before: value in the model as given.
+        at_an_end: of a nuisance, whether it came to an end of its tolerance.
     """
 
     key: str
@@ -30,6 +33,7 @@ class Estimate:
     upper: float
     unit: str
     before: float
+    at_an_end: bool = False
 
 
 @dataclass(frozen=True)
@@ -282,7 +286,7 @@ class GapResult:
         verdict: adequate, missing_effect, unknown_effect or inconclusive.
         reasons: of the verdict, in words.
         effects: named, most important first.
-        refitted: nuisances, with their intervals.
+        refitted: nuisances, with their intervals, whether or not the model written has them.
         channels: gap on the held-out recordings by channel.
         gap_before: mean of the channels' excess over the floor, in units of the noise variance.
         gap_after: likewise, of the model as written.
@@ -296,6 +300,8 @@ class GapResult:
         free_runs: short free runs, for the eye.
         values: of all parameters, as written.
         names: effects switched on in the model written.
+        as_given: whether the model written is the one given, with nothing of `refitted`: nothing
+            was fitted, or it would predict worse.
         identification: sources and content hashes of the recordings fitted to.
         holdout: of those held out.
         seconds: of recordings used: identification, holdout.
@@ -320,8 +326,16 @@ class GapResult:
     free_runs: list[FreeRun] = field(default_factory=list)
     values: dict[str, float] = field(default_factory=dict)
     names: tuple[str, ...] = ()
+    as_given: bool = False
     identification: list[tuple[str, str]] = field(default_factory=list)
     holdout: list[tuple[str, str]] = field(default_factory=list)
     seconds: tuple[float, float] = (0.0, 0.0)
     rounds: list[Round] = field(default_factory=list)
     ended_by: str = ""
+
+    @property
+    def written(self) -> Written:
+        """What the model written is."""
+        if self.as_given:
+            return "as given"
+        return "with effects" if self.effects else "refitted"

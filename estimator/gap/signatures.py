@@ -86,7 +86,7 @@ def absorbed(search: Search, found: Found) -> list[str]:
             continue
         for pair, why in plant.not_told_apart.items():
             others = pair - {nuisance.effect}
-            if len(others) != 1 or others & named:
+            if len(others) != 1 or others & named or not others <= plant.effects.keys():
                 continue
             (other,) = others
             column = fitter.columns(values, effect_variables(plant.effects[other])[:1])[0]

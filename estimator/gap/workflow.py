@@ -18,6 +18,7 @@ from .fit import Fitter
 from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
 from .judging import EXPLAINED, confirm, judge
+from .keeping import at_an_end, ends_in_words, growth, take_back, why_worse
 from .linear import slices_of
 from .plant import Plant
 from .predictor import Predictor
@@ -67,7 +68,7 @@ def find_gap(
         KeyError: a recording lacks a channel of the plant.
     """
     predictor = Predictor(plant)
-    result = GapResult("inconclusive", [], values=dict(plant.nominal))
+    result = GapResult("inconclusive", [], values=dict(plant.nominal), as_given=True)
     result.identification = [(r.source, r.content_hash()) for r in recordings]
     result.holdout = [(r.source, r.content_hash()) for r in holdout]
     result.seconds = (
@@ -85,6 +86,8 @@ def find_gap(
             try:
                 _search(result, Search(fitter, seed, judge_with), judge_with)
             except np.linalg.LinAlgError:
+                result.verdict, result.effects, result.channels = "inconclusive", [], []
+                result.values, result.names, result.as_given = dict(plant.nominal), (), True
                 result.reasons = ["no values of the parameters make the model's predictions finite"]
         _show(result, predictor, judged, pool)
     long = [record for record in (*whole, *whole_judged) if slices_of(record, plant.period)]
@@ -132,20 +135,30 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     excess = search.held_out_excess(found.fitted.values)
     without = search.held_out_excess(found.refitted.values) if found.named else excess
     shown = _located(plant, result.where if weak else result.rest, unknown)
-    if found.named:
-        _measure(result, fitter.predictor, judged.records, found.fitted.values, fitter.pool)
+    worse = _compare(result, fitter, judged, found) if found.named else None
     ahead = (result.gap_before, result.gap_after)
     scatter = float(np.mean([gap.scatter for gap in result.channels])) if found.named else 0.0
-    judgement = judge(found, result.rest, resting, excess, without, shown, ahead, left, scatter)
+    judgement = judge(
+        found, result.rest, resting, excess, without, shown, ahead, left, scatter, worse
+    )
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
-        result.rest = result.where
+        result.rest, result.channels = result.where, []
+        result.reasons += ends_in_words(search.refits.nuisances, found.refitted.values)
         return
     if result.verdict == "unknown_effect":
         # A name that explains too little would be a wrong one: the model is refitted, no more.
         found.fitted, found.named, found.variables = found.refitted, [], search.refits.nuisances
         known = None
         result.rest = result.where
+    result.reasons += ends_in_words(found.variables, found.fitted.values)
+    result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
+    result.as_given = False
+    if not found.named:
+        worse = _compare(result, fitter, judged, found)
+        if worse is not None:
+            take_back(result, plant, worse)
+    if result.verdict == "unknown_effect":
         if unknown is None:
             unknown = find_unknown(before, result.where, found.floor)
         if unknown is not None:
@@ -166,7 +179,6 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     result.refitted = [
         _estimate(plant, found, v, known.errors) for v in found.variables if not v.key
     ]
-    result.values, result.names = found.fitted.values, tuple(n.effect for n in found.named)
     result.limits = known.limits
     result.experiments = separations(plant, found, fitter.pool)
 
@@ -249,8 +261,8 @@ def _show(
     """Set the gap on the recordings held out, and free runs."""
     if not judged:
         return
-    # That of what was named is known since it was judged.
-    if result.verdict != "missing_effect" or not result.channels:
+    # That of what was fitted is known since it was judged.
+    if not result.channels:
         _measure(result, predictor, judged, result.values, pool)
     if result.channels:
         result.free_runs = free_runs(predictor, judged, predictor.plant.nominal, result.values)
@@ -270,15 +282,32 @@ def _measure(
     result.gap_before, result.gap_after = (before, after) if finite else (np.nan, np.nan)
 
 
+def _compare(result: GapResult, fitter: Fitter, judged: Fitter, found: Found) -> str | None:
+    """Set the held-out gap with all that was found; return why that is worse, None if not."""
+    predictor, pool = fitter.predictor, fitter.pool
+    given, values = predictor.plant.nominal, found.fitted.values
+    _measure(result, predictor, judged.records, values, pool)
+    held_out, fitted_to = (
+        growth(predictor, records, given, values, pool)
+        for records in (judged.records, fitter.records)
+    )
+    gap = (result.gap_before, result.gap_after)
+    return why_worse(held_out, gap, fitted_to, named=bool(found.named))
+
+
 def _show_added(
     result: GapResult, added: AddedTerm, predictor: Predictor, judged: Sequence[Record],
     pool: ThreadPoolExecutor,
 ) -> None:  # fmt: skip
-    """Set the held-out gap with the unknown term; it stays only if that is lower."""
+    """Set the held-out gap with the unknown term; it stays only if that is lower than without.
+
+    Lower than that of the model written, and than that of the model as given.
+    """
     gaps = channel_gaps(predictor, judged, predictor.plant.nominal, added.values, pool)
-    after = mean_gap(gaps)[1]
+    given, after = mean_gap(gaps)
     told = f"{added.equation}: {added.text}"
-    if not after < result.gap_after:
+    # The first of them has the floor of another model, the second one's own.
+    if not after < result.gap_after or after > given:
         result.added = None
         result.reasons.append(
             f"refitted in the model ({told}) the term does not lower the error held out: it was "
@@ -339,10 +368,11 @@ def _estimate(plant: Plant, found: Found, variable: Variable, errors: dict[str, 
     form = form_error(value, before) if variable.key else 0.0
     error = np.hypot(errors[variable.parameter], form)
     reach = float(_NORMAL_95 * error)
+    end = not variable.key and at_an_end(variable, found.fitted.values)
     unit = next(p.unit for p in plant.parameters if p.name == variable.parameter)
     return Estimate(
         variable.key or variable.parameter, variable.parameter, value, value - reach, value + reach,
-        unit, before,
+        unit, before, end,
     )  # fmt: skip
 
 

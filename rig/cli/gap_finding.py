@@ -201,7 +201,7 @@ def _write(
         plant.write(result.values, result.names, provenance_of(result, told), written)
         if result.added is not None:
             also = stack.enter_context(replacing(out / WITH_TERM_FILE))
-            plant.write(result.added.values, (), provenance_of(result, told), also)
+            plant.write(result.added.values, (), provenance_of(result, told, with_term=True), also)
         drawn.write_text(page, encoding="utf-8")
         told_of.write_text(figures + "\n", encoding="utf-8")
         if campaign is not None:

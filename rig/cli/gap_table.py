@@ -42,5 +42,7 @@ def gap_table(result: GapResult, *, plain: bool) -> Table:
                 f"z = {effect.z:.1f}", others,
             )  # fmt: skip
     for each in result.refitted:
-        table.add_row("refitted", each.key, estimated(each), f"{each.before:.4g}", "", "")
+        how = "refitted" if not result.as_given else "refitted, not kept"
+        end = "at the end of its tolerance" if each.at_an_end else ""
+        table.add_row(how, each.key, estimated(each), f"{each.before:.4g}", end, "")
     return table

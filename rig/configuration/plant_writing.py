@@ -23,7 +23,8 @@ def write_plant_file(
     """Write a model file with given values of all parameters; it reads back to the same floats.
 
     Effects are those of the model and those given. Intervals that the provenance tells of
-    (`effects`, `refitted`: key -> value, lower, upper) are told beside the values too.
+    (`effects`, `refitted`: key -> value, lower, upper) are told beside the values too, but for
+    what was refitted and not kept (`kept`). A model whose values are as they were keeps its name.
 
     Args:
         model: as read.
@@ -35,7 +36,9 @@ def write_plant_file(
     names = [*model.effects, *(name for name in effects if name not in model.effects)]
     on = {name: keys for name, keys in catalogue(model.plant).items() if name in names}
     told = _Told(values, model.plant.parameters, provenance)
-    name = model.name if model.name.endswith(f" {REVISED}") else f"{model.name} {REVISED}"
+    same = dict(values) == model.plant.nominal and not effects
+    revised = same or model.name.endswith(f" {REVISED}")
+    name = model.name if revised else f"{model.name} {REVISED}"
     header = {"name": name, "description": model.told.get("description")}
     lines = [_dumped({key: value for key, value in header.items() if value})]
     lines += ["parameters:"]
@@ -67,7 +70,8 @@ class _Told:
         self.values = values
         self.known = {parameter.name: parameter for parameter in parameters}
         self.provenance = provenance if isinstance(provenance, Mapping) else {}
-        self.refitted: Mapping[str, Any] = self.provenance.get("refitted") or {}
+        refitted: Mapping[str, Any] = self.provenance.get("refitted") or {}
+        self.refitted = {key: each for key, each in refitted.items() if each.get("kept", True)}
 
     def intervals(self, effect: str) -> Mapping[str, Any]:
         told = (self.provenance.get("effects") or {}).get(effect) or {}

@@ -31,7 +31,7 @@ def drawn_curves(result: GapResult) -> list[Curve]:
 def figures_of(result: GapResult) -> dict[str, Any]:
     """Return every plot of the page by its key."""
     drawn: dict[str, Any] = {
-        f"curve_{number}": _curve(curve, _same(result.rest, curve))
+        f"curve_{number}": _curve(curve, None if result.as_given else _same(result.rest, curve))
         for number, curve in enumerate(drawn_curves(result))
     }
     if result.channels:

@@ -132,10 +132,10 @@ def gap_words(result: GapResult) -> str:
     before, after = result.gap_before, result.gap_after
     if not isfinite(before):
         return "The held-out prediction error was not computed."
-    words = (
-        f"Held-out prediction error above the noise floor: {number(before)} noise variances "
-        f"before, {number(after)} after"
-    )
+    words = f"Held-out prediction error above the noise floor: {number(before)} noise variances"
+    if result.as_given:
+        return f"{words}; the model is written as given."
+    words = f"{words} before, {number(after)} after"
     part = shrunk(result)
     if result.effects and isfinite(part) and part > 0.0:
         return f"{words}; {floor(1000.0 * part) / 10.0:g} % of it is gone."

@@ -74,16 +74,20 @@ def _write_model(
     """
     kept = [name for name in parent.effects if name not in effects]
     added = [name for name in effects if name in CATALOGUE]
-    name = parent.name if parent.name.endswith(f" {REVISED}") else f"{parent.name} {REVISED}"
+    parameters = Parameters(**{field: values[field] for field in Parameters._fields})
+    same = parameters == parent.parameters and not added
+    revised = same or parent.name.endswith(f" {REVISED}")
+    name = parent.name if revised else f"{parent.name} {REVISED}"
     parents: dict[str, Any] = {"name": parent.name, "sha256": model_sha256(parent)}
     if parent.provenance:
         parents["provenance"] = dict(parent.provenance)
-    parameters = Parameters(**{field: values[field] for field in Parameters._fields})
     dump_model(Model(name, parameters, (*kept, *added), {"parent": parents, **provenance}), path)
 
 
-def provenance_of(result: GapResult, command: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return what a written model says of where it comes from."""
+def provenance_of(
+    result: GapResult, command: tuple[str, ...] = (), *, with_term: bool = False
+) -> dict[str, Any]:
+    """Return what a written model says of where it comes from; `with_term`: that with the term."""
     told: dict[str, Any] = {"command": list(command)} if command else {}
     if result.added is not None:
         told["unknown_term"] = _term(result)
@@ -95,7 +99,8 @@ def provenance_of(result: GapResult, command: tuple[str, ...] = ()) -> dict[str,
         "recordings": _recordings(result.identification),
         "holdout": _recordings(result.holdout),
         "effects": {effect.name: _provenance_of(effect) for effect in result.effects},
-        "refitted": {each.key: estimate_figures(each) for each in result.refitted},
+        "written": "with the unknown term" if with_term else result.written,
+        "refitted": _refitted(result),
         "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
         "versions": versions(),
         "git": git_state(Path(rig.__file__).parent),
@@ -120,11 +125,21 @@ def answer(result: GapResult) -> dict[str, Any]:
         "verdict": result.verdict,
         "reasons": list(result.reasons),
         "effects": [_short(effect) for effect in result.effects],
-        "refitted": {each.key: estimate_figures(each) for each in result.refitted},
+        "written": result.written,
+        "refitted": _refitted(result),
         "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
         "where": [where_figures(curve) for curve in result.where[:3]],
         "experiment": _first_experiment(result),
         "term": _term(result),
+    }
+
+
+def _refitted(result: GapResult) -> dict[str, Any]:
+    """Return the nuisances as refitted, each with whether the model written has its value."""
+    return {
+        each.key: estimate_figures(each)
+        | {"kept": not result.as_given, "at_an_end": each.at_an_end}
+        for each in result.refitted
     }
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from estimator.gap.held_out import channel_gaps, mean_gap
 from estimator.gap.judging import SURE
+from estimator.gap.keeping import growth, take_back, why_worse
 from estimator.gap.plant import Plant
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import record_of
@@ -88,6 +89,8 @@ def checked(
 ) -> tuple[Check, GapResult]:
     """Return a check of the model found, and what was found with its gap on the fresh run.
 
+    Where the model found predicts that run worse than the one given, the latter is what was found.
+
     Args:
         question: that was answered.
         found: the answer.
@@ -98,18 +101,27 @@ def checked(
     revised = replace(question, model=revised_model(question.model, found))
     again = find_gap(recordings, _read(held), revised.plant())
     records = usable([record_of(recording, plant) for recording in recordings], plant)
+    predictor, given = Predictor(plant), plant.nominal
+    found = replace(found, reasons=list(found.reasons))
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        gaps = channel_gaps(Predictor(plant), records, plant.nominal, found.values, pool)
-    before, after = mean_gap(gaps)
+        gaps = channel_gaps(predictor, records, given, found.values, pool)
+        before, after = mean_gap(gaps)
+        grown = growth(predictor, records, given, found.values, pool)
+        worse = why_worse(grown, (before, after), named=bool(found.effects))
+        if worse is not None:
+            take_back(found, plant, f"on the check {worse}")
+            written = channel_gaps(predictor, records, given, given, pool)
+        else:
+            written = gaps
     seconds = sum(map(len, records)) * plant.period
     names = tuple(effect.name for effect in again.effects)
     scatter = float(np.mean([gap.scatter for gap in gaps]))
     check = Check(again.verdict, names, before, after, scatter)
     return check, replace(
         found,
-        channels=gaps,
-        gap_before=before,
-        gap_after=after,
+        channels=written,
+        gap_before=mean_gap(written)[0],
+        gap_after=mean_gap(written)[1],
         holdout=[(each.source, each.content_hash()) for each in recordings],
         seconds=(found.seconds[0], seconds),
     )
