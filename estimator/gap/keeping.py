@@ -109,7 +109,7 @@ def take_back(result: GapResult, plant: Plant, worse: str) -> None:
     Effects that were named go with it: what they explain is unknown then.
     """
     names = " and ".join(effect.name for effect in result.effects)
-    result.reasons.append(f"with {names or 'its refit'}, {worse}; the model is written as given")
+    result.reasons.append(f"with {names or 'the refit'}, {worse}; the model is written as given")
     if result.effects:
         result.verdict, result.effects, result.experiments = "unknown_effect", [], []
         result.rest, result.explained = result.where, float("nan")

@@ -1,7 +1,6 @@
 """What was fitted is written only if it predicts no worse than the model as given."""
 
 import json
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from math import pi
@@ -23,11 +22,11 @@ from estimator.gap.description import (
     reading,
 )
 from estimator.gap.keeping import Growth, ends_in_words, growth, why_worse
-from estimator.gap.plant import Array, Parameter, Plant
+from estimator.gap.plant import Parameter, Plant
 from estimator.gap.predictor import Predictor
 from estimator.gap.records import record_of
-from estimator.gap.refits import nuisance_variable
 from estimator.gap.results import GapResult
+from estimator.gap.variables import nuisance_variable
 from estimator.gap.workflow import find_gap
 from rig.recording import Recording
 from rig.runner.gap import answer
@@ -135,7 +134,7 @@ def test_whatever_a_rig_hides_the_model_written_predicts_no_worse_than_the_one_g
 
 
 def hidden_lag(motion: str, number: int) -> Recording:
-    """Record a rig whose pressures are read 6 ms late, simulated by code that is not the model's."""
+    """Record a rig whose pressures are read with a lag of 6 ms; its code is not the model's."""
     values = with_effects(TABLE, {"pressure_lag": {"value": 6e-3}})
     asked = drawn(motion, np.random.default_rng([3, number]), 6000)
     table = record(values, asked, np.random.default_rng([3, number, 1])).table
@@ -200,10 +199,7 @@ def test_a_refit_must_not_raise_the_gap_and_a_name_not_by_more_than_chance() -> 
 def test_a_model_that_predicts_nothing_finite_is_worse_than_one_that_does() -> None:
     plant = wheel()
     records = [record_of(ran(1, 3.0), plant)]
-    values: list[Callable[[], dict[str, float]]] = [
-        lambda: dict(plant.nominal), lambda: {**plant.nominal, "drag": -1e6}
-    ]  # fmt: skip
-    fine, broken = (each() for each in values)
+    fine, broken = plant.nominal, {**plant.nominal, "drag": -1e6}
     with ThreadPoolExecutor(1) as pool, np.errstate(all="ignore"):
         predictor = Predictor(plant)
         assert growth(predictor, records, fine, broken, pool).mean == np.inf

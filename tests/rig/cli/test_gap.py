@@ -104,6 +104,8 @@ def test_the_json_object_has_the_promised_keys(invoke: Invoke, files: Path) -> N
     assert told["gap"] == {"before": 499.0, "after": 0.1}
     assert told["refitted"]["viscous"]["value"] == 352.0
     assert told["experiment"] is None
+    assert told["written"] == "with effects"
+    assert told["refitted"]["viscous"]["kept"] is True
     assert {path.name for path in (files / "out").iterdir()} == FILES
     figures = json.loads((files / "out" / "gap.json").read_text())
     assert figures["effects"][0]["rivals"][1]["name"] == "valve_hysteresis"
@@ -151,6 +153,36 @@ def test_terminal_and_page_tell_the_finding_in_words(invoke: Invoke, files: Path
     page = (files / "out" / "report.html").read_text()
     for words in ("spool null bias", "the same force while moving", "valve hysteresis", "held.csv"):
         assert words in page
+
+
+def test_a_model_left_as_given_is_so_told_in_every_file(
+    monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
+) -> None:
+    left = found()
+    left.verdict, left.effects, left.names, left.as_given = "unknown_effect", [], (), True
+    left.values, left.gap_after = dict(NOMINAL._asdict()), left.gap_before
+    left.refitted = [replace(left.refitted[0], at_an_end=True)]
+    left.reasons = ["with its refit it would predict worse; the model is written as given"]
+    monkeypatch.setattr(gap_finding, "find_gap", lambda *_: left)
+    done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out")
+    assert "the model is written as given" in done.out
+    assert "refitted, not kept" in " ".join(done.out.split())
+    assert "499 noise variances; the model is written as given" in " ".join(done.out.split())
+    figures = json.loads((files / "out" / "gap.json").read_text())
+    assert figures["written"] == "as given"
+    assert figures["gap"] == {"before": 499.0, "after": 499.0}
+    assert figures["refitted"]["viscous"]["kept"] is False
+    assert figures["refitted"]["viscous"]["at_an_end"] is True
+    model = load_model(files / "out" / "model.yaml")
+    assert model.parameters == NOMINAL
+    # What was not changed is not called revised.
+    assert model.name == "nominal"
+    assert model.provenance["written"] == "as given"
+    assert model.provenance["refitted"]["viscous"]["kept"] is False
+    page = (files / "out" / "report.html").read_text()
+    assert "<dt>Model written</dt><dd>as given</dd>" in page
+    assert "the end of its tolerance" in page
+    assert "it is the model as given" in page
 
 
 def test_a_rig_that_was_not_moved_is_inconclusive(invoke: Invoke, files: Path) -> None:

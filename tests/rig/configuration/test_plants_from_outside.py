@@ -85,6 +85,17 @@ def test_a_model_written_reads_back_to_the_same_values_and_tells_their_intervals
     assert found.told["provenance"] == provenance
 
 
+def test_a_model_written_as_given_keeps_its_name_and_tells_no_interval_of_what_was_not_kept(
+    axis: PlantModel, workplace: Path
+) -> None:
+    refitted = {"mass": {"value": 86.0, "lower": 85.0, "upper": 87.0, "kept": False}}
+    axis.plant.write(axis.plant.nominal, (), {"refitted": refitted}, workplace / "same.yaml")
+    found = load_plant("axis.py:axis", workplace / "same.yaml")
+    assert found.plant.nominal == axis.plant.nominal
+    assert found.name == axis.name
+    assert "95 %" not in (workplace / "same.yaml").read_text()
+
+
 def test_channels_of_other_names_and_units_are_mapped_by_the_model_file(workplace: Path) -> None:
     (workplace / "mine.yaml").write_text(
         (workplace / "axis.yaml")

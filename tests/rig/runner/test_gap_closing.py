@@ -13,11 +13,13 @@ from rig.configuration.rig import Rig, load_rig
 from rig.loop.trip import TripError
 from rig.plant import Model
 from rig.runner import gap_closing
-from rig.runner.experiment_parts import ExperimentStoppedError
+from rig.runner.campaign_run import bench_of
+from rig.runner.experiment_parts import ExperimentStoppedError, Parts
 from rig.runner.gap import gap_figures, rig_plant
 from rig.runner.gap_closing import Question, close_gap
 from rig.runner.gap_motions import campaign_of, strokes
 from rig.runner.gap_plan import Programme, motions_campaign, room_of
+from rig.runner.observer import Observer
 from rig.runner.simulated_bench import SimulatedBench
 from rig.runner.stopping import StopFlag
 
@@ -104,6 +106,31 @@ def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
     assert first.check is None
     assert second.why == "to tell command delay from valve bandwidth"
     assert second.check is not None
+
+
+def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = Model().parameters._asdict() | {"bulk_modulus": 4e8, "command_delay": 4e-3}
+    effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
+    wrong = GapResult("missing_effect", [], [effect], values=values, names=("command_delay",))
+    monkeypatch.setattr(gap_closing, "find_gap", lambda *_: GapResult("missing_effect", []))
+    rig = hiding(Model())
+    campaign = motions_campaign("check", BRIEF.check, rig, Model(), 3)
+    bench = bench_of(campaign, rig, tmp_path, Observer(), StopFlag())
+    with bench:
+        parts = Parts(rig, tmp_path, bench, "fast", Observer(), StopFlag())
+        fresh = list(parts.record(campaign).values())
+    check, left = gap_closing.checked(Question(rig, Model()), wrong, fresh, fresh)
+    assert check.gap_after > check.gap_before
+    assert left.as_given
+    assert left.values == Model().parameters._asdict()
+    assert left.gap_after == left.gap_before
+    assert left.verdict == "unknown_effect"
+    assert not left.effects
+    assert "on the check the recordings held out would be predicted worse" in left.reasons[-1]
+    assert wrong.effects
+    assert not wrong.reasons
 
 
 def test_a_trip_while_the_model_is_fitted_does_not_lose_what_was_recorded(
