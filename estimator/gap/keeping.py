@@ -2,13 +2,14 @@
 
 What is compared are predictions over the horizon, those that the gap is told in. A refit claims
 nothing, so that it must not raise the gap held out at all. A name has evidence of its own, and a
-motion held out that hardly shows it raises or lowers the gap by chance: it falls if the gap rises
-by more than that. Neither may raise the error on the recordings fitted to by more than chance.
+motion held out that hardly shows it may raise the gap by a trifle. Names fall if errors grow by
+more than chance.
 """
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from .predictor import Predictor
 from .records import Record
 from .results import GapResult
 from .variables import Values, Variable
+
+TRIFLE: Final = 0.1
+"""Noise variances of growth that are not worth a name: ten times what matters to a prediction."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,9 @@ class Growth:
     error: float
 
     @property
-    def beyond_chance(self) -> bool:
-        """Whether the errors have grown by more than twice their standard error."""
-        return self.mean > SURE * self.error
+    def matters(self) -> bool:
+        """Whether the errors have grown by more than a trifle, and by more than chance."""
+        return self.mean > max(TRIFLE, SURE * self.error)
 
 
 def growth(
@@ -74,43 +78,65 @@ def growth(
     return Growth(float(of_blocks.mean()), float(of_blocks.std(ddof=1) / np.sqrt(len(of_blocks))))
 
 
+@dataclass(frozen=True)
+class Worse:
+    """Why a model that was fitted is worse than the one given.
+
+    Attributes:
+        words: by what.
+        beyond_chance: whether it is worse by more than chance; names do not survive that.
+    """
+
+    words: str
+    beyond_chance: bool
+
+
 def why_worse(
     held_out: Growth, gap: tuple[float, float], fitted_to: Growth | None = None, *, named: bool
-) -> str | None:
-    """Return in words by what a model is worse than the one given; None if it is not.
+) -> Worse | None:
+    """Return why a model is worse than the one given; None if it is not.
 
     Args:
         held_out: growth of its errors on the recordings held out.
         gap: held out, of the model as given and of this one, above the floor of this one.
         fitted_to: as `held_out`, on the recordings fitted to.
-        named: whether it has effects that were named, so that chance may raise the gap held out.
+        named: whether it has effects that were named: then a trifle does not count.
     """
     given, left = gap
-    if held_out.beyond_chance or (not named and left > given):
+    if held_out.matters or left > given + (TRIFLE if named else 0.0):
         if not np.isfinite(held_out.mean):
-            return "the recordings held out could not be predicted at all"
+            return Worse("the recordings held out could not be predicted at all", True)
         grown = f"by {held_out.mean:.3g} noise variances over the horizon"
         if left > given:
             grown = f"{left:.3g} noise variances above the floor instead of {given:.3g}"
-        return (
-            f"the recordings held out would be predicted worse than by the model as given: {grown}"
+        return Worse(
+            f"the recordings held out would be predicted worse than by the model as given: {grown}",
+            held_out.matters,
         )
-    if fitted_to is not None and fitted_to.beyond_chance:
-        return (
+    if fitted_to is not None and fitted_to.matters:
+        return Worse(
             "over the horizon even the recordings fitted to would be predicted worse than by the "
-            f"model as given, by {fitted_to.mean:.2g} noise variances"
+            f"model as given, by {fitted_to.mean:.2g} noise variances",
+            True,
         )
     return None
 
 
-def take_back(result: GapResult, plant: Plant, worse: str) -> None:
+def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> None:
     """Write the model as given, and say why; its gap is to be measured anew.
 
-    Effects that were named go with it: what they explain is unknown then.
+    Effects that were named stay named where it may be chance that the model with them is worse;
+    else what they explain is unknown.
+
+    Args:
+        result: changed.
+        plant: with the model as given.
+        fitted: what is not written, in words.
+        worse: why.
     """
-    names = " and ".join(effect.name for effect in result.effects)
-    result.reasons.append(f"with {names or 'the refit'}, {worse}; the model is written as given")
-    if result.effects:
+    chance = "" if worse.beyond_chance else ", though it may be by chance"
+    result.reasons.append(f"with {fitted}, {worse.words}{chance}; the model is written as given")
+    if result.effects and worse.beyond_chance:
         result.verdict, result.effects, result.experiments = "unknown_effect", [], []
         result.rest, result.explained = result.where, float("nan")
     result.values, result.names, result.as_given = dict(plant.nominal), (), True

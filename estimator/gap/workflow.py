@@ -18,7 +18,7 @@ from .fit import Fitter
 from .free_runs import free_runs
 from .held_out import channel_gaps, mean_gap
 from .judging import EXPLAINED, confirm, judge
-from .keeping import at_an_end, ends_in_words, growth, take_back, why_worse
+from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
 from .linear import slices_of
 from .plant import Plant
 from .predictor import Predictor
@@ -139,7 +139,16 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     ahead = (result.gap_before, result.gap_after)
     scatter = float(np.mean([gap.scatter for gap in result.channels])) if found.named else 0.0
     judgement = judge(
-        found, result.rest, resting, excess, without, shown, ahead, left, scatter, worse
+        found,
+        result.rest,
+        resting,
+        excess,
+        without,
+        shown,
+        ahead,
+        left,
+        scatter,
+        worse.words if worse is not None and worse.beyond_chance else None,
     )
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
@@ -156,8 +165,9 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     result.as_given = False
     if not found.named:
         worse = _compare(result, fitter, judged, found)
-        if worse is not None:
-            take_back(result, plant, worse)
+    if worse is not None:
+        names = " and ".join(named.effect for named in found.named)
+        take_back(result, plant, names or "the refit", worse)
     if result.verdict == "unknown_effect":
         if unknown is None:
             unknown = find_unknown(before, result.where, found.floor)
@@ -282,7 +292,7 @@ def _measure(
     result.gap_before, result.gap_after = (before, after) if finite else (np.nan, np.nan)
 
 
-def _compare(result: GapResult, fitter: Fitter, judged: Fitter, found: Found) -> str | None:
+def _compare(result: GapResult, fitter: Fitter, judged: Fitter, found: Found) -> Worse | None:
     """Set the held-out gap with all that was found; return why that is worse, None if not."""
     predictor, pool = fitter.predictor, fitter.pool
     given, values = predictor.plant.nominal, found.fitted.values

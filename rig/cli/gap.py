@@ -79,9 +79,10 @@ def command(
 
     Recordings are .mcap, .csv, .csv.gz or .parquet, 1 kHz. The model is a shipped name or a file.
     Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
-    their tolerances first. DIR/model.yaml is the model with what was found added, DIR/report.html
-    one page that tells the story, DIR/gap.json all figures. Where recordings cannot tell which of
-    two effects it is and some motion would, DIR/experiment.yaml is the campaign that settles it.
+    their tolerances first. DIR/model.yaml is the model with what was found added, or as given where
+    that would predict worse; DIR/report.html is one page that tells the story, DIR/gap.json all
+    figures. Where recordings cannot tell which of two effects it is and some motion would,
+    DIR/experiment.yaml is the campaign that settles it.
 
     With --live --rig RIG no recordings are given: strokes, steps and slow reversals are run on the
     rig within its limits, 3 minutes in all, then what settles an open question, and every revised

@@ -109,7 +109,8 @@ def checked(
         grown = growth(predictor, records, given, found.values, pool)
         worse = why_worse(grown, (before, after), named=bool(found.effects))
         if worse is not None:
-            take_back(found, plant, f"on the check {worse}")
+            named = " and ".join(effect.name for effect in found.effects)
+            take_back(found, plant, f"{named or 'the refit'}, on the check", worse)
             written = channel_gaps(predictor, records, given, given, pool)
         else:
             written = gaps

@@ -128,7 +128,10 @@ def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_giv
     assert left.gap_after == left.gap_before
     assert left.verdict == "unknown_effect"
     assert not left.effects
-    assert "on the check the recordings held out would be predicted worse" in left.reasons[-1]
+    assert (
+        "with command_delay, on the check, the recordings held out would be predicted worse"
+        in left.reasons[-1]
+    )
     assert wrong.effects
     assert not wrong.reasons
 
