@@ -1,6 +1,5 @@
 """A stream that a test feeds, in place of one that comes by Zenoh."""
 
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 from rig.console.curves import CHANNELS
 from rig.stream.client import Answer, StreamClient, UnknownRigError
 from rig.stream.view import Snapshot, Window
+from tests.waiting import until as until
 
 RUNNING = Snapshot(
     rig="bench",
@@ -75,11 +75,3 @@ class FakeClient(StreamClient):
 
     def close(self) -> None:
         pass
-
-
-def until(done: Any, what: str = "", patience_s: float = 30.0) -> None:
-    """Wait until something holds."""
-    end = time.monotonic() + patience_s
-    while not done():
-        assert time.monotonic() < end, f"waited in vain: {what}"
-        time.sleep(0.01)

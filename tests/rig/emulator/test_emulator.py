@@ -1,8 +1,7 @@
 """The emulated rig as a whole, behind the drivers of the real one."""
 
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,8 +19,7 @@ from rig.emulator.addresses import (
 from rig.emulator.running import EmulatorThread
 from rig.io.ds408 import DriveState
 from rig.io.registry import DriverSpec
-
-_DEADLINE_S = 20.0
+from tests.waiting import until
 
 
 @pytest.fixture(scope="module")
@@ -31,13 +29,6 @@ def emulated() -> Rig:
 
 def spec(rig: Rig, name: str) -> DriverSpec:
     return next(spec for spec in rig.drivers if spec.name == name)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + _DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, "the condition never came true"
-        time.sleep(0.01)
 
 
 def test_devices_are_served_where_the_rig_file_has_its_drivers_look(emulated: Rig) -> None:

@@ -1,5 +1,4 @@
 import socket
-import time
 from collections.abc import Iterator
 from struct import pack, unpack
 from typing import Any
@@ -8,13 +7,12 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from rig.emulator.running import EmulatorThread
-
-_DEADLINE_S = 20.0
+from tests.waiting import PATIENCE_S, until
 
 
 @pytest.fixture
 def client(emulator: EmulatorThread) -> Iterator[Any]:
-    client = ModbusTcpClient("127.0.0.1", port=int(emulator.ports["daq"]), timeout=_DEADLINE_S)
+    client = ModbusTcpClient("127.0.0.1", port=int(emulator.ports["daq"]), timeout=PATIENCE_S)
     assert client.connect()
     yield client
     client.close()
@@ -23,7 +21,7 @@ def client(emulator: EmulatorThread) -> Iterator[Any]:
 @pytest.fixture
 def line(emulator: EmulatorThread) -> Iterator[socket.socket]:
     address = ("127.0.0.1", int(emulator.ports["daq"]))
-    with socket.create_connection(address, timeout=_DEADLINE_S) as line:
+    with socket.create_connection(address, timeout=PATIENCE_S) as line:
         yield line
 
 
@@ -111,9 +109,7 @@ def test_several_clients_are_served_and_counted(client: Any, line: socket.socket
 
 
 def until_received(emulator: EmulatorThread, requests: int) -> None:
-    deadline = time.monotonic() + _DEADLINE_S
-    while emulator.status()["daq"]["requests"] < requests:
-        assert time.monotonic() < deadline
+    until(lambda: emulator.status()["daq"]["requests"] >= requests, "the request to come")
 
 
 @pytest.mark.parametrize(("what", "watchdog_ms"), [("replies", 200), ("requests", 100)])
@@ -172,9 +168,9 @@ def test_a_device_that_disconnects_refuses_everybody_until_it_is_back(
     number = emulator.inject(fault="disconnect")
     assert reply(line) == (0, b"")
     address = ("127.0.0.1", int(emulator.ports["daq"]))
-    with socket.create_connection(address, timeout=_DEADLINE_S) as refused:
+    with socket.create_connection(address, timeout=PATIENCE_S) as refused:
         assert reply(refused) == (0, b"")
     emulator.clear(number)
-    with socket.create_connection(address, timeout=_DEADLINE_S) as accepted:
+    with socket.create_connection(address, timeout=PATIENCE_S) as accepted:
         accepted.sendall(request(IDENTITY))
         assert reply(accepted)[1] == b"\x03\x02\x52\x49"

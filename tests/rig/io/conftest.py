@@ -6,6 +6,8 @@ import selectors
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,13 +15,12 @@ import pytest
 
 from rig.emulator.bypass_io import BypassIo
 from rig.emulator.record import Record
+from rig.io.bypass_link import Client
 from rig.io.bypass_options import BypassOptions
 from rig.io.bypass_valves import BypassValves
+from tests.waiting import PATIENCE_S
 
 T = TypeVar("T")
-
-PATIENCE_S = 20.0
-"""How long a test waits for what is bound to come, however slow the machine is."""
 
 
 class ManualClock:
@@ -92,11 +93,12 @@ class BypassBench:
         self._thread = thread
         self._folder = folder
         self._drivers: list[BypassValves] = []
+        self._clients: list[Client] = []
+        self._reply_s = PATIENCE_S
 
     def driver(self, sleep: Callable[[float], None] | None = None, **options: Any) -> BypassValves:
         """Return a driver of the device over TCP, not yet open; its sleep turns the clock."""
-        # The wait for a reply is the machine's time, and generous.
-        given = {"host": "127.0.0.1", "port": self.port, "timeout": 2.0, **options}
+        given = {"host": "127.0.0.1", "port": self.port, **options}
         return self._made(BypassOptions(**given), sleep)
 
     def serial_driver(self, **options: Any) -> BypassValves:
@@ -105,13 +107,40 @@ class BypassBench:
         self._thread.run(self.device.open_serial(path))
         # A pseudo-terminal knows no parity, and says so (tcsetattr of glibc).
         line = {"transport": "rtu", "device": str(path), "parity": "none"}
-        given = {**line, "timeout": 2.0, **options}
-        return self._made(BypassOptions(**given), None)
+        return self._made(BypassOptions(**{**line, **options}), None)
 
     def _made(self, options: BypassOptions, sleep: Callable[[float], None] | None) -> BypassValves:
-        driver = BypassValves("bypass", options, self.clock, sleep or self.clock.advance)
+        patient = replace(options, timeout=self._reply_s)
+        driver = BypassValves("bypass", patient, self.clock, sleep or self.clock.advance)
+        made = driver._client
+
+        def client() -> Client:
+            self._clients.append(made())
+            self._clients[-1].comm_params.timeout_connect = self._reply_s
+            return self._clients[-1]
+
+        driver._client = client  # type: ignore[method-assign]
         self._drivers.append(driver)
         return driver
+
+    @contextmanager
+    def unanswered(self, fault: str) -> Iterator[None]:
+        """Let a fault of the wire keep replies away; drivers wait for none meanwhile.
+
+        A reply that comes is waited for with patience: its time is the machine's, not the rig's.
+        """
+        setattr(self.device.wire, fault, True)
+        self._wait_for_replies(0.05)
+        try:
+            yield
+        finally:
+            setattr(self.device.wire, fault, False)
+            self._wait_for_replies(PATIENCE_S)
+
+    def _wait_for_replies(self, time_s: float) -> None:
+        self._reply_s = time_s
+        for client in self._clients:
+            client.comm_params.timeout_connect = time_s
 
     def power_off(self) -> None:
         """Take the device away."""
@@ -125,15 +154,6 @@ class BypassBench:
         for driver in self._drivers:
             driver.close()
         self.power_off()
-
-
-def eventually(condition: Callable[[], T]) -> T:
-    """Return a condition's first true value."""
-    until = time.monotonic() + PATIENCE_S
-    while not (found := condition()):
-        assert time.monotonic() < until, f"still waiting after {PATIENCE_S:g} s"
-        time.sleep(2e-3)
-    return found
 
 
 @pytest.fixture

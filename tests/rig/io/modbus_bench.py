@@ -19,7 +19,8 @@ from rig.io.modbus_exchange import ExchangeStatus, exchange
 from rig.io.modbus_plan import ExchangePlan, exchange_plan
 from rig.io.register_map import ExchangeMode, Register, RegisterMap
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
-from tests.rig.io.conftest import DeviceThread, eventually
+from tests.rig.io.conftest import DeviceThread
+from tests.waiting import until
 
 UNIT = 9
 
@@ -140,5 +141,5 @@ class PymodbusDevice:
         """Vanish, once every client's connection was accepted and closed."""
         if self._server is not None:
             self.read(0)
-            eventually(lambda: self._open == 0)
+            until(lambda: self._open == 0)
             self.vanish()

@@ -6,6 +6,7 @@ import pytest
 from rig.io.driver import Driver, DriverError
 from rig.io.signals import BYPASSES
 from tests.rig.io.conftest import BypassBench
+from tests.waiting import until
 
 BALL, NEEDLE = "internal_leakage_ball", "internal_leakage_needle"
 THROTTLE = "return_blockage_needle"
@@ -272,15 +273,17 @@ def test_the_safe_state_of_a_device_that_is_gone_fails_and_ends(bypass: BypassBe
 def test_the_balls_of_a_device_that_hears_but_does_not_answer_are_shut_unconfirmed(
     bypass: BypassBench, fault: str
 ) -> None:
-    driver = bypass.driver(bypass.clock.advance, watchdog=0.0, timeout=0.05)
+    driver = bypass.driver(bypass.clock.advance, watchdog=0.0)
     driver.open()
     driver.write(dict.fromkeys(SHUT, 1.0))
     bypass.clock.advance(1.0)
-    setattr(bypass.device.wire, fault, True)
 
-    with pytest.raises(DriverError, match="no valid reply"):
+    with bypass.unanswered(fault), pytest.raises(DriverError, match="no valid reply"):
         driver.safe_state()
 
+    # What the device was sent it may still have to hear.
+    until(lambda: [event["opened"] for event in events(bypass, "ball_ordered")].count(False) == 4)
+    bypass.clock.advance(1.0)
     assert [ball for ball, _ in bypass.device.positions().values()][:4] == [0.0] * 4
 
 
@@ -362,17 +365,16 @@ def test_a_refusal_of_the_device_names_the_valve_and_the_exception(bypass: Bypas
 def test_a_device_without_a_valid_reply_is_lost_until_it_has_one_again(
     bypass: BypassBench, fault: str
 ) -> None:
-    driver = bypass.driver(watchdog=0.0, timeout=0.05)
+    driver = bypass.driver(watchdog=0.0)
     driver.open()
-    setattr(bypass.device.wire, fault, True)
 
-    for _ in range(4):
-        with pytest.raises(DriverError) as caught:
-            driver.read()
-        # No channel: it is the device that is at fault, none of its valves.
-        assert caught.value.channel == ""
+    with bypass.unanswered(fault):
+        for _ in range(4):
+            with pytest.raises(DriverError) as caught:
+                driver.read()
+            # No channel: it is the device that is at fault, none of its valves.
+            assert caught.value.channel == ""
 
-    setattr(bypass.device.wire, fault, False)
     driver.safe_state()
 
 

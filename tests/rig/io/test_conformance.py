@@ -30,6 +30,7 @@ from rig.plant import Model
 from tests.rig.io.conftest import BypassBench, DeviceThread, ManualClock
 from tests.rig.io.test_can_pump import PumpBench
 from tests.rig.io.test_can_valve import ValveBench
+from tests.waiting import PATIENCE_S
 
 Specimens = Callable[[Path], AbstractContextManager[Specimen]]
 
@@ -153,7 +154,7 @@ def modbus_daq(_: Path) -> Iterator[Specimen]:
 
     register_map = read_map(shipped_config_dir() / "maps" / "io_node.yaml", Sources())
     assert isinstance(register_map, RegisterMap)
-    options = ModbusDaqOptions("127.0.0.1", register_map, port, watchdog=0.1, timeout=2.0)
+    options = ModbusDaqOptions("127.0.0.1", register_map, port, watchdog=0.1, timeout=PATIENCE_S)
     driver = ModbusDaq("daq", options)
 
     def unplug() -> None:

@@ -16,7 +16,8 @@ from rig.io.driver import Driver, DriverError
 from rig.io.flow_meters import FlowMeterOptions, FlowMeters
 from rig.io.meter_lines import meter_line
 from rig.io.signals import METERS
-from tests.rig.io.conftest import ManualClock, eventually
+from tests.rig.io.conftest import ManualClock
+from tests.waiting import until
 
 FLOWS = (1e-5, 2e-5, 3e-5)
 TOLD = dict(zip(METERS, FLOWS, strict=True))
@@ -47,7 +48,7 @@ class MeterBench:
         flows: dict[str, float] = {}
         for signal in METERS:
             while signal not in flows:
-                flows.update(eventually(self.driver.read))
+                flows.update(until(self.driver.read))
         return flows
 
     def waiting(self) -> int:
@@ -75,7 +76,7 @@ def opened(meters: MeterBench) -> MeterBench:
     meters.driver.open()
     # It is open with the first line that came; the others may still be on their way.
     lines = meters.driver.diagnostics.lines
-    eventually(lambda: (meters.driver.read(), lines.valid == len(METERS) * meters.samples)[1])
+    until(lambda: (meters.driver.read(), lines.valid == len(METERS) * meters.samples)[1])
     return meters
 
 
@@ -98,7 +99,7 @@ def test_it_returns_only_what_came_since_the_last_call(opened: MeterBench) -> No
 def test_what_waited_in_the_line_before_it_was_opened_is_not_news(meters: MeterBench) -> None:
     meters.panel.tell()
     told = len(b"".join(meter_line(*line) for line in enumerate(FLOWS, start=1)))
-    eventually(lambda: meters.waiting() == told)
+    until(lambda: meters.waiting() == told)
     meters.panel.silent = True
 
     with pytest.raises(DriverError, match="no valid line"):
@@ -155,7 +156,7 @@ def test_an_unplugged_line_reads_nan_and_comes_back_when_it_is_plugged_in(
     opened.read()
     opened.panel.unplug()
 
-    eventually(lambda: (opened.driver.read(), opened.driver.diagnostics.unplugged)[1])
+    until(lambda: (opened.driver.read(), opened.driver.diagnostics.unplugged)[1])
     opened.clock.advance(0.6)
     assert all(isnan(flow) for flow in opened.driver.read().values())
 

@@ -5,6 +5,7 @@ import socket
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,8 +15,9 @@ from rig.io.modbus_daq import ModbusDaq, ModbusDaqOptions
 from rig.io.modbus_daq_link import RefusedError
 from rig.io.modbus_plan import Tally
 from rig.io.register_map import RegisterMap, RegisterValue, Watchdog
-from tests.rig.io.conftest import PATIENCE_S, DeviceThread
+from tests.rig.io.conftest import DeviceThread, ManualClock
 from tests.rig.io.modbus_bench import UNIT, PymodbusDevice, shipped_map
+from tests.waiting import PATIENCE_S
 
 NODE = shipped_map("io_node")
 READ, WRITE_MANY, READ_WRITE = 3, 16, 23
@@ -265,12 +267,19 @@ def test_null_needs_no_driver_that_was_ever_opened(device: PymodbusDevice) -> No
     ],
 )
 def test_null_that_the_device_does_not_confirm_is_an_error(
-    device: PymodbusDevice, address: int, values: list[int], left: str
+    device: PymodbusDevice,
+    monkeypatch: pytest.MonkeyPatch,
+    address: int,
+    values: list[int],
+    left: str,
 ) -> None:
     device.write(address, values)
+    clock = ManualClock()
+    time = SimpleNamespace(monotonic=lambda: 1e-9 * clock(), sleep=lambda _: clock.advance(1.0))
+    monkeypatch.setattr("rig.io.modbus_daq_null.time", time)
 
     with pytest.raises(DriverError, match=left):
-        daq_of(device, timeout=0.05).safe_state()
+        daq_of(device).safe_state()
 
 
 def test_a_device_without_null_request_is_written_zero_volt_and_valve_off(

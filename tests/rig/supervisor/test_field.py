@@ -19,8 +19,7 @@ from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
 from rig.supervisor.child import News
 from rig.supervisor.field import FieldProcess, Moves, Open, Safe, Safety, Write
-
-DEADLINE_S = 20.0
+from tests.waiting import PATIENCE_S, until
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,7 @@ class Site:
 
     def until(self, reached: Any) -> None:
         """Wait for a condition."""
-        end = time.monotonic() + DEADLINE_S
-        while not reached():
-            assert time.monotonic() < end, f"never came: {self.log}"
-            time.sleep(1e-3)
+        until(reached, f"what did not come after {self.log}")
 
     def trips(self) -> dict[Word, int]:
         words = (Word.FIELD_TRIP, Word.LOOP_TRIP, Word.SUPERVISOR_TRIP)
@@ -122,7 +118,7 @@ def site() -> Iterator[Site]:
     assert ours.recv() == ("pump", "meters", "bypass")
     yield site
     ours.close()
-    thread.join(DEADLINE_S)
+    thread.join(PATIENCE_S)
     assert not thread.is_alive()
     theirs.close()
 

@@ -3,8 +3,7 @@
 import dataclasses
 import os
 import signal
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,9 +29,8 @@ from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
 from rig.supervisor.child import Child, News
+from tests.waiting import COMPILE_S, until
 
-PATIENCE_S = 240.0
-"""How long the loop may take: on a new checkout it is compiled first."""
 MODEL = Model()
 # A host that stalls must not trip the loop: what is tested here is not the host.
 SETTINGS = LoopSettings(priority=0, stale_limit=10.0, exchange_timeout=0.05)
@@ -41,13 +39,6 @@ SETTINGS = LoopSettings(priority=0, stale_limit=10.0, exchange_timeout=0.05)
 def segment(number: int, drive: Drive, **options: Any) -> Segment:
     memory = start_memory("product", MODEL)
     return Segment(number, drive, memory, MODEL.parameters, **options)
-
-
-def wait_until(done: Callable[[], bool], what: str) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not done():
-        assert time.monotonic() < until, f"never: {what}"
-        time.sleep(0.005)
 
 
 @dataclass
@@ -64,7 +55,7 @@ class Rig:
 
     def ask(self, order: object) -> Any:
         self.child.send(order)
-        return self.child.answer(PATIENCE_S)
+        return self.child.answer(COMPILE_S)
 
     def open(self, port: int | None = None) -> Opened:
         (spec,) = (spec for spec in load_rig("emulated").drivers if spec.kind == "fast")
@@ -98,7 +89,7 @@ class Rig:
         )  # fmt: skip
         self.ask(armed)
         self.board.words[Word.SWITCH] = number
-        wait_until(lambda: self.newest("valve_enabled") == 1.0, "the valve was enabled")
+        until(lambda: self.newest("valve_enabled") == 1.0, "the valve was enabled")
 
     def newest(self, channel: str) -> float:
         row = self.board.ring[int(self.board.words[Word.ROWS]) - 1]
@@ -109,7 +100,7 @@ class Rig:
         setpoint = here + 2e-3 * np.sin(2.0 * np.pi * np.arange(ticks) * TICK)
         return WireLoop(
             self.board, self.child, segment(0, Drive.TRACK, setpoint=setpoint, valve_enable=True),
-            start_position=here, settle_ticks=100, period_s=TICK, silence_s=PATIENCE_S,
+            start_position=here, settle_ticks=100, period_s=TICK, silence_s=COMPILE_S,
         )  # fmt: skip
 
     @property
@@ -182,7 +173,7 @@ def test_a_trip_of_another_process_nulls_the_valve_and_ends_the_test(opened: Rig
     with pytest.raises(LoopStoppedError, match="bypass") as stopped:
         loop.advance(1)
     assert (stopped.value.action, stopped.value.cause) == (Action.TRIP, Cause.BYPASS_STUCK)
-    wait_until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
+    until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
     assert rig.is_null
     rig.board.words[Word.FIELD_TRIP] = Cause.NONE
 
@@ -191,7 +182,7 @@ def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
     rig.open()
     rig.arm()
     rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
-    wait_until(lambda: bool(rig.news), "the loss was told")
+    until(lambda: bool(rig.news), "the loss was told")
     assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
     assert "by another one" in rig.news[0].text
 
@@ -201,7 +192,7 @@ def test_a_lost_count_trips_and_the_position_is_no_longer_known(opened: Rig) -> 
     rig.arm()
     assert rig.board.words[Word.HOMED] == 1
     rig.emulator.inject(fault="lost_counts", counts=40, flagged=True)
-    wait_until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
+    until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
     assert rig.board.words[Word.LOOP_TRIP] == Cause.ENCODER_FAULT
     assert rig.board.words[Word.HOMED] == 0
     assert rig.is_null
@@ -214,7 +205,7 @@ def test_however_the_loop_process_ends_the_device_is_left_at_null(rig: Rig, way:
     assert not rig.is_null
     if way == "SIGTERM":
         os.kill(rig.child.pid, signal.SIGTERM)
-        assert rig.child.answer(PATIENCE_S) == Closed()
+        assert rig.child.answer(COMPILE_S) == Closed()
     rig.child.end()
     assert rig.is_null
     assert rig.child.ended == "ended with exit code 0"

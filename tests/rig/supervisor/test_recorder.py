@@ -4,7 +4,6 @@ import errno
 import os
 import resource
 import signal
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +17,9 @@ from rig.loop.ring import RingReader
 from rig.recording import read_recording, recover
 from rig.supervisor.child import Child, ChildError
 from rig.supervisor.recorder import Begin, Finish, Note
+from tests.waiting import PATIENCE_S, until
 
 CHANNELS = ("time_s", "setpoint_V", "segment")
-DEADLINE_S = 20.0
 
 
 @dataclass
@@ -41,14 +40,11 @@ class Session:
     def begin(self, segment: int = 1, name: str = "test.mcap") -> Path:
         path = self.folder / name
         self.child.send(Begin(segment, path, CHANNELS, {"test": {"name": name}}, 10**18))
-        assert self.child.answer(DEADLINE_S) == segment
+        assert self.child.answer(PATIENCE_S) == segment
         return path
 
     def until_recorded(self, rows: int) -> None:
-        end = time.monotonic() + DEADLINE_S
-        while self.board.words[Word.RECORDED] < rows:
-            assert time.monotonic() < end
-            time.sleep(1e-2)
+        until(lambda: self.board.words[Word.RECORDED] >= rows, "the rows to be recorded")
 
 
 @pytest.fixture
@@ -68,7 +64,7 @@ def test_the_file_holds_the_rows_of_its_segment_and_the_events(session: Session)
     session.write(1, 0, 1500)
     session.write(2, 0, 100)
     session.child.send(Finish(1500))
-    assert session.child.answer(DEADLINE_S) == 1500
+    assert session.child.answer(PATIENCE_S) == 1500
     recording = read_recording(path, required=("time_s",))
     np.testing.assert_array_equal(recording.time_s, np.arange(1500) * 1e-3)
     assert [event.kind for event in recording.events] == ["test_begin"]
@@ -79,7 +75,7 @@ def test_one_file_follows_the_other(session: Session) -> None:
         path = session.begin(segment, f"{segment}.mcap")
         session.write(segment, 0, 1100)
         session.child.send(Finish(1100))
-        assert session.child.answer(DEADLINE_S) == 1100
+        assert session.child.answer(PATIENCE_S) == 1100
         assert read_recording(path, required=("time_s",)).time_s.size == 1100
 
 
@@ -111,7 +107,7 @@ def test_after_a_kill_every_flushed_second_is_readable(session: Session) -> None
     session.until_recorded(1200)
     os.kill(session.child.pid, signal.SIGKILL)
     with pytest.raises(ChildError, match="recorder process: killed by SIGKILL"):
-        session.child.answer(DEADLINE_S)
+        session.child.answer(PATIENCE_S)
     recover(path, session.folder / "saved.mcap")
     assert read_recording(session.folder / "saved.mcap", required=("time_s",)).time_s.size == 1200
 
@@ -123,7 +119,7 @@ def test_a_file_that_cannot_grow_is_told_by_the_exit_code_though_the_log_cannot_
     resource.prlimit(session.child.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
     session.write(1, 0, 1200)
     with pytest.raises(ChildError, match=f"ended with exit code {errno.EFBIG}"):
-        session.child.answer(DEADLINE_S)
+        session.child.answer(PATIENCE_S)
 
 
 def test_a_reader_that_falls_behind_counts_what_it_lost() -> None:

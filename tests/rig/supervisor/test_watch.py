@@ -17,8 +17,8 @@ from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
 from rig.supervisor import watch as module
 from rig.supervisor.watch import Parts, Watch, trips_of
+from tests.waiting import PATIENCE_S, until
 
-DEADLINE_S = 20.0
 LATER_NS = int(3600e9)
 SAFE: list[str] = []
 
@@ -118,7 +118,7 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
 
 def outcome(scene: Scene, watch: Watch) -> dict[str, Cause]:
     """Wait until the rig is safe; return who tripped, and why."""
-    assert watch.wait_until_safe(DEADLINE_S)
+    assert watch.wait_until_safe(PATIENCE_S)
     watch.stop()
     return {who: cause for who, (cause, _) in trips_of(scene.board).items()}
 
@@ -126,11 +126,11 @@ def outcome(scene: Scene, watch: Watch) -> dict[str, Cause]:
 def test_while_all_is_well_it_beats_and_trips_nothing(scene: Scene) -> None:
     watch = scene.watch()
     beats: set[int] = set()
-    end = time.monotonic() + DEADLINE_S
-    while len(beats) < 5:
+
+    def look() -> None:
         beats.add(int(scene.board.words[Word.SUPERVISOR_BEAT]))
-        assert time.monotonic() < end
-        time.sleep(1e-3)
+
+    until(lambda: len(beats) >= 5, "five beats", meanwhile=look)
     assert not watch.tripped
     watch.stop()
     assert SAFE == []

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from rig.sweep.folder import SweepFolder
 from rig.sweep.local import run_here, run_pool
 from rig.sweep.running import Runner, Timing, chunk_size, run_sweep
 from rig.sweep.table import unit_of
+from tests.waiting import COMPILE_S, until
 
 TEXT = """\
 name: small
@@ -41,7 +41,6 @@ motions:
   - {type: sine, mean: 0.3 m, amplitude: {uniform: [0.05 m, 0.2 m]}, frequency: 0.5 Hz}
   - {type: pseudorandom, lower: 0.1 m, upper: 0.5 m, hold_min: 1 s, hold_max: 2 s}
 """
-PATIENCE_S = 240.0
 Ran = Callable[[Sweep, Path, Runner], bytes]
 
 
@@ -195,13 +194,6 @@ def command_line(*arguments: str, folder: Path) -> list[str]:
     return [sys.executable, "-m", "rig.cli", "sweep", *arguments]
 
 
-def until(holds: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < end, "it never came to this"
-        time.sleep(0.02)
-
-
 @pytest.mark.long
 def test_a_sweep_killed_at_any_point_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -210,7 +202,7 @@ def test_a_sweep_killed_at_any_point_goes_on(
     out = tmp_path / "run"
     arguments = command_line("small.yaml", "--out", str(out), "--jobs", "1", folder=tmp_path)
     with subprocess.Popen(arguments, cwd=tmp_path, stdout=subprocess.DEVNULL) as process:
-        until(lambda: any((out / "parts").glob("part-*.arrow")))
+        until(lambda: any((out / "parts").glob("part-*.arrow")), "a part", patience_s=COMPILE_S)
         process.kill()
     kept = {part.name: part.stat().st_mtime_ns for part in (out / "parts").glob("part-*")}
     assert kept
@@ -259,7 +251,7 @@ def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
     pids = {process.pid for process in workers}
     killed: list[int] = []
     with connect(address) as client:
-        client.wait_for_workers(2, timeout=PATIENCE_S)
+        client.wait_for_workers(2, timeout=COMPILE_S)
 
         def with_a_death(
             chunks: Iterator[Cases], setting: Setting, stopped: object
