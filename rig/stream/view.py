@@ -188,7 +188,7 @@ class RigView:
         if kind == "samples":
             self._insert(Samples.of(content), received_ns)
         elif kind == "event":
-            if all(_numbered(event) != _numbered(content) for event in self._events):
+            if not self._has_event(content):
                 ordered = sorted([*self._events, content], key=_sent)
                 self._events = deque(ordered, maxlen=EVENTS_SHOWN)
         elif content["sequence"] >= self._lasting.get(kind, {"sequence": -1})["sequence"]:
@@ -282,10 +282,17 @@ class RigView:
         if kind == "samples":
             self._append(Samples.of(content), received_ns)
         elif kind == "event":
-            self._events.append(content)
+            if not self._has_event(content):
+                self._events.append(content)
         else:
             self._note(kind, content, received_ns)
             self._lasting[kind] = content
+
+    def _has_event(self, content: Mapping[str, Any]) -> bool:
+        return any(_numbered(event) == _numbered(content) for event in self._events)
+
+    def _has_rows(self, samples: Samples) -> bool:
+        return any(samples.first_row == batch.samples.first_row for batch in self._batches)
 
     def _note(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
         if kind == "channels":
@@ -326,6 +333,8 @@ class RigView:
 
     def _append(self, samples: Samples, received_ns: int) -> None:
         self._begin_rows(samples)
+        if samples.first_row < (self._next_row or 0) and self._has_rows(samples):
+            return  # an answer overtook it
         if self._next_row is not None and samples.first_row > self._next_row:
             self._lost("rows", samples.first_row - self._next_row, received_ns)
             self._holes.append((self._next_row, samples.first_row))
@@ -344,8 +353,7 @@ class RigView:
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
         self._begin_rows(samples)
-        known = {batch.samples.first_row for batch in self._batches}
-        if samples.first_row in known:
+        if self._has_rows(samples):
             return
         self._fill(samples.first_row, samples.first_row + len(samples.time_s))
         self._batches.append(_Received(samples, channels, received_ns, is_past=True))

@@ -205,6 +205,22 @@ def test_what_was_asked_for_and_came_by_itself_is_there_once(
     assert len(view.snapshot(0).events) == 1
 
 
+def test_what_came_by_itself_after_it_was_asked_for_is_there_once(
+    view: RigView, publisher: Publisher
+) -> None:
+    """An answer may overtake what still waits to be taken."""
+    batches = [publisher.message("samples", batch(first).content()) for first in (0, 10)]
+    event = publisher.message("event", {"text": "a"})
+    for kind, content in (("samples", batches[0]), ("samples", batches[1]), ("event", event)):
+        view.take_past(kind, content, 0)
+    for kind, content in (("samples", batches[0]), ("samples", batches[1]), ("event", event)):
+        view.take(kind, content, 0)
+    publisher.samples(20)
+    assert view.window(10.0).row.tolist() == list(range(30))
+    assert len(view.snapshot(0).events) == 1
+    assert view.snapshot(0).missing == {}
+
+
 def test_rows_that_come_after_all_are_missing_no_more(view: RigView, publisher: Publisher) -> None:
     publisher.samples(0)
     again = Publisher(view, "s2")

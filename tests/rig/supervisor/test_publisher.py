@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import numpy as np
@@ -97,12 +98,16 @@ def texts(client: StreamClient) -> list[str]:
     return [event["text"] for event in client.snapshot("bench").events]
 
 
+def until_reached(sender: Any) -> None:
+    """Wait until what a querier asks, or a publisher puts, comes to somebody."""
+    until(lambda: sender.matching_status.matching, f"somebody at {sender.key_expr}")
+
+
 @contextmanager
 def stranger(bench: Bench, asked: str) -> Iterator[zenoh.Session]:
     """Open a session by tools of one's own, whose questions on a key reach the rig."""
     with subscriber_session(bench.settings) as session:
-        querier = session.declare_querier(asked)
-        until(lambda: querier.matching_status, f"somebody who answers on {asked}")
+        until_reached(session.declare_querier(asked))
         yield session
 
 
@@ -272,8 +277,7 @@ def test_a_flood_of_questions_delays_only_who_asks(bench: Bench, client: StreamC
 
 def test_nonsense_on_a_stream_s_keys_is_left_aside(bench: Bench, client: StreamClient) -> None:
     with subscriber_session(bench.settings) as session:
-        reader = session.declare_publisher("rig/bench/v1/samples")
-        until(lambda: reader.matching_status, "the client to be reached")
+        until_reached(session.declare_publisher("rig/bench/v1/samples"))
         for payload in (b"", b"\xff" * 50, b"\x91" * 100_000, bytes(2 << 20)):
             for kind in ("samples", "heartbeat", "alive/x", "nothing"):
                 session.put(f"rig/bench/v1/{kind}", payload)
