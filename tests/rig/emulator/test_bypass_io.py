@@ -40,7 +40,7 @@ class Served:
         return list(self.client.read_input_registers(0, count=5).registers)
 
     def events(self, kind: str) -> list[dict[str, Any]]:
-        return [event for event in self.record.events if event["event"] == kind]
+        return [event for event in list(self.record.events) if event["event"] == kind]
 
     def end(self) -> None:
         self.client.close()

@@ -19,7 +19,15 @@ from rig.emulator.addresses import (
 from rig.emulator.running import EmulatorThread
 from rig.io.ds408 import DriveState
 from rig.io.registry import DriverSpec
+from tests.rig.patience import long_watchdogs, patient
 from tests.waiting import until
+
+
+@pytest.fixture(autouse=True)
+def long() -> Iterator[None]:
+    """Let nothing here depend on how long this machine takes."""
+    with long_watchdogs():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +82,7 @@ class Host:
     """A controller that commands 1 V through the rig's own driver."""
 
     def __init__(self, rig: Rig, emulator: EmulatorThread) -> None:
-        daq = spec(rig, "daq")
-        options = replace(daq.options, port=int(emulator.ports["daq"]))
-        self.driver: Any = DriverSpec.of("daq", daq.type, options).create()
+        self.driver: Any = patient(spec(rig, "daq"), port=int(emulator.ports["daq"])).create()
         self.driver.open()
         self.counter = 0
 
@@ -105,7 +111,7 @@ def test_the_rigs_driver_enables_the_valve_moves_the_ram_and_leaves_it_safe(
 
     until(moved)
     host.driver.safe_state()
-    events = [event["event"] for event in emulator.record.events]
+    events = [event["event"] for event in list(emulator.record.events)]
     assert events.index("reset") < events.index("valve_enabled") < events.index("valve_disabled")
     assert emulator.status()["daq"]["output_V"] == 0.0
 
@@ -113,9 +119,7 @@ def test_the_rigs_driver_enables_the_valve_moves_the_ram_and_leaves_it_safe(
 def test_a_bypass_opened_by_its_driver_makes_the_plant_leak(
     emulator: EmulatorThread, emulated: Rig, simulated: Rig
 ) -> None:
-    bypass = spec(emulated, "bypass")
-    options = replace(bypass.options, port=int(emulator.ports["bypass"]), watchdog=0.0)
-    driver = DriverSpec.of("bypass", bypass.type, options).create()
+    driver = patient(spec(emulated, "bypass"), port=int(emulator.ports["bypass"])).create()
     driver.open()
     try:
         driver.write({"internal_leakage_ball": 1.0, "internal_leakage_needle": 0.5})
@@ -131,7 +135,7 @@ def test_a_bypass_opened_by_its_driver_makes_the_plant_leak(
 def on_virtual_can(emulated: Rig) -> dict[str, Any]:
     """Return the options of the rig's CAN drivers, on a bus inside this process."""
     return {
-        name: replace(spec(emulated, name).options, interface="virtual", channel="emulator tests")
+        name: patient(spec(emulated, name), interface="virtual", channel="emulator tests").options
         for name in ("drive", "pump")
     }
 

@@ -99,7 +99,7 @@ def test_what_is_not_modbus_ends_the_connection(
 ) -> None:
     line.sendall(sent)
     assert reply(line) == (0, b"")
-    assert any(event["event"] == "not_modbus" for event in emulator.record.events)
+    assert any(event["event"] == "not_modbus" for event in list(emulator.record.events))
 
 
 def test_several_clients_are_served_and_counted(client: Any, line: socket.socket) -> None:

@@ -14,7 +14,7 @@ SHUT = {f"{bypass}_ball": 0.0 for bypass in BYPASSES[:-1]}
 
 
 def events(bypass: BypassBench, kind: str) -> list[dict[str, Any]]:
-    return [event for event in bypass.record.events if event["event"] == kind]
+    return [event for event in list(bypass.record.events) if event["event"] == kind]
 
 
 def test_it_is_a_driver_of_every_valve_that_the_rig_has(bypass: BypassBench) -> None:

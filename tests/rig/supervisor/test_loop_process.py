@@ -1,6 +1,5 @@
 """The loop process drives a device over a real socket, and leaves it safe whichever way it ends."""
 
-import dataclasses
 import os
 import signal
 from collections.abc import Iterator
@@ -16,7 +15,6 @@ from estimator.filters import OUTPUTS, run_filter, start_memory
 from rig.configuration.rig import load_rig
 from rig.emulator.running import EmulatorThread
 from rig.io.driver import DriverError
-from rig.io.registry import DriverSpec
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Action, Cause, limit_table
@@ -29,6 +27,7 @@ from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
 from rig.supervisor.child import Child, News
+from tests.rig.patience import long_watchdogs, patient
 from tests.waiting import COMPILE_S, until
 
 MODEL = Model()
@@ -62,7 +61,7 @@ class Rig:
         self.board.words[Word.SWITCH] = 1
         opened: Opened = self.ask(
             Open(
-                self._at(spec, port or int(self.emulator.ports["daq"])),
+                patient(spec, port=port or int(self.emulator.ports["daq"])),
                 SETTINGS,
                 limit_table((), TICK),
                 tolerances(
@@ -73,12 +72,6 @@ class Rig:
             )
         )  # fmt: skip
         return opened
-
-    @staticmethod
-    def _at(spec: DriverSpec, port: int) -> DriverSpec:
-        # As long as the device's watchdog can be: a host that stalls must not trip it.
-        options = dataclasses.replace(spec.options, port=port, watchdog=1.0)
-        return dataclasses.replace(spec, options=options)
 
     def arm(self) -> None:
         """Have the valve enabled, and the ram held where it is."""
@@ -113,7 +106,7 @@ class Rig:
 def connected(folder: Path) -> Iterator[Rig]:
     board = Board.create(len(Rig.channels))
     news: list[News] = []
-    with EmulatorThread() as emulator:
+    with long_watchdogs(), EmulatorThread() as emulator:
         child = Child(
             "loop", "rig.supervisor.loop_process", board, folder / "log", on_news=news.append
         )
