@@ -12,6 +12,7 @@ from urllib.parse import urlencode
 
 import numpy as np
 import pytest
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from rig.console import connections
 from rig.console.curves import CURVES, Curves
@@ -310,7 +311,12 @@ def test_connections_that_send_no_request_keep_no_operator_out(
         each.close()
 
 
-def test_views_that_were_refused_and_stay_keep_no_operator_out(site: Site, few: int) -> None:
+def test_views_that_were_refused_and_stay_keep_no_operator_out(
+    site: Site, few: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The server itself would give up waiting for the other side to close, sooner or later.
+    never = property(lambda _: 3600.0, lambda *_: None)
+    monkeypatch.setattr(WebSocketsSansIOProtocol, "close_timeout", never, raising=False)
     host = f"127.0.0.1:{site.port}"
     told = (
         f"GET /live HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
@@ -319,8 +325,6 @@ def test_views_that_were_refused_and_stay_keep_no_operator_out(site: Site, few: 
     )
     held = [idle(site, told.encode()) for _ in range(3 * few)]
     assert site.order(site.cookie(), order="stop", rig="bench")[0] == 200
-    # Sooner than the server gives up waiting for the other side to close.
-    held[0].settimeout(8)
     assert is_closed(held[0])
     for each in held:
         each.close()

@@ -15,7 +15,7 @@ from websockets.sync.client import ClientConnection
 from rig.console.guard import LARGEST_BODY
 from rig.console.launcher import Launcher
 from rig.console.orders import LONGEST_TEXT, Orders
-from rig.console.server import LARGEST_MESSAGE, MESSAGES_PER_S
+from rig.console.server import LARGEST_MESSAGE
 from rig.console.visitors import FAILURES
 from rig.stream.client import Answer
 from rig.stream.view import Snapshot
@@ -339,8 +339,10 @@ def test_oversized_and_malformed_messages_end_the_view_and_are_logged(
 
 def test_a_flood_of_messages_ends_the_view(site: Site) -> None:
     with site.live(site.cookie()) as live:
-        for _ in range(MESSAGES_PER_S + 1):
-            live.send('{"rig": "bench"}')
+        # However few this machine sends in a second, it is more than may come.
+        with pytest.raises(ConnectionClosed):
+            while True:
+                live.send('{"rig": "bench"}')
         assert closed_with(live) == 1008
     until(lambda: site.is_logged("too many messages"), "the log")
 

@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
@@ -19,11 +18,10 @@ from rig.cli import main
 from rig.cli.monitor_view import document, line, screen
 from rig.recording import read_recording
 from rig.stream.view import Snapshot
+from tests.waiting import COMPILE_S, PATIENCE_S, until
 
 PAGE = Path(__file__).parents[3] / "docs" / "stream.md"
 RIG = str(Path(sys.executable).with_name("rig"))
-DEADLINE_S = 240.0
-"""How long anything may take: on a new checkout the run is compiled first."""
 CAMPAIGN = """
 name: followed
 rig: simulated
@@ -62,17 +60,18 @@ class Run:
     def monitor(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
         """Follow the run; from this process, but from another one than the run's."""
         profile = str(self.folder / "here.yaml")
-        return invoked("monitor", "--profile", profile, *arguments)
+        patience = ("--wait", f"{PATIENCE_S:g}")
+        return invoked("monitor", "--profile", profile, *patience, *arguments)
 
     def until_judged(self) -> None:
         """Wait until the monitor tells that the detector has decided something."""
-        end = time.monotonic() + DEADLINE_S
-        while time.monotonic() < end:
-            told = self.monitor("--once", "--json", "--wait", "60").stdout
-            if told and json.loads(told)["decision"]:
-                return
+
+        def judged() -> bool:
             assert self.process.poll() is None, self.process.communicate()
-        raise AssertionError("nothing was decided")
+            told = self.monitor("--once", "--json").stdout
+            return bool(told and json.loads(told)["decision"])
+
+        until(judged, "a decision", patience_s=COMPILE_S)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +98,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
 
 
 def test_a_run_is_followed_live(run: Run) -> None:
-    told = json.loads(run.monitor("--once", "--json", "--wait", "60").stdout)
+    told = json.loads(run.monitor("--once", "--json").stdout)
     assert told["rig"] == "simulated"
     assert told["alive"]
     assert told["units"]["pressure_1_Pa"] == "Pa"
@@ -124,7 +123,7 @@ def test_the_ten_lines_of_the_page_follow_it(run: Run) -> None:
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdout is not None
-    patience = threading.Timer(DEADLINE_S / 4, process.kill)
+    patience = threading.Timer(PATIENCE_S, process.kill)
     patience.start()
     lines = [process.stdout.readline() for _ in range(3)]
     patience.cancel()
@@ -145,10 +144,10 @@ def test_the_example_of_the_client_stops_the_run(run: Run) -> None:
     (code,) = re.findall(r"From Python\n.*?```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     ran = subprocess.run(
         [sys.executable, "-c", code.replace('"loopback"', '"here.yaml"')],
-        cwd=run.folder, capture_output=True, text=True, timeout=DEADLINE_S, check=False,
+        cwd=run.folder, capture_output=True, text=True, timeout=COMPILE_S, check=False,
     )  # fmt: skip
     assert "accepted=True" in ran.stdout, ran.stderr
-    output, _ = run.process.communicate(timeout=DEADLINE_S)
+    output, _ = run.process.communicate(timeout=COMPILE_S)
     assert run.process.returncode == 3
     assert "abort by local" in output
     assert "stopped by" in output

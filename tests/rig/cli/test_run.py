@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,10 @@ from junitparser import JUnitXml
 import rig.report
 from rig.recording import read_recording
 from rig.runner import CampaignOutcome
+from tests.waiting import COMPILE_S, until
 
 Invoke = Callable[..., Any]
 
-DEADLINE_S = 240.0  # never waited for unless the program hangs; a first start compiles
 
 SLOW = """
 name: slow
@@ -216,11 +215,12 @@ def running(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         text=True,
     ) as process:
         try:
-            until = time.monotonic() + DEADLINE_S
-            while not has_samples(tmp_path / "out" / "endless.mcap"):
+
+            def recorded() -> bool:
                 assert process.poll() is None, process.communicate()
-                assert time.monotonic() < until
-                time.sleep(0.02)
+                return has_samples(tmp_path / "out" / "endless.mcap")
+
+            until(recorded, "samples", patience_s=COMPILE_S)
             yield process
         finally:
             process.kill()
@@ -240,7 +240,7 @@ def test_a_signal_ends_a_run_with_a_partial_report_and_intact_recordings(
 ) -> None:
     for number in signals:
         running.send_signal(number)
-    out, err = running.communicate(timeout=DEADLINE_S)
+    out, err = running.communicate(timeout=COMPILE_S)
     assert running.returncode == 3
     assert err == ""
     assert "endless: aborted, " in out

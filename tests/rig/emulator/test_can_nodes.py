@@ -91,7 +91,7 @@ def port() -> int:
     try:
         with multicast(free) as sender, multicast(free) as receiver:
             sender.send(can.Message(arbitration_id=1, data=b"", is_extended_id=False))
-            heard = receiver.recv(2.0)
+            heard = receiver.recv(PATIENCE_S)
     except (can.CanError, OSError) as error:
         pytest.skip(f"no multicast on this machine: {error}")
     if heard is None:
