@@ -176,5 +176,8 @@ def _be_patient(folder: Path) -> None:
         part = rig if section == "loop" else rig["drivers"]
         part[section] |= longest
     (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+    stream = yaml.safe_load((folder / "stream.yaml").read_text())
+    # Four of them that are missing have a rig shown as dead, and its buttons disabled.
+    (folder / "stream.yaml").write_text(yaml.safe_dump(stream | {"heartbeat": "10 s"}))
     campaign = yaml.safe_load((folder / "campaign.yaml").read_text())
     (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign | {"name": "leaks"}))

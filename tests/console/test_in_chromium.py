@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from rig.recording import read_recording
+from tests.waiting import COMPILE_S
 from tools.chaos.stage import Stage
 
 from .conftest import HEIGHT, WAIT_MS, WIDTH, Serve, Served
@@ -111,12 +112,13 @@ def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
 ) -> None:
     page.get_by_role("button", name="Abort").click()
     expect(page.locator("#dialog")).to_be_visible()
-    assert not stage.is_safe()
+    assert not stage.is_safe(), stage.printed
     page.mouse.wheel(0, 3000)
     page.locator("#stop").click()
     expect(page.locator("#banners")).to_contain_text("Stop obeyed")
     stage.wait(stage.is_safe, "the safe state")
-    stage.wait(lambda: stage.run.poll() is not None, "the run to end")
+    # Its report may have to be compiled first.
+    stage.wait(lambda: stage.run.poll() is not None, "the run to end", COMPILE_S)
     assert stage.run.returncode == 3
     recording = read_recording(stage.out / "internal_leak_0.6_L_min.mcap")
     assert recording.time_s[-1] > 9.0
