@@ -15,7 +15,9 @@ from typing import Any, Final
 SOCKET: Final = "control.sock"
 """Its name in a run's folder."""
 LONGEST_LINE: Final = 16_384
-"""Bytes."""
+"""Bytes of a request."""
+LONGEST_ANSWER: Final = 1 << 24
+"""Bytes; the status of a campaign names all its tests."""
 ANSWER_S: Final = 10.0
 """How long a campaign may take to answer."""
 _PATIENCE_S: Final = 2.0
@@ -63,13 +65,21 @@ def ask(
             # Who refuses hangs up without hearing it all; the answer is there all the same.
             with suppress(BrokenPipeError, ConnectionResetError):
                 client.sendall(json.dumps(content).encode() + b"\n")
-            line = line_from(client)
+            line = line_from(client, LONGEST_ANSWER)
         except (OSError, EndlessLineError) as error:
             raise ControlError(f"{folder}: {_why(error)}") from None
-    answer: dict[str, Any] = json.loads(line)
-    if not answer.pop("ok"):
-        raise ControlError(f"{folder}: {answer['problem']}")
-    return answer
+    return _answer(folder, line)
+
+
+def _answer(folder: Path, line: bytes) -> dict[str, Any]:
+    try:
+        answer = dict(json.loads(line))
+        if answer.pop("ok"):
+            return answer
+        problem = str(answer["problem"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        problem = "what serves its socket does not answer as a campaign does"
+    raise ControlError(f"{folder}: {problem}")
 
 
 def _why(error: Exception) -> str:
@@ -94,8 +104,12 @@ def address_of(folder: Path) -> Iterator[str]:
         os.close(opened)
 
 
-def line_from(connection: socket.socket) -> bytes:
+def line_from(connection: socket.socket, longest: int = LONGEST_LINE) -> bytes:
     """Return a line, with its end, for which the connection's timeout is waited in all.
+
+    Args:
+        connection: to receive it from.
+        longest: bytes that are taken.
 
     Raises:
         EndlessLineError: it does not end in time, or is too long.
@@ -111,6 +125,6 @@ def line_from(connection: socket.socket) -> bytes:
         except TimeoutError:
             raise EndlessLineError("a line that does not end") from None
         received += piece
-        if not piece or len(received) > LONGEST_LINE:
+        if not piece or len(received) > longest:
             raise EndlessLineError("a line that does not end, or is too long")
     return received

@@ -9,13 +9,14 @@ from rig.control_socket import ask
 from rig.runner.desk import Request
 
 from .application import EXIT_BAD_INPUT
+from .texts import TEXT
 
 
 @click.command()
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("request", type=click.Choice([str(each) for each in Request]))
-@click.argument("text", nargs=-1)
-@click.option("--test", default="", metavar="NAME", help="The test to skip or to retry.")
+@click.argument("text", nargs=-1, type=TEXT)
+@click.option("--test", default="", type=TEXT, metavar="NAME", help="The test to skip or to retry.")
 def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> int:
     """Ask the campaign that runs in the folder DIR for something.
 

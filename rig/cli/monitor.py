@@ -19,6 +19,7 @@ from .application import EXIT_BAD_INPUT, EXIT_STOPPED
 from .following import endpoints, follows_streams
 from .monitor_view import document, line, screen
 from .screen import Screen
+from .texts import TEXT
 
 SCREEN_S: Final = 0.1
 LOG_S: Final = 1.0
@@ -26,7 +27,9 @@ EXIT_DEAD: Final = 1
 
 
 @click.command()
-@click.option("--rig", "rig_id", default="*", metavar="ID", help="One rig; all if not given.")
+@click.option(
+    "--rig", "rig_id", default="*", type=TEXT, metavar="ID", help="One rig; all if not given."
+)
 @follows_streams
 @click.option("--once", is_flag=True, help="Show what there is, once, and end; 1 if nothing lives.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a rig and line.")
@@ -37,8 +40,8 @@ EXIT_DEAD: Final = 1
     "--send", "order", type=click.Choice(COMMANDS),
     help="Send a command instead; see docs/stream.md for each. 1 if it is not obeyed.",
 )  # fmt: skip
-@click.option("--text", default="", help="A remark that is recorded with the command.")
-@click.option("--test", default="", metavar="NAME", help="The test to skip or to retry.")
+@click.option("--text", default="", type=TEXT, help="A remark that is recorded with the command.")
+@click.option("--test", default="", type=TEXT, metavar="NAME", help="The test to skip or to retry.")
 def command(
     rig_id: str,
     connect: tuple[str, ...],

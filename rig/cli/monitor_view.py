@@ -33,6 +33,7 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
         "latest": {name: _known(value) for name, value in snapshot.latest.items()},
         "units": dict(zip(snapshot.names, snapshot.units, strict=True)),
         "missing": dict(snapshot.missing),
+        "refused": snapshot.refused,
         **{
             kind: _told(getattr(snapshot, kind))
             for kind in ("state", "campaign", "progress", "decision", "health")
@@ -46,7 +47,8 @@ def line(snapshot: Snapshot) -> str:
     progress = snapshot.progress
     parts = [f"{snapshot.rig}: {_life(snapshot)}"]
     if progress:
-        parts.append(f"[{progress['number']}/{progress['count']}] {progress['name']}")
+        number, count = (_number(progress.get(key), "g") for key in ("number", "count"))
+        parts.append(f"[{number}/{count}] {progress.get('name', '')}")
     if isfinite(snapshot.time_s):
         parts.append(f"{snapshot.time_s:.1f} s")
     parts += [f"{name} {value}" for name, value in _figures(snapshot)]
@@ -80,8 +82,9 @@ def _progress(snapshot: Snapshot) -> Text:
         return Text("no campaign")
     return Text(
         f"{campaign.get('name', '')} {campaign.get('status', '')}: "
-        f"test {progress['number']} of {progress['count']}, {progress['name']}, "
-        f"{_number(progress['time_s'], '.1f')} of {_number(progress['duration_s'], 'g')} s"
+        f"test {_number(progress.get('number'), 'g')} of {_number(progress.get('count'), 'g')}, "
+        f"{progress.get('name', '')}, {_number(progress.get('time_s'), '.1f')} of "
+        f"{_number(progress.get('duration_s'), 'g')} s"
     )
 
 
@@ -111,18 +114,22 @@ def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
             yield (
                 words,
                 ", ".join(
-                    f"{name} {_number(_US * timed[key], '.0f')} us"
+                    f"{name} {_number(timed.get(key), '.0f', _US)} us"
                     for name, key in (("p50", "p50_s"), ("p99", "p99_s"), ("most", "max_s"))
                 ),
             )
     if health.get("missed") or health.get("exchange_errors"):
-        yield "ticks missed", f"{health['missed']}, exchanges failed {health['exchange_errors']}"
+        missed, failed = (_number(health.get(key), "g") for key in ("missed", "exchange_errors"))
+        yield "ticks missed", f"{missed}, exchanges failed {failed}"
     if health.get("sentence"):
         yield str(health.get("action", "")), str(health["sentence"])
     for trip in health.get("trips", {}).get("first_out", [])[:1]:
-        yield "TRIPPED", f"by {trip['by']}: {trip['sentence']}; {trip['remedy']}"
+        by, sentence, remedy = (trip.get(key, "") for key in ("by", "sentence", "remedy"))
+        yield "TRIPPED", f"by {by}: {sentence}; {remedy}"
     if snapshot.missing:
         yield "missing", ", ".join(f"{n} {kind}" for kind, n in sorted(snapshot.missing.items()))
+    if snapshot.refused:
+        yield "refused", f"{snapshot.refused} that are no messages, the last: {snapshot.refusal}"
 
 
 def _verdict(decision: Mapping[str, Any]) -> str:
@@ -142,8 +149,8 @@ def _style(event: Mapping[str, Any]) -> str:
     return "bold red" if event.get("kind") in ("trip", "error", "refused") else "dim"
 
 
-def _number(value: Any, form: str) -> str:
-    return format(value, form) if isinstance(value, int | float) else "-"
+def _number(value: Any, form: str, factor: float = 1.0) -> str:
+    return format(factor * value, form) if isinstance(value, int | float) else "-"
 
 
 def _known(value: float) -> float | None:

@@ -1,8 +1,6 @@
 """`rig schedule`: campaigns at their times, in the foreground or under systemd."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import threading
@@ -206,7 +204,8 @@ class _Hands:
         """End the run once the schedule is to end; from a terminal it has the signal already."""
         while process.poll() is None:
             if self._stop.requested:
-                os.kill(process.pid, signal.SIGTERM)
+                # One that has ended meanwhile is left alone.
+                process.terminate()
                 return
             time.sleep(_POLL_S)
 

@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from rig.stream.client import StreamClient
-from rig.stream.messages import MessageError
-from rig.stream.view import Life
+from rig.stream.view import Life, Snapshot
+from rig.surviving import Surviving
 
 from .curves import AVERAGED_S, CHANNELS, SHOWN_S, Curves
 from .told import sections
@@ -27,6 +27,8 @@ CAUGHT_UP_S: Final = 0.3
 PAST_COMES_S: Final = (0.5, 2.0, 6.0)
 """When the curves are drawn anew, after a stream was heard first: with the past, which was asked
 for and comes later than the present."""
+REFUSED_S: Final = 10.0
+"""How often it is told that somebody publishes nonsense on a rig's keys."""
 NOTICES: Final = 40
 USUAL_PERIOD_S: Final = 1e-3
 
@@ -66,6 +68,16 @@ class RigFeed:
         self._told_at = 0.0
         self._anew: list[float] = []
         self._period_s = USUAL_PERIOD_S
+        self._refused = 0
+        self._refused_at = -REFUSED_S
+
+    def refusals(self, snapshot: Snapshot, now: float) -> str:
+        """Return what is to be told of messages that were none; nothing if it was told already."""
+        new = snapshot.refused - self._refused
+        if not new or now - self._refused_at < REFUSED_S:
+            return ""
+        self._refused, self._refused_at = snapshot.refused, now
+        return f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}"
 
     def follow(self, client: StreamClient, now: float) -> None:
         """Take what has come since the last time."""
@@ -119,25 +131,21 @@ class Feed:
         self._notices: deque[dict[str, Any]] = deque(maxlen=NOTICES)
         self.common = Sections()
         self.common.put("notices", [])
+        self._survives = Surviving("showing a rig", self.notice)
 
     def tick(self, now: float) -> None:
         """Take what has come of every rig."""
         living: dict[str, Life] = {}
         for rig in self._client.rigs():
             feed = self._rigs.setdefault(rig, RigFeed(rig))
-            try:
+            snapshot = self._client.snapshot(rig)
+            # What cannot be shown of a rig does not make it a dead one.
+            living[rig] = snapshot.life
+            with self._survives:
                 feed.follow(self._client, now)
-                living[rig] = self._client.snapshot(rig).life
-            except (
-                MessageError,
-                LookupError,
-                TypeError,
-                ValueError,
-                ArithmeticError,
-                RecursionError,
-            ):
-                # Whoever may publish on these keys may publish nonsense.
-                living[rig] = "dead"
+            refused = feed.refusals(snapshot, now)
+            if refused:
+                self.notice(refused)
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
 
     def notice(self, text: str) -> None:

@@ -17,6 +17,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rig.stream.client import StreamClient
+from rig.surviving import Surviving
 
 from .address import Address
 from .feed import TICK_S, Cursor, Feed
@@ -37,7 +38,6 @@ MESSAGES_PER_S: Final = 10
 MOST_VIEWERS: Final = 40
 LOOK_S: Final = 0.5
 """How often it is looked after what was started, and who watches."""
-MOST_FAILURES: Final = 100
 MOST_STOPS: Final = 16
 """Stops that are waited for at once; they do not wait for other orders."""
 LOGGED_OUT: Final = 4401
@@ -94,7 +94,7 @@ class Console:
         self._stopping = ThreadPoolExecutor(MOST_STOPS, "stop")
         self._looked_at = 0.0
         self._names: dict[int, str] = {}
-        self._failures: set[str] = set()
+        self._survives = Surviving("the console", self.log)
 
     def say(self, text: str) -> None:
         """Log something, and show it to all viewers."""
@@ -137,14 +137,14 @@ class Console:
                     self._looked_at = now
                     self._look()
             except Exception as error:  # whatever it is, the next look may do without it
-                self._failed(error)
+                self._survives.note(error)
             await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
 
     def _look(self) -> None:
         try:
             self._tell()
         except Exception as error:  # whatever it is, an order that was obeyed stays obeyed
-            self._failed(error)
+            self._survives.note(error)
 
     def _tell(self) -> None:
         """Tell all viewers of the console itself."""
@@ -157,13 +157,6 @@ class Console:
         self.feed.common.put("seat", {**self.seat.content(), "here": self._is_here()})
         watching = [{"number": number, "name": self._names[number]} for number in self.viewers]
         self.feed.common.put("viewers", watching)
-
-    def _failed(self, error: Exception) -> None:
-        """Log an error of this program, each kind of it once."""
-        told = f"failed: {type(error).__name__}: {error}"
-        if told not in self._failures and len(self._failures) < MOST_FAILURES:
-            self._failures.add(told)
-            self.log(told)
 
     def _is_here(self) -> bool:
         return self.seat.holder is not None and self.seat.holder.number in self.viewers
@@ -268,7 +261,11 @@ class Console:
         finally:
             for task in tasks:
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            for ended in await asyncio.gather(*tasks, return_exceptions=True):
+                # A viewer that went away is no failure, however it is told.
+                gone = isinstance(ended, WebSocketDisconnect | RuntimeError)
+                if isinstance(ended, Exception) and not gone:
+                    self._survives.note(ended)
             self.viewers[visitor.number] -= 1
             if not self.viewers[visitor.number]:
                 del self.viewers[visitor.number]

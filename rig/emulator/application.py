@@ -135,9 +135,15 @@ class Emulator:
             self.ports["control"] = await self._control.open(*at.control)
 
     async def run(self) -> None:
-        """Serve until it is stopped."""
+        """Serve until it is stopped, or until a part of it fails, which is raised.
+
+        Without one of its devices it would be another rig, and nobody would know why.
+        """
         while not self._stopped.is_set():
             self.tend()
+            for task in (*self._tasks, *self._can.tasks):
+                if task.done():
+                    task.result()
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._stopped.wait(), _TEND_S)
 

@@ -26,6 +26,7 @@ class CanDevices:
     Attributes:
         valve: the servovalve's electronics, once open.
         pump: the pump unit, once open.
+        tasks: that serve them, a bus each; none ends before they are closed, unless it fails.
     """
 
     def __init__(self, plant: EmulatedPlant, record: Record, drive: Any, pump: Any) -> None:
@@ -36,7 +37,7 @@ class CanDevices:
         self._record = record
         self._drive_options, self._pump_options = drive, pump
         self._buses: dict[tuple[str, str, int], can.BusABC] = {}
-        self._tasks: list[asyncio.Task[None]] = []
+        self.tasks: list[asyncio.Task[None]] = []
 
     def open(self) -> dict[str, str]:
         """Begin to serve; return where each device is.
@@ -55,7 +56,7 @@ class CanDevices:
             nodes.setdefault(_key(self._pump_options), []).append(self.pump)
             places["pump"] = _shown(self._pump_options)
         for key, bus in self._buses.items():
-            self._tasks.append(asyncio.create_task(serve(bus, nodes[key])))
+            self.tasks.append(asyncio.create_task(serve(bus, nodes[key])))
         return places
 
     def _valve(self, options: Any) -> ValveNode:
@@ -97,10 +98,10 @@ class CanDevices:
 
     async def close(self) -> None:
         """Leave the buses; harmless when repeated."""
-        for task in self._tasks:
+        for task in self.tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        self._tasks = []
+        await asyncio.gather(*self.tasks, return_exceptions=True)
+        self.tasks = []
         for bus in self._buses.values():
             bus.shutdown()
         self._buses = {}

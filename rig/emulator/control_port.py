@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
 from rig.configuration.problems import ConfigError, suggestion
+from rig.surviving import failure
 
 from .addresses import AddressError
 from .effects import NotServedError
@@ -98,16 +99,22 @@ class ControlPort:
             client.close()
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Do what one line asks for and return the reply."""
+        """Do what one line asks for and return the reply, whatever the line is."""
+        try:
+            return self._answer(line)
+        except Exception as error:  # its sender learns of it, and may send another one
+            return _refusal(f"request: it failed: {failure(error)}")
+
+    def _answer(self, line: bytes) -> dict[str, Any]:
         try:
             request = json.loads(line)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             return _refusal(f"request: is not JSON: {error}; write one object a line")
-        if not isinstance(request, dict) or request.get("do") not in self._actions:
-            asked = str(request.get("do", "")) if isinstance(request, dict) else ""
+        asked = str(request.get("do", "")) if isinstance(request, dict) else ""
+        if not isinstance(request, dict) or asked not in self._actions:
             remedy = suggestion(asked, tuple(self._actions), "actions")
             return _refusal(f"do: {asked} is not a known action; {remedy}")
-        do = request.pop("do")
+        do = str(request.pop("do"))
         problems = [
             f"{key}: {value} is not a key of {do}, or of another type; {_keys(do)}"
             for key, value in request.items()

@@ -3,6 +3,7 @@
 import asyncio
 import threading
 from collections.abc import Iterable
+from concurrent.futures import TimeoutError as StillRunning
 from types import TracebackType
 from typing import Any, Final
 
@@ -15,6 +16,8 @@ from .record import Record
 from .wire_faults import WireFault
 
 _ANYWHERE: Final = Address(HOST, 0)
+_LOOK_S: Final = 0.5
+"""How often somebody who waits for an answer looks whether the emulator still runs."""
 _SIMPLE: Final = Endpoints(_ANYWHERE, bypass=_ANYWHERE, control=_ANYWHERE)
 
 
@@ -58,6 +61,7 @@ class EmulatorThread:
         }
         self._loop = asyncio.new_event_loop()
         self._emulator: Emulator | None = None
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._serve, name="emulator", daemon=True)
 
     def __enter__(self) -> "EmulatorThread":
@@ -81,7 +85,10 @@ class EmulatorThread:
 
     def _serve(self) -> None:
         assert self._emulator is not None
-        self._loop.run_until_complete(self._emulator.run())
+        try:
+            self._loop.run_until_complete(self._emulator.run())
+        except Exception as error:  # for whoever asks next, or leaves
+            self._failure = error
 
     def __exit__(
         self,
@@ -89,12 +96,14 @@ class EmulatorThread:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Stop serving and end the thread."""
+        """Stop serving and end the thread; raise why it ended before, if it did."""
         assert self._emulator is not None
         self._loop.call_soon_threadsafe(self._emulator.stop)
         self._thread.join()
         self._loop.run_until_complete(self._emulator.close())
         self._end()
+        if self._failure is not None and error is None:
+            raise self._failure
 
     def _end(self) -> None:
         # One more turn of the loop lets the transports close their sockets.
@@ -119,9 +128,21 @@ class EmulatorThread:
         return self._ask(lambda emulator: emulator.status())
 
     def _ask(self, question: Any) -> Any:
-        """Return the answer to a question put to the emulator in its own thread."""
+        """Return the answer to a question put to the emulator in its own thread.
+
+        Raises:
+            RuntimeError: the emulator has failed.
+        """
 
         async def answer() -> Any:
             return question(self._emulator)
 
-        return asyncio.run_coroutine_threadsafe(answer(), self._loop).result()
+        asked = asyncio.run_coroutine_threadsafe(answer(), self._loop)
+        while True:
+            try:
+                return asked.result(_LOOK_S)
+            except StillRunning:
+                if asked.done():
+                    raise
+                if not self._thread.is_alive():
+                    raise RuntimeError("the emulator has failed") from self._failure

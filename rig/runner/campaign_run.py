@@ -327,8 +327,11 @@ class _CampaignRun:
             self._setting.desk.record("refused", why=why, durable=False)
 
     def _is_overdue(self) -> None:
-        self._setting.desk.record("overdue")
-        self._overdue()
+        # The disk may be what it hangs on: the end does not depend on what can be written.
+        try:
+            self._setting.desk.record("overdue")
+        finally:
+            self._overdue()
 
     def write(self) -> None:
         """Write the results as far as they have come."""

@@ -2,7 +2,7 @@
 
 A request is one line of JSON, and so is its answer. Whoever connects is known by the kernel's word;
 a stranger, an oversized, slow or malformed request is refused, and never waited for by the
-campaign.
+campaign. Whatever fails, the next request is served: a campaign can be stopped as long as it runs.
 """
 
 import json
@@ -17,12 +17,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.control_socket import SOCKET, EndlessLineError, address_of, line_from
+from rig.surviving import Surviving, failure
 
 from .desk import Desk, RefusedError, Request
 
 PATIENCE_S: Final = 2.0
 """How long a client may take for its request; others wait meanwhile, the campaign does not."""
 
+_AGAIN_S: Final = 0.1
+"""How long nobody is served after no connection could be taken: there are no descriptors left."""
 _ROOT: Final = 0
 _PEER: Final = struct.Struct("3i")
 _KEYS: Final = frozenset({"request", "text", "test"})
@@ -34,13 +37,15 @@ class ControlPort:
     Args:
         folder: of the run.
         desk: takes the requests.
-        refused: is told of what was refused, and why.
+        refused: is told of what was refused, or failed, and why.
     """
 
     def __init__(self, folder: Path, desk: Desk, refused: Callable[[str], None]) -> None:
         self._folder = folder
         self._desk = desk
         self._refused = refused
+        self._survives = Surviving("the control port", refused)
+        self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
 
     def __enter__(self) -> "ControlPort":
@@ -66,6 +71,7 @@ class ControlPort:
         self._listener.listen(8)
 
     def __exit__(self, *_: object) -> None:
+        self._ending.set()
         # Shutting it down ends the accept that the thread is in.
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
@@ -75,22 +81,30 @@ class ControlPort:
         (self._folder / SOCKET).unlink(missing_ok=True)
 
     def _serve(self) -> None:
-        while True:
-            try:
-                client, _ = self._listener.accept()
-            except OSError:
-                return
-            with client, suppress(OSError):
-                client.settimeout(PATIENCE_S)
-                answer = self._answer(client)
-                client.sendall(json.dumps(answer).encode() + b"\n")
+        """Serve one client after the other until the port is closed."""
+        while not self._ending.is_set():
+            with self._survives:
+                try:
+                    client, _ = self._listener.accept()
+                except OSError:
+                    if self._ending.wait(_AGAIN_S):
+                        return
+                    raise
+                with client, suppress(OSError):
+                    client.settimeout(PATIENCE_S)
+                    client.sendall(json.dumps(self._answer(client)).encode() + b"\n")
 
     def _answer(self, client: socket.socket) -> dict[str, Any]:
+        """Return the answer to whatever a client sends, and have a refusal told."""
         try:
             return {"ok": True, **self._obeyed(client)}
         except RefusedError as error:
-            self._refused(str(error))
-            return {"ok": False, "problem": str(error)}
+            why = str(error)
+        except Exception as error:  # whatever it is, it is answered, and the next one is served
+            why = f"it failed: {failure(error)}"
+        with self._survives:
+            self._refused(why)
+        return {"ok": False, "problem": why}
 
     def _obeyed(self, client: socket.socket) -> dict[str, Any]:
         peer = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
@@ -108,15 +122,25 @@ class ControlPort:
 
 
 def _parsed(line: bytes) -> dict[str, Any]:
+    """Return a request: its keys are known, and its values are texts.
+
+    Raises:
+        RefusedError: it is none; says why.
+    """
     try:
-        content = json.loads(line)
-        if not isinstance(content, dict) or not content.keys() <= _KEYS:
-            raise ValueError
-        if not all(isinstance(value, str) for value in content.values()):
-            raise ValueError
+        content = json.loads(line.decode())
+    except UnicodeDecodeError:
+        raise RefusedError("a malformed request: is no UTF-8") from None
+    except (ValueError, RecursionError):
+        raise RefusedError("a malformed request: is no JSON") from None
+    if not isinstance(content, dict) or not content.keys() <= _KEYS:
+        raise RefusedError("a malformed request: has not the keys of one")
+    if not all(isinstance(value, str) for value in content.values()):
+        raise RefusedError("a malformed request: has a value that is no text")
+    try:
         return content | {"request": Request(content["request"])}
-    except (ValueError, KeyError, RecursionError):
-        raise RefusedError("a malformed request") from None
+    except (ValueError, KeyError):
+        raise RefusedError("a malformed request: asks for nothing that there is") from None
 
 
 def _name_of(uid: int) -> str:

@@ -10,6 +10,8 @@ from .stopping import StopFlag
 
 LONGEST_TEXT: Final = 1000
 """Characters of a note."""
+LONGEST_TEST: Final = 500
+"""Characters of a test's name that is asked for."""
 _PATIENCE_S: Final = 5.0
 
 Write = Callable[..., object]
@@ -152,6 +154,8 @@ class Desk:
     def ask(self, request: Request, who: str, text: str = "", test: str = "") -> str:
         """Ask for something; return in a sentence what will come of it.
 
+        A text is kept on one line: its control characters become spaces.
+
         Args:
             request: what.
             who: asks.
@@ -160,10 +164,13 @@ class Desk:
                 last to retry.
 
         Raises:
-            RefusedError: it cannot be done; nothing was written.
+            RefusedError: it cannot be done; nothing was written. To abort is never refused because
+                the journal cannot be written: the campaign ends all the same.
         """
-        if len(text) > LONGEST_TEXT:
-            raise RefusedError(f"a text of {len(text)} characters; at most {LONGEST_TEXT}")
+        _check(text, "text", LONGEST_TEXT)
+        _check(test, "test's name", LONGEST_TEST)
+        text = "".join(sign if sign.isprintable() else " " for sign in text)
+        who = who.encode(errors="replace").decode()
         with self._lock:
             if self._write is None:
                 raise RefusedError("the campaign is not running")
@@ -174,7 +181,12 @@ class Desk:
                 told |= {"test": index, "running": index == self._present}
             if request is Request.ACKNOWLEDGE:
                 told |= {"seen": list(self._attention)}
-            self._write("operator", request=str(request), who=who, **told)
+            try:
+                self._write("operator", request=str(request), who=who, **told)
+            except OSError as error:
+                if request is not Request.ABORT:
+                    raise RefusedError(f"the journal cannot be written: {error}") from None
+                reply += f", but the journal cannot be written: {error}"
             self._obey(request, who, text, index)
             return reply
 
@@ -253,3 +265,17 @@ class Desk:
                 self._interruption = request
             case Request.RETRY if index is not None:
                 del self._statuses[index]
+
+
+def _check(text: str, what: str, longest: int) -> None:
+    """Look whether a text is one that a file or a screen can have.
+
+    Raises:
+        RefusedError: it is not, or is too long.
+    """
+    if len(text) > longest:
+        raise RefusedError(f"a {what} of {len(text)} characters; at most {longest}")
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise RefusedError(f"a {what} that is no UTF-8") from None

@@ -175,7 +175,9 @@ class Journal:
         """
         at = self._now().isoformat(timespec="milliseconds")
         content = {"n": self._number, "at": at, "kind": kind, **told}
-        text = json.dumps(content, allow_nan=False, ensure_ascii=False).encode()
+        written = json.dumps(content, allow_nan=False, ensure_ascii=False)
+        # Half a character, as in the name of a folder, becomes the escape that JSON has for it.
+        text = written.encode(errors="backslashreplace")
         line = text[:-1] + _CHECKED + b'%08x"}\n' % zlib.crc32(text)
         if os.write(self._file, line) != len(line):
             raise OSError(f"{self._path}: the disk is full")

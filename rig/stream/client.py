@@ -5,18 +5,22 @@
         print(client.snapshot().decision)
 
 Messages are taken in threads of Zenoh; every method may be called from any thread. A reader that
-does not keep up loses the oldest messages, and is told how many.
+does not keep up loses the oldest messages, and is told how many. Whatever anybody publishes, the
+next message is taken as well: what is none is counted in the rig's snapshot, with the reason.
 """
 
+import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
 import msgpack
 import zenoh
+
+from rig.surviving import Surviving
 
 from .commands import Credentials, Sender, credentials_of
 from .messages import (
@@ -38,6 +42,8 @@ ANSWER_S: Final = 5.0
 QUEUED: Final = 4096
 """Messages that may wait to be taken; the oldest go first."""
 POLL_S: Final = 0.005
+AGAIN_S: Final = 0.5
+"""How long nothing is tried after a failure that was none of a message."""
 
 OnMessage = Callable[[str, str, Mapping[str, Any]], None]
 
@@ -69,7 +75,10 @@ class StreamClient:
         window_s: how long samples are kept.
         history: whether to ask rigs that appear for what was before.
         credentials: to command with; None: the profile's first operator, when needed.
-        on_message: is called with rig, kind and content of each message, one at a time.
+        on_message: is called with rig, kind and content of each message, one at a time; what it
+            raises goes to `on_failure`.
+        on_failure: is called with a line on each failure of this program that following survived;
+            from any thread. By default it is written to stderr.
 
     Raises:
         StreamError: the session cannot be opened; that nobody is there is no error.
@@ -85,6 +94,7 @@ class StreamClient:
         history: bool = True,
         credentials: Credentials | None = None,
         on_message: OnMessage | None = None,
+        on_failure: Callable[[str], object] | None = None,
     ) -> None:
         self._settings = settings
         self._wanted = rig
@@ -92,6 +102,7 @@ class StreamClient:
         self._history = history
         self._credentials = credentials
         self._on_message = on_message
+        self._survives = Surviving("following the stream", on_failure or _to_stderr)
         self._sender: Sender | None = None
         self._views: dict[str, RigView] = {}
         self._lock = threading.RLock()
@@ -205,13 +216,15 @@ class StreamClient:
         return self._sender
 
     def _answer_to(self, selector: str, payload: bytes, timeout_s: float) -> Answer:
-        assert self._session is not None
-        for reply in self._session.get(selector, payload=payload, timeout=timeout_s):
-            if reply.ok is None:
-                continue
-            with suppress(ValueError, TypeError, KeyError, msgpack.UnpackException):
-                told = msgpack.unpackb(bytes(reply.ok.payload), max_map_len=8)
-                return Answer(bool(told["accepted"]), str(told["reason"]))
+        if self._session is None:
+            return Answer(False, "no answer: there is no connection yet")
+        try:
+            for reply in self._session.get(selector, payload=payload, timeout=timeout_s):
+                answer = None if reply.ok is None else _answer(bytes(reply.ok.payload))
+                if answer is not None:
+                    return answer
+        except zenoh.ZError as error:
+            return Answer(False, f"no answer: {error}")
         return Answer(False, "no answer: the rig takes no commands from here, or is not there")
 
     def _view(self, rig: str | None) -> RigView:
@@ -230,25 +243,25 @@ class StreamClient:
         return self._views[rig]
 
     def _token_changed(self, sample: zenoh.Sample) -> None:
-        rig, _ = rig_and_kind(str(sample.key_expr))
-        present = sample.kind == zenoh.SampleKind.PUT
-        with self._lock:
-            view = self._view_of(rig)
-            view.token(present=present)
-        if present and self._history:
-            # Answers come in threads of Zenoh, of which this is one: it must not wait for them.
-            asking = threading.Thread(target=self._ask, args=(view, self._window_s, ANSWER_S))
-            self._asking = [*(each for each in self._asking if each.is_alive()), asking]
-            asking.start()
+        with self._survives, suppress(MessageError):
+            rig, _ = rig_and_kind(str(sample.key_expr))
+            present = sample.kind == zenoh.SampleKind.PUT
+            with self._lock:
+                view = self._view_of(rig)
+                view.token(present=present)
+            if present and self._history:
+                # Answers come in threads of Zenoh, of which this is one: it must not wait for them.
+                asking = threading.Thread(target=self._ask, args=(view, self._window_s, ANSWER_S))
+                self._asking = [*(each for each in self._asking if each.is_alive()), asking]
+                asking.start()
 
     def _ask(self, view: RigView, last_s: float, timeout_s: float) -> None:
         """Ask a rig for what lasts, channels first, and then for what it keeps."""
-        assert self._session is not None
-        if self._closing.is_set():
-            return
         for kinds, parameters in ((LASTING, ""), (KEPT, f"?last={last_s:g}")):
             for kind in kinds:
-                with suppress(zenoh.ZError):
+                if self._closing.is_set() or self._session is None:
+                    return
+                with self._survives, suppress(zenoh.ZError):
                     replies = self._session.get(
                         key(view.rig, kind) + parameters,
                         timeout=timeout_s,
@@ -260,30 +273,38 @@ class StreamClient:
                     for reply in replies:
                         if reply.ok is not None:
                             self._take_past(view, kind, reply.ok)
-                if self._closing.is_set():
-                    return
 
     def _take_past(self, view: RigView, kind: str, sample: zenoh.Sample) -> None:
-        with suppress(MessageError):
+        with self._left_aside(view):
             content = _content(sample)
             with self._lock:
                 view.take_past(kind, content, time.time_ns())
 
     def _follow(self) -> None:
         session = subscriber_session(self._settings, self._connect)
-        keys = key(self._wanted, "*")
-        self._messages = session.declare_subscriber(keys, zenoh.handlers.RingChannel(QUEUED))
-        self._session = session
-        self._tokens = session.liveliness().declare_subscriber(
-            alive_key(self._wanted), self._token_changed, history=True
-        )
+        try:
+            keys = key(self._wanted, "*")
+            self._messages = session.declare_subscriber(keys, zenoh.handlers.RingChannel(QUEUED))
+            self._session = session
+            self._tokens = session.liveliness().declare_subscriber(
+                alive_key(self._wanted), self._token_changed, history=True
+            )
+        except BaseException:
+            self._session = None
+            session.close()
+            raise
 
     def _run(self) -> None:
-        while self._session is None and not self._closing.is_set():
-            # A router that is not there yet is waited for.
-            with suppress(UnreachableError):
-                self._follow()
-        self._take_messages()
+        """Take messages until closed; a failure is told of, and what failed is tried again."""
+        while not self._closing.is_set():
+            with self._survives:
+                if self._session is None:
+                    # A router that is not there yet is waited for.
+                    with suppress(UnreachableError):
+                        self._follow()
+                    continue
+                self._take_messages()
+            self._closing.wait(AGAIN_S)
 
     def _take_messages(self) -> None:
         while not self._closing.is_set():
@@ -291,20 +312,49 @@ class StreamClient:
             if sample is None:
                 self._closing.wait(POLL_S)
                 continue
-            # Whoever may publish here may publish nonsense: it is left aside.
-            with suppress(MessageError):
+            with self._survives:
                 self._take(sample)
 
     def _take(self, sample: zenoh.Sample) -> None:
-        rig, kind = rig_and_kind(str(sample.key_expr))
-        content = _content(sample)
+        try:
+            rig, kind = rig_and_kind(str(sample.key_expr))
+        except MessageError:
+            return
         with self._lock:
-            self._view_of(rig).take(kind, content, time.time_ns())
-        if self._on_message is not None:
-            self._on_message(rig, kind, content)
+            view = self._views.get(rig)
+        with self._left_aside(view):
+            content = _content(sample)
+            with self._lock:
+                self._view_of(rig).take(kind, content, time.time_ns())
+            if self._on_message is not None:
+                self._on_message(rig, kind, content)
+
+    @contextmanager
+    def _left_aside(self, view: RigView | None) -> Iterator[None]:
+        """Take a message; whoever may publish may publish nonsense, which is counted."""
+        try:
+            yield
+        except MessageError as error:
+            if view is not None:
+                with self._lock:
+                    view.refuse(str(error))
 
 
 def _content(sample: zenoh.Sample) -> dict[str, Any]:
     if len(sample.payload) > LARGEST_MESSAGE:
         raise MessageError("too large")
     return unpack(bytes(sample.payload))
+
+
+def _answer(payload: bytes) -> Answer | None:
+    """Return the answer to a command; None if it is none."""
+    with suppress(Exception):  # whatever a parser makes of bytes that may be anything
+        told = msgpack.unpackb(payload, max_map_len=8)
+        accepted, reason = told["accepted"], told["reason"]
+        if type(accepted) is bool and type(reason) is str:
+            return Answer(accepted, reason)
+    return None
+
+
+def _to_stderr(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

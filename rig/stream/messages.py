@@ -1,6 +1,7 @@
 """The messages of the stream, version 1: their keys, and how they become bytes; see docs/stream.md.
 
-Every message is one MessagePack map with the keys of `HEADER` and those of its kind. Samples are
+Every message is one MessagePack map with the keys of `HEADER` and those of its kind,
+both in `rig.stream.fields`. Samples are
 packed arrays within it, so that a batch costs the same however many channels it has.
 """
 
@@ -11,6 +12,8 @@ from typing import Any, Final
 import msgpack
 import numpy as np
 from numpy.typing import NDArray
+
+from .fields import FIELDS, HEADER, NEEDED, wrong_keys
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -28,9 +31,10 @@ LASTING: Final = ("channels", "decision", "health", "campaign", "progress", "sta
 KEPT: Final = ("samples", "event")
 """Kinds of which the last seconds are kept for late joiners."""
 
-HEADER: Final = ("version", "session", "sequence", "sent_ns")
 LARGEST_MESSAGE: Final = 1 << 20
 """Bytes that a reader takes; the publisher's batches are some kB."""
+LONGEST_TEST_S: Final = 1e9
+"""32 years: what is beyond is no time within a test, and its square is still a number."""
 
 
 class MessageError(ValueError):
@@ -56,11 +60,13 @@ def rig_and_kind(text: str) -> tuple[str, str]:
     """Return rig and kind of a key.
 
     Raises:
-        MessageError: it is no key of this version.
+        MessageError: it is no key of this version, or of no single rig.
     """
     parts = text.split("/")
     if len(parts) < 4 or parts[0] != PREFIX or parts[2] != f"v{VERSION}":
         raise MessageError(f"{text}: is no key of version {VERSION}")
+    if parts[1] != rig_id(parts[1]):
+        raise MessageError(f"{text}: names no rig")
     return parts[1], "/".join(parts[3:])
 
 
@@ -71,12 +77,12 @@ def rig_id(name: str) -> str:
 
 
 def pack(content: Mapping[str, Any]) -> bytes:
-    """Return a message as bytes."""
-    return bytes(msgpack.packb(content, use_bin_type=True))
+    """Return a message as bytes; of a text that is none (a lone surrogate) `?` is sent."""
+    return bytes(msgpack.packb(content, use_bin_type=True, unicode_errors="replace"))
 
 
 def unpack(payload: bytes) -> dict[str, Any]:
-    """Return a message of this version.
+    """Return a message of this version, its header checked; `read` checks the rest.
 
     Raises:
         MessageError: too large, not MessagePack, no map, of another version, or without header.
@@ -85,15 +91,52 @@ def unpack(payload: bytes) -> dict[str, Any]:
         raise MessageError(f"{len(payload)} bytes are too many")
     try:
         content = msgpack.unpackb(payload, raw=False, strict_map_key=True)
-    except (ValueError, msgpack.UnpackException, RecursionError) as error:
+    except Exception as error:  # whatever a parser makes of bytes that may be anything
         raise MessageError(f"is no MessagePack: {error}") from None
     if not isinstance(content, dict) or content.get("version") != VERSION:
         raise MessageError(f"is no message of version {VERSION}")
-    if not isinstance(content.get("session"), str) or any(
-        type(content.get(name)) is not int for name in ("sequence", "sent_ns")
-    ):
-        raise MessageError("lacks its header")
+    _check_header(content)
     return content
+
+
+def read(kind: str, content: Mapping[str, Any]) -> "Samples | Channels | Mapping[str, Any]":
+    """Return what a message of a kind holds, once all of it was checked.
+
+    Args:
+        kind: one of `KINDS`; others are of no meaning here.
+        content: a message, from `unpack`.
+
+    Raises:
+        MessageError: it is no message of this kind.
+    """
+    _check_header(content)
+    if kind == "samples":
+        return Samples.of(content)
+    if kind == "channels":
+        return Channels.of(content)
+    _check(kind, content)
+    return content
+
+
+def _check_header(content: Mapping[str, Any]) -> None:
+    if wrong_keys({name: content.get(name) for name in HEADER}, HEADER):
+        raise MessageError("lacks its header")
+
+
+def _check(kind: str, content: Mapping[str, Any]) -> None:
+    """Look whether what a message holds is of its kind.
+
+    Raises:
+        MessageError: it is not.
+    """
+    if kind not in FIELDS:
+        raise MessageError(f"{kind[:40]}: is no kind of message")
+    missing = [name for name in NEEDED.get(kind, ()) if name not in content]
+    if missing:
+        raise MessageError(f"{kind} without {', '.join(missing)}")
+    wrong = wrong_keys(content, FIELDS[kind])
+    if wrong:
+        raise MessageError(f"{kind} with {', '.join(wrong[:5])} that cannot be")
 
 
 @dataclass(frozen=True)
@@ -134,24 +177,26 @@ class Samples:
         """Return the batch that a message holds.
 
         Raises:
-            MessageError: its arrays do not fit each other.
+            MessageError: it holds none, its arrays do not fit each other, or its times are none.
         """
-        try:
-            rows = content["rows"]
-            time_s = np.frombuffer(content["time_s"], "<f8")
-            values = np.frombuffer(content["values"], "<f4")
-            if not 0 < rows == time_s.size or values.size % rows:
-                raise ValueError
-            return cls(
-                channels_id=int(content["channels_id"]),
-                first_row=int(content["first_row"]),
-                test=int(content["test"]),
-                newest_ns=int(content["newest_ns"]),
-                time_s=time_s,
-                values=values.reshape(rows, -1),
-            )
-        except (KeyError, TypeError, ValueError):
-            raise MessageError("samples whose arrays do not fit") from None
+        _check("samples", content)
+        rows, packed = content["rows"], (content["time_s"], content["values"])
+        row_bytes = len(packed[1]) // rows if rows else 0
+        if not rows or len(packed[0]) != 8 * rows or len(packed[1]) != row_bytes * rows:
+            raise MessageError("samples whose arrays do not fit")
+        if row_bytes % 4:
+            raise MessageError("samples whose arrays do not fit")
+        time_s = np.frombuffer(packed[0], "<f8")
+        if not (np.abs(time_s) <= LONGEST_TEST_S).all():
+            raise MessageError("samples at no time")
+        return cls(
+            channels_id=content["channels_id"],
+            first_row=content["first_row"],
+            test=content["test"],
+            newest_ns=content["newest_ns"],
+            time_s=time_s,
+            values=np.frombuffer(packed[1], "<f4").reshape(rows, -1),
+        )
 
 
 @dataclass(frozen=True)
@@ -173,13 +218,11 @@ class Channels:
         Raises:
             MessageError: it does not.
         """
-        try:
-            names, units = (tuple(map(str, content[name])) for name in ("names", "units"))
-            if len(names) != len(units):
-                raise ValueError
-            return cls(int(content["id"]), names, units)
-        except (KeyError, TypeError, ValueError):
-            raise MessageError("channels without names and units") from None
+        _check("channels", content)
+        names, units = tuple(content["names"]), tuple(content["units"])
+        if len(names) != len(units):
+            raise MessageError("channels without names and units")
+        return cls(content["id"], names, units)
 
 
 def finite(value: Any) -> Any:

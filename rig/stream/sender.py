@@ -11,6 +11,8 @@ from typing import Any, Final
 
 import zenoh
 
+from rig.surviving import Surviving
+
 from .messages import KEPT, LASTING, VERSION, alive_key, key, pack
 
 QUESTIONS_KEPT: Final = 64
@@ -29,6 +31,8 @@ class StreamSender:
         rig: the rig's id.
         history_s: how long samples are kept for late joiners.
         clock_ns: wall clock, ns since 1970.
+        on_failure: is called, from another thread, with a line on an answer to a late joiner that
+            failed; the next one is answered.
 
     Attributes:
         name: of this session of the stream, new with every publisher.
@@ -41,6 +45,7 @@ class StreamSender:
         rig: str,
         history_s: float,
         clock_ns: Callable[[], int] = time.time_ns,
+        on_failure: Callable[[str], object] = lambda line: None,
     ) -> None:
         self.name = secrets.token_hex(8)
         self.sequences: dict[str, int] = {}
@@ -53,6 +58,7 @@ class StreamSender:
         self._kept: dict[str, deque[tuple[int, bytes]]] = {kind: deque() for kind in KEPT}
         self._lock = threading.Lock()
         self._questions: queue.Queue[zenoh.Query | None] = queue.Queue(QUESTIONS_KEPT)
+        self._survives = Surviving("answering late joiners", on_failure)
         self._answering = threading.Thread(target=self._answer, name="history", daemon=True)
         self._answering.start()
         self._token = session.liveliness().declare_token(alive_key(rig))
@@ -108,7 +114,7 @@ class StreamSender:
             query = self._questions.get()
             if query is None:
                 return
-            with suppress(zenoh.ZError), query:
+            with self._survives, suppress(zenoh.ZError), query:
                 self._reply(query)
 
     def _reply(self, query: zenoh.Query) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .messages import Channels, MessageError, Samples
+from .messages import Channels, Samples, read
 
 Array = NDArray[np.float64]
 Life = Literal["unheard", "live", "ended", "dead"]
@@ -20,6 +20,8 @@ Singles = NDArray[np.float32]
 EVENTS_SHOWN: Final = 100
 VERDICTS_SHOWN: Final = 50
 GAPS_SHOWN: Final = 50
+CHANNELS_KEPT: Final = 100
+"""Sets of channels of a session; a run has one for each kind of test."""
 HOLES_KEPT: Final = 1000
 """Gaps that rows of the past may still fill."""
 DEAD_AFTER: Final = 4.0
@@ -62,6 +64,8 @@ class Snapshot:
         events: the last ones, oldest first.
         gaps: the last ones, oldest first.
         missing: messages (by kind) and `rows` that did not arrive, in all.
+        refused: how many messages on its keys were none, and were left aside.
+        refusal: why the last of them was; empty if none was.
     """
 
     rig: str
@@ -84,6 +88,8 @@ class Snapshot:
     events: tuple[Mapping[str, Any], ...] = ()
     gaps: tuple[Gap, ...] = ()
     missing: Mapping[str, int] = field(default_factory=dict)
+    refused: int = 0
+    refusal: str = ""
 
     @property
     def life(self) -> Life:
@@ -151,6 +157,8 @@ class RigView:
         self._is_new = True
         self._gaps: deque[Gap] = deque(maxlen=GAPS_SHOWN)
         self._missing: dict[str, int] = {}
+        self._refused = 0
+        self._refusal = ""
 
     @property
     def session(self) -> str:
@@ -161,38 +169,48 @@ class RigView:
         """Take note that the rig's liveliness token appeared or went."""
         self._token = present
 
+    def refuse(self, why: str) -> None:
+        """Take note that something on the rig's keys was no message of it."""
+        self._refused += 1
+        self._refusal = why
+
     def take(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
         """Take a message as it comes.
 
         Raises:
-            MessageError: its content is not what its kind has.
+            MessageError: its content is not what its kind has; nothing was taken of it.
         """
+        held = read(kind, content)
         if content["session"] != self._session:
             self._begin_session(content["session"])
         self._last_ns, self._sent_ns = received_ns, content["sent_ns"]
         self._number(kind, content["sequence"], received_ns)
-        self._file(kind, content, received_ns)
+        if isinstance(held, Samples):
+            self._append(held, received_ns)
+        else:
+            self._file(kind, held, content, received_ns)
 
     def take_past(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
         """Take a message that was asked for: what is known already, or older, is left out.
 
         Raises:
-            MessageError: its content is not what its kind has.
+            MessageError: its content is not what its kind has; nothing was taken of it.
         """
+        held = read(kind, content)
         if content["session"] != self._session:
             # Of a publisher that began anew it may be the first that is heard.
             if content["sent_ns"] < self._sent_ns:
                 return
             self._begin_session(content["session"])
             self._sent_ns = content["sent_ns"]
-        if kind == "samples":
-            self._insert(Samples.of(content), received_ns)
+        if isinstance(held, Samples):
+            self._insert(held, received_ns)
         elif kind == "event":
             if not self._has_event(content):
                 ordered = sorted([*self._events, content], key=_sent)
                 self._events = deque(ordered, maxlen=EVENTS_SHOWN)
         elif content["sequence"] >= self._lasting.get(kind, {"sequence": -1})["sequence"]:
-            self._file(kind, content, received_ns)
+            self._file(kind, held, content, received_ns)
 
     def snapshot(self, now_ns: int) -> Snapshot:
         """Return what is known now."""
@@ -220,6 +238,8 @@ class RigView:
             events=tuple(self._events),
             gaps=tuple(self._gaps),
             missing=dict(self._missing),
+            refused=self._refused,
+            refusal=self._refusal,
         )
 
     def is_alive(self, now_ns: int) -> bool:
@@ -278,15 +298,24 @@ class RigView:
         self._gaps.append(Gap(received_ns, kind, missing))
         self._missing[kind] = self._missing.get(kind, 0) + missing
 
-    def _file(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
-        if kind == "samples":
-            self._append(Samples.of(content), received_ns)
-        elif kind == "event":
+    def _file(
+        self,
+        kind: str,
+        held: Channels | Mapping[str, Any],
+        content: Mapping[str, Any],
+        received_ns: int,
+    ) -> None:
+        if kind == "event":
             if not self._has_event(content):
                 self._events.append(content)
+            return
+        if isinstance(held, Channels):
+            self._channels[held.number] = held
+            while len(self._channels) > CHANNELS_KEPT:
+                del self._channels[next(iter(self._channels))]
         else:
             self._note(kind, content, received_ns)
-            self._lasting[kind] = content
+        self._lasting[kind] = content
 
     def _has_event(self, content: Mapping[str, Any]) -> bool:
         return any(_numbered(event) == _numbered(content) for event in self._events)
@@ -295,10 +324,7 @@ class RigView:
         return any(samples.first_row == batch.samples.first_row for batch in self._batches)
 
     def _note(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
-        if kind == "channels":
-            channels = Channels.of(content)
-            self._channels[channels.number] = channels
-        elif kind == "heartbeat":
+        if kind == "heartbeat":
             self._heartbeat(content, received_ns)
         elif kind == "campaign":
             # What a run says first is worth a line though the run before ended with the same.
@@ -312,12 +338,8 @@ class RigView:
 
     def _heartbeat(self, content: Mapping[str, Any], received_ns: int) -> None:
         """Take the numbers of what was sent before it: what is not here by now was lost."""
-        told = content.get("sequences", {})
-        period = content.get("heartbeat_s", 0.0)
-        if not isinstance(told, dict) or not isinstance(period, float | int):
-            raise MessageError("a heartbeat without its numbers")
-        self._heartbeat_s = float(period) or self._heartbeat_s
-        for kind, sequence in told.items():
+        self._heartbeat_s = float(content["heartbeat_s"])
+        for kind, sequence in content["sequences"].items():
             last = self._sequences.get(kind)
             if kind != "heartbeat" and last is not None and sequence > last:
                 self._lost(kind, sequence - last, received_ns)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.loop.board import Board
+from rig.surviving import Surviving, failure
 
 _GRACE_S: Final = 10.0
 """How long a child may take to end by itself before it is killed."""
@@ -52,7 +53,7 @@ class Child:
         name: what messages call it.
         module: its module, whose `main()` finds board and pipe by `child_ends`.
         board: shared with it.
-        log: file that its stderr is appended to.
+        log: file that its stderr is appended to, and what fails in `on_news`.
         on_news: is called with its `News`, in a thread of its own.
     """
 
@@ -67,6 +68,8 @@ class Child:
         self.name = name
         self._pipe, theirs = Pipe()
         self._on_news = on_news
+        self._log = log
+        self._survives = Surviving(f"hearing the {name} process", self._note_failure)
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         descriptors = (board.fd, theirs.fileno())
         # Imported, not run as __main__: the classes of its orders are then those of the sender.
@@ -151,15 +154,27 @@ class Child:
         self._pipe.close()
 
     def _read(self) -> None:
-        try:
-            while True:
+        """Take what it sends until its pipe is closed, whatever fails of a message."""
+        while True:
+            try:
                 message = self._pipe.recv()
-                if isinstance(message, News):
+            except (EOFError, OSError):
+                self._answers.put(_CLOSED)
+                return
+            except Exception as error:
+                # It may have been an answer: whoever waits for one learns why there is none.
+                why = f"sent what cannot be read: {failure(error)}"
+                self._answers.put(ChildError(f"{self.name} process: {why}"))
+                continue
+            if isinstance(message, News):
+                with self._survives:
                     self._on_news(message)
-                else:
-                    self._answers.put(message)
-        except (EOFError, OSError):
-            self._answers.put(_CLOSED)
+            else:
+                self._answers.put(message)
+
+    def _note_failure(self, line: str) -> None:
+        with self._log.open("a", encoding="utf-8", errors="replace") as log:
+            log.write(f"{line}\n")
 
     def _gone(self) -> ChildError:
         # The pipe is closed a moment before the process can be asked how it ended.

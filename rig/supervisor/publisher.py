@@ -29,6 +29,7 @@ from rig.stream.messages import Samples, command_key, finite, pack
 from rig.stream.sender import StreamSender
 from rig.stream.sessions import publisher_session
 from rig.stream.settings import StreamSettings
+from rig.surviving import Surviving
 
 from .child import News, child_ends
 from .health import Health
@@ -126,6 +127,8 @@ class Publisher:
         self._commands: queue.Queue[zenoh.Query] = queue.Queue(COMMANDS_WAITING)
         self._waiting: dict[int, _Waiting] = {}
         self._overrun = 0
+        self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._survives = Surviving("the publisher", self._failures.put)
         self._refused: list[float] = []
         self._refused_silently = 0
         self._heartbeat_at = self._health_at = self._flushed_at = 0.0
@@ -151,7 +154,9 @@ class Publisher:
         self._row_column = order.channels.index("row") if self._has_numbers else 0
         self._segment_column = order.channels.index("segment")
         self._batches = Batches(order.settings.batch, order.settings.channels)
-        self._sender = StreamSender(session, order.rig, order.settings.history_s)
+        self._sender = StreamSender(
+            session, order.rig, order.settings.history_s, on_failure=self._failures.put
+        )
         self._gate: Gate = gate_of(order.settings, order.rig, self._sender.name)
         keys = command_key(order.rig, "*")
         self._queryable = session.declare_queryable(keys, self._command_came)
@@ -171,7 +176,9 @@ class Publisher:
         try:
             wait = POLL_S
             while self._pipe.poll(wait):
-                self._obey(self._pipe.recv())
+                order = self._pipe.recv()
+                with self._survives:
+                    self._obey(order)
                 wait = 0.0
         except (EOFError, ConnectionError):
             return False
@@ -241,6 +248,7 @@ class Publisher:
             self._health_at = now
             self._sender.send("health", finite(self._health.content()))
             self._tell_silent_refusals()
+            self._tell_failures()
         if now - self._heartbeat_at >= self._settings.heartbeat_s:
             self._heartbeat_at = now
             self._sender.send(
@@ -278,7 +286,8 @@ class Publisher:
                 query = self._commands.get_nowait()
             except queue.Empty:
                 return
-            self._judge(query)
+            with self._survives:
+                self._judge(query)
 
     def _judge(self, query: zenoh.Query) -> None:
         name = str(query.key_expr).rpartition("/")[2]
@@ -315,14 +324,24 @@ class Publisher:
         claimed = "".join(c if c.isprintable() else "?" for c in by) or "unknown"
         told = f"command refused, {text} (from {claimed}, {fingerprint(payload)})"
         self._event("refused", told)
-        with suppress(OSError):
-            stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-            os.write(sys.stderr.fileno(), f"{stamp} stream: {told}\n".encode())
+        self._log(told)
 
     def _tell_silent_refusals(self) -> None:
         if self._refused_silently:
             count, self._refused_silently = self._refused_silently, 0
             self._event("refused", f"{count} more commands refused")
+
+    def _tell_failures(self) -> None:
+        """Tell of what failed, in the session's log and in the stream."""
+        while not self._failures.empty():
+            told = self._failures.get()
+            self._event("error", told)
+            self._log(told)
+
+    def _log(self, told: str) -> None:
+        with suppress(OSError):
+            stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+            os.write(sys.stderr.fileno(), f"{stamp} stream: {told}\n".encode(errors="replace"))
 
     def _reply(self, query: zenoh.Query, refusal: str) -> None:
         with suppress(zenoh.ZError), query:

@@ -22,6 +22,7 @@ from rig.stream.commands import Command
 from rig.stream.messages import LASTING
 from rig.stream.sessions import UnreachableError
 from rig.stream.settings import StreamSettings
+from rig.surviving import Surviving, failure
 
 from .child import Child, ChildError, News
 from .publisher import Asked, Columns, Obeyed, Open, Tell
@@ -69,6 +70,7 @@ class Stream:
         self._log = log
         self._say = say
         self._on_command = on_command
+        self._survives = Surviving("the live stream", say)
         self._board: Board | None = None
         self._channels: tuple[str, ...] = ()
         self._orders: deque[object] = deque(maxlen=ORDERS_KEPT)
@@ -147,7 +149,8 @@ class Stream:
                 child = self._child
                 if child is None:
                     break
-                with suppress(ChildError, IndexError):
+                # What cannot be sent is dropped, and told of; the next one is sent.
+                with self._survives, suppress(ChildError, IndexError):
                     child.send(self._orders.popleft())
 
     def _keep_running(self) -> None:
@@ -163,6 +166,8 @@ class Stream:
                 # What is configured cannot be opened: again would be no better.
                 self._say(f"stream: {error}; the run goes on without")
                 return
+            except Exception as error:  # whatever it is, it may not be so the next time
+                ended = failure(error)
             else:
                 ended = self._until_ended(child)
             if self._closing.is_set():
@@ -170,7 +175,8 @@ class Stream:
             failures = 0 if time.monotonic() - started > WORKED_S else failures + 1
             wait_s = RESTART_S[min(failures, len(RESTART_S)) - 1] if failures else RESTART_S[0]
             note = f"{ended}; started again"
-            self._say(f"stream: {ended}; to be started again in {wait_s:g} s")
+            with self._survives:
+                self._say(f"stream: {ended}; to be started again in {wait_s:g} s")
             self._closing.wait(wait_s)
 
     def _start(self, note: str) -> Child:
@@ -220,11 +226,17 @@ class Stream:
         return ""
 
     def _news(self, news: News) -> None:
-        if not isinstance(news, Asked):
-            self._say(f"{news.who}: {news.text}")
-            return
+        if isinstance(news, Asked):
+            self._order(Obeyed(news.command.number, self._refusal_of(news.command)))
         self._say(f"{news.who}: {news.text}")
-        self._order(Obeyed(news.command.number, self._on_command(news.command)))
+
+    def _refusal_of(self, command: Command) -> str:
+        """Have a command obeyed; return why it is not, or nothing."""
+        try:
+            return self._on_command(command)
+        except Exception as error:
+            self._survives.note(error)
+            return f"it failed: {failure(error)}"
 
 
 def _end(child: Child) -> None:

@@ -16,6 +16,7 @@ from rig.io.registry import DriverSpec
 from rig.io.settings import LoopSettings
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
+from rig.surviving import Surviving, failure
 
 from .child import Child
 from .field import rank_of
@@ -76,6 +77,7 @@ class Watch:
         self._settings = settings
         self._drivers = drivers
         self._tell = tell
+        self._survives = Surviving("the watch", self._failed)
         self._alive_at = time.monotonic()
         self._stopping = threading.Event()
         self._safe = threading.Event()
@@ -114,11 +116,17 @@ class Watch:
 
     def _run(self) -> None:
         while not self._stopping.wait(POLL_S):
-            self._beat()
-            self._look()
-            if self.tripped and not self._safe.is_set():
-                self._make_safe()
-                self._safe.set()
+            with self._survives:
+                self._beat()
+                self._look()
+                if self.tripped and not self._safe.is_set():
+                    self._make_safe()
+                    self._safe.set()
+
+    def _failed(self, line: str) -> None:
+        """Trip: who cannot watch does not let the rig move; then go on, to make it safe."""
+        self.trip(Cause.CRASH)
+        self._tell("supervisor", line)
 
     def _beat(self) -> None:
         if time.monotonic() - self._alive_at < MAIN_SILENCE_S:
@@ -188,8 +196,9 @@ class Watch:
                     driver.safe_state()
                 finally:
                     driver.close()
-            except DriverError as error:
-                self._tell(spec.name, f"not confirmed safe: {error}")
+            except Exception as error:  # whatever it is, the drivers after this one are made safe
+                why = str(error) if isinstance(error, DriverError) else failure(error)
+                self._tell(spec.name, f"not confirmed safe: {why}")
                 continue
             self._tell(spec.name, "made safe by the supervisor's own connection")
 

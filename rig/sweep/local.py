@@ -119,6 +119,10 @@ def _start_worker() -> None:
 
 def _end_with_parent() -> None:
     parent = parent_process()
-    if parent is not None:
+    if parent is None:
+        return
+    try:
         connection.wait([parent.sentinel])
+    finally:
+        # A process that cannot know whether its parent lives is not left behind.
         os._exit(1)

@@ -1,0 +1,154 @@
+"""What a message of each kind may hold: the one place where what comes from outside is checked.
+
+Whoever may publish on a rig's keys may publish anything. What passes here has its keys of the types
+that docs/stream.md gives, and nothing in it that cannot be shown, counted with, or written as JSON:
+no infinity, no number beyond 64 bits, no nesting without end. A key that is not known here may be
+of a newer publisher; it passes if it is plain.
+"""
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from typing import Any, Final
+
+Check = Callable[[Any], bool]
+
+DEEPEST: Final = 8
+"""Maps and lists within each other; a trip in `health` has four."""
+MOST_ROWS: Final = 1 << 53
+"""Beyond it a float holds no longer every whole number."""
+LONGEST_HEARTBEAT_S: Final = 10.0
+"""The longest that a profile may ask for (`rig.configuration.stream`)."""
+
+
+def is_text(value: Any) -> bool:
+    """Tell whether a value is a text."""
+    return type(value) is str
+
+
+def is_truth(value: Any) -> bool:
+    """Tell whether a value is true or false."""
+    return type(value) is bool
+
+
+def is_packed(value: Any) -> bool:
+    """Tell whether a value is bytes."""
+    return type(value) is bytes
+
+
+def is_whole(value: Any) -> bool:
+    """Tell whether a value is a whole number of 64 bits, with its sign."""
+    return type(value) is int and -(1 << 63) <= value < 1 << 63
+
+
+def is_count(value: Any) -> bool:
+    """Tell whether a value numbers something, from 0 on."""
+    return type(value) is int and 0 <= value < MOST_ROWS
+
+
+def is_number(value: Any) -> bool:
+    """Tell whether a value is a finite number, or nil, which stands for one that is not known."""
+    return value is None or is_whole(value) or (type(value) is float and isfinite(value))
+
+
+def is_period(value: Any) -> bool:
+    """Tell whether a value is a time between heartbeats, s."""
+    return type(value) in (int, float) and 0.0 < value <= LONGEST_HEARTBEAT_S
+
+
+def is_plain(value: Any, depth: int = DEEPEST) -> bool:
+    """Tell whether a value is text, truth, number or nil, or maps and lists of such."""
+    if type(value) is dict:
+        return depth > 0 and all(is_text(k) and is_plain(v, depth - 1) for k, v in value.items())
+    if type(value) is list:
+        return depth > 0 and all(is_plain(each, depth - 1) for each in value)
+    return is_text(value) or is_truth(value) or is_number(value)
+
+
+def lists(check: Check) -> Check:
+    """Return the check of a list whose items pass a check."""
+    return lambda value: type(value) is list and all(map(check, value))
+
+
+def maps(check: Check) -> Check:
+    """Return the check of a map of any names whose values pass a check."""
+    return lambda value: (
+        type(value) is dict and all(is_text(k) and check(v) for k, v in value.items())
+    )
+
+
+def holds(**checks: Check) -> Check:
+    """Return the check of a map: its known keys pass theirs, as far as they are there."""
+    return lambda value: not wrong_keys(value, checks) if type(value) is dict else False
+
+
+def wrong_keys(content: Mapping[Any, Any], checks: Mapping[str, Check]) -> list[str]:
+    """Return the keys of a map whose values do not pass; those that are not known must be plain."""
+    return [
+        str(name)[:40]
+        for name, value in content.items()
+        if not is_text(name) or not checks.get(name, is_plain)(value)
+    ]
+
+
+HEADER: Final[Mapping[str, Check]] = {
+    "version": is_count, "session": is_text, "sequence": is_count, "sent_ns": is_whole,
+}  # fmt: skip
+"""Of every message, all of them."""
+
+_TIMES: Final = holds(p50_s=is_number, p99_s=is_number, max_s=is_number)
+_TRIP: Final = holds(by=is_text, cause=is_text, sentence=is_text, remedy=is_text, after_s=is_number)
+_TEST: Final = holds(
+    name=is_text, expect=is_text, duration_s=is_number, status=is_text, verdict=is_text,
+    message=is_text,
+)  # fmt: skip
+
+
+def _is_nil_or(check: Check) -> Check:
+    return lambda value: value is None or check(value)
+
+
+FIELDS: Final[Mapping[str, Mapping[str, Check]]] = {
+    "channels": {"id": is_count, "names": lists(is_text), "units": lists(is_text)},
+    "samples": {
+        "channels_id": is_count, "first_row": is_count, "rows": is_count, "test": is_whole,
+        "newest_ns": is_whole, "time_s": is_packed, "values": is_packed,
+    },
+    "decision": {
+        "verdict": is_text, "probabilities": maps(is_number), "statistic": is_number,
+        "threshold": is_number, "leak_m3_per_s": is_number, "leak_std_m3_per_s": is_number,
+        "interval_m3_per_s": _is_nil_or(lists(is_number)), "onset_s": is_number,
+        "present_leaks": lists(is_number), "suspected": _is_nil_or(is_text),
+        "details": maps(is_plain), "test": is_number, "name": is_text, "time_s": is_number,
+    },
+    "event": {
+        "at_ns": is_number, "time_s": is_number, "who": is_text, "kind": is_text, "text": is_text,
+    },
+    "health": {
+        "rate_hz": is_number, "rows": is_number, "recorded": is_number, "missed": is_number,
+        "exchange_errors": is_number, "timing": maps(_TIMES), "silent_s": maps(is_number),
+        "action": is_text, "cause": is_text, "sentence": is_text, "homed": is_truth,
+        "trips": holds(first_out=lists(_TRIP), confirmed=maps(is_number)),
+    },
+    "campaign": {
+        "status": is_text, "name": is_text, "description": is_text, "rig": is_text,
+        "model": is_text, "filter": is_text, "directory": is_text, "rig_time_s": is_number,
+        "begun_ns": is_number, "tests": lists(_TEST),
+    },
+    "progress": {
+        "number": is_number, "count": is_number, "name": is_text, "expect": is_text,
+        "time_s": is_number, "duration_s": is_number, "verdict": is_text,
+    },
+    "state": {"state": is_text, "since_ns": is_number},
+    "heartbeat": {
+        "heartbeat_s": is_period, "up_s": is_number, "rows": is_number,
+        "sequences": maps(is_count), "commands": is_truth,
+    },
+}  # fmt: skip
+"""Known keys of each kind of message, with what their values must be."""
+
+NEEDED: Final[Mapping[str, tuple[str, ...]]] = {
+    "channels": tuple(FIELDS["channels"]),
+    "samples": tuple(FIELDS["samples"]),
+    "heartbeat": ("heartbeat_s", "sequences"),
+}
+"""Keys without which a message of a kind says nothing; of the others any may be missing."""
