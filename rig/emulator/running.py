@@ -3,6 +3,7 @@
 import asyncio
 import threading
 from collections.abc import Iterable
+from concurrent.futures import Future
 from concurrent.futures import TimeoutError as StillRunning
 from types import TracebackType
 from typing import Any, Final
@@ -134,10 +135,15 @@ class EmulatorThread:
             RuntimeError: the emulator has failed.
         """
 
-        async def answer() -> Any:
-            return question(self._emulator)
+        asked: Future[Any] = Future()
 
-        asked = asyncio.run_coroutine_threadsafe(answer(), self._loop)
+        def answer() -> None:
+            try:
+                asked.set_result(question(self._emulator))
+            except Exception as error:  # for whoever asked
+                asked.set_exception(error)
+
+        self._loop.call_soon_threadsafe(answer)
         while True:
             try:
                 return asked.result(_LOOK_S)

@@ -14,8 +14,8 @@ Check = Callable[[Any], bool]
 
 DEEPEST: Final = 8
 """Maps and lists within each other; a trip in `health` has four."""
-MOST_ROWS: Final = 1 << 53
-"""Beyond it a float holds no longer every whole number."""
+MOST_ROWS: Final = 1 << 62
+"""The number of a row and the length of a batch fit together into 64 bits."""
 LONGEST_HEARTBEAT_S: Final = 10.0
 """The longest that a profile may ask for (`rig.configuration.stream`)."""
 

@@ -8,6 +8,7 @@ import errno
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -123,10 +124,15 @@ class Watch:
                     self._make_safe()
                     self._safe.set()
 
+    def _say(self, who: str, what: str) -> None:
+        # What nobody can be told is done all the same.
+        with suppress(Exception):
+            self._tell(who, what)
+
     def _failed(self, line: str) -> None:
         """Trip: who cannot watch does not let the rig move; then go on, to make it safe."""
         self.trip(Cause.CRASH)
-        self._tell("supervisor", line)
+        self._say("supervisor", line)
 
     def _beat(self) -> None:
         if time.monotonic() - self._alive_at < MAIN_SILENCE_S:
@@ -142,7 +148,7 @@ class Watch:
         ):
             if part.ended:
                 full = part.exit_code in FULL
-                self._tell(part.name, part.ended)
+                self._say(part.name, part.ended)
                 self.trip(Cause.DISK_FULL if full else lost)
                 return
         for word, silence_s, lost in self._silences:
@@ -198,9 +204,9 @@ class Watch:
                     driver.close()
             except Exception as error:  # whatever it is, the drivers after this one are made safe
                 why = str(error) if isinstance(error, DriverError) else failure(error)
-                self._tell(spec.name, f"not confirmed safe: {why}")
+                self._say(spec.name, f"not confirmed safe: {why}")
                 continue
-            self._tell(spec.name, "made safe by the supervisor's own connection")
+            self._say(spec.name, "made safe by the supervisor's own connection")
 
 
 def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:

@@ -73,3 +73,30 @@ def test_what_is_not_json_is_told_so(emulator: EmulatorThread) -> None:
         replies = [json.loads(text.readline()) for _ in range(2)]
     assert [reply["ok"] for reply in replies] == [False, False]
     assert "is not JSON" in replies[0]["problems"][0]
+
+
+NONSENSE = {
+    "not UTF-8": b'{"do": "caf\xe9"}',
+    "half a character": b'{"do": "\\udce9"}',
+    "endless nesting": b"[" * 30_000,
+    "a list for an action": b'{"do": ["status"]}',
+    "a list for a fault": b'{"do": "inject", "fault": ["delay"], "by": [[[]]]}',
+    "a number without end": b'{"do": "inject", "fault": "delay", "by": 1e999}',
+    "a long number": b'{"do": "record", "since_ns": ' + b"9" * 5000 + b"}",
+    "a key of the program": b'{"do": "inject", "self": 1}',
+    "a map for a time": b'{"do": "inject", "fault": "estop", "at": {"a": {"b": 1}}}',
+}
+
+
+@pytest.mark.parametrize("kind", NONSENSE)
+def test_nonsense_is_answered_and_the_next_request_granted(
+    emulator: EmulatorThread, kind: str
+) -> None:
+    address = ("127.0.0.1", int(emulator.ports["control"]))
+    with socket.create_connection(address, timeout=20.0) as line, line.makefile("rb") as text:
+        line.sendall(NONSENSE[kind] + b"\n")
+        refusal = json.loads(text.readline())
+        assert not refusal["ok"]
+        assert refusal["problems"]
+        line.sendall(b'{"do": "status"}\n')
+        assert json.loads(text.readline())["ok"]

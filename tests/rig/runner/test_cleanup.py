@@ -9,6 +9,7 @@ import pytest
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rig import Rig
 from rig.runner import CampaignOutcome, Status, run_campaign
+from rig.runner.desk import Desk
 from rig.runner.journal import JOURNAL, read_journal
 from rig.runner.phases import CLEANUP_S, Deadline
 from rig.runner.simulated_test import SimulatedTest
@@ -148,3 +149,30 @@ def test_whatever_phase_a_test_dies_in_it_is_cleaned_up_after(
     assert phases[-1] == "cleanup"
     (ended,) = [n for n, entry in enumerate(entries) if entry["test"] == 0 and entry["outcome"]]
     assert entries[ended - 1]["phase"] == "cleanup"
+
+
+def test_a_cleanup_that_hangs_is_ended_though_the_journal_cannot_be_written(
+    tmp_path: Path,
+    rig: Rig,
+    campaign: Campaign,
+    clock: FakeClock,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    record, safe_state = Desk.record, SimulatedTest.safe_state
+    ended: list[float] = []
+
+    def full(desk: Desk, kind: str, **told: Any) -> None:
+        if kind == "overdue":
+            raise OSError("no space left")
+        record(desk, kind, **told)
+
+    def hangs(test: SimulatedTest) -> None:
+        if not ended:
+            with pytest.raises(OSError, match="no space left"):
+                clock.advance(61.0)
+        safe_state(test)
+
+    monkeypatch.setattr(Desk, "record", full)
+    monkeypatch.setattr(SimulatedTest, "safe_state", hangs)
+    run_campaign(campaign, rig, tmp_path, overdue=lambda: ended.append(clock.now))
+    assert ended == [61.0]

@@ -44,7 +44,9 @@ INF, NAN = float("inf"), float("nan")
 def good(kind: str) -> dict[str, Any]:
     """Return what a publisher says of a kind."""
     if kind == "samples":
-        return Samples(1, 0, 1, S, np.linspace(0.0, 2e-3, 3), np.zeros((3, 2), np.float32)).content()
+        return Samples(
+            1, 0, 1, S, np.linspace(0.0, 2e-3, 3), np.zeros((3, 2), np.float32)
+        ).content()
     if kind == "channels":
         return Channels(1, ("position_m", "pressure_1_Pa"), ("m", "Pa")).content()
     if kind == "heartbeat":
@@ -129,7 +131,7 @@ def test_nothing_is_taken_of_a_message_that_is_refused(forged: tuple[str, dict[s
     ("kind", "change"),
     [(kind, {name: value}) for kind in NEEDED for name in NEEDED[kind] for value in (INF, None, "")]
     + [
-        ("samples", {"first_row": 1 << 60}),
+        ("samples", {"first_row": 1 << 62}),
         ("samples", {"time_s": np.array([0.0, NAN, 1.0]).tobytes()}),
         ("heartbeat", {"sequences": {"samples": INF}}),
         ("heartbeat", {"heartbeat_s": 1e9}),

@@ -20,7 +20,15 @@ import zenoh
 from rig.loop.board import RING_ROWS, Board, Word
 from rig.loop.ladder import Cause
 from rig.stream.client import Answer, StreamClient
-from rig.stream.commands import LARGEST_COMMAND, Command, Credentials, Sender, make_key, read_key
+from rig.stream.commands import (
+    LARGEST_COMMAND,
+    Command,
+    Credentials,
+    Sender,
+    make_key,
+    read_key,
+    seal,
+)
 from rig.stream.messages import command_key
 from rig.stream.sessions import subscriber_session
 from rig.stream.settings import Endpoint, Operator, StreamSettings
@@ -407,3 +415,81 @@ def test_a_subscriber_of_zenoh_alone_sees_the_keys(bench: Bench) -> None:
     ):
         until(lambda: {"rig/bench/v1/heartbeat", "rig/bench/v1/samples"} <= seen,
               meanwhile=lambda: bench.write(20))  # fmt: skip
+
+
+def test_a_command_that_cannot_be_obeyed_is_answered_and_the_next_one_obeyed(
+    bench: Bench, client: StreamClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obey = bench.stream._on_command
+
+    def fails(command: Command) -> str:
+        bench.stream._on_command = obey
+        raise OSError("no space left")
+
+    bench.stream._on_command = fails
+    answer = client.send("hold")
+    assert not answer.accepted
+    assert "OSError: no space left" in answer.reason
+    assert client.send("abort").accepted
+    assert [command.name for command in bench.commands] == ["abort"]
+
+
+def test_an_operator_s_screen_that_is_gone_keeps_no_command_from_the_rig(
+    bench: Bench, client: StreamClient
+) -> None:
+    def gone(line: str) -> None:
+        raise BrokenPipeError
+
+    bench.stream._say = gone
+    assert client.send("abort").accepted
+    assert client.send("hold").accepted
+
+
+def test_what_cannot_be_sent_is_left_out_and_the_rest_is_sent(
+    bench: Bench, client: StreamClient
+) -> None:
+    first = client.snapshot().session
+    bench.stream.tell("event", {"text": threading.Lock()})  # no process can be sent one
+    bench.stream.tell("event", {"text": complex(1, 1)})  # and no message holds one
+    bench.stream.event("test", "note", "caf\udce9")
+    until(lambda: "caf?" in texts(client))
+    assert any("TypeError" in said for said in bench.said)
+    until(lambda: any("TypeError" in text for text in texts(client)))
+    assert client.snapshot().session == first
+
+
+@pytest.mark.parametrize("text", [b"caf\xe9", "\ud83d".encode("utf-8", "surrogatepass")], ids=str)
+def test_a_command_whose_text_is_no_utf_8_is_refused(
+    bench: Bench, client: StreamClient, text: bytes
+) -> None:
+    marker = b"TEXT" + bytes(len(text) - 4) if len(text) > 4 else b"TEXT"[: len(text)]
+    sender = Sender(Credentials("ann", bench.key))
+    sealed = msgpack.unpackb(
+        sender.sign("bench", client.snapshot().session, "abort", marker.decode())
+    )
+    body = sealed["body"].replace(marker, text)
+    assert body != sealed["body"]
+    answer = ask(bench, "abort", seal(Credentials("ann", bench.key), body))
+    assert not answer.accepted
+    assert answer.reason.startswith("malformed")
+    assert bench.commands == []
+    assert client.send("hold").accepted
+
+
+def test_a_watch_of_the_publisher_that_fails_starts_another_one(
+    tmp_path: Path, port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(tmp_path, port)
+    start = Stream._start
+
+    def fails(stream: Stream, note: str) -> Any:
+        monkeypatch.setattr(Stream, "_start", start)
+        raise ZeroDivisionError("of the watch")
+
+    monkeypatch.setattr(Stream, "_start", fails)
+    bench.stream.attach(bench.board, CHANNELS)
+    with StreamClient(bench.settings) as client:
+        client.wait_for_rig(DEADLINE_S)
+        until(lambda: any("ZeroDivisionError" in said for said in bench.said))
+    bench.stream.close()
+    os.close(bench.board.fd)

@@ -238,3 +238,47 @@ def test_the_first_trip_stays(scene: Scene) -> None:
     watch.trip(Cause.OPERATOR_STOP)
     watch.trip(Cause.LOOP_LOST)
     assert outcome(scene, watch) == {"supervisor": Cause.OPERATOR_STOP}
+
+
+class ForeignSpec(DriverSpec):
+    """A spec of a driver that fails as no driver should."""
+
+    def create(self) -> Any:
+        raise ZeroDivisionError("of a driver")
+
+
+def test_a_driver_that_fails_as_none_should_keeps_no_other_from_its_safe_state(
+    scene: Scene,
+) -> None:
+    foreign = ForeignSpec("bypass", "fake", "", None, "slow", (), ("internal_leakage_ball",), 1.0)
+    scene.field.exit_code = -9
+    scene.confirm(Word.VALVE_NULL_AT)
+    outcome(scene, scene.watch((foreign, spec("pump", "slow", "pump_load"))))
+    assert SAFE == ["pump"]
+    told = dict(scene.told)
+    assert "not confirmed safe: ZeroDivisionError: of a driver" in told["bypass"]
+
+
+def test_a_watch_that_fails_trips_and_makes_the_rig_safe(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(watch: Watch, word: Word, silence_s: float) -> bool:
+        raise ZeroDivisionError("of the watch")
+
+    monkeypatch.setattr(Watch, "_is_silent", fails)
+    assert outcome(scene, scene.watch()) == {"supervisor": Cause.CRASH}
+    assert SAFE == ["daq", "bypass", "pump"]
+    told = dict(scene.told)
+    assert "the watch goes on after a failure: ZeroDivisionError" in told["supervisor"]
+
+
+def test_a_rig_is_made_safe_though_nobody_can_be_told(scene: Scene) -> None:
+    def full(who: str, what: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    parts = Parts(*cast(Any, (scene.loop, scene.field, scene.recorder)))
+    scene.field.exit_code = -9
+    watch = Watch(scene.board, parts, LoopSettings(), DRIVERS, full)
+    watch.start()
+    outcome(scene, watch)
+    assert set(SAFE) == {"daq", "bypass", "pump"}

@@ -1,0 +1,47 @@
+"""What all viewers are sent goes on, whatever one rig's stream holds."""
+
+import json
+from typing import Any
+
+import pytest
+
+from rig.console.feed import REFUSED_S, Cursor, Feed, RigFeed
+
+from .fakes import RUNNING, FakeClient
+
+
+def told(feed: Feed) -> dict[str, Any]:
+    news = feed.news(Cursor())
+    assert news is not None
+    common: dict[str, Any] = json.loads(news)["common"]
+    return common
+
+
+def test_a_rig_that_cannot_be_shown_is_not_dead_and_viewers_are_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object) -> None:
+        raise ZeroDivisionError("of a curve")
+
+    feed = Feed(FakeClient(RUNNING))
+    monkeypatch.setattr(RigFeed, "follow", fails)
+    for second in range(3):
+        feed.tick(float(second))
+    common = told(feed)
+    assert common["rigs"] == [{"rig": "bench", "life": "live"}]
+    (notice,) = common["notices"]
+    assert "showing a rig goes on after a failure: ZeroDivisionError" in notice["text"]
+
+
+def test_nonsense_on_a_rigs_keys_is_told_now_and_then() -> None:
+    client = FakeClient(RUNNING)
+    feed = Feed(client)
+    feed.tick(0.0)
+    for count, at in ((1, 1.0), (400, 2.0), (900, 3.0), (900, 2.0 + REFUSED_S)):
+        client.become("bench", refused=count, refusal="samples that cannot be")
+        feed.tick(at)
+    texts = [notice["text"] for notice in told(feed)["notices"]]
+    assert texts == [
+        "bench: 1 messages refused, the last: samples that cannot be",
+        "bench: 899 messages refused, the last: samples that cannot be",
+    ]
