@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from estimator.filters import start_memory
 from rig.compile_cache import use_compile_cache
 from rig.configuration.rig import Rig, load_rig
 from rig.loop.board import Board, Word
+from rig.loop.interlock import interlock
 from rig.loop.ladder import limit_table
 from rig.loop.realtime import RealTime
 from rig.loop.ring import RingReader
@@ -34,7 +35,6 @@ from rig.loop.wire_layout import (
     Drive,
     course,
     estimation,
-    interlock,
     pace,
     shared_memory,
     wire_memory,
@@ -94,13 +94,14 @@ def idle(rig: Rig, seconds: float) -> Array:
     spec = fast(rig)
     memory = start_memory("product", MODEL)
     # Another plan's type would be another compilation.
-    plan = spec.create().plan()  # type: ignore[attr-defined]
+    driver: Any = spec.create()
 
     def run(number: int) -> None:
         wire_ticks(
             course(number, np.empty(0), Drive.NULL), estimation(memory, MODEL.parameters),
             interlock(limit_table((), TICK), wire_tolerances(rig, spec)),
-            pace(rig.loop, 1.0 / TICK), -1, plan, wire_memory(), shared_memory(board),
+            pace(rig.loop, 1.0 / TICK), -1, driver.plan(), driver.look_plan(), wire_memory(),
+            shared_memory(board),
         )  # fmt: skip
 
     def real_time() -> None:

@@ -12,7 +12,7 @@ import click
 from rig.configuration.rig import load_rig
 from rig.emulator.addresses import endpoints_of
 from rig.emulator.application import Emulator
-from rig.emulator.fault_script import read_script
+from rig.emulator.fault_script import ATTENTIVE, Script, read_script
 from rig.emulator.priority import raise_priority
 from rig.emulator.record import Record
 from rig.io.driver import DriverError
@@ -45,7 +45,14 @@ def _ports(
 
 @click.command()
 @click.argument("rig_reference", metavar="[RIG]", default="emulated")
-@click.option("--script", type=_FILE, metavar="FILE", help="Faults that come by themselves (YAML).")
+@click.option(
+    "--script",
+    type=_FILE,
+    default=ATTENTIVE,
+    metavar="FILE",
+    help="What happens by itself (YAML): faults, and whether somebody presses the reset button "
+    "when its lamp is lit. If not given, somebody does, and nothing fails.",
+)
 @click.option(
     "--record",
     type=_FILE,
@@ -69,11 +76,6 @@ def _ports(
     metavar="NAME=PORT",
     help="Serve the device of this driver on another port than the rig file's; 0: any free one.",
 )
-@click.option(
-    "--attentive/--inattentive",
-    default=True,
-    help="Whether somebody presses the reset button when its lamp is lit; he does if not told.",
-)
 @click.option("--seed", default=0, show_default=True, help="Fixes the sensors' noise.")
 @click.option(
     "--priority/--no-priority",
@@ -83,12 +85,11 @@ def _ports(
 @click.option("--json", "as_json", is_flag=True, help="Say what is served where in JSON.")
 def command(
     rig_reference: str,
-    script: Path | None,
+    script: Path,
     record: Path | None,
     trace: Path | None,
     control: int | None,
     ports: dict[str, int],
-    attentive: bool,
     seed: int,
     priority: bool,
     as_json: bool,
@@ -100,20 +101,20 @@ def command(
     """
     rig = load_rig(rig_reference)
     endpoints = endpoints_of(rig, ports, control)
-    faults = read_script(script) if script else ()
+    played = read_script(script)
     try:
         written = Record(record, trace)
     except OSError as error:
         raise click.FileError(str(error.filename), hint=error.strerror) from error
 
     async def serve() -> dict[str, int]:
-        emulator = Emulator(rig, endpoints, written, script=faults, attentive=attentive, seed=seed)
+        emulator = Emulator(rig, endpoints, written, script=played, seed=seed)
         await emulator.open()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, emulator.stop)
         granted = priority and raise_priority()
-        click.echo(_as_json(emulator) if as_json else _as_text(rig.name, emulator, granted))
+        click.echo(_as_json(emulator) if as_json else _as_text(rig.name, emulator, granted, played))
         await emulator.run()
         await emulator.close()
         return emulator.summary()
@@ -134,7 +135,11 @@ def _as_json(emulator: Emulator) -> str:
     return json.dumps({"ready": True, "ports": emulator.ports, "pid": os.getpid()})
 
 
-def _as_text(name: str, emulator: Emulator, real_time: bool) -> str:
+def _as_text(name: str, emulator: Emulator, real_time: bool, script: Script) -> str:
     lines = [f"emulated rig {name}, at {'real-time' if real_time else 'ordinary'} priority"]
     lines += [f"  {_SHOWN[part]:32} {where}" for part, where in emulator.ports.items()]
+    presses = (
+        "somebody presses it when its lamp is lit" if script.attentive else "nobody presses it"
+    )
+    lines.append(f"  {'reset button':32} {presses}")
     return "\n".join([*lines, "Ctrl-C ends it"])

@@ -4,7 +4,7 @@ import asyncio
 import gc
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +20,7 @@ from .bypass_io import BypassIo
 from .can_devices import CanDevices, ValvePath
 from .control_port import ControlPort
 from .effects import FaultEffects
+from .fault_script import NOTHING, Script
 from .injection import Injection
 from .instruments import Instruments
 from .io_device import IoDevice
@@ -30,7 +31,6 @@ from .modbus_server import ModbusServer
 from .operator_panel import EmulatedOperator
 from .plant import Clock, EmulatedPlant
 from .record import Record
-from .wire_faults import WireFault
 
 _TEND_S: Final = 5e-3
 """How often what nobody looks at is brought up to date; exchanges do so themselves."""
@@ -45,8 +45,7 @@ class Emulator:
         rig: what it is made of; its plant is the truth.
         endpoints: where it is served.
         record: takes note of all it receives.
-        script: faults that come by themselves.
-        attentive: whether somebody presses the reset button when its lamp is lit.
+        script: what happens by itself; nothing, if not given, and nobody presses a button.
         seed: fixes the sensors' noise.
         clock: tells the time in ns.
 
@@ -60,8 +59,7 @@ class Emulator:
         endpoints: Endpoints,
         record: Record,
         *,
-        script: Iterable[WireFault] = (),
-        attentive: bool = True,
+        script: Script = NOTHING,
         seed: int = 0,
         clock: Clock = time.monotonic_ns,
     ) -> None:
@@ -69,13 +67,13 @@ class Emulator:
         self.ports: dict[str, int | str] = {}
         self._endpoints = endpoints
         self._clock = clock
-        self._script = tuple(script)
+        self._script = script
         self.plant = _plant(rig, seed, clock, pump_loaded=endpoints.pump is None)
         self.instruments = Instruments(self.plant)
         self._can = CanDevices(self.plant, record, endpoints.drive, endpoints.pump)
         self._valve_path = ValvePath(self.plant, self._can)
         self.node = _io_device(endpoints.map, self.instruments, self._valve_path.set_analog, record)
-        self.operator = EmulatedOperator(self.node, clock, attentive)
+        self.operator = EmulatedOperator(self.node, clock, script.attentive)
         self._daq = ModbusServer("daq", self.node, record)
         self._bypass = _bypass_io(rig, record, clock)
         self._positions = self._bypass.positions()
@@ -111,7 +109,7 @@ class Emulator:
         """
         try:
             await self._open(self._endpoints)
-            self.injection.script(self._script)
+            self.injection.script(self._script.faults)
         except BaseException:
             await self.close()
             raise

@@ -1,7 +1,9 @@
-"""Reads faults from a script, or from plain values that somebody sends.
+"""Reads what happens on an emulated rig from a script, or a fault from what somebody sends.
 
-A script is a YAML file with a list `faults`; each names its `fault`, and when it begins and ends:
+A script is a YAML file with a list `faults`; each names its `fault`, and when it begins and ends.
+Whoever stands at the rig presses its reset button only if the script has an `operator` who does:
 
+    operator: attentive
     faults:
       - {fault: delay, target: daq, by: 5 ms, after: enable, at: 2 s, for: 500 ms}
       - {fault: sensor, target: pressure_1_Pa, reads: high, at: 10 s}
@@ -10,7 +12,7 @@ A script is a YAML file with a list `faults`; each names its `fault`, and when i
 from collections.abc import Mapping
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import create_model
 
@@ -21,6 +23,9 @@ from rig.configuration.problems import Place, suggestion
 from rig.configuration.validation import Schema, check, shown
 
 from .wire_faults import KINDS, Start, WireFault
+
+ATTENTIVE: Final = Path(__file__).with_name("attentive.yaml")
+"""The script of an emulator that is not given another one."""
 
 _TIMES: Final = ("at", "after", "for")
 _TIMES_SCHEMA: Final = create_model(
@@ -36,29 +41,49 @@ _TIMES_SCHEMA: Final = create_model(
 )
 
 
-def read_script(path: Path) -> tuple[WireFault, ...]:
-    """Return the faults of a script.
+class Script(NamedTuple):
+    """What happens on an emulated rig by itself.
+
+    Attributes:
+        faults: in the order of the file.
+        attentive: whether somebody presses the reset button whenever its lamp is lit.
+    """
+
+    faults: tuple[WireFault, ...] = ()
+    attentive: bool = False
+
+
+NOTHING: Final = Script()
+"""Nothing happens by itself, and nobody presses a button."""
+
+
+class ScriptFile(Schema):
+    """Keys of a script."""
+
+    operator: Literal["attentive", "away"] = "away"
+    faults: Any
+
+
+def read_script(path: Path) -> Script:
+    """Return the script in a file.
 
     Raises:
         ConfigError: every problem of the file.
     """
     sources = Sources()
     root = sources.read_yaml(path)
+    file = check(ScriptFile, root, sources.problems) if root is not None else None
+    entries = root.get("faults") if root is not None else None
     faults: list[WireFault] = []
-    if root is not None:
-        entries = root.get("faults")
-        for key, item in root.items():
-            if key != "faults":
-                sources.problems.add(item.place, key, "", "is not a known key", "keys: faults")
-        if entries is None or not isinstance(entries.value, list):
-            place = entries.place if entries else root.place
-            remedy = "write `faults:` and a list: - {fault: ..., at: ...}"
-            sources.problems.add(place, "faults", "", "is not a list", remedy)
-        else:
-            found = (read_fault(item, sources) for item in entries.elements())
-            faults = [fault for fault in found if fault is not None]
+    if entries is not None and isinstance(entries.value, list):
+        found = (read_fault(item, sources) for item in entries.elements())
+        faults = [fault for fault in found if fault is not None]
+    elif entries is not None:
+        remedy = "write `faults:` and a list: - {fault: ..., at: ...}"
+        sources.problems.add(entries.place, "faults", shown(entries), "is not a list", remedy)
     sources.problems.raise_if_any()
-    return tuple(faults)
+    assert file is not None
+    return Script(tuple(faults), file.operator == "attentive")
 
 
 def fault_from(request: Mapping[str, Any]) -> WireFault:

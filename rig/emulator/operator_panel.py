@@ -1,4 +1,4 @@
-"""Whoever stands at the rig: presses the reset button when its lamp is lit, if he is there."""
+"""Whoever stands at the rig: presses the reset button when its lamp is lit, if he is to."""
 
 from typing import Final
 
@@ -16,10 +16,10 @@ class EmulatedOperator:
     Args:
         node: where lamp and button are wired to.
         clock: tells the time in ns.
-        attentive: whether he presses at all.
+        attentive: whether he presses by himself, whoever lit the lamp.
     """
 
-    def __init__(self, node: IoDevice, clock: Clock, attentive: bool = True) -> None:
+    def __init__(self, node: IoDevice, clock: Clock, attentive: bool) -> None:
         self.attentive = attentive
         self._node = node
         self._clock = clock

@@ -2,7 +2,6 @@
 
 import asyncio
 import threading
-from collections.abc import Iterable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as StillRunning
 from types import TracebackType
@@ -12,9 +11,8 @@ from rig.configuration.rig import Rig, load_rig
 
 from .addresses import HOST, Address, Endpoints
 from .application import Emulator
-from .fault_script import fault_from
+from .fault_script import NOTHING, Script, fault_from
 from .record import Record
-from .wire_faults import WireFault
 
 _ANYWHERE: Final = Address(HOST, 0)
 _LOOK_S: Final = 0.5
@@ -32,8 +30,7 @@ class EmulatorThread:
         rig: the rig, or its name or file.
         endpoints: where it is served.
         record: takes note of all it receives; in memory if None.
-        script: faults that come by themselves.
-        attentive: whether somebody presses the reset button when its lamp is lit.
+        script: what happens by itself; nothing, if not given, and nobody presses a button.
         seed: fixes the sensors' noise.
 
     Attributes:
@@ -47,19 +44,14 @@ class EmulatorThread:
         *,
         endpoints: Endpoints = _SIMPLE,
         record: Record | None = None,
-        script: Iterable[WireFault] = (),
-        attentive: bool = True,
+        script: Script = NOTHING,
         seed: int = 0,
     ) -> None:
         self.record = record or Record()
         self.ports: dict[str, int | str] = {}
         self._rig = load_rig(rig) if isinstance(rig, str) else rig
         self._endpoints = endpoints
-        self._options: dict[str, Any] = {
-            "script": tuple(script),
-            "attentive": attentive,
-            "seed": seed,
-        }
+        self._options: dict[str, Any] = {"script": script, "seed": seed}
         self._loop = asyncio.new_event_loop()
         self._emulator: Emulator | None = None
         self._failure: Exception | None = None
@@ -134,7 +126,6 @@ class EmulatorThread:
         Raises:
             RuntimeError: the emulator has failed.
         """
-
         asked: Future[Any] = Future()
 
         def answer() -> None:

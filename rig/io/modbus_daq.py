@@ -17,10 +17,10 @@ from rig.plant.parameters import Quantity
 
 from .driver import DriverError
 from .modbus_daq_link import DaqLink
-from .modbus_daq_null import null
+from .modbus_daq_null import driven, null
 from .modbus_daq_setup import set_up, verify
 from .modbus_exchange import ExchangeStatus, exception_text, exchange
-from .modbus_plan import ExchangePlan, Tally, exchange_plan
+from .modbus_plan import ExchangePlan, Tally, exchange_plan, look_plan
 from .register_map import ExchangeMode, RegisterMap
 from .signals import FAST_INPUTS, FAST_OUTPUTS
 
@@ -86,6 +86,10 @@ class ModbusDaq:
         self._check()
         self._socket: socket.socket | None = None
         self._plan = exchange_plan(self._map, self._mode, options.unit)
+        # On the same connection: what is left of a reply to one is received by the other.
+        self._look = look_plan(self._map, self._mode, options.unit)._replace(
+            received=self._plan.received, tally=self._plan.tally
+        )
         self._sequence = 0
         self._given = np.zeros(len(FAST_OUTPUTS))
         self._found = np.full(len(FAST_INPUTS), np.nan)
@@ -118,6 +122,10 @@ class ModbusDaq:
     def plan(self) -> ExchangePlan:
         """Return the plan of the exchange over this socket."""
         return self._plan
+
+    def look_plan(self) -> ExchangePlan:
+        """Return the plan of an exchange over this socket that reads and writes nothing."""
+        return self._look
 
     def read(self) -> Mapping[str, float]:
         """Exchange once with the outputs as they are, and return the inputs.
@@ -160,6 +168,15 @@ class ModbusDaq:
         self._given[:] = 0.0
         with self._link() as link:
             null(link, self._map, self._options.timeout)
+
+    def driven(self) -> str:
+        """Return what of the valve is not at null, over a new connection; empty if nothing is.
+
+        Raises:
+            DriverError: nobody answers.
+        """
+        with self._link() as link:
+            return next(driven(link, self._map), "")
 
     def diagnostics(self) -> Mapping[str, float]:
         """Return what the device says of itself, over a new connection; see the map's `facts`.

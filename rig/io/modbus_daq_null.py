@@ -35,7 +35,7 @@ def null(link: DaqLink, register_map: RegisterMap, timeout_s: float) -> None:
     if refusals:
         raise refusals[0]
     deadline = time.monotonic() + timeout_s
-    while waiting := next(_driven(link, register_map), ""):
+    while waiting := _waiting(link, register_map):
         if time.monotonic() > deadline:
             raise DriverError(
                 link.driver,
@@ -54,17 +54,28 @@ def _requests(register_map: RegisterMap) -> list[RegisterValue]:
     return [RegisterValue(r.address, r.type, _number_at_zero(r)) for r in nulled]
 
 
-def _driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:
-    """Yield what in the device is not at null yet, of all that it tells."""
+def _waiting(link: DaqLink, register_map: RegisterMap) -> str:
+    """Return what the device has not done yet of what it was asked for; empty if nothing."""
     request = register_map.null_request
     if request is not None and not link.holds(request):
-        yield "has not taken the request"
+        return "has not taken the request"
+    standing = next(driven(link, register_map), "")
+    return f"still {standing}" if standing else ""
+
+
+def driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:
+    """Yield what of the valve is not at null, of all that the device tells.
+
+    Raises:
+        DriverError: no reply, or the device refuses.
+    """
+    request = register_map.null_request
     for register in register_map.registers:
         told = register.signal in _REPORTED
         if request is None:
             told |= register.access == "rw" and register.signal in _COMMANDED
         if told and (value := _value_of(register, link)) != 0.0:
-            yield f"still has {register.signal} at {value:g}"
+            yield f"has {register.signal} at {value:g}"
 
 
 def _number_at_zero(register: Register) -> float:

@@ -59,6 +59,13 @@ def exchange_requests(
     return write_registers(unit, block(written)), read_registers(unit, block(read))
 
 
+def look_request(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> Request:
+    """Return the transaction that reads all inputs and writes nothing; arguments as above."""
+    if mode == "fc76":
+        return feedback(unit, spans(register_map.read), ())
+    return read_registers(unit, block(register_map.read))
+
+
 def read_registers(unit: int, read: Span) -> Request:
     """Return a request of function 3, read holding registers."""
     pdu = struct.pack(">BHH", _READ, *read)

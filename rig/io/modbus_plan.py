@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .modbus_frames import exchange_requests
+from .modbus_frames import Request, exchange_requests, look_request
 from .register_map import FEEDBACK_BYTES, WORDS, ExchangeMode, Register, RegisterMap
 from .signals import FAST_INPUTS, FAST_OUTPUTS
 
@@ -78,7 +78,15 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
         mode: one of its `exchange`.
         unit: unit id of the device, 0 to 255.
     """
-    requests = exchange_requests(register_map, mode, unit)
+    return _plan(register_map, exchange_requests(register_map, mode, unit))
+
+
+def look_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
+    """Return the plan of an exchange that writes nothing; see `exchange_plan`."""
+    return _plan(register_map, (look_request(register_map, mode, unit),))
+
+
+def _plan(register_map: RegisterMap, requests: tuple[Request, ...]) -> ExchangePlan:
     sizes = [len(request.frame) for request in requests]
     ends = np.cumsum(sizes)
     starts = ends - sizes
@@ -87,6 +95,7 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
         for start, request in zip(starts, requests, strict=True)
         for address, at in request.written.items()
     }
+    outputs = register_map.written if written else ()
     word = np.zeros(1, np.uint32)
     heads = np.zeros((len(requests), _LONGEST_HEAD), np.uint8)
     for head, request in zip(heads, requests, strict=True):
@@ -101,8 +110,8 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
             np.int64,
         ),
         heads=heads,
-        encode=_table(register_map.written, FAST_OUTPUTS, written),
-        encode_scale=_scales(register_map.written),
+        encode=_table(outputs, FAST_OUTPUTS, written),
+        encode_scale=_scales(outputs),
         decode=_table(register_map.read, FAST_INPUTS, requests[-1].returned),
         decode_scale=_scales(register_map.read),
         low_word_first=np.array([register_map.word_order == "low_first"], np.int64),
@@ -125,8 +134,9 @@ def _table(
         )
         for register in registers
     ]
-    return np.array(rows, np.int64)
+    return np.array(rows, np.int64).reshape(-1, 4)
 
 
 def _scales(registers: tuple[Register, ...]) -> Floats:
-    return np.array([(register.gain, register.bias) for register in registers])
+    scales = [(register.gain, register.bias) for register in registers]
+    return np.array(scales, np.float64).reshape(-1, 2)

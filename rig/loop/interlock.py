@@ -13,10 +13,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rig.io.signals import FAST_INPUTS
-from rig.plant.compiled import inner
+from rig.plant.compiled import inlined
 
 from .ladder import NO_CHANNEL, Action, Cause, LimitTable
 from .plausibility import implausible, no_evidence
+from .tolerances import Tolerances
 
 _POSITION: Final = FAST_INPUTS.index("position_m")
 _PRESSURE_1: Final = FAST_INPUTS.index("pressure_1_Pa")
@@ -107,6 +108,19 @@ def _start(limits: int) -> InterlockMemory:
 def interlock_memory(limits: LimitTable) -> InterlockMemory:
     """Return the memory of an interlock that begins."""
     return _start(limits.channel.size)
+
+
+class Interlock(NamedTuple):
+    """What `check_sample` judges by."""
+
+    limits: LimitTable
+    tolerances: Tolerances
+    memory: InterlockMemory
+
+
+def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
+    """Return an interlock that begins."""
+    return Interlock(limits, tolerances, interlock_memory(limits))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -208,7 +222,7 @@ def check_sample(
     return action, cause, channel
 
 
-@inner
+@inlined
 def _take(inputs, tol, memory):
     """Keep a fresh sample, and return whether the device took it since the last one."""
     new = isnan(inputs[_COUNTER]) or inputs[_COUNTER] != memory.values[_COUNTER]
@@ -224,7 +238,7 @@ def _take(inputs, tol, memory):
     return new
 
 
-@inner
+@inlined
 def _chain(driving, tol, memory):
     """Judge the emergency stop's chain; what the device does not report is not judged."""
     values = memory.values
@@ -239,7 +253,7 @@ def _chain(driving, tol, memory):
     return _NONE, _NONE, NO_CHANNEL
 
 
-@inner
+@inlined
 def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
     """Judge whether the device answers, samples, takes what is written, and puts it out."""
     values, ticks, commands = memory.values, memory.unconfirmed, memory.commands
@@ -270,7 +284,7 @@ def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
     return _NONE, _NONE, NO_CHANNEL
 
 
-@inner
+@inlined
 def _transducers(tol, memory):
     """Judge each channel by itself: there, off its rails, and alive."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
@@ -295,7 +309,7 @@ def _transducers(tol, memory):
     return worst, cause, channel
 
 
-@inner
+@inlined
 def _unhomed(command, homed, tol, memory):
     """Judge a ram that may meet its stroke end at any time: slowly and gently, or not at all."""
     if homed:
@@ -311,7 +325,7 @@ def _unhomed(command, homed, tol, memory):
     return _NONE, _NONE, NO_CHANNEL
 
 
-@inner
+@inlined
 def _limits(homed, limits, memory):
     """Judge the limits of all channels; those of a position that is not known say nothing."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL

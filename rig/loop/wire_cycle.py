@@ -24,6 +24,7 @@ from .cycle import DECISION_COLUMNS, READINGS_AT, STATES_AT, limited_command, sa
 from .decided import DECIDED
 from .interlock import allowed_command, check_sample, held_position
 from .ladder import NO_CHANNEL, Action, Cause
+from .null_watch import is_null, look_at_null
 from .reaction import Reaction, forget, react, tolerating
 from .wire_layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
 
@@ -37,7 +38,6 @@ _VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
 _SENT: Final = int(Tally.SENT_NS)
 _ENCODER_FAULT: Final = FAST_INPUTS.index("encoder_fault")
 _DEVICE_COUNTER: Final = FAST_INPUTS.index("device_counter")
-_DEVICE_COMMAND: Final = FAST_INPUTS.index("device_command_V")
 _METERS: Final = len(METERS)
 _METERS_AT: Final = READING_COUNT - _METERS
 _STATUS_AT: Final = len(TIMINGS)
@@ -47,10 +47,9 @@ _DECIDED: Final = len(DECIDED)
 
 _COUNTER_SPAN: Final = 65536
 """`host_counter` counts modulo this."""
-_NULL_V: Final = 0.05
-"""An output this near to 0 V is at null: half a percent of its range, what converters are off."""
 _CONFIRM_NS: Final = 200_000_000
-"""Time the device has to confirm null; then it is brought there by another connection."""
+"""Time the device has to confirm null, first and ever again; then it is brought there by another
+connection."""
 _S_PER_NS: Final = 1e-9
 _NOT_EXCHANGED: Final = -1
 _NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
@@ -58,7 +57,7 @@ _NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
+def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
     """Run one segment until another one is asked for; return why it ended, a `Left`.
 
     Args:
@@ -68,6 +67,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
         pace: `Pace`.
         fd: the device's socket; below 0 nothing is exchanged or checked.
         plan: the device's `ExchangePlan`.
+        look: the `ExchangePlan` that reads it and writes nothing.
         memory: `WireMemory`, kept from segment to segment; updated.
         shared: the board, `SharedMemory`.
     """
@@ -107,6 +107,10 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
             command, enable = 0.0, 0.0
         standing, begun, sent, status = outputs[_COMMAND], woken, 0, _NOT_EXCHANGED
         if fd >= 0 and (now % pace.every == 0 or enable == 0.0):
+            if enable == 0.0 and counts[Count.NULL_NS] != 0:
+                look_at_null(
+                    fd, look, plan.transactions.shape[0], interlock.tolerances, pace, memory
+                )
             begun = monotonic_ns()
             status = _exchange(fd, plan, command, enable, course, pace, memory, words)
             sent = plan.tally[_SENT]
@@ -163,7 +167,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, memory, shared):
             tick += 1
         words[Word.TICK] = tick
         words[Word.LOOP_BEAT] = done
-        if fd >= 0 and _is_unconfirmed(status, done, words):
+        if fd >= 0 and _is_unconfirmed(status, done, counts, words):
             return Left.UNCONFIRMED.value
     return Left.SWITCHED.value
 
@@ -340,9 +344,10 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     """Exchange outputs for a sample; return the `ExchangeStatus`."""
     outputs, counts = memory.outputs, memory.counts
     counts[Count.SEQUENCE] += 1
+    counts[Count.WRITTEN] += 1
     outputs[_COMMAND] = command
     outputs[_VALVE_ENABLE] = enable
-    outputs[_HOST_COUNTER] = counts[Count.SEQUENCE] % _COUNTER_SPAN
+    outputs[_HOST_COUNTER] = counts[Count.WRITTEN] % _COUNTER_SPAN
     outputs[_RESET_LAMP] = course.reset_lamp
     outputs[_REARM] = course.rearm
     deadline = monotonic_ns() + pace.timeout_ns
@@ -350,35 +355,28 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     enabled = memory.inputs[_VALVE_ENABLED]
     if enable == 0.0:
         counts[Count.DRIVEN] = 0
+    else:
+        counts[Count.NULL_NS] = counts[Count.SETTLED] = counts[Count.AWAY] = 0
     if status != ExchangeStatus.OK:
         words[Word.EXCHANGE_ERRORS] += 1
         return status
     memory.inputs[_POSITION] += course.offset
     if enable == 1.0 and enabled != 0.0:
         counts[Count.DRIVEN] = 1
-    if words[Word.LOOP_TRIP] != 0 and words[Word.VALVE_NULL_AT] == 0 and _is_null(memory.inputs):
-        words[Word.VALVE_NULL_AT] = monotonic_ns()
+    if enable == 0.0 and is_null(memory.inputs):
+        counts[Count.NULL_NS] = monotonic_ns()
+        if words[Word.LOOP_TRIP] != 0 and words[Word.VALVE_NULL_AT] == 0:
+            words[Word.VALVE_NULL_AT] = counts[Count.NULL_NS]
     return status
 
 
 @inner
-def _is_null(inputs):
-    """Return whether the device says that the valve is at null and disabled.
-
-    What it does not report cannot deny it, but one of both it must confirm.
-    """
-    command, enabled = inputs[_DEVICE_COMMAND], inputs[_VALVE_ENABLED]
-    if isnan(command):
-        return enabled == 0.0
-    return abs(command) <= _NULL_V and enabled != 1.0
-
-
-@inner
-def _is_unconfirmed(status, now, words):
-    """Return whether a trip cannot be, or was not in time, confirmed by this connection."""
-    if words[Word.LOOP_TRIP] == 0 or words[Word.VALVE_NULL_AT] != 0:
+def _is_unconfirmed(status, now, counts, words):
+    """Return whether a trip cannot be, or was not of late, confirmed by this connection."""
+    if words[Word.LOOP_TRIP] == 0:
         return False
-    return status == ExchangeStatus.DISCONNECTED or now - words[Word.LOOP_TRIP_AT] > _CONFIRM_NS
+    latest = max(words[Word.LOOP_TRIP_AT], counts[Count.NULL_NS])
+    return status == ExchangeStatus.DISCONNECTED or now - latest > _CONFIRM_NS
 
 
 @inner

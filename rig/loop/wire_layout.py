@@ -17,10 +17,7 @@ from rig.plant import Parameters
 from .board import Board
 from .cycle import sample_channels
 from .decided import no_decision
-from .interlock import InterlockMemory, interlock_memory
-from .ladder import LimitTable
 from .reaction import Reaction, ReactionMemory, reaction_memory
-from .tolerances import Tolerances
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -196,26 +193,13 @@ def estimation(memory: FilterMemory, assumed: Parameters) -> Estimation:
     )
 
 
-class Interlock(NamedTuple):
-    """What `check_sample` judges by."""
-
-    limits: LimitTable
-    tolerances: Tolerances
-    memory: InterlockMemory
-
-
-def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
-    """Return an interlock that begins."""
-    return Interlock(limits, tolerances, interlock_memory(limits))
-
-
 class Count(IntEnum):
     """Index of each number in `WireMemory.counts`."""
 
     DUE_NS = 0
     """Time of the next tick; 0 before the first."""
     SEQUENCE = 1
-    """Exchanges so far."""
+    """Exchanges and looks so far."""
     SAMPLED_NS = 2
     """When the newest sample came."""
     DRIVEN = 3
@@ -224,6 +208,29 @@ class Count(IntEnum):
     """Set from outside: 1 makes the loop send a null frame and return."""
     DECISION = 5
     """Number of the newest decision seen on the board."""
+    WRITTEN = 6
+    """Exchanges so far; `host_counter` follows from it."""
+    NULL_NS = 7
+    """When the device last showed the valve at null; 0 since it may be enabled."""
+    SETTLED = 8
+    """Looks in a row that found the spool at null; it counts no further than it must."""
+    AWAY = 9
+    """Looks in a row that found a spool away from null that had settled there."""
+
+
+class Found(IntEnum):
+    """Index of each number in `WireMemory.found`: what another master did to a valve at null."""
+
+    TIMES = 0
+    """How many looks found the valve driven; written last."""
+    FIRST_NS = 1
+    LAST_NS = 2
+    ENABLED = 3
+    """How many found it enabled."""
+    OUTPUT_UV = 4
+    """The output farthest from null, uV."""
+    SPOOL_NM = 5
+    """The spool farthest from null, nm; 0 while it was not away for long."""
 
 
 class Handling(IntEnum):
@@ -241,8 +248,12 @@ class WireMemory(NamedTuple):
 
     counts: Integers
     """By `Count`."""
+    found: Integers
+    """By `Found`."""
     inputs: Array
     """(FAST_INPUTS,) of the last exchange."""
+    seen: Array
+    """(FAST_INPUTS,) of the last look."""
     outputs: Array
     """(FAST_OUTPUTS,) of the last frame; the command is held on the device."""
     reading: Array
@@ -264,6 +275,8 @@ def wire_memory() -> WireMemory:
     """Return the memory of a session that begins."""
     return WireMemory(
         np.zeros(len(Count), np.int64),
+        np.zeros(len(Found), np.int64),
+        np.full(len(FAST_INPUTS), nan),
         np.full(len(FAST_INPUTS), nan),
         np.zeros(len(FAST_OUTPUTS)),
         np.full(9, nan),

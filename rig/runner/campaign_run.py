@@ -106,7 +106,10 @@ def run_campaign(
         standing = Standing()
         if journal.entries:
             standing = resumable(journal.entries, directory, campaign, rig)
-        bench = bench or bench_of(campaign, rig, directory, observer, stop)
+        bench = bench or bench_of(
+            campaign, rig, directory, observer, stop,
+            lambda text: desk.record("driven", what=text),
+        )  # fmt: skip
         setting = Setting(
             campaign=campaign,
             rig=rig,
@@ -131,9 +134,17 @@ def run_campaign(
 
 
 def bench_of(
-    campaign: Campaign, rig: Rig, directory: Path, observer: Observer, stop: StopFlag
+    campaign: Campaign,
+    rig: Rig,
+    directory: Path,
+    observer: Observer,
+    stop: StopFlag,
+    journal: Callable[[str], None] = lambda text: None,
 ) -> Bench:
-    """Return what a campaign is run on, not entered yet; on hardware all it needs is compiled."""
+    """Return what a campaign is run on, not entered yet; on hardware all it needs is compiled.
+
+    The journal keeps what another master drives on hardware, in words.
+    """
     if rig.backend == "simulated":
         return SimulatedBench(rig, directory)
     # Its drivers' libraries are of no use to a simulation.
@@ -143,8 +154,9 @@ def bench_of(
 
     onlooker = observer if isinstance(observer, Onlooker) else None
     return Session(
-        rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells, onlooker
-    )
+        rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells, onlooker,
+        journal,
+    )  # fmt: skip
 
 
 class _CampaignRun:

@@ -42,7 +42,7 @@ class Entry:
         number: from 0 on, without a gap.
         at: UTC, ISO 8601.
         kind: what happened: `begin`, `resume`, `phase`, `outcome`, `operator`, `held`, `released`,
-            `overdue` or `end`.
+            `driven`, `overdue` or `end`.
         told: the rest of it, by name.
     """
 

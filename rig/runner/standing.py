@@ -63,6 +63,8 @@ class Standing:
                 self._happened(entry, CAMPAIGN, f"goes on after {entry['after_s']:.0f} s")
             case "refused":
                 self._happened(entry, CAMPAIGN, f"refused a request: {entry['why']}")
+            case "driven":
+                self._happened(entry, CAMPAIGN, entry["what"])
             case "overdue":
                 name = "" if self._present is None else f" {self.tests[self._present]}"
                 what = f"cleaning up after{name} took too long; ended at once"

@@ -26,9 +26,10 @@ from rig.plant import Model
 
 from . import field
 from .child import Child, ChildError, News
+from .driven import Driven
 from .onlooker import Onlooker
 from .states import VALVE_ENABLED, Conditions, Event, SessionState, State
-from .trip_report import Confirmation, Note, TripReport, write_trip_report
+from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
 from .watch import Parts, Watch, trips_of
 
 OPEN_S: Final = 300.0
@@ -84,6 +85,7 @@ class ConnectedRig:
         stop: whether somebody asked for an end.
         say: shows a line to the operator.
         onlooker: is told of the shared memory, and of the states.
+        journal: keeps what another master drives, in words.
 
     Attributes:
         configured: the rig as configured.
@@ -107,11 +109,13 @@ class ConnectedRig:
         stop: Stop,
         say: Callable[[str], None],
         onlooker: Onlooker | None = None,
+        journal: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.configured = rig
         self.model = model
         self.say = say
         self._onlooker = onlooker or Onlooker()
+        self._journal = journal
         self.offset_m = 0.0
         self._memory = lambda: start_memory(filter_name, model, rig.sensors)
         self._directory = directory
@@ -121,6 +125,7 @@ class ConnectedRig:
         self._outputs = {output for spec in rig.drivers for output in spec.outputs}
         self._devices = ExitStack()
         self._indicated = (0, NO_CHANNEL)
+        self._driven: dict[tuple[str, str], Driven] = {}
         self._report: TripReport | None = None
         self._reported: Path | None = None
 
@@ -157,8 +162,9 @@ class ConnectedRig:
             )
         )
         self._watch = Watch(
-            self.board, self.parts, self.configured.loop, self.configured.drivers, self.note
-        )
+            self.board, self.parts, self.configured.loop, self.configured.drivers, self.note,
+            self._on_news,
+        )  # fmt: skip
         try:
             self._open()
         except BaseException:
@@ -270,8 +276,13 @@ class ConnectedRig:
         self._notes.append(Note(time.monotonic_ns(), who, what))
 
     def _on_news(self, news: News) -> None:
-        self._notes.append(Note(news.at_ns, news.who, news.text))
-        self.say(f"{news.who}: {news.text}")
+        text = news.text
+        if isinstance(news, Driven):
+            self._driven[news.who, news.part] = news
+            text = news.sentence
+            self._journal(text)
+        self._notes.append(Note(news.at_ns, news.who, text))
+        self.say(f"{news.who}: {text}")
 
     def wait(self, done: Callable[[], bool], timeout_s: float, state: str, action: str) -> None:
         """Wait for the rig; end by a TripError on a trip, a stop, or if it takes too long."""
@@ -339,22 +350,8 @@ class ConnectedRig:
             # Slow drivers are read again only now; what ails one may be why the loop tripped.
             time.sleep(LAST_NEWS_S)
             self._report = self._trip_report()
-            self._reported = self._keep(self._report)
-        cause = self._report.first[1]
-        remedy = explain(cause, self._report.concerned).remedy
-        sentence = f"tripped: {self._report.sentence}; {remedy}"
-        where = f" ({self._reported})" if self._reported is not None else ""
-        return TripError(sentence + where, self._reported)
-
-    def _keep(self, report: TripReport) -> Path | None:
-        """Write a trip report; if it cannot be written, show it, and return nothing."""
-        try:
-            return write_trip_report(report, self._directory)
-        except OSError as error:
-            self.say(f"the trip report cannot be written: {error.strerror}")
-            for line in report.lines():
-                self.say(line)
-            return None
+            self._reported = kept_trip_report(self._report, self._directory, self.say)
+        return trip_error(self._report, self._reported)
 
     def stopped(self, error: LoopStoppedError) -> TripError:
         """Return the error for a motion that the loop ended by itself."""
@@ -384,6 +381,7 @@ class ConnectedRig:
             rows=RingReader(self.board).latest(round(LAST_S * self.configured.loop.rate)),
             channel=self._loop_channel,
             limits=self.configured.ladder,
+            driven=tuple(self._driven.values()),
         )
 
     def alive(self) -> None:
@@ -434,7 +432,17 @@ class ConnectedRig:
             self._watch.stop()
             self._close_loop()
             self._end_parts()
+            self._complete_report()
         self.handle(Event.DISCONNECT)
+
+    def _complete_report(self) -> None:
+        """Write a trip report anew that does not tell all of what another master did."""
+        report, driven = self._report, tuple(self._driven.values())
+        if report is not None and report.driven != driven:
+            self._report = replace(report, driven=driven, notes=tuple(self._notes))
+            self._reported = kept_trip_report(
+                self._report, self._directory, self.say, self._reported
+            )
 
     def _make_field_safe(self) -> None:
         try:

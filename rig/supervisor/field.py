@@ -2,14 +2,15 @@
 
 It publishes what they read on the board, and trips if a driver that moves something fails. On
 anybody's trip, or a silence of loop or supervisor, it brings its drivers to their safe state in the
-order of a trip: valve drive, bypass valves, pump.
+order of a trip: valve drive, bypass valves, pump. It keeps them there: whatever leaves that state
+is told as driven by another master, and brought back.
 """
 
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import inf, nan
+from math import nan
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -21,6 +22,7 @@ from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
 
 from .child import News, child_ends
+from .driven import Tally, departures
 
 CYCLE_S: Final = 0.01
 """Time between two looks at moves, orders and drivers; each driver is asked at its own rate."""
@@ -29,7 +31,7 @@ _NULL_FIRST_S: Final = 0.2
 """How long a trip waits for the valve's null before the bypasses are shut all the same."""
 
 _REPEAT_S: Final = 1.0
-"""Time between two complaints of the same driver."""
+"""Time between two complaints of the same driver, and between two attempts to make it safe."""
 
 Outputs = Mapping[str, float]
 
@@ -74,6 +76,9 @@ class _Served:
     driver: Driver
     due: float = 0.0
     complained_at: float = -_REPEAT_S
+    failure: str = ""
+    """Why it is not in the safe state that it is meant to be in; empty if it is, or need not be."""
+    tried_at: float = 0.0
 
 
 class FieldProcess:
@@ -91,6 +96,7 @@ class FieldProcess:
         self._moves: list[tuple[int, Outputs]] = []
         self._moves_segment = -1
         self._safe = False
+        self._tally = Tally("field", self._tell, clock)
 
     def run(self) -> None:
         """Serve until the pipe is closed; leave everything safe."""
@@ -98,6 +104,7 @@ class FieldProcess:
             while self._take_orders():
                 self.cycle()
         finally:
+            self._tally.tell_rest()
             self._make_safe()
             for served in self._served:
                 served.driver.close()
@@ -110,7 +117,10 @@ class FieldProcess:
             if self._must_be_safe():
                 self._make_safe()
         for served in self._served:
-            if now >= served.due:
+            if self._safe and served.failure:
+                if now - served.tried_at >= _REPEAT_S:
+                    self._bring_to_safe_state(served)
+            elif now >= served.due:
                 served.due = now + 1.0 / served.driver.rate_hz
                 self._read(served, now)
         self._words[Word.FIELD_BEAT] = self._clock()
@@ -160,7 +170,7 @@ class FieldProcess:
             mine = {name: value for name, value in outputs.items() if name in served.driver.outputs}
             if not mine:
                 continue
-            self._safe = False
+            self._safe, served.failure = False, ""
             word = _CONFIRMED.get(rank_of(served.driver.outputs))
             if word is not None:
                 # What was confirmed before it moved says nothing of where it is afterwards.
@@ -178,7 +188,36 @@ class FieldProcess:
             if now - served.complained_at >= _REPEAT_S:
                 served.complained_at = now
                 self._complain(served, error)
+            if self._safe and served.driver.outputs:
+                # From here, only a new connection brings it to its safe state.
+                served.failure, served.tried_at = str(error), now
         self._publish(values)
+        found = departures(values) if self._safe else {}
+        for part, what in found.items():
+            self._tally.found(part, what)
+        if found:
+            self._bring_to_safe_state(served)
+
+    def _bring_to_safe_state(self, served: _Served) -> None:
+        """Make a driver safe, and confirm it; what keeps it from being is its `failure`, told once.
+
+        A driver that failed is tried again from time to time, for as long as this process lives.
+        """
+        failed_before = bool(served.failure)
+        try:
+            served.driver.safe_state()
+        except DriverError as error:
+            served.failure, served.tried_at = str(error), time.monotonic()
+            if not failed_before:
+                self._complain(served, error)
+            return
+        served.failure = ""
+        if failed_before:
+            self._tell(News(self._clock(), served.driver.name, "is in its safe state now"))
+        word = _CONFIRMED.get(rank_of(served.driver.outputs))
+        if word is not None and not self._words[word]:
+            # Once more confirms nothing anew: it has been so since the first.
+            self._words[word] = self._clock()
 
     def _publish(self, values: Mapping[str, float]) -> None:
         at = self._clock()
@@ -219,24 +258,18 @@ class FieldProcess:
         self._safe = True
         self._moves = []
         self._wait_for_null()
-        failures = {}
         for served in sorted(self._served, key=lambda served: rank_of(served.driver.outputs)):
-            try:
-                served.driver.safe_state()
-            except DriverError as error:
-                failures[served.driver.name] = str(error)
-                self._complain(served, error)
-                served.due = inf  # closed: all that it could tell now is that it is
+            if served.failure and time.monotonic() - served.tried_at < _REPEAT_S:
                 continue
-            word = _CONFIRMED.get(rank_of(served.driver.outputs))
-            if word is not None and not self._words[word]:
-                # Once more on the way out confirms nothing anew: it has been so since the first.
-                self._words[word] = self._clock()
-            with suppress(DriverError):
-                # Whoever asked for it may end soon: the board shows the safe state before.
-                self._publish(served.driver.read())
+            self._bring_to_safe_state(served)
+            if not served.failure:
+                with suppress(DriverError):
+                    # Whoever asked for it may end soon: the board shows the safe state before.
+                    self._publish(served.driver.read())
             self._words[Word.FIELD_BEAT] = self._clock()
-        return Safety(failures)
+        return Safety(
+            {served.driver.name: served.failure for served in self._served if served.failure}
+        )
 
     def _wait_for_null(self) -> None:
         if not self._words[Word.LOOP_TRIP] and not self._words[Word.SUPERVISOR_TRIP]:

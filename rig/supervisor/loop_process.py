@@ -16,30 +16,35 @@ from typing import Any, Final
 from rig.compile_cache import telling_of_compiling, use_compile_cache
 from rig.io.driver import DriverError
 from rig.loop.board import Board, Word
+from rig.loop.interlock import Interlock, interlock
 from rig.loop.ladder import Cause
 from rig.loop.orders import Close, Closed, Open, Opened, Segment
 from rig.loop.realtime import Grant, RealTime
 from rig.loop.wire_cycle import wire_ticks
 from rig.loop.wire_layout import (
     Count,
-    Interlock,
+    Found,
+    Integers,
     Left,
     Pace,
     course,
     estimation,
-    interlock,
     pace,
     shared_memory,
     wire_memory,
 )
 
 from .child import News, child_ends
+from .driven import Tally
 
 _POLL_S: Final = 0.05
 """How soon a signal, or the end of the loop's thread, is noticed."""
 
 _REPEAT_S: Final = 1.0
 """Time between two attempts to reach a device that did not confirm its safe state."""
+
+_LOOK_S: Final = 0.1
+"""Time between two looks, over connections of their own, at a valve that the loop left."""
 
 _NEVER: Final = -1
 """Number of a segment that is never switched to: the loop returns from it at once."""
@@ -63,6 +68,8 @@ class LoopProcess:
         self._grants: tuple[Grant, ...] = ()
         self._left = Left.ASKED
         self._terminated = False
+        self._tally = Tally("loop", self._send)
+        self._nulled_at = -_REPEAT_S
 
     def run(self) -> None:
         """Serve until told to close, or until nobody is there to tell."""
@@ -92,6 +99,7 @@ class LoopProcess:
             elif isinstance(order, Segment):
                 self._segments[order.number] = order
                 self._pipe.send(order.number)
+            self._tend_null()
             if self._thread is not None and not self._thread.is_alive():
                 return self._rescue()
         return Cause.OPERATOR_STOP
@@ -140,6 +148,7 @@ class LoopProcess:
     def _run_segment(self, number: int, segment: Segment) -> Left:
         if segment.reset:
             self._interlock.memory.clear()
+            self._memory.found[:] = 0
             for word in (Word.LOOP_TRIP, Word.LOOP_TRIP_AT, Word.VALVE_NULL_AT, Word.ACTION,
                          Word.ACTION_CAUSE):  # fmt: skip
                 self._words[word] = 0
@@ -170,29 +179,66 @@ class LoopProcess:
                 self._pace,
                 self._driver.fileno(),
                 self._driver.plan(),
+                self._driver.look_plan(),
                 self._memory,
                 shared_memory(self._board),
             )
         )
 
     def _rescue(self) -> Cause:
-        """Null the valve of a loop that ended by itself; return once told to end as well."""
+        """Null the valve of a loop that ended by itself, and keep it there, until told to end."""
         self._trip(Cause.CRASH)
+        self._tend_null()
         failure = self._safe_state()
         self._tell(
-            "the loop's connection did not confirm that the valve is at null; by another one: "
+            "the loop's connection does not confirm that the valve is at null; by another one: "
             + (failure or "it is")
         )
-        attempted_at = time.monotonic()
+        looked_at = time.monotonic()
         while not self._terminated:
             try:
                 if self._pipe.poll(_POLL_S) and isinstance(self._pipe.recv(), Close):
                     return Cause.NONE
             except (EOFError, ConnectionError):
                 return Cause.SUPERVISOR_LOST
-            if failure and time.monotonic() - attempted_at > _REPEAT_S:
-                failure, attempted_at = self._safe_state(), time.monotonic()
+            if time.monotonic() - looked_at > (_REPEAT_S if failure else _LOOK_S):
+                failure = self._look_again(failure)
+                looked_at = time.monotonic()
         return Cause.OPERATOR_STOP
+
+    def _look_again(self, failure: str) -> str:
+        """Look at a valve that the loop left; return why it is not known to be at null, if so."""
+        try:
+            driven = self._driver.driven()
+            if driven and not failure:
+                self._tally.found("valve", driven)
+        except (DriverError, OSError) as error:
+            driven = str(error)
+        if not (driven or failure):
+            return ""
+        found = self._safe_state()
+        if found and not failure:
+            self._tell(f"nobody knows whether the valve is at null any more: {found}")
+        elif failure and not found:
+            self._tell("the valve is at null")
+        return found
+
+    def _tend_null(self) -> None:
+        """Tell of a valve that another master drives, and have the device latch its null.
+
+        The loop nulls it at its next tick; a device that latches takes no command afterwards.
+        """
+        found = self._memory.found.copy()
+        if found[Found.TIMES] == 0:
+            return
+        first_ns, last_ns = int(found[Found.FIRST_NS]), int(found[Found.LAST_NS])
+        self._tally.counted("valve", _in_words(found), int(found[Found.TIMES]), first_ns, last_ns)
+        now = time.monotonic()
+        if 1e-9 * last_ns > self._nulled_at and now - self._nulled_at > _REPEAT_S:
+            self._nulled_at = now
+            failure = self._safe_state()
+            if failure:
+                self._tell(f"the valve is not latched at null: {failure}")
 
     def _end(self, cause: Cause) -> str:
         """Leave loop and driver; return why the safe state was not confirmed, or nothing."""
@@ -203,6 +249,8 @@ class LoopProcess:
             self._thread.join()
         if self._driver is None:
             return ""
+        self._tend_null()
+        self._tally.tell_rest()
         failure = self._safe_state()
         self._driver.close()
         return failure
@@ -222,8 +270,23 @@ class LoopProcess:
             self._words[Word.LOOP_TRIP] = cause
 
     def _tell(self, text: str) -> None:
+        self._send(News(time.monotonic_ns(), "loop", text))
+
+    def _send(self, news: News) -> None:
         with contextlib.suppress(OSError):
-            self._pipe.send(News(time.monotonic_ns(), "loop", text))
+            self._pipe.send(news)
+
+
+def _in_words(found: Integers) -> str:
+    """Return what another master did to the valve, by `Found`."""
+    told = []
+    if found[Found.ENABLED]:
+        told.append("enabled")
+    if found[Found.OUTPUT_UV]:
+        told.append(f"output at {1e-6 * found[Found.OUTPUT_UV]:.2f} V")
+    if found[Found.SPOOL_NM]:
+        told.append(f"spool {1e-3 * found[Found.SPOOL_NM]:.0f} um off null")
+    return ", ".join(told)
 
 
 def main() -> None:

@@ -53,8 +53,9 @@ class Session:
         stop: Stop,
         say: Callable[[str], None],
         onlooker: Onlooker | None = None,
+        journal: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self._rig = ConnectedRig(rig, filter_name, model, directory, stop, say, onlooker)
+        self._rig = ConnectedRig(rig, filter_name, model, directory, stop, say, onlooker, journal)
 
     def __enter__(self) -> "Session":
         self._rig.connect()

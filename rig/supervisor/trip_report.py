@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from rig.configuration.quantities import show
 from rig.io.limits import ChannelLimit
 from rig.loop.ladder import Action, Cause, explain
+from rig.loop.trip import TripError
 from rig.recording.csv_writer import write_csv
 from rig.recording.recording import Recording
 from rig.recording.units import unit_of
+
+from .driven import Driven
 
 Array = NDArray[np.float64]
 
@@ -64,6 +67,7 @@ class TripReport:
         rows: float64 (n, columns), the last seconds of the loop; may be empty.
         channel: what the loop's cause concerns, a name in `FAST_INPUTS`; empty if nothing.
         limits: the ladder in force.
+        driven: what another master drove although it was held in its safe state.
     """
 
     trips: Mapping[str, tuple[Cause, int]]
@@ -73,6 +77,7 @@ class TripReport:
     rows: Array
     channel: str = ""
     limits: Sequence[ChannelLimit] = ()
+    driven: Sequence[Driven] = ()
 
     @property
     def first(self) -> tuple[str, Cause, int]:
@@ -122,6 +127,11 @@ class TripReport:
         text += f": {show(self.value, unit)}"
         return text + (f", limit {show(self.limit, unit)}" if np.isfinite(self.limit) else "")
 
+    @property
+    def summary(self) -> str:
+        """The first-out cause in words, with its remedy."""
+        return f"tripped: {self.sentence}; {explain(self.first[1], self.concerned).remedy}"
+
     def stages(self) -> dict[str, dict[str, float]]:
         """Return median, p99 and maximum of each stage in the rows, s."""
         found: dict[str, dict[str, float]] = {}
@@ -146,6 +156,10 @@ class TripReport:
                 unconfirmed = _UNCONFIRMED.get(step.what)
                 remedy = explain(unconfirmed).remedy if unconfirmed else "look at the rig"
                 lines.append(f"  {step.what} NOT CONFIRMED: {remedy}")
+        for found in self.driven:
+            first, last = _after(found.first_ns, at_ns), _after(found.last_ns, at_ns)
+            span = f"{first} to {last}" if found.times > 1 else first
+            lines.append(f"  {found.sentence}, {span}; it was brought back to its safe state")
         for other, (reason, when) in sorted(self.trips.items(), key=lambda item: item[1][1]):
             if other != who:
                 lines.append(
@@ -181,6 +195,17 @@ class TripReport:
             "confirmations": [
                 {"what": step.what, "after_s": after_s(step.at_ns)} for step in self.confirmations
             ],
+            "driven_by_another_master": [
+                {
+                    "part": found.part,
+                    "what": found.text,
+                    "times": found.times,
+                    "first_after_s": after_s(found.first_ns),
+                    "last_after_s": after_s(found.last_ns),
+                    "brought_back_by": found.who,
+                }
+                for found in self.driven
+            ],
             "stages_s": self.stages(),
             "notes": [
                 {"after_s": after_s(note.at_ns), "who": note.who, "what": note.what}
@@ -189,18 +214,21 @@ class TripReport:
         }
 
 
-def write_trip_report(report: TripReport, directory: Path) -> Path:
+def write_trip_report(report: TripReport, directory: Path, path: Path | None = None) -> Path:
     """Write `trip-<n>.json`, with `.txt` and the last rows as `.csv` beside it; return the first.
+
+    A report that was written before, to `path`, is written anew.
 
     Each file appears whole or not at all, the largest last: a disk may be almost full.
 
     Raises:
         OSError: the folder cannot be written to.
     """
-    number = 1
-    while (directory / f"trip-{number}.json").exists():
-        number += 1
-    path = directory / f"trip-{number}.json"
+    if path is None:
+        number = 1
+        while (directory / f"trip-{number}.json").exists():
+            number += 1
+        path = directory / f"trip-{number}.json"
     document = json.dumps(report.document(), indent=2, allow_nan=False) + "\n"
     text = "\n".join(report.lines()) + "\n"
     _write(path, lambda file: file.write_text(document, encoding="utf-8"))
@@ -210,6 +238,24 @@ def write_trip_report(report: TripReport, directory: Path) -> Path:
         recording = Recording(dict(zip(report.channels, columns, strict=True)))
         _write(path.with_suffix(".csv"), lambda file: write_csv(recording, file, compressed=False))
     return path
+
+
+def kept_trip_report(
+    report: TripReport, directory: Path, say: Callable[[str], None], path: Path | None = None
+) -> Path | None:
+    """Write a trip report; if it cannot be written, show it, and return nothing."""
+    try:
+        return write_trip_report(report, directory, path)
+    except OSError as error:
+        say(f"the trip report cannot be written: {error.strerror}")
+        for line in report.lines():
+            say(line)
+        return None
+
+
+def trip_error(report: TripReport, path: Path | None) -> TripError:
+    """Return the error that ends what was being done, for a trip with a report, kept or not."""
+    return TripError(report.summary + (f" ({path})" if path is not None else ""), path)
 
 
 def _write(path: Path, write: Callable[[Path], object]) -> None:

@@ -1,7 +1,8 @@
 """The supervisor's watch: beats for it, notices what is not well, does what a dead part cannot.
 
 A thread of the supervisor. Whatever trips, it sees to it that valve, bypasses and pump are safe: it
-waits for the parts that are alive to confirm, and does by connections of its own what they do not.
+waits for the parts that are alive to confirm, and does by connections of its own what they do not,
+again and again for as long as it lives.
 """
 
 import errno
@@ -10,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from rig.io.driver import DriverError
 from rig.io.registry import DriverSpec
@@ -20,6 +21,7 @@ from rig.loop.ladder import Cause
 from rig.surviving import Surviving, failure
 
 from .child import Child
+from .driven import REPEAT_S, Driven, Tally, departures
 from .field import rank_of
 
 POLL_S: Final = 0.01
@@ -63,6 +65,7 @@ class Watch:
         settings: after how long a silence which part counts as lost.
         drivers: as configured, to make connections of its own.
         tell: called with who and what, for the trip report; from the watch's thread.
+        found: called with what another master drives; from the watch's thread.
     """
 
     def __init__(
@@ -72,6 +75,7 @@ class Watch:
         settings: LoopSettings,
         drivers: tuple[DriverSpec, ...],
         tell: Tell,
+        found: Callable[[Driven], None] = lambda driven: None,
     ) -> None:
         self._words = board.words
         self._parts = parts
@@ -79,6 +83,10 @@ class Watch:
         self._drivers = drivers
         self._tell = tell
         self._survives = Surviving("the watch", self._failed)
+        self._tally = Tally("supervisor", found)
+        self._kept: dict[str, DriverSpec] = {}
+        self._unsafe: set[str] = set()
+        self._kept_at = 0.0
         self._alive_at = time.monotonic()
         self._stopping = threading.Event()
         self._safe = threading.Event()
@@ -92,6 +100,7 @@ class Watch:
         """End; the parts are on their own from now on."""
         self._stopping.set()
         self._thread.join()
+        self._tally.tell_rest()
 
     def alive(self) -> None:
         """Show that the supervisor's main thread goes on."""
@@ -122,7 +131,11 @@ class Watch:
                 self._look()
                 if self.tripped and not self._safe.is_set():
                     self._make_safe()
+                    self._kept_at = time.monotonic()
                     self._safe.set()
+                elif self._kept and time.monotonic() - self._kept_at >= REPEAT_S:
+                    self._keep_safe()
+                    self._kept_at = time.monotonic()
 
     def _say(self, who: str, what: str) -> None:
         # What nobody can be told is done all the same.
@@ -195,18 +208,56 @@ class Watch:
         for spec in drivers:
             if not spec.outputs:
                 continue
-            self._beat()
+            self._kept[spec.name] = spec
+            if self._is_made_safe(spec):
+                self._say(spec.name, "made safe by the supervisor's own connection")
+
+    def _is_made_safe(self, spec: DriverSpec) -> bool:
+        """Bring a device to its safe state; tell why it is not, unless it was not before."""
+        self._beat()
+        try:
+            driver = spec.create()
             try:
-                driver = spec.create()
-                try:
-                    driver.safe_state()
-                finally:
-                    driver.close()
-            except Exception as error:  # whatever it is, the drivers after this one are made safe
+                driver.safe_state()
+            finally:
+                driver.close()
+        except Exception as error:  # whatever it is, the drivers after this one are made safe
+            if spec.name not in self._unsafe:
                 why = str(error) if isinstance(error, DriverError) else failure(error)
                 self._say(spec.name, f"not confirmed safe: {why}")
-                continue
-            self._say(spec.name, "made safe by the supervisor's own connection")
+            self._unsafe.add(spec.name)
+            return False
+        return True
+
+    def _keep_safe(self) -> None:
+        """Look at what was made safe by connections of this thread's own, and make it so again."""
+        for spec in self._kept.values():
+            if self._stopping.is_set():
+                return
+            if spec.name not in self._unsafe:
+                for part, what in _found_driven(spec).items():
+                    # What nobody can be told is made safe again all the same.
+                    with suppress(Exception):
+                        self._tally.found(part, what)
+            if self._is_made_safe(spec) and spec.name in self._unsafe:
+                self._unsafe.remove(spec.name)
+                self._say(spec.name, "made safe by the supervisor's own connection")
+
+
+def _found_driven(spec: DriverSpec) -> dict[str, str]:
+    """Return what of a device is driven, by the part; nothing of one that does not tell."""
+    try:
+        driver: Any = spec.create()
+        try:
+            if spec.kind == "fast":
+                driven = driver.driven()
+                return {"valve": driven} if driven else {}
+            driver.open()
+            return departures(driver.read())
+        finally:
+            driver.close()
+    except Exception:  # what cannot be read is made safe all the same
+        return {}
 
 
 def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 import pytest
 
 from rig.configuration.rig import Rig, load_rig
+from rig.emulator.fault_script import Script
 from rig.emulator.instruments import Instruments
 from rig.emulator.io_node import IoNode
 from rig.emulator.plant import EmulatedPlant
@@ -63,5 +64,5 @@ def simulated() -> Rig:
 
 @pytest.fixture
 def emulator(simulated: Rig) -> Iterator[EmulatorThread]:
-    with EmulatorThread(simulated) as running:
+    with EmulatorThread(simulated, script=Script(attentive=True)) as running:
         yield running

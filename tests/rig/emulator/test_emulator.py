@@ -16,6 +16,7 @@ from rig.emulator.addresses import (
     PortNameError,
     endpoints_of,
 )
+from rig.emulator.fault_script import Script
 from rig.emulator.running import EmulatorThread
 from rig.io.ds408 import DriveState
 from rig.io.registry import DriverSpec
@@ -167,7 +168,8 @@ def test_a_spool_follows_the_analog_command_only_while_its_electronics_are_activ
     simulated: Rig, emulated: Rig, on_virtual_can: dict[str, Any]
 ) -> None:
     endpoints = Endpoints(Address(HOST, 0), drive=on_virtual_can["drive"])
-    with EmulatorThread(simulated, endpoints=endpoints) as emulator:
+    script = Script(attentive=True)
+    with EmulatorThread(simulated, endpoints=endpoints, script=script) as emulator:
         host = Host(emulated, emulator)
         valve = DriverSpec.of("drive", "can_valve", on_virtual_can["drive"]).create()
         valve.open()

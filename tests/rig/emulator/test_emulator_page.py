@@ -25,7 +25,9 @@ def test_its_script_is_valid(tmp_path: Path) -> None:
     (example,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     path = tmp_path / "script.yaml"
     path.write_text(example)
-    assert [fault.kind for fault in read_script(path)] == ["delay", "sensor", "estop"]
+    script = read_script(path)
+    assert [fault.kind for fault in script.faults] == ["delay", "sensor", "estop"]
+    assert script.attentive
 
 
 def test_its_controller_moves_the_ram(

@@ -18,7 +18,7 @@ def lit_for(bench: Bench, operator: EmulatedOperator, seconds: float) -> None:
 
 
 def test_an_attentive_operator_presses_the_button_when_its_lamp_is_lit(bench: Bench) -> None:
-    operator = EmulatedOperator(bench.node, bench.clock)
+    operator = EmulatedOperator(bench.node, bench.clock, attentive=True)
     lit_for(bench, operator, 0.1)
     assert not bench.node.enabled
     lit_for(bench, operator, 0.5)
@@ -26,7 +26,7 @@ def test_an_attentive_operator_presses_the_button_when_its_lamp_is_lit(bench: Be
 
 
 def test_he_lets_the_button_go_again(bench: Bench) -> None:
-    operator = EmulatedOperator(bench.node, bench.clock)
+    operator = EmulatedOperator(bench.node, bench.clock, attentive=True)
     lit_for(bench, operator, 0.25)
     pressed = bench.node.read(257, 1)[1] & 2
     lit_for(bench, operator, 0.2)

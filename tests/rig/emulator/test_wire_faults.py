@@ -8,7 +8,7 @@ from rig.configuration.rig import Rig
 from rig.emulator.addresses import HOST, Address, Endpoints
 from rig.emulator.application import Emulator
 from rig.emulator.effects import NotServedError
-from rig.emulator.fault_script import fault_from, read_script
+from rig.emulator.fault_script import ATTENTIVE, Script, fault_from, read_script
 from rig.emulator.record import Record
 from rig.emulator.wire_faults import KINDS
 
@@ -30,10 +30,25 @@ def test_a_script_gives_each_fault_its_times_in_seconds(tmp_path: Path) -> None:
         "  - {fault: delay, target: daq, by: 5 ms, after: enable, at: 2 s, for: 500 ms}\n"
         "  - {fault: estop, at: 1 min}\n",
     )
-    delay, estop = read_script(path)
+    delay, estop = read_script(path).faults
     assert (delay.at_s, delay.after, delay.for_s) == (2.0, "enable", 0.5)
     assert delay.options.by == pytest.approx(5e-3)
     assert (estop.at_s, estop.after, estop.for_s) == (60.0, "start", float("inf"))
+
+
+@pytest.mark.parametrize(
+    ("told", "attentive"),
+    [("", False), ("operator: away\n", False), ("operator: attentive\n", True)],
+)
+def test_somebody_presses_buttons_only_if_the_script_says_so(
+    tmp_path: Path, told: str, attentive: bool
+) -> None:
+    assert read_script(script(tmp_path, told + "faults: []\n")).attentive == attentive
+
+
+def test_the_script_of_an_emulator_that_is_given_none_says_that_somebody_does() -> None:
+    assert read_script(ATTENTIVE) == Script((), attentive=True)
+    assert Script() == Script((), attentive=False)
 
 
 def test_all_mistakes_of_a_script_are_told_at_once_with_line_and_remedy(tmp_path: Path) -> None:

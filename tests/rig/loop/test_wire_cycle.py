@@ -205,6 +205,43 @@ def test_a_trip_is_sent_in_the_same_tick_and_confirmed_by_reading_back(scenario:
     assert result["words"]["VALVE_NULL_AT"] >= result["words"]["LOOP_TRIP_AT"] > 0
 
 
+def test_a_valve_that_another_master_drives_after_a_trip_is_found_and_nulled_again(
+    scenario: Scenario,
+) -> None:
+    result = scenario("driven by another master")
+    found = result["found"]
+    assert (found["TIMES"], found["ENABLED"], found["OUTPUT_UV"]) == (3, 3, 5_000_000)
+    assert 0 < found["FIRST_NS"] < found["LAST_NS"]
+    # Each of its ticks, and every other one after the trip, sends null.
+    tripped = next(tick for tick, enabled in enumerate(enables(result)) if enabled == 0.0)
+    assert enables(result)[tripped:] == [0.0] * len(enables(result)[tripped:])
+    assert commands(result)[tripped:] == [0.0] * len(commands(result)[tripped:])
+    assert result["left"] == "SWITCHED"
+
+
+def test_nobody_looks_for_another_master_while_the_loop_drives_the_valve(
+    scenario: Scenario,
+) -> None:
+    result = scenario("on time")
+    assert result["looks"] == 0
+    assert result["found"]["TIMES"] == 0
+
+
+def test_a_spool_that_leaves_null_for_good_without_a_command_is_found(scenario: Scenario) -> None:
+    found = scenario("spool moved by another master")["found"]
+    assert found["TIMES"] > 1
+    assert (found["ENABLED"], found["OUTPUT_UV"], found["SPOOL_NM"]) == (0, 0, 200_000)
+
+
+@pytest.mark.parametrize("name", ["lost after its trip", "silent after its trip"])
+def test_a_device_that_is_lost_after_its_trip_is_left_to_another_connection(
+    scenario: Scenario, name: str
+) -> None:
+    result = scenario(name)
+    assert result["words"]["VALVE_NULL_AT"] > 0
+    assert result["left"] == "UNCONFIRMED"
+
+
 def test_a_trip_that_the_device_does_not_confirm_ends_the_loop_as_unconfirmed(
     scenario: Scenario,
 ) -> None:

@@ -17,10 +17,11 @@ from rig.io.modbus_exchange import ExchangeStatus
 from rig.io.modbus_plan import Tally
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
-from rig.loop import wire_cycle
+from rig.loop import null_watch, wire_cycle
 from rig.loop.board import DECISIONS_KEPT, Board, Word
 from rig.loop.decided import DECIDED, Decided
 from rig.loop.decision_post import DecisionPost
+from rig.loop.interlock import interlock
 from rig.loop.ladder import Action, Cause, limit_table
 from rig.loop.reaction import Reaction
 from rig.loop.tolerances import tolerances
@@ -28,10 +29,10 @@ from rig.loop.wire_layout import (
     Count,
     Course,
     Drive,
+    Found,
     Left,
     course,
     estimation,
-    interlock,
     pace,
     shared_memory,
     wire_channels,
@@ -60,6 +61,7 @@ class World:
         verdicts: by tick from 0, what the interlock judges if not that all is well.
         deaf: whether the device stays enabled at 1 V, whatever it is sent.
         same_sample: exchanges that return the sample of the one before.
+        other: by tick, what another master has the device do before the loop looks at it.
     """
 
     late: dict[int, int] = field(default_factory=dict)
@@ -68,18 +70,23 @@ class World:
     verdicts: dict[int, tuple[int, int, int]] = field(default_factory=dict)
     deaf: bool = False
     same_sample: frozenset[int] = frozenset()
+    other: dict[int, dict[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.now = BEGIN
         self.board = Board.create(len(CHANNELS))
         self.memory = wire_memory()
-        self.plan = SimpleNamespace(tally=np.zeros(len(Tally), np.int64))
+        self.plan = SimpleNamespace(
+            tally=np.zeros(len(Tally), np.int64), transactions=np.zeros((1, 4), np.int64)
+        )
+        self.look = SimpleNamespace()
+        self.looks = 0
         self.frames: list[tuple[int, dict[str, float]]] = []
         self.sleeps: set[int] = set()
         self.judged = 0
         self.position = 0.3
         stuck = float(self.deaf)
-        self.device = {"valve_enabled": stuck, "device_command_V": stuck}
+        self.device = {"valve_enabled": stuck, "device_command_V": stuck, "spool_m": 0.0}
 
     def sleep_until(self, time_ns: int) -> None:
         """Wake at a time, or as late as told."""
@@ -87,12 +94,20 @@ class World:
         self.now = max(self.now, time_ns)
         if tick not in self.sleeps:
             self.sleeps.add(tick)
+            self.device |= self.other.get(tick, {})
             self.before.get(tick, lambda board: None)(self.board)
             self.now += self.late.get(tick, 20_000)
 
     def exchange(self, fd: int, plan: Any, sequence: int, outputs: Any, inputs: Any,
                  deadline_ns: int) -> int:  # fmt: skip
-        """Take a frame, and answer with a sample."""
+        """Take a frame, and answer with a sample; a look is answered without taking anything."""
+        if plan is self.look:
+            self.looks += 1
+            self.now += 20_000
+            inputs[:] = np.nan
+            for name, value in self.device.items():
+                inputs[FAST_INPUTS.index(name)] = value
+            return int(ExchangeStatus.OK)
         number = len(self.frames)
         sent = dict(zip(FAST_OUTPUTS, (float(value) for value in outputs), strict=True))
         self.frames.append((self.now, sent))
@@ -107,7 +122,7 @@ class World:
 
     def _answer(self, number: int, sent: dict[str, float], inputs: Any) -> None:
         if not self.deaf:
-            self.device = {
+            self.device |= {
                 "valve_enabled": sent["valve_enable"],
                 "device_command_V": sent["command_V"],
             }
@@ -116,7 +131,6 @@ class World:
             "position_m": self.position + 1e-5 * number,
             "pressure_1_Pa": 7e6,
             "pressure_2_Pa": 7e6,
-            "spool_m": 0.0,
             "device_counter": float(counter),
         }
         for name, value in sample.items():
@@ -144,9 +158,12 @@ class World:
             "check_sample": self.check_sample,
         }.items():
             setattr(wire_cycle, name, stand_in)
+            if hasattr(null_watch, name):
+                setattr(null_watch, name, stand_in)
         left = wire_cycle.wire_ticks(
             planned, estimation(memory, MODEL.parameters), interlock(limit_table([], TICK), tol),
-            pace(settings, device_rate_hz), fd, self.plan, self.memory, shared_memory(self.board),
+            pace(settings, device_rate_hz), fd, self.plan, self.look, self.memory,
+            shared_memory(self.board),
         )  # fmt: skip
         rows = self.board.ring[: int(words[Word.ROWS])]
         return {
@@ -155,6 +172,8 @@ class World:
             "rows": {name: rows[:, i].tolist() for i, name in enumerate(CHANNELS)},
             "words": {word.name: int(words[word]) for word in Word},
             "replays": _replays(rows),
+            "looks": self.looks,
+            "found": {item.name: int(self.memory.found[item]) for item in Found},
         }
 
 
@@ -260,6 +279,19 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "slow device": lambda: World().run(tracking(), 12, SETTINGS, device_rate_hz=250.0),
     "interlock trips": lambda: World(verdicts={5: TRIP}).run(tracking(), 12),
     "device deaf to the trip": lambda: World(verdicts={5: TRIP}, deaf=True).run(tracking(), 400),
+    "driven by another master": lambda: World(
+        verdicts={5: TRIP},
+        other={tick: {"valve_enabled": 1.0, "device_command_V": 5.0} for tick in (20, 21, 30)},
+    ).run(tracking(), 40),
+    "spool moved by another master": lambda: World(
+        verdicts={5: TRIP}, other={200: {"spool_m": 2e-4}}
+    ).run(tracking(), 300),
+    "lost after its trip": lambda: World(
+        verdicts={5: TRIP}, status=dict.fromkeys(range(20, 99), ExchangeStatus.DISCONNECTED)
+    ).run(tracking(), 90),
+    "silent after its trip": lambda: World(
+        verdicts={5: TRIP}, status=dict.fromkeys(range(20, 999), ExchangeStatus.TIMEOUT)
+    ).run(tracking(), 990, SETTINGS),
     "disconnected": lambda: World(
         status=dict.fromkeys(range(5, 99), ExchangeStatus.DISCONNECTED)
     ).run(tracking(), 12),

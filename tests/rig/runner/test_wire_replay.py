@@ -26,11 +26,12 @@ from rig.emulator.mapped_device import MappedDevice
 from rig.emulator.modbus_functions import serve
 from rig.emulator.plant import EmulatedPlant
 from rig.emulator.record import Record
-from rig.io.modbus_plan import exchange_plan
+from rig.io.modbus_plan import exchange_plan, look_plan
 from rig.io.register_map import ExchangeMode, RegisterMap
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS
 from rig.loop.board import Board, Word
+from rig.loop.interlock import interlock
 from rig.loop.ladder import limit_table
 from rig.loop.tolerances import tolerances
 from rig.loop.wire_cycle import wire_ticks
@@ -38,7 +39,6 @@ from rig.loop.wire_layout import (
     Drive,
     course,
     estimation,
-    interlock,
     pace,
     shared_memory,
     wire_channels,
@@ -156,6 +156,7 @@ def streamed(wire: Wire, leak: float) -> Array:
             hurried,
             device.socket.fileno(),
             exchange_plan(wire.map, wire.mode, 1),
+            look_plan(wire.map, wire.mode, 1),
             wire_memory(),
             shared_memory(board),
         )  # fmt: skip

@@ -18,6 +18,7 @@ from rig.io.signals import SLOW_INPUTS
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
 from rig.supervisor.child import News
+from rig.supervisor.driven import Driven
 from rig.supervisor.field import FieldProcess, Moves, Open, Safe, Safety, Write
 from tests.waiting import PATIENCE_S, until
 
@@ -41,6 +42,7 @@ class FakeDriver:
     rate_hz: float = 100.0
     values: dict[str, float] = field(default_factory=dict)
     error: DriverError | None = None
+    unsafe: DriverError | None = None
 
     def open(self) -> None:
         self.log.append((self.name, "open"))
@@ -55,6 +57,9 @@ class FakeDriver:
 
     def safe_state(self) -> None:
         self.log.append((self.name, "safe"))
+        if self.unsafe is not None:
+            raise self.unsafe
+        self.values = {name: 0.0 for name in self.values if name in self.inputs}
 
     def close(self) -> None:
         self.log.append((self.name, "close"))
@@ -288,3 +293,69 @@ def test_without_a_supervisor_it_leaves_everything_safe_and_closes(site: Site) -
     site.pipe.close()
     site.until(lambda: ("pump", "close") in site.log)
     assert ("bypass", "safe") in site.log
+
+
+def times_safe(site: Site, name: str) -> int:
+    return site.log.count((name, "safe"))
+
+
+@pytest.mark.parametrize(
+    ("name", "channel", "part", "what"),
+    [
+        ("bypass", "external_leakage_1_ball", "external leakage 1 bypass", "open"),
+        ("pump", "pump_loaded", "pump", "loaded"),
+    ],
+)
+def test_what_another_master_drives_after_a_trip_is_brought_back_and_told(
+    site: Site, name: str, channel: str, part: str, what: str
+) -> None:
+    driver = DRIVERS[name]
+    site.board.words[Word.LOOP_TRIP] = Cause.ESTOP_OPEN
+    site.board.words[Word.VALVE_NULL_AT] = 1
+    site.until(lambda: bool(site.board.words[Word.PUMP_UNLOADED_AT]))
+    for count in (2, 3, 4):
+        driver.values = {channel: 1.0}
+        site.until(lambda count=count: times_safe(site, name) >= count)  # type: ignore[misc]
+        site.until(lambda: driver.values == {channel: 0.0})
+    told = site.pipe.recv()
+    assert isinstance(told, Driven)
+    assert (told.who, told.part, told.text) == ("field", part, what)
+    # Only who was driven is made safe anew.
+    assert all(times_safe(site, other) == 1 for other in ("bypass", "pump") if other != name)
+
+
+def test_while_nobody_tripped_an_open_bypass_is_what_was_asked_for(site: Site) -> None:
+    site.bypass.values = {"external_leakage_1_ball": 1.0}
+    index = SLOW_INPUTS.index("external_leakage_1_ball")
+    site.until(lambda: site.board.slow[index] == 1.0)
+    assert times_safe(site, "bypass") == 0
+
+
+def test_a_driver_that_cannot_be_made_safe_is_tried_again_until_it_is(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.supervisor.field._REPEAT_S", 0.05)
+    site.bypass.unsafe = DriverError("bypass", "no answer", "look at it")
+    site.board.words[Word.LOOP_TRIP] = Cause.ESTOP_OPEN
+    site.board.words[Word.VALVE_NULL_AT] = 1
+    site.until(lambda: times_safe(site, "bypass") >= 3)
+    assert not site.board.words[Word.BYPASS_SHUT_AT]
+    site.bypass.unsafe = None
+    site.until(lambda: bool(site.board.words[Word.BYPASS_SHUT_AT]))
+    told = [site.pipe.recv() for _ in range(2)]
+    # However often it failed, it is told once.
+    assert [news.text for news in told] == ["no answer; look at it", "is in its safe state now"]
+
+
+def test_a_driver_that_is_lost_after_a_trip_is_made_safe_once_it_is_back(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.supervisor.field._REPEAT_S", 0.05)
+    site.board.words[Word.LOOP_TRIP] = Cause.ESTOP_OPEN
+    site.board.words[Word.VALVE_NULL_AT] = 1
+    site.until(lambda: bool(site.board.words[Word.PUMP_UNLOADED_AT]))
+    site.bypass.error = DriverError("bypass", "no answer", "look at it")
+    site.until(lambda: times_safe(site, "bypass") >= 2)
+    site.bypass.error = None
+    told = [site.pipe.recv() for _ in range(2)]
+    assert [news.text for news in told] == ["no answer; look at it", "is in its safe state now"]

@@ -13,6 +13,7 @@ import pytest
 
 from estimator.filters import OUTPUTS, run_filter, start_memory
 from rig.configuration.rig import load_rig
+from rig.emulator.fault_script import Script
 from rig.emulator.running import EmulatorThread
 from rig.io.driver import DriverError
 from rig.io.settings import HomingSettings, LoopSettings
@@ -106,7 +107,7 @@ class Rig:
 def connected(folder: Path) -> Iterator[Rig]:
     board = Board.create(len(Rig.channels))
     news: list[News] = []
-    with long_watchdogs(), EmulatorThread() as emulator:
+    with long_watchdogs(), EmulatorThread(script=Script(attentive=True)) as emulator:
         child = Child(
             "loop", "rig.supervisor.loop_process", board, folder / "log", on_news=news.append
         )

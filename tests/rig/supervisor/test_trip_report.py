@@ -8,6 +8,7 @@ import pytest
 from rig.io.limits import ChannelLimit
 from rig.loop.ladder import Cause
 from rig.recording.reading import read_recording
+from rig.supervisor.driven import Driven
 from rig.supervisor.trip_report import Confirmation, Note, TripReport, write_trip_report
 
 MS = 1_000_000
@@ -71,6 +72,38 @@ def test_a_switch_is_named_without_a_value() -> None:
     trips = {"loop": (Cause.ESTOP_OPEN, AT)}
     report = replace(REPORT, trips=trips, channel="estop_closed")
     assert report.sentence == "the emergency stop is open"
+
+
+def test_what_another_master_drove_is_told_with_how_often_and_when() -> None:
+    found = Driven(
+        AT + 900 * MS, "loop", "enabled, output at 5.00 V", "valve", 12, AT + 120 * MS,
+        AT + 870 * MS,
+    )  # fmt: skip
+    report = replace(REPORT, driven=(found,))
+    (line,) = [line for line in report.lines() if "another master" in line]
+    assert line == (
+        "  valve driven by another master: enabled, output at 5.00 V, 12 times, "
+        "+120 ms to +870 ms; it was brought back to its safe state"
+    )
+    (told,) = report.document()["driven_by_another_master"]
+    assert told == {
+        "part": "valve",
+        "what": "enabled, output at 5.00 V",
+        "times": 12,
+        "first_after_s": pytest.approx(0.12),
+        "last_after_s": pytest.approx(0.87),
+        "brought_back_by": "loop",
+    }
+    assert REPORT.document()["driven_by_another_master"] == []
+
+
+def test_a_report_that_was_written_before_is_written_anew_under_its_number(tmp_path: Path) -> None:
+    path = write_trip_report(REPORT, tmp_path)
+    assert write_trip_report(replace(REPORT, notes=()), tmp_path, path) == path
+    assert json.loads(path.read_text())["notes"] == []
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "trip-1.csv", "trip-1.json", "trip-1.txt"
+    ]  # fmt: skip
 
 
 def test_each_step_is_confirmed_with_its_time_or_reported_with_what_to_do() -> None:

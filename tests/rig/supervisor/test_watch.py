@@ -16,11 +16,14 @@ from rig.io.settings import LoopSettings
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
 from rig.supervisor import watch as module
+from rig.supervisor.driven import Driven
 from rig.supervisor.watch import Parts, Watch, trips_of
 from tests.waiting import PATIENCE_S, until
 
 LATER_NS = int(3600e9)
 SAFE: list[str] = []
+READ: dict[str, dict[str, float]] = {}
+DRIVEN: dict[str, str] = {}
 
 
 @dataclass
@@ -50,7 +53,10 @@ class FakeDriver:
     def open(self) -> None: ...
 
     def read(self) -> Mapping[str, float]:
-        return {}
+        return READ.get(self.name, {})
+
+    def driven(self) -> str:
+        return DRIVEN.get(self.name, "")
 
     def write(self, outputs: Mapping[str, float]) -> None: ...
 
@@ -90,12 +96,14 @@ class Scene:
     field: FakeChild = dataclasses.field(default_factory=lambda: FakeChild("field"))
     recorder: FakeChild = dataclasses.field(default_factory=lambda: FakeChild("recorder"))
     told: list[tuple[str, str]] = dataclasses.field(default_factory=list)
+    found: list[Driven] = dataclasses.field(default_factory=list)
 
     def watch(self, drivers: tuple[DriverSpec, ...] = DRIVERS) -> Watch:
         parts = Parts(*cast(Any, (self.loop, self.field, self.recorder)))
         watch = Watch(
-            self.board, parts, LoopSettings(), drivers, lambda *told: self.told.append(told)
-        )
+            self.board, parts, LoopSettings(), drivers, lambda *told: self.told.append(told),
+            self.found.append,
+        )  # fmt: skip
         watch.start()
         return watch
 
@@ -108,7 +116,9 @@ class Scene:
 def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
     monkeypatch.setattr(module, "NULL_WAIT_S", 0.2)
     monkeypatch.setattr(module, "FIELD_WAIT_S", 0.2)
-    SAFE.clear()
+    monkeypatch.setattr(module, "REPEAT_S", 0.02)
+    for kept in (SAFE, READ, DRIVEN):
+        kept.clear()  # type: ignore[attr-defined]
     board = Board.create(1)
     for word in (Word.LOOP_BEAT, Word.FIELD_BEAT, Word.RECORDER_BEAT):
         board.words[word] = time.monotonic_ns() + LATER_NS
@@ -282,3 +292,23 @@ def test_a_rig_is_made_safe_though_nobody_can_be_told(scene: Scene) -> None:
     watch.start()
     outcome(scene, watch)
     assert set(SAFE) == {"daq", "bypass", "pump"}
+
+
+def test_what_it_made_safe_by_its_own_connections_it_keeps_safe_and_tells_who_drives_it(
+    scene: Scene,
+) -> None:
+    scene.loop.exit_code = -9
+    watch = scene.watch()
+    assert watch.wait_until_safe(PATIENCE_S)
+    DRIVEN["daq"] = "has valve_enabled at 1"
+    READ["pump"] = {"pump_loaded": 1.0}
+    until(lambda: {found.part for found in scene.found} == {"valve", "pump"})
+    watch.stop()
+    assert all(SAFE.count(name) > 1 for name in ("daq", "bypass", "pump"))
+    assert {(found.part, found.text) for found in scene.found} == {
+        ("valve", "has valve_enabled at 1"),
+        ("pump", "loaded"),
+    }
+    # Told once each, not with every look.
+    told = [who for who, what in scene.told if "own connection" in what]
+    assert sorted(told) == ["bypass", "daq", "pump"]
