@@ -51,6 +51,10 @@ class SimulatedRig:
         """Return standard normal numbers (ticks, 9), one for each transducer and tick."""
         return self.generator.standard_normal((ticks, READING_COUNT))
 
+    def noise_apart(self, ticks: int) -> Array:
+        """Return as `noise` what is not part of a test, so that its own noise stays the same."""
+        return self.generator.spawn(1)[0].standard_normal((ticks, READING_COUNT))
+
     def start_clock(self, time_s: float) -> None:
         """Let the next tick be at `time_s` of the test, from which a supply ripple counts."""
         start_clock(self.path, time_s)

@@ -7,13 +7,15 @@ in one transaction.
 """
 
 from math import isnan, nan
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from control.position_loop import proportional_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
+from rig.io.signals import FAST_INPUTS
 from rig.plant.command_path import drive
 from rig.plant.compiled import inlined
 from rig.plant.dynamics import leak_flows, spring_force
@@ -21,6 +23,8 @@ from rig.plant.sensors import READING_COUNT, encoder_position, read_sensors
 from rig.plant.transducers import follow, seen_position
 
 from .decided import DECIDED
+from .interlock import Interlock, check_sample
+from .ladder import NO_CHANNEL, Action, Cause
 from .reaction import ACTED, Reaction, react, tolerating
 
 READINGS: Final = (
@@ -52,6 +56,31 @@ DECISION_COLUMNS: Final = len(DECIDED) + len(ACTED)
 """Columns behind the filter's states: what was decided, and what was done about it."""
 _DECIDED: Final = len(DECIDED)
 _ACTED: Final = len(ACTED)
+
+
+class Guard(NamedTuple):
+    """How a simulated rig's samples are judged."""
+
+    watched: bool
+    """Whether they are at all."""
+    interlock: Interlock
+    ends_from: int
+    """The least `Action` that ends the ticks."""
+    stopped: NDArray[np.int64]
+    """(3,): action, cause and channel of the worst so far."""
+    inputs: NDArray[np.float64]
+    """(len(FAST_INPUTS),) scratch."""
+
+
+def guard(interlock: Interlock, watched: bool) -> Guard:
+    """Return what judges the samples of a test that begins; a hold ends its ticks."""
+    return Guard(
+        watched,
+        interlock,
+        int(Action.HOLD),
+        np.array([0, 0, NO_CHANNEL]),
+        np.full(len(FAST_INPUTS), nan),
+    )
 
 
 def sample_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
@@ -130,9 +159,12 @@ def simulated_ticks(
     first, period, setpoint, open_loop, gain, limit, faults,
     plant, path, seen, par, sensors, fitted, meters, offsets, noise,
     code, x, covariance, filter_par, filter_noise, work, on_fault,
-    decided, reaction, held, rows,
+    decided, reaction, guard, held, rows,
 ):  # fmt: skip
-    """Run ticks on the simulated backend until `rows` is full, or one trips; return how many ran.
+    """Run ticks on the simulated backend until `rows` is full or something ends them.
+
+    Return how many rows there are, that of the sample included which the interlock stopped at. The
+    valve is at null from a sample on that trips.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
@@ -160,6 +192,7 @@ def simulated_ticks(
         on_fault: `Reaction` to a confirmed fault.
         decided: (len(DECIDED),) the newest decision.
         reaction: `ReactionMemory`; updated.
+        guard: `Guard` that judges every sample; updated.
         held: (1,) command held since the last tick, V; updated.
         rows: (ticks, columns) to fill, in the order of `row_channels`.
     """
@@ -169,6 +202,8 @@ def simulated_ticks(
         row, time_s = rows[k], (first + k) * period
         action = react(on_fault, decided, time_s, reaction)
         if action == Reaction.TRIP:
+            _stop(Action.TRIP.value, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, guard)
+            held[0] = 0.0
             return k
         # A tuple: numba counts references to an array wherever it is handed on.
         fault = (
@@ -194,6 +229,9 @@ def simulated_ticks(
                 command = tolerating(
                     command, on_fault, decided, x, filter_par, limit, period, reaction
                 )
+        judged = judge(reading, command, guard)
+        if judged == Action.TRIP.value:
+            command = 0.0
         sample_row(
             first + k == 0, time_s, wanted, command, held[0], reading, code, x, covariance,
             filter_par, filter_noise, work, decided, reaction.acted, row,
@@ -210,15 +248,65 @@ def simulated_ticks(
         row[truth + 8] = leaks[2]
         drive(plant, path, command, par, fault)
         follow(seen, plant, par)
+        if judged >= guard.ends_from:
+            return k + 1
     return rows.shape[0]
 
 
+@inlined
+def judge(reading, command, guard):
+    """Return what the interlock does about a sample, an `Action`, and keep the worst.
+
+    Nothing stands between a simulated rig and its loop: every sample is fresh, and there is no
+    device to report its own state, so that those channels have no value.
+
+    Args:
+        reading: (9,) in the order of `READINGS`.
+        command: V, held from this sample on.
+        guard: `Guard`; updated.
+    """
+    if not guard.watched:
+        return Action.NONE.value
+    for i in range(READING_COUNT):
+        guard.inputs[i] = reading[i]
+    action, cause, channel = check_sample(
+        guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True,
+        guard.interlock.limits, guard.interlock.tolerances, guard.interlock.memory,
+    )  # fmt: skip
+    if action > guard.stopped[0]:
+        _stop(action, cause, channel, guard)
+    return action
+
+
+@inlined
+def _stop(action, cause, channel, guard):
+    guard.stopped[0], guard.stopped[1], guard.stopped[2] = action, cause, channel
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
-def position_ticks(setpoint, gain, limit, no_fault, plant, path, seen, par, sensors, held):
-    """Hold the ram on `setpoint` (ticks,) in m before a test, with no fault and no filter."""
+def position_ticks(
+    setpoint, gain, limit, no_fault, plant, path, seen, par, sensors, fitted, meters, offsets,
+    noise, guard, held,
+):  # fmt: skip
+    """Hold the ram on `setpoint` (ticks,) in m before a test, with no fault and no filter.
+
+    Ends early if the interlock has the ram stopped. Arguments are those of `simulated_ticks`.
+    """
+    reading = np.empty(READING_COUNT)
     for k in range(setpoint.size):
         shown = par.position_gain * seen_position(seen, plant[4], par)
         measured = encoder_position(shown, sensors)
         held[0] = proportional_command(setpoint[k], measured, gain, limit)
+        if guard.watched:
+            leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, no_fault)
+            load = spring_force(plant[4], par)
+            read_sensors(
+                plant, seen, leaks, load, meters, offsets, noise[k], par, sensors, reading
+            )  # fmt: skip
+            for i in range(READING_COUNT):
+                reading[i] *= fitted[i]
+            if judge(reading, held[0], guard) >= guard.ends_from:
+                held[0] = 0.0
+                return
         drive(plant, path, held[0], par, no_fault)
         follow(seen, plant, par)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.io.signals import FAST_INPUTS
-from rig.plant.compiled import inner
+from rig.plant.compiled import inlined
 from rig.plant.dynamics import chamber_volumes, valve_flows
 
 from .ladder import NO_CHANNEL, Cause
@@ -93,7 +93,7 @@ def no_evidence() -> NDArray[np.float64]:
     return np.array(Evidence())
 
 
-@inner
+@inlined
 def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, tol, evidence):
     """Take one tick into account and return (cause, channel), or (0, -1) if all is plausible.
 
@@ -142,13 +142,13 @@ def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, to
     return cause, channel
 
 
-@inner
+@inlined
 def _jumped(step, unsure_ticks, tol, evidence):
     longest_s = (evidence[_GAP] + unsure_ticks) * tol.period_s
     return abs(step) > tol.jump_speed_m_per_s * longest_s + 2.0 * tol.count_m
 
 
-@inner
+@inlined
 def _against_flow(values, step, homed, tol, evidence):
     """Return whether the travel leaves what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
 
@@ -203,7 +203,7 @@ def _against_flow(values, step, homed, tol, evidence):
     return worst > tol.flow_account_m + unseen
 
 
-@inner
+@inlined
 def _works_backwards(load_pressure, load, step, tol, evidence):
     """Return whether the ram gives back more energy than it can hold: friction only takes.
 
@@ -217,7 +217,7 @@ def _works_backwards(load_pressure, load, step, tol, evidence):
     return evidence[_WORK] > tol.work_J
 
 
-@inner
+@inlined
 def _above_supply(p1, p2, supply, tol, evidence):
     """Return the chamber whose pressure has been above the supply for too long, or -1."""
     limit = (tol.par.supply_pressure if isnan(supply) else supply) + tol.above_supply_Pa
@@ -230,7 +230,7 @@ def _above_supply(p1, p2, supply, tol, evidence):
     return NO_CHANNEL
 
 
-@inner
+@inlined
 def _not_following(spool, tol, evidence):
     """Return whether the spool has left the nominal valve's for longer than a valve's lag."""
     if isnan(spool):
@@ -243,7 +243,7 @@ def _not_following(spool, tol, evidence):
     return evidence[_SPOOL_TICKS] > tol.spool_ticks
 
 
-@inner
+@inlined
 def _advance_valve(ticks, tol, evidence):
     """Advance the nominal valve's second-order lag under the command that stood (docs/model.md)."""
     par = tol.par

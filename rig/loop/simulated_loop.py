@@ -8,15 +8,20 @@ from numpy.typing import NDArray
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
 from estimator.filters import FilterMemory, FilterRun
 from estimator.flow_account import BLOCK_TICKS
+from rig.io.settings import HomingSettings
+from rig.io.signals import FAST_INPUTS
 from rig.io.simulated import SimulatedRig
 from rig.plant import NO_FAULT, Parameters
 from rig.plant.integrator import TICK
 
-from .cycle import position_ticks, row_channels, simulated_ticks
+from .cycle import guard, position_ticks, row_channels, simulated_ticks
 from .decided import no_decision
-from .ladder import Action, Cause
+from .interlock import Interlock, interlock
+from .ladder import NO_CHANNEL, Action, Cause, limit_table
 from .reaction import Reaction, reaction_memory
+from .tolerances import tolerances
 from .trip import LoopStoppedError
+from .wire_layout import RAMP_S
 
 Array = NDArray[np.float64]
 
@@ -61,6 +66,7 @@ class SimulatedLoop:
         gain: position loop, V/m.
         limit: greatest command of either sign, V.
         on_fault: what is done about a confirmed fault.
+        interlock: judges every sample, as on hardware; none does if not given.
 
     Raises:
         ValueError: setpoint and fault table differ in length.
@@ -76,6 +82,7 @@ class SimulatedLoop:
         gain: float = POSITION_GAIN,
         limit: float = COMMAND_LIMIT,
         on_fault: Reaction = Reaction.IGNORE,
+        interlock: Interlock | None = None,
     ) -> None:
         if motion.faults.shape != (motion.setpoint.size, len(NO_FAULT)):
             raise ValueError(
@@ -91,45 +98,95 @@ class SimulatedLoop:
         self._on_fault = int(on_fault)
         self._decided = no_decision()
         self._reaction = reaction_memory()
+        self._guard = guard(interlock or _no_interlock(rig, assumed), interlock is not None)
         self.channels = row_channels(memory.filter.states, motion.open_loop)
 
     @property
     def ticks_left(self) -> int:
-        """Ticks of the test that are still to run."""
-        return self._motion.setpoint.size - self._tick
+        """Ticks of the test that are still to run; 1 at least while a stop is still to be told."""
+        left = self._motion.setpoint.size - self._tick
+        return max(left, 1) if self._is_stopped else left
+
+    @property
+    def _is_stopped(self) -> bool:
+        return bool(self._guard.stopped[0] >= Action.HOLD)
+
+    @property
+    def indicated(self) -> tuple[Cause, str]:
+        """What the interlock last indicated, and the channel concerned; `Cause.NONE` if nothing."""
+        return Cause(int(self._guard.stopped[1])), self._channel
+
+    @property
+    def _channel(self) -> str:
+        channel = int(self._guard.stopped[2])
+        return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
+
+    def _stop(self) -> LoopStoppedError:
+        action, cause, _ = self._guard.stopped
+        return LoopStoppedError(Action(int(action)), Cause(int(cause)), self._channel)
 
     def position(self) -> None:
-        """Bring the ram to its start by the position loop, along a raised cosine; let it rest."""
+        """Bring the ram to its start by the position loop, along a raised cosine; let it rest.
+
+        Raises:
+            LoopStoppedError: the interlock stopped it.
+        """
         setpoint = raised_cosine(
             self._rig.state[4], self._motion.start_position, self._motion.settle_ticks
         )
         rig = self._rig
         rig.start_clock(-setpoint.size * TICK)
         # A plain tuple, as in the test's ticks: another type would be another compilation.
-        position_ticks(setpoint, self._gain, self._limit, tuple(NO_FAULT), rig.state, rig.path,
-                       rig.seen, rig.parameters, rig.sensors, self._held)  # fmt: skip
+        position_ticks(
+            setpoint, self._gain, self._limit, tuple(NO_FAULT), rig.state, rig.path, rig.seen,
+            rig.parameters, rig.sensors, rig.fitted, rig.meters.copy(), rig.offsets,
+            rig.noise_apart(setpoint.size), self._guard, self._held,
+        )  # fmt: skip
         rig.start_clock(0.0)
+        if self._is_stopped:
+            raise self._stop()
 
     def advance(self, ticks: int) -> Array:
         """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`).
 
         Raises:
-            LoopStoppedError: a fault was confirmed, and is to trip; rows up to then were returned.
+            LoopStoppedError: the interlock stopped it, or a fault was confirmed and is to trip;
+                rows up to then were returned.
         """
+        if self._is_stopped:
+            raise self._stop()
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
-        rig, memory, motion = self._rig, self._memory, self._motion
-        rows = np.empty((count, len(self.channels)))
+        motion = self._motion
+        rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part])
+        self._tick += len(rows)
+        if self._is_stopped and not len(rows):
+            raise self._stop()
+        return rows
+
+    def come_to_rest(self) -> None:
+        """Bring the command to 0 V along a ramp, without faults, after a stop that is no trip.
+
+        Raises:
+            LoopStoppedError: it tripped on the way.
+        """
+        left = 1.0 - np.arange(round(RAMP_S / TICK)) / round(RAMP_S / TICK)
+        self._guard = self._guard._replace(ends_from=int(Action.TRIP))
+        self._run(self._held[0] * left, True, np.tile(NO_FAULT, (left.size, 1)))
+        if self._guard.stopped[0] == Action.TRIP:
+            raise self._stop()
+
+    def _run(self, setpoint: Array, open_loop: bool, faults: Array) -> Array:
+        """Run ticks until something ends them, and return their rows."""
+        rig, memory = self._rig, self._memory
+        rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
-            self._tick, TICK, motion.setpoint[part], motion.open_loop, self._gain, self._limit,
-            motion.faults[part], rig.state, rig.path, rig.seen, rig.parameters, rig.sensors,
-            rig.fitted, rig.meters, rig.offsets, rig.noise(count), memory.filter.code, memory.x,
-            memory.covariance, self._assumed, memory.noise, memory.work, self._on_fault,
-            self._decided, self._reaction, self._held, rows,
+            self._tick, TICK, setpoint, open_loop, self._gain, self._limit, faults, rig.state,
+            rig.path, rig.seen, rig.parameters, rig.sensors, rig.fitted, rig.meters, rig.offsets,
+            rig.noise(setpoint.size), memory.filter.code, memory.x, memory.covariance,
+            self._assumed, memory.noise, memory.work, self._on_fault, self._decided,
+            self._reaction, self._guard, self._held, rows,
         )  # fmt: skip
-        self._tick += done
-        if count and not done:
-            raise LoopStoppedError(Action.TRIP, Cause.FAULT_CONFIRMED)
         return rows[:done]
 
     def decided(self, row: Array) -> None:
@@ -140,6 +197,12 @@ class SimulatedLoop:
         """Put the valve at null and take every injected fault away."""
         self._held[0] = 0.0
         self._motion.faults[self._tick :] = 0.0
+
+
+def _no_interlock(rig: SimulatedRig, assumed: Parameters) -> Interlock:
+    """Return an interlock that nothing is judged by, for a loop without one."""
+    judged = tolerances(assumed, rig.sensors, frozenset(), TICK, TICK, HomingSettings())
+    return interlock(limit_table((), TICK), judged)
 
 
 def estimates_in(rows: Array, channels: tuple[str, ...], memory: FilterMemory) -> FilterRun:

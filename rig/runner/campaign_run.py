@@ -146,7 +146,7 @@ def bench_of(
     The journal keeps what another master drives on hardware, in words.
     """
     if rig.backend == "simulated":
-        return SimulatedBench(rig, directory)
+        return SimulatedBench(rig, directory, observer.rig_tells)
     # Its drivers' libraries are of no use to a simulation.
     from rig.supervisor.session import Session
 

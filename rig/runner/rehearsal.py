@@ -23,7 +23,8 @@ def rehearse(campaign: Campaign, rig: Rig) -> None:
     """Judge the first seconds of a campaign's first test on a simulated rig, and forget it."""
     test = replace(campaign.tests[0], duration_s=REHEARSED_S, settle_s=0.1)
     memory = start_memory(campaign.filter_name, campaign.model, rig.sensors)
-    loop = loop_of(rig, test, memory, campaign.model)
+    # Nothing moves that could be hurt, and it is to come to its end.
+    loop = loop_of(rig, test, memory, campaign.model, judged=False)
     judge = Judge(campaign.detector(), memory, loop.channels)
     while loop.ticks_left:
         judge.take(loop.advance(judge.ticks_due))

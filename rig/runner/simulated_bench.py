@@ -1,7 +1,7 @@
 """Tests on the simulated rig, in this process: a new rig for each test, paced by the runner."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,14 @@ from estimator.filters import FilterMemory
 from faults.campaign import CampaignTest
 from faults.schedule import FaultSchedule
 from rig.configuration.rig import Rig
+from rig.io.settings import HomingSettings
 from rig.io.simulated import simulated_rig
+from rig.loop.cycle import READINGS
+from rig.loop.interlock import Interlock, interlock
+from rig.loop.ladder import limit_table
 from rig.loop.reaction import Reaction
 from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.tolerances import tolerances
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.recording.mcap_writer import McapWriter
@@ -27,12 +32,16 @@ class SimulatedBench:
     Args:
         rig: to simulate.
         directory: of the run; a trip report goes there.
+        say: shows a line to the operator.
     """
 
     live = False
 
-    def __init__(self, rig: Rig, directory: Path) -> None:
+    def __init__(
+        self, rig: Rig, directory: Path, say: Callable[[str], None] = lambda line: None
+    ) -> None:
         self._rig = rig
+        self._say = say
         self._directory = directory
         self._test: SimulatedTest | None = None
 
@@ -44,7 +53,8 @@ class SimulatedBench:
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
         """Return the loop of a test, on a rig of its own."""
-        self._test = SimulatedTest(loop_of(self._rig, test, memory, assumed), self._directory)
+        loop = loop_of(self._rig, test, memory, assumed)
+        self._test = SimulatedTest(loop, self._directory, self._rig.ladder, self._say)
         return self._test
 
     def reading(self, channel: str) -> float | None:
@@ -82,8 +92,43 @@ def motion_of(test: CampaignTest) -> Motion:
     )
 
 
-def loop_of(rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedLoop:
-    """Return the loop of a test, before the ram is brought to its start."""
+def interlock_of(rig: Rig, assumed: Model) -> Interlock:
+    """Return what the samples of a simulated rig are judged by, as those of one on hardware are.
+
+    Args:
+        rig: the simulated rig, with its limits.
+        assumed: the model that its samples must agree with.
+    """
+    absent = {
+        "spool_m": not rig.has_spool_sensor,
+        "supply_pressure_Pa": not rig.has_supply_pressure_sensor,
+        "load_N": not rig.has_load_cell,
+    }
+    fitted = frozenset(name for name in READINGS if not absent.get(name, False))
+    judged = tolerances(
+        assumed.parameters,
+        rig.sensors,
+        fitted,
+        TICK,
+        rig.loop.stale_limit,
+        rig.homing or HomingSettings(),
+        rig.limits.command_V,
+    )
+    return interlock(limit_table(rig.ladder, TICK), judged)
+
+
+def loop_of(
+    rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model, *, judged: bool = True
+) -> SimulatedLoop:
+    """Return the loop of a test, before the ram is brought to its start.
+
+    Args:
+        rig: to simulate.
+        test: the test.
+        memory: the filter's, before its first sample.
+        assumed: the model.
+        judged: whether the interlock judges its samples.
+    """
     simulated = simulated_rig(
         truth_of(rig, test),
         test.seed,
@@ -100,4 +145,5 @@ def loop_of(rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model) 
         gain=rig.gain_V_per_m,
         limit=rig.limits.command_V,
         on_fault=Reaction[test.on_fault.name],
+        interlock=interlock_of(rig, assumed) if judged else None,
     )

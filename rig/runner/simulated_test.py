@@ -1,17 +1,20 @@
 """One test on a simulated rig, as the runner of campaigns sees it: its loop, and what trips it."""
 
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.io.limits import ChannelLimit
 from rig.loop.decided import confirmed_fault
+from rig.loop.ladder import Action, Cause, explain
 from rig.loop.simulated_loop import SimulatedLoop
 from rig.loop.trip import LoopStoppedError, TripError
 from rig.plant.integrator import TICK
-from rig.supervisor.trip_report import Confirmation, Note, TripReport, write_trip_report
+from rig.supervisor.trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
 
 Array = NDArray[np.float64]
 
@@ -20,20 +23,31 @@ _REPORTED: Final = round(2.0 / TICK)
 
 
 class SimulatedTest:
-    """A simulated loop that reports its trip as a rig on hardware does.
+    """A simulated loop that tells of what stops it as a rig on hardware does.
 
     Args:
         loop: before its first tick.
         directory: of the run; a trip report goes there.
+        ladder: limits that the loop is judged by, for a trip report.
+        say: shows a line to the operator.
 
     Attributes:
         channels: names of the rows' columns.
     """
 
-    def __init__(self, loop: SimulatedLoop, directory: Path) -> None:
+    def __init__(
+        self,
+        loop: SimulatedLoop,
+        directory: Path,
+        ladder: Sequence[ChannelLimit] = (),
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
         self.channels = loop.channels
         self._loop = loop
         self._directory = directory
+        self._ladder = ladder
+        self._say = say
+        self._indicated = Cause.NONE, ""
         self._last = np.empty((0, len(loop.channels)))
         self._found = ""
 
@@ -43,8 +57,16 @@ class SimulatedTest:
         return self._loop.ticks_left
 
     def position(self) -> None:
-        """Bring the ram to its start."""
-        self._loop.position()
+        """Bring the ram to its start.
+
+        Raises:
+            TripError: the interlock stopped it.
+        """
+        try:
+            self._loop.position()
+        except LoopStoppedError as error:
+            raise self._stopped(error) from None
+        self._tell_indicated()
 
     def inject(self) -> None:
         """Do nothing: the faults are in the loop's table."""
@@ -64,13 +86,15 @@ class SimulatedTest:
         """Return the rows of the next ticks; see `rig.runner.bench.Loop`.
 
         Raises:
-            TripError: a fault was confirmed, and the test asks to trip on one.
+            TripError: the interlock stopped it; or a fault was confirmed, and the test asks to
+                trip on one.
         """
         try:
             rows = self._loop.advance(ticks)
         except LoopStoppedError as error:
-            raise self._tripped(error) from None
+            raise self._stopped(error) from None
         self._last = np.concatenate([self._last, rows])[-_REPORTED:]
+        self._tell_indicated()
         return rows
 
     def decided(self, row: Array) -> None:
@@ -82,6 +106,24 @@ class SimulatedTest:
         """Put the valve at null and take every injected fault away."""
         self._loop.safe_state()
 
+    def _tell_indicated(self) -> None:
+        """Show the operator what the interlock indicates, once each."""
+        indicated = self._loop.indicated
+        if indicated not in ((Cause.NONE, ""), self._indicated):
+            sentence, remedy = explain(*indicated)
+            self._say(f"loop: {sentence}; {remedy}")
+        self._indicated = indicated
+
+    def _stopped(self, error: LoopStoppedError) -> TripError:
+        """Return the error for a test that the loop ended; what is no trip comes to rest first."""
+        if error.action is not Action.TRIP:
+            try:
+                self._loop.come_to_rest()
+            except LoopStoppedError as trip:
+                return self._tripped(trip)
+            return TripError(str(error))
+        return self._tripped(error)
+
     def _tripped(self, error: LoopStoppedError) -> TripError:
         """Make the rig safe, report the trip, and return it as an error."""
         at_ns = time.monotonic_ns()
@@ -90,9 +132,10 @@ class SimulatedTest:
         report = TripReport(
             trips={"loop": (error.cause, at_ns)},
             confirmations=[Confirmation(what, safe_ns) for what in ("valve null", "bypass shut")],
-            notes=[Note(at_ns, "detector", self._found)],
+            notes=[Note(at_ns, "detector", self._found)] if self._found else [],
             channels=self.channels,
             rows=self._last,
+            channel=error.channel,
+            limits=self._ladder,
         )
-        path = write_trip_report(report, self._directory)
-        return TripError(f"tripped: {error.explanation} ({path})", path)
+        return trip_error(report, kept_trip_report(report, self._directory, self._say))

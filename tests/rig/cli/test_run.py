@@ -275,3 +275,43 @@ def test_a_run_whose_output_nobody_reads_stops_and_keeps_its_results(
     written = json.loads((tmp_path / "out" / "results.json").read_text())
     assert {test["status"] for test in written["tests"]} <= {"not_run", "aborted", "passed"}
     assert (tmp_path / "out" / "report.html").exists()
+
+
+LIMITED_RIG = """
+name: limited
+parent: simulated
+limits:
+  position: [5 mm, 0.6 m]
+  command: 10 V
+  pressure: 20 MPa
+  channels:
+    - {channel: pressure_1_Pa, high: 8 MPa, action: trip, for: 3 ms}
+"""
+
+LIMITED = """
+name: limited
+rig: limited.yaml
+tests:
+  - name: too_much
+    duration: 5 s
+    setpoint: {type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}
+  - name: never
+    duration: 5 s
+    setpoint: {type: sine, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.5 Hz}
+"""
+
+
+def test_a_simulated_campaign_that_exceeds_a_limit_ends_with_exit_code_3_and_a_trip_report(
+    invoke: Invoke, tmp_path: Path
+) -> None:
+    (tmp_path / "limited.yaml").write_text(LIMITED_RIG)
+    campaign = tmp_path / "campaign.yaml"
+    campaign.write_text(LIMITED)
+    done = invoke("run", campaign, "--out", tmp_path / "out")
+    assert done.code == 3
+    assert "tripped: pressure_1_Pa is above its limit: 8." in done.out
+    assert "limit 8 MPa" in done.out
+    assert json.loads((tmp_path / "out" / "trip-1.json").read_text())["cause"] == "LIMIT_HIGH"
+    told = json.loads((tmp_path / "out" / "results.json").read_text())["tests"]
+    assert [test["status"] for test in told] == ["tripped", "not_run"]
+    assert (tmp_path / "out" / "report.html").stat().st_size > 0
