@@ -489,7 +489,7 @@ def test_a_watch_of_the_publisher_that_fails_starts_another_one(
     monkeypatch.setattr(Stream, "_start", fails)
     bench.stream.attach(bench.board, CHANNELS)
     with StreamClient(bench.settings) as client:
-        client.wait_for_rig(DEADLINE_S)
+        client.wait_for_rig(PATIENCE_S)
         until(lambda: any("ZeroDivisionError" in said for said in bench.said))
     bench.stream.close()
     os.close(bench.board.fd)
