@@ -9,7 +9,6 @@ import click
 
 from rig.configuration.campaign import load_campaign
 from rig.io.driver import DriverError
-from rig.loop.trip import TripError
 from rig.runner import CampaignOutcome, StopFlag, run_campaign, stop_on_signals
 from rig.runner.desk import Desk
 from rig.runner.directory import default_directory, log_error
@@ -63,8 +62,8 @@ def command(
 
     Writes report.html, results.json, junit.xml, a journal and a recording a test. Ctrl-C ends it
     with what there is, `rig control` asks it for a pause and more; stopped or killed, it goes on
-    with --resume. Exit code: 0 all as expected, 1 a test failed or was skipped, 2 bad input, 3
-    stopped before the end.
+    with --resume. Exit code: 0 all as expected, 1 a test failed or was skipped, 2 bad input or a
+    device that is not there, 3 tripped, not ready, stopped, or its disk full.
     """
     given: dict[str, str | None] = {
         "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd()),
@@ -113,13 +112,10 @@ def command(
             except DriverError as error:
                 click.echo(str(error), err=True)
                 return EXIT_BAD_INPUT
-            except TripError as error:
-                click.echo(f"rig: {error}", err=True)
-                return EXIT_STOPPED
             except OSError as error:
                 state = f"results cannot be written to {directory}: {error.strerror or error}"
                 click.echo(f"rig: {state}; free space, or give another --out", err=True)
-                return EXIT_CRASHED
+                return EXIT_STOPPED
         wall_s = time.perf_counter() - started
         screen.print(verdict_table(outcome, plain=not screen.is_terminal))
         for line in summary(outcome, wall_s, live=paced):

@@ -338,8 +338,11 @@ def _content(launched: Launched) -> dict[str, Any]:
     return {
         "name": launched.name,
         "folder": launched.folder.name,
+        "started_ms": launched.started_ns // 10**6,
         "exit_code": launched.exit_code,
         "ending": _ending(launched) if ended else "",
+        "reason": _reason(launched) if ended else "",
+        "said": "" if ended else (_last_lines(launched.log) or [""])[-1],
     }
 
 
@@ -348,15 +351,25 @@ def _ending(launched: Launched) -> str:
     if code is not None and code < 0:
         return f"killed by {signal.Signals(-code).name}"
     text = f"exit code {code}, {ENDINGS.get(code or 0, 'crashed')}"
-    said = _last_lines(launched.log)
-    return f"{text}: {said}" if code == 2 and said else text
+    reason = _reason(launched)
+    return f"{text}: {reason}" if reason else text
 
 
-def _last_lines(log: Path) -> str:
+def _reason(launched: Launched) -> str:
+    """Return why a run ended that did not come to its end: by its journal, else by what it said."""
+    end = _last_entry(launched.folder / JOURNAL)
+    if end.get("kind") == "end" and end.get("exit_code") == launched.exit_code:
+        return str(end.get("reason") or "")[:LOG_BYTES]
+    return " ".join(_last_lines(launched.log)) if launched.exit_code else ""
+
+
+def _last_lines(log: Path) -> list[str]:
+    """Return what a run printed last, without what only draws: each line on one, the last last."""
     with suppress(OSError), log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - LOG_BYTES))
-        return " ".join(file.read().decode(errors="replace").split())
-    return ""
+        lines = file.read().decode(errors="replace").splitlines()
+        return [" ".join(line.split()) for line in lines if line.strip()]
+    return []
 
 
 def _modified(path: Path) -> float:
@@ -370,13 +383,18 @@ def _unfinished_campaign(journal: Path) -> str | None:
     """Return the campaign of a run that can be gone on with; None of any other."""
     with suppress(OSError, ValueError, KeyError, TypeError), journal.open("rb") as file:
         begun = json.loads(file.readline(TAIL_BYTES))
-        file.seek(max(0, journal.stat().st_size - TAIL_BYTES))
-        lines = file.read().splitlines()
-        last: Mapping[str, Any] = {}
-        for line in reversed(lines):
-            with suppress(ValueError):
-                last = json.loads(line)
-                break
+        last = _last_entry(journal)
         if begun["kind"] == "begin" and not (last.get("kind") == "end" and not last["reason"]):
             return str(begun["campaign"])[:100]
     return None
+
+
+def _last_entry(journal: Path) -> Mapping[str, Any]:
+    """Return the last whole entry of a journal; empty if there is none."""
+    with suppress(OSError), journal.open("rb") as file:
+        file.seek(max(0, journal.stat().st_size - TAIL_BYTES))
+        for line in reversed(file.read().splitlines()):
+            with suppress(ValueError):
+                entry = json.loads(line)
+                return entry if isinstance(entry, dict) else {}
+    return {}

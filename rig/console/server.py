@@ -36,6 +36,8 @@ LARGEST_MESSAGE: Final = 1024
 """Bytes that a page's websocket may send at once."""
 MESSAGES_PER_S: Final = 10
 MOST_VIEWERS: Final = 40
+ALIVE_S: Final = 0.5
+"""How often a viewer is sent something at least, so that it knows that the console is there."""
 LOOK_S: Final = 0.5
 """How often it is looked after what was started, and who watches."""
 MOST_STOPS: Final = 16
@@ -273,11 +275,16 @@ class Console:
     async def _show(self, socket: WebSocket, cursor: Cursor, visitor: Visitor) -> None:
         """Send what is new, as fast as the viewer takes it."""
         await socket.send_text(json.dumps({"you": visitor.number, "name": visitor.name}))
+        loop = asyncio.get_running_loop()
+        sent_at = loop.time()
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             while self._visitor(socket) is not None:
                 news = self.feed.news(cursor)
+                if news is None and loop.time() - sent_at >= ALIVE_S:
+                    news = "{}"
                 if news is not None:
                     await socket.send_text(news)
+                    sent_at = loop.time()
                 await asyncio.sleep(TICK_S)
             await socket.close(LOGGED_OUT)
 

@@ -12,6 +12,8 @@ from .curves import KPA, LITRES_PER_MINUTE, MM, MPA
 EVENTS: Final = 60
 VERDICTS: Final = 30
 MOST_TESTS: Final = 2000
+MOST_HELD: Final = 10
+TOLD_OF_TESTS: Final = ("name", "expect", "status", "verdict", "message")
 CELSIUS: Final = -273.15
 """To add to a temperature in K."""
 
@@ -138,7 +140,8 @@ def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
         words = {True: ("homed", "good"), False: ("not homed", "off")}
         text, how = words[bool(health.get("homed"))] if health else ("not known", "off")
         contacts.append({"name": "position", "text": text, "how": how})
-    trips = _mapping(health.get("trips"))
+    # Health of an earlier run tells of its trips, not of this one's.
+    trips = _mapping(health.get("trips")) if _is_of_this_run(snapshot, health) else {}
     return {
         "contacts": contacts,
         "action": _text(health.get("action")),
@@ -200,13 +203,17 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
     campaign = snapshot.campaign
     if not campaign:
         return {}
-    names = ("status", "name", "description", "rig", "model", "filter", "directory")
+    names = ("status", "name", "description", "rig", "model", "filter", "directory", "reason")
+    held = campaign.get("held")
     return {
         **{name: _text(campaign.get(name)) for name in names},
         "begun_ms": _milliseconds(campaign.get("begun_ns")),
         "rig_time_s": _rounded(campaign.get("rig_time_s"), 0),
+        "exit_code": _rounded(campaign.get("exit_code"), 0),
+        "pausing": campaign.get("pausing") is True,
+        "held": [_text(reason) for reason in held][:MOST_HELD] if isinstance(held, list) else [],
         "tests": [
-            {name: _text(test.get(name)) for name in ("name", "expect", "status", "verdict")}
+            {name: _text(test.get(name)) for name in TOLD_OF_TESTS}
             | {"duration_s": _rounded(test.get("duration_s"), 1)}
             for test in _mappings(campaign.get("tests"))[:MOST_TESTS]
         ],
@@ -216,9 +223,7 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
 def _decision(snapshot: Snapshot) -> dict[str, Any]:
     """Return what the detector holds; nothing while that is of an earlier run."""
     decision = snapshot.decision
-    begun_ns = snapshot.campaign.get("begun_ns")
-    sent_ms, begun_ms = _milliseconds(decision.get("sent_ns")), _milliseconds(begun_ns)
-    if not decision or (sent_ms or 0) < (begun_ms or 0):
+    if not decision or not _is_of_this_run(snapshot, decision):
         return {}
     details = _mapping(decision.get("details"))
     probabilities = _mapping(decision.get("probabilities"))
@@ -233,6 +238,13 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
         "suspected": _text(decision.get("suspected")),
         "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
     }
+
+
+def _is_of_this_run(snapshot: Snapshot, content: Mapping[str, Any]) -> bool:
+    """Tell whether a message was sent since the campaign was begun, as far as that is known."""
+    begun_ms = _milliseconds(snapshot.campaign.get("begun_ns"))
+    sent_ms = _milliseconds(content.get("sent_ns"))
+    return sent_ms is None or begun_ms is None or sent_ms >= begun_ms
 
 
 def _verdict(content: Mapping[str, Any]) -> dict[str, Any]:

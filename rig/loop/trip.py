@@ -1,8 +1,13 @@
 """The errors by which a trip of the rig ends whatever was being done with it."""
 
+import errno
 from pathlib import Path
+from typing import Final
 
 from .ladder import Action, Cause, explain
+
+FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""`errno` where a file cannot grow: no space, or its user's quota or limit."""
 
 
 class LoopStoppedError(Exception):

@@ -4,6 +4,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any, Final
 from estimator.replay import DetectorFactory
 from faults.campaign import Campaign, CampaignTest
 from rig.configuration.rig import Rig
+from rig.io.driver import DriverError
 from rig.loop.trip import StopRequestedError, TripError
 from rig.supervisor.onlooker import Onlooker
 
@@ -23,7 +25,7 @@ from .fingerprint import fingerprint
 from .journal import JOURNAL, JOURNAL_SCHEMA, Journal, sync
 from .junit import write_junit
 from .observer import Observer
-from .outcome import CampaignOutcome, Status, TestOutcome
+from .outcome import EXIT_BAD_INPUT, EXIT_STOPPED, CampaignOutcome, Status, TestOutcome
 from .outcome_record import record_of
 from .pacing import Pace, Pacer
 from .phases import CLEANUP_S, Deadline, Phase
@@ -65,9 +67,9 @@ def run_campaign(
     """Run every test of a campaign on a rig and write what comes of it to a folder.
 
     The folder gets a journal, `results.json` and `junit.xml`, a recording a test, and `errors.log`
-    if a test crashed. They are written whatever ends the run: a test that crashes is an outcome, a
-    stop leaves the rest of the tests as not run. Of a kill, or a power cut, the journal tells how
-    far it had come.
+    if a test crashed. They are written whatever ends the run: a test that crashes is an outcome; a
+    stop, a trip, or a rig that cannot be armed or homed leaves the rest of the tests as not run.
+    Of a kill, or a power cut, the journal tells how far it had come.
 
     Args:
         campaign: checked against the rig.
@@ -93,7 +95,6 @@ def run_campaign(
         DirectoryError: the folder cannot be used; nothing was written.
         JournalError: the run in it cannot be resumed, or is going on; nothing was written.
         DriverError: a device of the rig is not there, or not what was configured; nothing moved.
-        TripError: the rig could not be made ready for the first test.
         OSError: the results cannot be written.
     """
     stop, observer, desk = stop or StopFlag(), observer or Observer(), desk or Desk()
@@ -180,6 +181,7 @@ class _CampaignRun:
         self._suspended: Counter[int] = Counter()
         self._present = 0
         self._phase: Phase | None = None
+        self._ended_with: int | None = None
         setting.enters = self._enters
         setting.deadline = Deadline(CLEANUP_S, self._is_overdue)
 
@@ -189,6 +191,9 @@ class _CampaignRun:
         finished = self._standing.finished
         stands = [finished[index] for index in sorted(finished)]
         setting.observer.campaign_begins(setting.campaign, setting.directory, stands)
+        setting.desk.on_change(
+            lambda pausing, held: setting.observer.campaign_stands(pausing=pausing, held=held)
+        )
         setting.desk.open(
             [test.name for test in setting.campaign.tests],
             {index: str(outcome.status) for index, outcome in finished.items()},
@@ -200,11 +205,11 @@ class _CampaignRun:
         self.write()
         learn_again(setting.references, self._standing, setting.directory, self._recordings)
         if self._next() is not None:
-            with ControlPort(setting.directory, setting.desk, self._refuse), setting.bench:
-                self._run_tests()
-        setting.desk.record(
-            "end", reason=setting.stop.reason, exit_code=int(self.outcome.exit_code)
-        )
+            with ControlPort(setting.directory, setting.desk, self._refuse):
+                self._use_rig()
+        reason, exit_code = setting.stop.reason, int(self.outcome.exit_code)
+        setting.desk.record("end", reason=reason, exit_code=exit_code)
+        setting.observer.campaign_ends(exit_code, reason)
 
     def _begin(self, started: datetime, given: Mapping[str, Any]) -> None:
         """Write what the journal begins with, or goes on with."""
@@ -225,6 +230,25 @@ class _CampaignRun:
             given=dict(given),
             pid=os.getpid(),
         )
+
+    def _use_rig(self) -> None:
+        """Make the rig ready, run all tests that are not finished, and leave it safe.
+
+        Raises:
+            DriverError: a device of the rig is not there, or not what was configured.
+        """
+        try:
+            with self._setting.bench:
+                self._run_tests()
+        except DriverError:
+            self._ended_with = EXIT_BAD_INPUT
+            raise
+        except StopRequestedError:
+            return
+        except TripError as error:
+            self._ended_with = EXIT_STOPPED
+            self._setting.observer.rig_tells(str(error))
+            self._setting.stop.request(f"the rig: {error}")
 
     def _run_tests(self) -> None:
         while not self._setting.stop.requested:
@@ -263,20 +287,11 @@ class _CampaignRun:
                 break
             if suspenders.given_up:
                 setting.stop.request(f"what held it for too long: {'; '.join(reasons)}")
-            self._idle()
+            with suppress(StopRequestedError):
+                setting.bench.idle()
+            time.sleep(_NAP_S)
         if held:
             desk.record("released", after_s=time.monotonic() - began)
-
-    def _idle(self) -> None:
-        try:
-            self._setting.bench.idle()
-        except StopRequestedError:
-            return
-        except TripError as error:
-            self._setting.observer.rig_tells(str(error))
-            self._setting.stop.request("a trip between two tests")
-            return
-        time.sleep(_NAP_S)
 
     def _skip(self, index: int) -> None:
         test = self._setting.campaign.tests[index]
@@ -370,6 +385,7 @@ class _CampaignRun:
             ),
             provenance=self._setting.provenance,
             history=tuple(standing.history),
+            ended_with=self._ended_with,
         )
 
 

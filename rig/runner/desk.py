@@ -71,6 +71,7 @@ class Desk:
         self._notes: list[Note] = []
         self._paused = False
         self._interruption: Request | None = None
+        self._told: Callable[[bool, Sequence[str]], None] = lambda pausing, held: None
 
     # -- the campaign's thread --------------------------------------------------------------------
 
@@ -88,6 +89,10 @@ class Desk:
         with self._lock:
             self._names, self._statuses = names, dict(statuses)
             self._write, self._stop = write, stop
+
+    def on_change(self, told: Callable[[bool, Sequence[str]], None]) -> None:
+        """Have somebody told, from any thread, whether a pause is asked for and what else holds."""
+        self._told = told
 
     def close(self) -> None:
         """Take no more requests."""
@@ -131,7 +136,9 @@ class Desk:
         with self._lock:
             if reasons and not self._held:
                 self._attention += reasons
-            self._held = reasons
+            changed, self._held = list(reasons) != list(self._held), reasons
+        if changed:
+            self._told(self._paused, self._held)
 
     @property
     def paused(self) -> bool:
@@ -188,7 +195,9 @@ class Desk:
                     raise RefusedError(f"the journal cannot be written: {error}") from None
                 reply += f", but the journal cannot be written: {error}"
             self._obey(request, who, text, index)
-            return reply
+        if request in (Request.PAUSE, Request.RESUME):
+            self._told(self._paused, self._held)
+        return reply
 
     def status(self) -> dict[str, Any]:
         """Return how the campaign goes on, as JSON holds it."""

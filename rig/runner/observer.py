@@ -31,6 +31,17 @@ class Observer:
             finished: outcomes of the tests that are not run again.
         """
 
+    def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
+        """Take note of what keeps the next test from beginning, when that changes; any thread.
+
+        Args:
+            pausing: an operator has asked for a pause, and not to go on since.
+            held: conditions that are not met, in words.
+        """
+
+    def campaign_ends(self, exit_code: int, reason: str) -> None:
+        """Take note that nothing more is run, and of what ended it; empty if it came to its end."""
+
     def rig_tells(self, text: str) -> None:
         """Take note of what the operator of a rig on hardware should know; from any thread."""
 

@@ -197,10 +197,17 @@ class CampaignOutcome:
     """Versions, git state, hashes of every file read."""
     history: tuple[Happening, ...] = ()
     """What happened beside the tests: holds, interruptions, what operators asked and noted."""
+    ended_with: int | None = None
+    """Exit code of what ended it outside of its tests, such as a trip; None if nothing did."""
 
     @property
     def exit_code(self) -> int:
-        """0 all as expected, 1 a test failed, crashed or was skipped, 3 tripped or stopped."""
+        """0 all as expected, 1 a test failed, crashed or was skipped, 3 tripped or stopped.
+
+        2 where a device of the rig was not there, or not what was configured: nothing moved.
+        """
+        if self.ended_with is not None:
+            return self.ended_with
         statuses = {test.status for test in self.tests}
         if statuses & {Status.ABORTED, Status.TRIPPED, Status.INTERRUPTED, Status.NOT_RUN}:
             return EXIT_STOPPED

@@ -14,7 +14,8 @@ from estimator.replay import DetectorFactory
 from faults.campaign import Campaign, CampaignTest
 from faults.schedule import FaultSchedule
 from rig.configuration.rig import Rig
-from rig.loop.trip import StopRequestedError, TripError
+from rig.loop.ladder import Cause, explain
+from rig.loop.trip import FULL, StopRequestedError, TripError
 from rig.plant.integrator import TICK
 
 from .bench import Bench, Loop, Timed, Writer
@@ -105,8 +106,14 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         setting.stop.request("a trip")
         status, message = Status.TRIPPED, str(error)
     except Exception as error:
-        where = log_error(setting.directory, f"test {test.name}")
-        message = f"{type(error).__name__}: {error} (traceback in {where})"
+        if isinstance(error, OSError) and error.errno in FULL:
+            # As on hardware, where the supervisor trips for it: no further test could be recorded.
+            setting.stop.request("a full disk")
+            sentence, remedy = explain(Cause.DISK_FULL)
+            status, message = Status.TRIPPED, f"{sentence}; {remedy}"
+        else:
+            where = log_error(setting.directory, f"test {test.name}")
+            message = f"{type(error).__name__}: {error} (traceback in {where})"
     finally:
         setting.deadline.cancel()
     if status == Status.ABORTED:

@@ -1,5 +1,6 @@
 """A campaign as the live stream shows it: what a run tells, and where its rows come from."""
 
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -50,6 +51,8 @@ class StreamedRun(Observer, Onlooker):
         self._decision: Decision | None = None
         self._told_at = self._listed_at = 0.0
         self._unlisted = False
+        self._lock = threading.Lock()
+        """Held while the list of tests changes: operators change it from threads of their own."""
 
     def ends(self) -> None:
         """Tell that the run has ended, and end the stream."""
@@ -84,6 +87,8 @@ class StreamedRun(Observer, Onlooker):
             "directory": directory.name,
             "rig_time_s": campaign.rig_time_s,
             "begun_ns": time.time_ns(),
+            "pausing": False,
+            "held": [],
         }
         self._tests = {
             test.name: {
@@ -99,6 +104,19 @@ class StreamedRun(Observer, Onlooker):
             self._note(outcome)
         self._list_tests(last=True)
 
+    def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
+        """Tell what keeps the next test from beginning."""
+        self._inner.campaign_stands(pausing=pausing, held=held)
+        with self._lock:
+            self._campaign |= {"pausing": pausing, "held": list(held)}
+        self._list_tests(last=True)
+
+    def campaign_ends(self, exit_code: int, reason: str) -> None:
+        """Keep what is told last of all, once the rig is safe."""
+        self._inner.campaign_ends(exit_code, reason)
+        with self._lock:
+            self._campaign |= {"exit_code": exit_code, "reason": reason}
+
     def rig_tells(self, text: str) -> None:
         """Tell what the operator is told."""
         self._inner.rig_tells(text)
@@ -108,7 +126,8 @@ class StreamedRun(Observer, Onlooker):
         """Tell of a test that begins."""
         self._inner.test_begins(number, test)
         self._number, self._test, self._decision = number, test, None
-        self._tests.setdefault(test.name, {"name": test.name})["status"] = "running"
+        with self._lock:
+            self._tests.setdefault(test.name, {"name": test.name})["status"] = "running"
         self._list_tests(last=False)
         self._tell_progress(0.0)
 
@@ -158,11 +177,12 @@ class StreamedRun(Observer, Onlooker):
         self.stream.event("test", kind, text, time_s)
 
     def _note(self, outcome: TestOutcome) -> None:
-        self._tests.setdefault(outcome.name, {"name": outcome.name}).update(
-            status=str(outcome.status),
-            verdict=outcome.decision.verdict if outcome.decision else "",
-            message=outcome.message,
-        )
+        with self._lock:
+            self._tests.setdefault(outcome.name, {"name": outcome.name}).update(
+                status=str(outcome.status),
+                verdict=outcome.decision.verdict if outcome.decision else "",
+                message=outcome.message,
+            )
 
     def _decided(self, time_s: float, decision: Decision) -> dict[str, Any]:
         interval = decision.interval_m3_per_s
@@ -196,5 +216,6 @@ class StreamedRun(Observer, Onlooker):
         self._unlisted = True
         if last or now - self._listed_at >= CAMPAIGN_S:
             self._listed_at, self._unlisted = now, False
-            tests = [dict(test) for test in self._tests.values()]
-            self.stream.tell("campaign", {**self._campaign, "tests": tests})
+            with self._lock:
+                tests = [dict(test) for test in self._tests.values()]
+                self.stream.tell("campaign", {**self._campaign, "tests": tests})

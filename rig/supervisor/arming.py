@@ -28,9 +28,17 @@ WITHIN_LIMITS_M: Final = 0.02
 def arm(rig: ConnectedRig) -> None:
     """Load the pump, shut the bypasses, and have the operator enable the valve.
 
+    Nothing is loaded while the emergency stop is open.
+
     Raises:
-        TripError: something is not where it should be, nobody pressed reset, a trip or a stop.
+        TripError: the emergency stop is open, something is not where it should be, nobody pressed
+            reset, a trip or a stop.
     """
+    rig.wait(
+        lambda: np.isfinite(rig.latest("position_m")), ANSWER_S,
+        "no sample came", "check the I/O device",
+    )  # fmt: skip
+    rig.handle(Event.ARM)
     wanted = {
         "pump_load": 1.0,
         "drive_target": float(DriveState.ACTIVE),
@@ -42,11 +50,6 @@ def arm(rig: ConnectedRig) -> None:
         "pump, valve drive or bypass valves are not where they were asked to be",
         "look at them, and at what they report",
     )  # fmt: skip
-    rig.wait(
-        lambda: np.isfinite(rig.latest("position_m")), ANSWER_S,
-        "no sample came", "check the I/O device",
-    )  # fmt: skip
-    rig.handle(Event.ARM)
     rig.switch_to(
         rig.segment(
             Drive.HOLD, reset_lamp=True, rearm=True, reset=True, homed=rig.configured.homing is None

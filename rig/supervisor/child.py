@@ -21,14 +21,18 @@ from pathlib import Path
 from typing import Any, Final
 
 from rig.loop.board import Board
+from rig.loop.trip import TripError
 from rig.surviving import Surviving, failure
 
 _GRACE_S: Final = 10.0
 """How long a child may take to end by itself before it is killed."""
 
 
-class ChildError(Exception):
-    """A child that ended, or does not answer; the message names it."""
+class ChildError(TripError):
+    """A child that ended, or does not answer; the message names it.
+
+    To whoever it stops the rig has tripped: the watch sees the same, and makes it safe.
+    """
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from . import field
 from .child import Child, ChildError, News
 from .driven import Driven
 from .onlooker import Onlooker
-from .states import VALVE_ENABLED, Conditions, Event, SessionState, State
+from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, SessionState, State
 from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
 from .watch import Parts, Watch, trips_of
 
@@ -229,10 +229,16 @@ class ConnectedRig:
         """Go to the next state.
 
         Raises:
-            IllegalTransition: the state machine refuses, with the reason.
+            TripError: the state machine refuses, with the reason, or the rig has tripped meanwhile.
         """
         self.note("session", event.value)
-        self._state.handle(event, self._conditions())
+        try:
+            self._state.handle(event, self._conditions())
+        except IllegalTransition as refused:
+            if self.has_tripped:
+                raise self.tripped() from None
+            what = f"{event.value!r} was refused while {refused.state.value}"
+            raise TripError(f"{refused.reason} ({what})") from None
         self._onlooker.came_to(self.state.value)
 
     def _conditions(self) -> Conditions:
@@ -420,20 +426,31 @@ class ConnectedRig:
         return not (enabled == 1.0 or abs(command) > NULL_V)
 
     def leave(self) -> None:
-        """Bring everything to its safe state, and end the processes."""
+        """Bring everything to its safe state, and end the processes.
+
+        Raises:
+            TripError: the rig tripped, and nobody was told of it yet, or something is not safe.
+        """
+        ended: TripError | None = None
+        unsafe: dict[str, str] = {}
         try:
             if not self._watch.tripped:
                 self.ramp_down()
             if not self._watch.tripped:
-                self._make_field_safe()
+                unsafe |= self._make_field_safe()
             if self._watch.tripped and self._report is None:
-                self.say(str(self.tripped()))
+                ended = self.tripped()
         finally:
             self._watch.stop()
-            self._close_loop()
+            unsafe |= self._close_loop()
             self._end_parts()
             self._complete_report()
         self.handle(Event.DISCONNECT)
+        if ended is None and unsafe:
+            told = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
+            ended = TripError(f"{told}; look at the rig before going near it")
+        if ended is not None:
+            raise ended
 
     def _complete_report(self) -> None:
         """Write a trip report anew that does not tell all of what another master did."""
@@ -444,16 +461,16 @@ class ConnectedRig:
                 self._report, self._directory, self.say, self._reported
             )
 
-    def _make_field_safe(self) -> None:
+    def _make_field_safe(self) -> Mapping[str, str]:
+        """Have the slow drivers safe; return what each could not do, by its name."""
         try:
             safety: field.Safety = self.ask(self.parts.field, field.Safe(), SAFE_S)
         except ChildError as error:
             self.note("field", str(error))
             self._watch.trip(Cause.FIELD_LOST)
-            return
-        for driver, failure in safety.failures.items():
-            self.say(f"{driver}: not safe: {failure}")
+            return {}
         self._let_it_be_seen()
+        return safety.failures
 
     def _let_it_be_seen(self) -> None:
         """Have the loop's rows show what is safe now, before there are no more of them."""
@@ -463,14 +480,14 @@ class ConnectedRig:
             self._watch.alive()
             time.sleep(POLL_S)
 
-    def _close_loop(self) -> None:
+    def _close_loop(self) -> Mapping[str, str]:
+        """Have the loop close its device; return why that is not safe, if it is not."""
         try:
             closed: orders.Closed = self.parts.loop.ask(orders.Close(), ANSWER_S)
         except ChildError as error:
             self.note("loop", str(error))
-            return
-        if closed.failure:
-            self.say(f"loop: not safe: {closed.failure}")
+            return {}
+        return {"loop": closed.failure} if closed.failure else {}
 
     def _end_parts(self) -> None:
         for part in (self.parts.loop, self.parts.field, self.parts.recorder):

@@ -16,7 +16,7 @@ from rig.loop.wire_loop import WireLoop
 
 from . import recorder
 from .child import Child, ChildError
-from .states import Event, IllegalTransition
+from .states import Event
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class _Session(Protocol):
         """Bring the bypass valves to where a test begins, and schedule its faults."""
 
     def begin(self, event: Event) -> None:
-        """Ask the state machine for the next step of a test."""
+        """Ask the state machine for the next step of a test; `TripError` if it refuses."""
 
     def going_on(self) -> None:
         """Show the watch that the supervisor works; raise `TripError` after a trip."""
@@ -84,8 +84,6 @@ class HardwareTest:
             self._wire.position()
         except LoopStoppedError as error:
             raise self._session.stopped(error) from None
-        except IllegalTransition as error:
-            raise TripError(str(error)) from None
 
     def inject(self) -> None:
         """Bring the bypass valves to where the test begins, and schedule its faults.
@@ -98,8 +96,6 @@ class HardwareTest:
             self._session.begin(Event.POSITIONED)
         except LoopStoppedError as error:
             raise self._session.stopped(error) from None
-        except IllegalTransition as error:
-            raise TripError(str(error)) from None
 
     def advance(self, ticks: int) -> Array:
         """Return the rows of the next ticks; see `rig.runner.bench.Loop`.
@@ -108,10 +104,7 @@ class HardwareTest:
             TripError: the rig tripped, or left the motion that was asked for.
         """
         if not self._begun:
-            try:
-                self._session.begin(Event.RUN)
-            except IllegalTransition as error:
-                raise TripError(str(error)) from None
+            self._session.begin(Event.RUN)
             self._begun = True
         self._session.going_on()
         try:

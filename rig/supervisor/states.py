@@ -195,11 +195,12 @@ class IllegalTransition(Exception):  # noqa: N818 (a refusal, not a failure)
     Attributes:
         state: in which it was refused.
         event: what was refused.
+        reason: why, with what to do.
         allowed: events that the table knows in that state.
     """
 
     def __init__(self, state: State, event: Event, reason: str) -> None:
-        self.state, self.event = state, event
+        self.state, self.event, self.reason = state, event, reason
         self.allowed = allowed_events(state)
         names = ", ".join(each.value for each in self.allowed)
         super().__init__(f"{event.value!r} while {state.value}: {reason}; allowed: {names}")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.io.signals import METERS
-from rig.loop.trip import LoopStoppedError, TripError
+from rig.loop.trip import LoopStoppedError
 from rig.loop.wire_layout import Drive
 from rig.loop.wire_loop import WireLoop
 from rig.plant.integrator import TICK
@@ -18,7 +18,7 @@ from rig.plant.integrator import TICK
 from .arming import SETTLE_S
 from .connected_rig import ConnectedRig
 from .moves import preparing_moves
-from .states import Event, IllegalTransition
+from .states import Event
 
 Array = NDArray[np.float64]
 
@@ -108,8 +108,6 @@ class Strokes:
             rig.handle(Event.DONE)
         except LoopStoppedError as error:
             raise rig.stopped(error) from None
-        except IllegalTransition as error:
-            raise TripError(str(error)) from None
         return _samples(np.concatenate(rows), wire.channels)
 
 

@@ -5,7 +5,6 @@ waits for the parts that are alive to confirm, and does by connections of its ow
 again and again for as long as it lives.
 """
 
-import errno
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -18,6 +17,7 @@ from rig.io.registry import DriverSpec
 from rig.io.settings import LoopSettings
 from rig.loop.board import Board, Word
 from rig.loop.ladder import Cause
+from rig.loop.trip import FULL
 from rig.surviving import Surviving, failure
 
 from .child import Child
@@ -33,9 +33,6 @@ NULL_WAIT_S: Final = 0.5
 
 FIELD_WAIT_S: Final = 10.0
 """How long the field process may take to have bypasses shut and pump unloaded confirmed."""
-
-FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Exit codes of a recorder whose file cannot grow: no space, or its user's quota or limit."""
 
 TRIPS: Final = {
     "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),

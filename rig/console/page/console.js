@@ -3,6 +3,7 @@
 import { Chart } from "./chart.js";
 import { ask } from "./dialog.js";
 import { Link } from "./link.js";
+import { standing } from "./standing.js";
 import * as views from "./views.js";
 import { clock, element, lasted } from "./words.js";
 
@@ -99,7 +100,7 @@ function render() {
     dirty.add("campaign");
   }
   if (["campaign", "progress"].some((name) => dirty.has(name))) views.queue(link);
-  if (["decision", "progress"].some((name) => dirty.has(name))) views.judged(link);
+  if (["decision", "progress", "campaign"].some((name) => dirty.has(name))) views.judged(link);
   if (["events", "notices"].some((name) => dirty.has(name))) views.happened(link);
   dirty.clear();
   alive();
@@ -130,30 +131,32 @@ function alive() {
   pill.className = `pill ${how}`;
   const stale = lost || !life || life.life !== "live";
   document.body.classList.toggle("stale", stale);
-  banners(lost, silent, life);
+  stands(lost, silent);
+  banners(life);
 }
 
-function banners(lost, silent, life) {
+function stands(lost, silent) {
+  const [tone, word, why] = standing(link, lost, silent);
+  const key = JSON.stringify([tone, word, why]);
+  if (stands.shown === key) return;
+  stands.shown = key;
+  by("standing").className = `banner ${tone}`;
+  by("standing-word").textContent = word;
+  by("standing-why").textContent = why;
+  // A long reason is cut on the screen, and whole where a hand or a reader looks for it.
+  by("standing").title = why;
+}
+
+function banners(life) {
   const told = [];
   if (stopTold) told.push(stopTold);
-  if (lost && link.heardAt) {
-    told.push(["bad", "The console does not answer", `for ${lasted(silent / 1000)}. What is shown is what was; stop the rig at the rig.`]);
-  } else if (life?.life === "dead") {
-    told.push(["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.`]);
-  }
   const { interlocks, progress } = link.sections;
-  const first = interlocks?.first_out?.[0];
-  if (first) {
-    told.push(["bad", `Tripped: ${first.sentence}`, `First out: ${first.by}, ${first.cause}. Remedy: ${first.remedy}.`]);
-  } else if (interlocks?.sentence) {
+  if (life?.life === "live" && interlocks?.sentence && !interlocks.first_out.length && life.state !== "holding") {
     told.push(["warn", interlocks.action, interlocks.sentence]);
   }
   const run = views.underWay(link);
-  if (run && !run.rig) {
+  if (run && !run.rig && life?.life === "live") {
     told.push(["warn", `${run.name} is under way`, `started here, as ${run.folder}; its rig is not heard yet, or no longer.`]);
-  }
-  if (life?.state === "arming" && life.life === "live") {
-    told.push(["warn", "Waiting for the reset button", "Press reset at the rig while its lamp is lit."]);
   }
   const key = JSON.stringify([told, progress?.number]);
   if (banners.shown === key) return;
@@ -186,7 +189,12 @@ function actions() {
     start: canStart && launch.offers.length > 0 && !isLive && !views.underWay(link),
     reset: canStart && launch.unfinished.length > 0 && !isLive && !views.underWay(link),
   };
-  for (const name of ["hold", "resume", "skip", "retry", "acknowledge", "note", "abort"]) may[name] = isLive;
+  for (const name of ["acknowledge", "note", "abort"]) may[name] = isLive;
+  // What the campaign's desk would refuse is not offered.
+  may.hold = isLive && !campaign.pausing;
+  may.resume = isLive && campaign.pausing;
+  may.skip = isLive && skippable().length > 0;
+  may.retry = isLive && repeatable().length > 0;
   for (const button of document.querySelectorAll("[data-do]")) {
     button.disabled = !isMine() || !may[button.dataset.do];
   }
@@ -206,7 +214,8 @@ function toast(text, how = "") {
 
 async function order(name, told) {
   const answer = await link.order(name, told);
-  toast(answer.accepted ? `${name[0].toUpperCase()}${name.slice(1)}: obeyed` : `${name}: ${answer.reason}`, answer.accepted ? "" : "bad");
+  const done = ["start", "go on"].includes(name) ? "is on its way; its state stands at the top" : "obeyed";
+  toast(answer.accepted ? `${name[0].toUpperCase()}${name.slice(1)}: ${done}` : `${name}: ${answer.reason}`, answer.accepted ? "" : "bad");
   return answer;
 }
 
@@ -235,7 +244,9 @@ document.addEventListener("keydown", (event) => {
 }, { capture: true });
 
 const tests = () => link.sections.campaign?.tests ?? [];
-const present = () => link.sections.progress?.name;
+const present = () => tests().find((test) => test.status === "running")?.name;
+const skippable = () => tests().filter((test) => !test.status || test.name === present());
+const repeatable = () => tests().filter((test) => test.status);
 const DIALOGS = {
   start: () => ({
     title: "Start a campaign", confirm: "Start",
@@ -248,19 +259,19 @@ const DIALOGS = {
     choice: { label: "Run", options: link.common.launch.unfinished.map((run) => [run.folder, `${run.campaign} (${run.folder})`]) },
   }),
   hold: () => ({ title: "Hold the campaign", confirm: "Hold", remark: "Remark (recorded)",
-    text: `It pauses after the present test, ${present() ?? ""}, with the ram held.` }),
+    text: present() ? `It pauses after the present test, ${present()}, with the ram held.` : "The next test does not begin; the ram stays held." }),
   resume: () => ({ title: "Resume the campaign", confirm: "Resume", remark: "Remark (recorded)", text: "The next test begins: the ram moves." }),
   skip: () => ({
     title: "Skip a test", confirm: "Skip", remark: "Remark (recorded)",
     text: "The present test ends at once; another one is not run. It counts as skipped.",
-    choice: { label: "Test", options: tests().filter((test) => !test.status || test.name === present())
+    choice: { label: "Test", options: skippable()
       .map((test) => [test.name, test.name === present() ? `${test.name} (runs)` : test.name])
       .sort((one) => (one[0] === present() ? -1 : 0)) },
   }),
   retry: () => ({
     title: "Run a test again", confirm: "Retry", remark: "Remark (recorded)",
     text: "The present test begins anew; one that has ended is run again. What was found before does not count.",
-    choice: { label: "Test", options: tests().filter((test) => test.status || test.name === present())
+    choice: { label: "Test", options: repeatable()
       .map((test) => [test.name, test.name === present() ? `${test.name} (runs)` : `${test.name} (${test.status})`])
       .sort((one) => (one[0] === present() ? -1 : 0)) },
   }),

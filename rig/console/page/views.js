@@ -141,7 +141,9 @@ const now = (sections, status) => (status === "running" && sections.life?.life =
 
 export function campaign({ sections }) {
   const told = sections.campaign ?? {};
-  by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, told.status)}` : "none";
+  const pauses = told.status === "running" && told.pausing;
+  const status = pauses ? "to be held" : told.status === "running" && told.held?.length ? "held" : told.status;
+  by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, status)}` : "none";
   by("campaign-more").textContent = told.name
     ? `rig ${told.rig}, model ${told.model}, filter ${told.filter}; begun ${clock(told.begun_ms)}, ${lasted(told.rig_time_s)} of rig time` : "";
 }
@@ -179,7 +181,13 @@ export function judged({ sections }) {
   const chance = told?.probabilities?.[name];
   by("verdict").textContent = name ? verdict(name) : "None yet";
   const expected = sections.progress?.expect;
-  by("verdict").className = name && name === expected && tone(name) === "fault" ? "found" : tone(name);
+  const { campaign: shown } = sections;
+  const ended = shown?.status === "ended";
+  const unclear = ended && (shown.tests ?? []).some((test) => test.status !== "passed");
+  by("verdict-title").textContent = ended && name ? `Last verdict, of ${told.test}` : "Verdict";
+  // What a detector held last is no good news of a campaign that did not come out well.
+  by("verdict").className = name && name === expected && tone(name) === "fault" ? "found"
+    : unclear && tone(name) === "good" ? "open" : tone(name);
   const parts = [];
   if (chance !== undefined && chance !== null) parts.push(chance > 0.999 ? "over 99.9 %" : `${figure(100 * chance, 1)} %`);
   if (told?.suspected) parts.push(`suspected: ${verdict(told.suspected)}`);

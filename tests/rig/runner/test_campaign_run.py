@@ -219,26 +219,6 @@ def test_the_position_loop_has_the_rig_s_own_gain_and_command_limit(
     assert np.abs(asked).max() > 2.0
 
 
-def test_a_full_disk_is_an_error_of_the_test_that_met_it(
-    tmp_path: Path,
-    rig: Rig,
-    make_test: MakeTest,
-    make_campaign: MakeCampaign,
-    made_safe: list[SimulatedLoop],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def refuse(writer: McapWriter, rows: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as full:
-        full.setattr(McapWriter, "write", refuse)
-        outcome = run_campaign(make_campaign(make_test()), rig, tmp_path)
-    assert outcome.tests[0].status == Status.ERROR
-    assert "No space left" in outcome.tests[0].message
-    assert made_safe
-    assert results_in(tmp_path)["tests"][0]["status"] == "error"
-
-
 def test_a_stop_while_the_ram_is_positioned_is_no_trip(
     tmp_path: Path,
     rig: Rig,

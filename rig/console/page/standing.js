@@ -1,0 +1,96 @@
+// How the rig stands, in a word and a sentence: what the page says first, and says only once.
+
+import { lasted } from "./words.js";
+import { underWay } from "./views.js";
+
+const STARTING = {
+  __proto__: null,
+  connecting: ["Connecting", "Devices are opened and verified; nothing moves yet."],
+  disarmed: ["Disarmed", "Connected; the valve is at null and disabled."],
+  arming: ["Arming", "The pump is loaded; then press reset at the rig, while its lamp is lit."],
+  "not homed": ["Not homed", "The valve is enabled; the ram rests until it is homed."],
+  homing: ["Homing", "The ram looks for its stroke end, slowly."],
+  "ramping down": ["Coming to rest", "The motion is brought to rest, then the valve is disabled."],
+};
+
+const several = (tests) => tests.map((test) => test.name).join(", ");
+const sentence = (text) => (text && !/[.!?]$/.test(text) ? `${text}.` : text ?? "");
+const trip = ({ sentence: what, remedy, by, cause }) => `${sentence(what)} Remedy: ${sentence(remedy)} First out: ${by}, ${cause}.`;
+const of = (tests, ...statuses) => tests.filter((test) => statuses.includes(test.status));
+
+// What waits before the next test: an operator's pause, or conditions that are not met.
+export const waits = ({ pausing, held } = {}) => Boolean(pausing) || (held?.length ?? 0) > 0;
+
+// A run that was started here, has ended badly, and never came to be the one that is shown.
+function failedStart({ common, sections }) {
+  const last = common.launch?.last;
+  const campaign = sections.campaign;
+  if (!last?.exit_code || last.folder === campaign?.directory) return null;
+  return last.started_ms >= (campaign?.begun_ms ?? 0) ? last : null;
+}
+
+function ended({ campaign, interlocks }) {
+  const tests = campaign.tests ?? [];
+  const failed = of(tests, "failed", "error");
+  const count = `${failed.length} of ${tests.length} ${tests.length === 1 ? "test" : "tests"}`;
+  const first = interlocks?.first_out?.[0];
+  const tripped = of(tests, "tripped")[0];
+  const begun = tests.some((test) => test.status && test.status !== "not_run");
+  const also = failed.length ? ` ${count} failed: ${several(failed)}.` : "";
+  if (first) return ["bad", "Tripped", trip(first) + also];
+  if (tripped) return ["bad", "Tripped", sentence(tripped.message) + also];
+  if (campaign.exit_code === 3 && !begun) return ["bad", "Not started", sentence(campaign.reason)];
+  const incomplete = tests.filter((test) => !test.status || ["aborted", "interrupted", "not_run", "running"].includes(test.status));
+  if (incomplete.length || campaign.exit_code === 3) {
+    const left = incomplete.length ? `${incomplete.length} of ${tests.length} tests did not come to their end.` : "";
+    return ["warn", "Stopped", `${campaign.reason ? `By ${sentence(campaign.reason)} ` : ""}${left}${also}`];
+  }
+  if (failed.length) return ["bad", `Ended, ${count} failed`, `${several(failed)}.`];
+  const skipped = of(tests, "skipped");
+  if (skipped.length) return ["warn", `Ended, ${skipped.length} skipped`, `${several(skipped)}; all others passed.`];
+  return ["good", "Ended, all passed", tests.length === 1 ? "Its one test came out as expected." : `${tests.length} tests came out as expected.`];
+}
+
+function live({ life, campaign, progress, interlocks }) {
+  const first = interlocks?.first_out?.[0];
+  if (first) return ["bad", "Tripped", trip(first)];
+  if (life.state === "tripped") return ["bad", "Tripped", "The rig is being made safe."];
+  if (campaign?.status !== "running") return ["off", "Idle", "No campaign runs on this rig."];
+  const tests = campaign.tests ?? [];
+  const failed = of(tests, "failed", "error");
+  const also = failed.length ? ` Failed so far: ${several(failed)}.` : "";
+  const runs = of(tests, "running")[0];
+  if (life.state === "holding") return ["bad", "Held by the interlock", sentence(interlocks?.sentence)];
+  if (STARTING[life.state]) return ["warn", ...STARTING[life.state]];
+  if (!runs && waits(campaign)) {
+    const why = campaign.held.length ? `${campaign.held.map(sentence).join(" ")}` : "An operator has asked for it; Resume goes on.";
+    return ["warn", "Held", `The ram is held between two tests. ${why}${also}`];
+  }
+  if (!runs) return ["live", "Between tests", `${campaign.name}.${also}`];
+  const where = `${progress?.number ?? "-"} of ${progress?.count ?? tests.length}: ${sentence(runs.name)}`;
+  if (campaign.pausing) return ["warn", "Running, to be held", `Test ${where} The ram is held after it; Resume takes that back.${also}`];
+  return [failed.length ? "warn" : "live", "Running", `Test ${where}${also}`];
+}
+
+// Returns tone, word and sentence.
+export function standing(link, lost, silent) {
+  const { sections, common } = link;
+  const { life, campaign } = sections;
+  if (lost && !link.heardAt) return ["off", "Connecting", "The console is being asked."];
+  if (lost) return ["bad", "The console does not answer", `for ${lasted(silent / 1000)}. What is shown is what was; stop the rig at the rig.`];
+  if (life?.life === "live") return live(sections);
+  const run = underWay(link);
+  // One that is heard is shown by what its rig says, and has said that it ended while it writes its report.
+  if (run && !(life && run.folder === campaign?.directory && campaign.begun_ms >= run.started_ms)) {
+    return ["warn", `Starting ${run.name}`, run.said ? sentence(run.said) : "What it runs is loaded and compiled; its rig is not heard yet."];
+  }
+  const failed = failedStart(link);
+  if (failed) return ["bad", `${failed.name} did not start`, sentence(failed.reason || failed.ending)];
+  if (life?.life === "dead") {
+    const first = sections.interlocks?.first_out?.[0];
+    return ["bad", "The stream is dead", `for ${lasted(life.age_s)}. What is shown is what was.${first ? ` It had tripped: ${trip(first)}` : ""}`];
+  }
+  if (campaign?.name && life) return ended(sections);
+  if (life && life.life !== "unheard") return ["off", "Idle", "No campaign runs on this rig."];
+  return ["off", "No rig is heard", common.launch?.allowed ? "None runs yet: take control, and start a campaign." : "None runs on this stream yet."];
+}

@@ -1,0 +1,207 @@
+"""State, outcome and reason stand at the top of the page, and nothing on it says otherwise."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from .conftest import WAIT_MS
+from .fakes import RUNNING
+from .site import TOKEN, Site
+
+expect.set_options(timeout=WAIT_MS)
+SIZES = {"desk": {"width": 1280, "height": 720}, "phone": {"width": 420, "height": 900}}
+TRIP = {"by": "loop", "cause": "ESTOP_OPEN", "sentence": "the emergency stop is open",
+        "remedy": "make the rig safe, release the button, press reset", "after_s": 0.0}  # fmt: skip
+TRIPPED = {"trips": {"first_out": [TRIP], "confirmed": {"valve null": 0.001}}}
+REASON = "the rig: the emergency stop is open: make the rig safe and release its button"
+EARLIER, LATER = 10**18, 10**18 + 10**12
+HEALTHY = {"verdict": "healthy", "test": 2, "name": "leak", "time_s": 40.0}
+
+Site_ = Callable[[Site], None]
+
+
+def a_test(name: str, status: str, **more: Any) -> dict[str, Any]:
+    return {"name": name, "expect": "healthy", "status": status, "verdict": "healthy", **more}
+
+
+def campaign(*statuses: str, **more: Any) -> dict[str, Any]:
+    names = ("healthy", "leak", "late")
+    tests = [a_test(name, status) for name, status in zip(names, statuses, strict=False)]
+    return {**RUNNING.campaign, "tests": tests, **more}
+
+
+def rig(**changed: Any) -> Site_:
+    return lambda site: site.client.become("bench", **changed)
+
+
+def ended(*statuses: str, health: dict[str, Any] | None = None, **more: Any) -> Site_:
+    over = campaign(*statuses, status="ended", **more)
+    return rig(alive=False, campaign=over, health=health or {}, decision=HEALTHY, age_s=9.0)
+
+
+def in_state(state: str, *statuses: str, **more: Any) -> Site_:
+    return rig(state={"state": state}, campaign=campaign(*(statuses or ("running", "")), **more))
+
+
+def launched(last: dict[str, Any] | None, before: Site_) -> Site_:
+    told = {"name": "leaks", "folder": "leaks-2", "started_ms": LATER // 10**6, "reason": "",
+            "ending": "", "said": "", "exit_code": None}  # fmt: skip
+    offer = {"name": "leaks", "description": "", "tests": 2, "rig": "bench"}
+
+    def set_up(site: Site) -> None:
+        before(site)
+        site.console.launcher.content = lambda: {  # type: ignore[method-assign]
+            "allowed": True, "offers": [offer], "unfinished": [],
+            "last": None if last is None else told | last,
+        }  # fmt: skip
+
+    return set_up
+
+
+def nobody(site: Site) -> None:
+    site.client.shots.clear()
+
+
+COMPILING = "loop: being compiled, once for each version of this program"
+STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
+    "no rig": (launched(None, nobody), "off", "No rig is heard", "start a campaign", {"start"}),
+    "idle": (rig(campaign={}, progress={}), "off", "Idle", "No campaign runs", {"start"}),
+    "compiling": (
+        launched({"said": COMPILING}, nobody), "warn", "Starting leaks", "being compiled", set()
+    ),
+    "connecting": (in_state("connecting", "", ""), "warn", "Connecting", "opened", {"hold"}),
+    "arming": (in_state("arming", "", ""), "warn", "Arming", "press reset at the rig", {"hold"}),
+    "homing": (in_state("homing", "", ""), "warn", "Homing", "stroke end", {"hold"}),
+    "running": (
+        in_state("running"), "live", "Running", "1 of 1: healthy", {"hold", "skip", "retry"}
+    ),
+    "to be held": (
+        in_state("running", pausing=True), "warn", "Running, to be held", "after it",
+        {"resume", "skip", "retry"},
+    ),
+    "held": (
+        in_state("armed", "passed", "", pausing=True), "warn", "Held", "Resume goes on",
+        {"resume", "skip", "retry"},
+    ),
+    "held by a condition": (
+        in_state("armed", "passed", "", held=["supply_pressure_Pa has no reading"]), "warn",
+        "Held", "supply_pressure_Pa has no reading.", {"hold", "skip", "retry"},
+    ),
+    "held by a limit": (
+        rig(state={"state": "holding"},
+            health={"action": "hold", "sentence": "position_m is above its limit"}),
+        "bad", "Held by the interlock", "position_m is above its limit.", {"hold", "retry"},
+    ),
+    "tripped": (
+        rig(state={"state": "tripped"}, health=TRIPPED), "bad", "Tripped", "press reset. First",
+        {"hold", "retry"},
+    ),
+    "aborted": (
+        ended("aborted", "", exit_code=3, reason="Anna: enough"), "warn", "Stopped",
+        "By Anna: enough. 2 of 2 tests did not come to their end.", {"start"},
+    ),
+    "ended by a trip": (
+        ended("tripped", "", exit_code=3, reason="a trip", health=TRIPPED), "bad", "Tripped",
+        "the emergency stop is open. Remedy: make the rig safe", {"start"},
+    ),
+    "not started": (
+        ended("", "", exit_code=3, reason=REASON), "bad", "Not started",
+        "the emergency stop is open: make the rig safe and release its button.", {"start"},
+    ),
+    "failed start after a trip": (
+        launched(
+            {"exit_code": 2, "reason": "daq: nobody answers; switch it on"},
+            ended("tripped", "", exit_code=3, reason="a trip", health=TRIPPED),
+        ),
+        "bad", "leaks did not start", "daq: nobody answers; switch it on.", {"start"},
+    ),
+    "all passed": (
+        ended("passed", "passed", exit_code=0), "good", "Ended, all passed",
+        "2 tests came out as expected.", {"start"},
+    ),
+    "failed": (
+        ended("passed", "failed", exit_code=1), "bad", "Ended, 1 of 2 tests failed", "leak.",
+        {"start"},
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture
+def come(browser: Browser, site: Site) -> Iterator[Callable[[str, Site_], Page]]:
+    """Set a console up, and return the page of somebody who has control, on a screen of a size."""
+    opened: list[Page] = []
+
+    def come(size: str, set_up: Site_) -> Page:
+        launched(None, lambda site: None)(site)
+        set_up(site)
+        context = browser.new_context(viewport=SIZES[size])  # type: ignore[arg-type]
+        context.set_default_timeout(WAIT_MS)
+        page = context.new_page()
+        opened.append(page)
+        page.goto(site.origin)
+        page.fill("[name=name]", "Anna")
+        page.fill("[name=token]", TOKEN)
+        page.keyboard.press("Enter")
+        page.locator("#seat-button").click()
+        expect(page.locator("#seat")).to_have_text("you have control")
+        return page
+
+    yield come
+    for page in opened:
+        page.context.close()
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("size", SIZES)
+def test_state_outcome_and_reason_stand_above_the_fold(
+    come: Callable[[str, Site_], Page], size: str, state: str
+) -> None:
+    set_up, tone, word, why, enabled = STATES[state]
+    page = come(size, set_up)
+    expect(page.locator("#standing-word")).to_have_text(word)
+    expect(page.locator("#standing-why")).to_contain_text(why)
+    expect(page.locator("#standing")).to_have_class(f"banner {tone}")
+    box = page.locator("#standing").bounding_box()
+    stop = page.locator("#stop").bounding_box()
+    assert box is not None
+    assert stop is not None
+    height = SIZES[size]["height"]
+    assert box["y"] >= 0
+    assert box["y"] + box["height"] <= 0.5 * height
+    assert stop["y"] >= 0
+    assert stop["y"] + stop["height"] <= height + 1
+    assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[size]["width"]
+    for button in ("start", "hold", "resume", "skip", "retry"):
+        where = page.locator(f"[data-do={button}]")
+        expect(where).to_be_enabled() if button in enabled else expect(where).to_be_disabled()
+    if tone == "bad":
+        expect(page.locator("#verdict.good")).to_have_count(0)
+    pictures = os.environ.get("STANDING_PICTURES")
+    if pictures:
+        page.screenshot(path=Path(pictures) / f"{state.replace(' ', '_')}-{size}.png")
+
+
+def test_a_console_that_has_no_news_is_not_taken_for_one_that_is_lost(
+    come: Callable[[str, Site_], Page], site: Site
+) -> None:
+    page = come("desk", nobody)
+    expect(page.locator("#standing-word")).to_have_text("No rig is heard")
+    heard = "rigConsole.heardAt"
+    for _ in range(4):
+        before = page.evaluate(heard)
+        page.wait_for_function(f"{heard} > {before}")
+    assert page.locator("#standing-word").inner_text() == "No rig is heard"
+
+
+def test_a_console_that_is_lost_is_said_to_be_lost(
+    come: Callable[[str, Site_], Page], site: Site
+) -> None:
+    page = come("phone", nobody)
+    page.context.set_offline(True)
+    page.evaluate("rigConsole.socket.close()")
+    expect(page.locator("#standing-word")).to_have_text("The console does not answer")
+    expect(page.locator("#standing-why")).to_contain_text("stop the rig at the rig")
