@@ -44,6 +44,7 @@ def page(first: BrowserContext, console: Served) -> Page:
 
 def test_a_campaign_that_runs_is_shown_live(page: Page, pytestconfig: pytest.Config) -> None:
     expect(page.locator("#rig-name")).to_have_text("emulated")
+    expect(page.locator("#standing-word")).to_have_text("Running")
     expect(page.locator("#campaign-name")).to_have_text("leaks, running")
     expect(page.locator("#progress-text")).to_have_text("1 of 3: internal leak, 0.6 L/min")
     expect(page.locator("#state")).to_have_text("running")
@@ -105,6 +106,9 @@ def test_a_hold_is_asked_for_twice_and_then_obeyed(page: Page, stage: Stage) -> 
         if (entry := json.loads(line))["kind"] == "operator"
     ]  # fmt: skip
     assert [(entry["request"], entry["text"]) for entry in asked] == [("pause", "Anna: lunch")]
+    expect(page.locator("#standing-word")).to_have_text("Running, to be held")
+    expect(page.locator("[data-do=hold]")).to_be_disabled()
+    expect(page.locator("[data-do=resume]")).to_be_enabled()
 
 
 def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
@@ -125,6 +129,8 @@ def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
     assert "abort" in [event.kind for event in recording.events]
     expect(page.locator("#life")).to_contain_text("campaign ended")
     expect(page.locator("#tests")).to_contain_text("aborted")
+    expect(page.locator("#standing-word")).to_have_text("Stopped")
+    expect(page.locator("#standing-why")).to_contain_text("By Anna")
 
 
 def test_the_picture_of_the_readme_is_there() -> None:

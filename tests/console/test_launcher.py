@@ -126,6 +126,18 @@ def test_one_runs_at_a_time_and_its_end_is_told(
     assert said[-1] == "leaks has ended: killed by SIGKILL"
 
 
+def test_why_a_run_did_not_begin_is_told_as_its_journal_has_it(
+    launcher: Launcher, started: list[Process], running: Path
+) -> None:
+    assert launcher.content()["last"]["said"] == "is wrong"
+    end = {"kind": "end", "reason": "the rig: the emergency stop is open", "exit_code": 3}
+    (running / "journal.jsonl").write_text(json.dumps(end) + "\n")
+    started[0].exit_code = 3
+    launcher.look()
+    last = launcher.content()["last"]
+    assert (last["reason"], last["said"]) == ("the rig: the emergency stop is open", "")
+
+
 def test_runs_that_were_stopped_or_killed_can_be_gone_on_with(
     launcher: Launcher, started: list[Process], tmp_path: Path
 ) -> None:

@@ -281,6 +281,12 @@ def test_a_viewer_is_sent_everything_and_then_what_changes(site: Site) -> None:
         assert "campaign" not in later
 
 
+def test_a_viewer_hears_that_the_console_is_there_where_there_is_no_news(site: Site) -> None:
+    site.client.shots.clear()
+    with site.live(site.cookie()) as live:
+        assert [json.loads(live.recv(timeout=30)) for _ in range(6)].count({}) >= 2
+
+
 def test_a_viewer_that_comes_back_is_sent_everything_again(site: Site) -> None:
     who = site.cookie()
     site.order(who, order="take")

@@ -62,6 +62,10 @@ def launched(last: dict[str, Any] | None, before: Site_) -> Site_:
     return set_up
 
 
+def afresh(site: Site) -> None:
+    site.client.shots["bench"] = RUNNING
+
+
 def nobody(site: Site) -> None:
     site.client.shots.clear()
 
@@ -69,13 +73,19 @@ def nobody(site: Site) -> None:
 COMPILING = "loop: being compiled, once for each version of this program"
 STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     "no rig": (launched(None, nobody), "off", "No rig is heard", "start a campaign", {"start"}),
-    "idle": (rig(campaign={}, progress={}), "off", "Idle", "No campaign runs", {"start"}),
     "compiling": (
         launched({"said": COMPILING}, nobody), "warn", "Starting leaks", "being compiled", set()
     ),
-    "connecting": (in_state("connecting", "", ""), "warn", "Connecting", "opened", {"hold"}),
-    "arming": (in_state("arming", "", ""), "warn", "Arming", "press reset at the rig", {"hold"}),
-    "homing": (in_state("homing", "", ""), "warn", "Homing", "stroke end", {"hold"}),
+    "idle": (rig(campaign={}, progress={}), "off", "Idle", "No campaign runs", {"start"}),
+    "connecting": (
+        in_state("connecting", "", ""), "warn", "Connecting", "opened", {"hold", "skip"}
+    ),
+    "arming": (
+        in_state("arming", "", ""), "warn", "Arming", "press reset at the rig", {"hold", "skip"}
+    ),
+    "homing": (
+        in_state("homing", "", ""), "warn", "Homing", "stroke end", {"hold", "skip"}
+    ),
     "running": (
         in_state("running"), "live", "Running", "1 of 1: healthy", {"hold", "skip", "retry"}
     ),
@@ -94,11 +104,11 @@ STATES: dict[str, tuple[Site_, str, str, str, set[str]]] = {
     "held by a limit": (
         rig(state={"state": "holding"},
             health={"action": "hold", "sentence": "position_m is above its limit"}),
-        "bad", "Held by the interlock", "position_m is above its limit.", {"hold", "retry"},
+        "bad", "Held by the interlock", "position_m is above its limit.", {"hold", "skip", "retry"},
     ),
     "tripped": (
         rig(state={"state": "tripped"}, health=TRIPPED), "bad", "Tripped", "press reset. First",
-        {"hold", "retry"},
+        set(),
     ),
     "aborted": (
         ended("aborted", "", exit_code=3, reason="Anna: enough"), "warn", "Stopped",
@@ -155,34 +165,37 @@ def come(browser: Browser, site: Site) -> Iterator[Callable[[str, Site_], Page]]
         page.context.close()
 
 
-@pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("size", SIZES)
 def test_state_outcome_and_reason_stand_above_the_fold(
-    come: Callable[[str, Site_], Page], size: str, state: str
+    come: Callable[[str, Site_], Page], site: Site, size: str
 ) -> None:
-    set_up, tone, word, why, enabled = STATES[state]
-    page = come(size, set_up)
-    expect(page.locator("#standing-word")).to_have_text(word)
-    expect(page.locator("#standing-why")).to_contain_text(why)
-    expect(page.locator("#standing")).to_have_class(f"banner {tone}")
-    box = page.locator("#standing").bounding_box()
-    stop = page.locator("#stop").bounding_box()
+    page = come(size, nobody)
+    for state, (set_up, tone, word, why, enabled) in STATES.items():
+        launched(None, afresh)(site)
+        set_up(site)
+        expect(page.locator("#standing-word"), state).to_have_text(word)
+        expect(page.locator("#standing-why"), state).to_contain_text(why)
+        expect(page.locator("#standing"), state).to_have_class(f"banner {tone}")
+        for button in ("start", "hold", "resume", "skip", "retry"):
+            where = expect(page.locator(f"[data-do={button}]"), f"{button} when {state}")
+            where.to_be_enabled() if button in enabled else where.to_be_disabled()
+        if tone == "bad":
+            expect(page.locator("#verdict.good"), state).to_have_count(0)
+        height, width = SIZES[size]["height"], SIZES[size]["width"]
+        assert lowest(page, "#standing") <= 0.5 * height, state
+        assert lowest(page, "#stop") <= height + 1, state
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, state
+        pictures = os.environ.get("STANDING_PICTURES")
+        if pictures:
+            page.screenshot(path=Path(pictures) / f"{size}-{state.replace(' ', '_')}.png")
+
+
+def lowest(page: Page, selector: str) -> float:
+    """Return where the foot of an element is on the screen, all of which is on it."""
+    box = page.locator(selector).bounding_box()
     assert box is not None
-    assert stop is not None
-    height = SIZES[size]["height"]
     assert box["y"] >= 0
-    assert box["y"] + box["height"] <= 0.5 * height
-    assert stop["y"] >= 0
-    assert stop["y"] + stop["height"] <= height + 1
-    assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[size]["width"]
-    for button in ("start", "hold", "resume", "skip", "retry"):
-        where = page.locator(f"[data-do={button}]")
-        expect(where).to_be_enabled() if button in enabled else expect(where).to_be_disabled()
-    if tone == "bad":
-        expect(page.locator("#verdict.good")).to_have_count(0)
-    pictures = os.environ.get("STANDING_PICTURES")
-    if pictures:
-        page.screenshot(path=Path(pictures) / f"{state.replace(' ', '_')}-{size}.png")
+    return box["y"] + box["height"]
 
 
 def test_a_console_that_has_no_news_is_not_taken_for_one_that_is_lost(

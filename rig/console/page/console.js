@@ -181,7 +181,7 @@ function follow() {
 
 function actions() {
   follow();
-  const { life, campaign, progress } = link.sections;
+  const { life, campaign, progress, interlocks } = link.sections;
   const { seat, launch } = link.common;
   const isLive = life?.life === "live" && campaign?.status === "running";
   const canStart = launch?.allowed && !(isLive && launch.offers.length === 0);
@@ -190,11 +190,12 @@ function actions() {
     reset: canStart && launch.unfinished.length > 0 && !isLive && !views.underWay(link),
   };
   for (const name of ["acknowledge", "note", "abort"]) may[name] = isLive;
-  // What the campaign's desk would refuse is not offered.
-  may.hold = isLive && !campaign.pausing;
-  may.resume = isLive && campaign.pausing;
-  may.skip = isLive && skippable().length > 0;
-  may.retry = isLive && repeatable().length > 0;
+  // What would be refused, or come too late, is not offered.
+  const goesOn = isLive && life.state !== "tripped" && !interlocks?.first_out?.length;
+  may.hold = goesOn && !campaign.pausing;
+  may.resume = goesOn && campaign.pausing;
+  may.skip = goesOn && skippable().length > 0;
+  may.retry = goesOn && repeatable().length > 0;
   for (const button of document.querySelectorAll("[data-do]")) {
     button.disabled = !isMine() || !may[button.dataset.do];
   }

@@ -19,7 +19,7 @@ const trip = ({ sentence: what, remedy, by, cause }) => `${sentence(what)} Remed
 const of = (tests, ...statuses) => tests.filter((test) => statuses.includes(test.status));
 
 // What waits before the next test: an operator's pause, or conditions that are not met.
-export const waits = ({ pausing, held } = {}) => Boolean(pausing) || (held?.length ?? 0) > 0;
+const waits = ({ pausing, held } = {}) => Boolean(pausing) || (held?.length ?? 0) > 0;
 
 // A run that was started here, has ended badly, and never came to be the one that is shown.
 function failedStart({ common, sections }) {
@@ -92,5 +92,5 @@ export function standing(link, lost, silent) {
   }
   if (campaign?.name && life) return ended(sections);
   if (life && life.life !== "unheard") return ["off", "Idle", "No campaign runs on this rig."];
-  return ["off", "No rig is heard", common.launch?.allowed ? "None runs yet: take control, and start a campaign." : "None runs on this stream yet."];
+  return ["off", "No rig is heard", common.launch?.allowed ? "None runs yet. Whoever has control can start a campaign." : "None runs on this stream yet."];
 }

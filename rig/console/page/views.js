@@ -141,8 +141,8 @@ const now = (sections, status) => (status === "running" && sections.life?.life =
 
 export function campaign({ sections }) {
   const told = sections.campaign ?? {};
-  const pauses = told.status === "running" && told.pausing;
-  const status = pauses ? "to be held" : told.status === "running" && told.held?.length ? "held" : told.status;
+  const runs = (told.tests ?? []).some((test) => test.status === "running");
+  const status = told.status === "running" && !runs && (told.pausing || told.held?.length) ? "held" : told.status;
   by("campaign-name").textContent = told.name ? `${told.name}, ${now(sections, status)}` : "none";
   by("campaign-more").textContent = told.name
     ? `rig ${told.rig}, model ${told.model}, filter ${told.filter}; begun ${clock(told.begun_ms)}, ${lasted(told.rig_time_s)} of rig time` : "";

@@ -24,6 +24,7 @@ class ToldStream(Stream):
 
     def __init__(self) -> None:
         self.statuses: list[dict[str, str]] = []
+        self.told: list[Mapping[str, Any]] = []
 
     def attach(self, board: Board, channels: tuple[str, ...]) -> None:
         pass
@@ -33,6 +34,7 @@ class ToldStream(Stream):
 
     def tell(self, kind: str, content: Mapping[str, Any]) -> None:
         if kind == "campaign":
+            self.told.append(content)
             self.statuses.append({test["name"]: test["status"] for test in content["tests"]})
 
     def close(self) -> None:
@@ -96,3 +98,18 @@ def test_a_test_that_is_to_be_skipped_is_told_as_skipped(
     told = shown(campaign, rig, tmp_path, Asks(skip), desk=desk).statuses
     assert {"one": told[-1]["one"], "two": "skipped", "three": "running"} in told
     assert told[-1]["two"] == "skipped"
+
+
+def test_a_pause_is_told_when_it_is_asked_for_and_when_it_is_taken_back(
+    tmp_path: Path, rig: Rig, campaign: Campaign
+) -> None:
+    desk = Desk()
+
+    def pause_and_go_on() -> None:
+        desk.ask(Request.PAUSE, "Anna")
+        desk.ask(Request.RESUME, "Anna")
+
+    told = shown(campaign, rig, tmp_path, Asks(pause_and_go_on), desk=desk).told
+    pausing = [content["pausing"] for content in told]
+    assert (pausing[0], pausing.count(True) > 0, pausing[-1]) == (False, True, False)
+    assert (told[-1]["status"], told[-1]["exit_code"], told[-1]["reason"]) == ("ended", 0, "")
