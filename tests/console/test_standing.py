@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from .conftest import WAIT_MS
-from .fakes import RUNNING
+from .fakes import RUNNING, until
 from .site import TOKEN, Site
 
 expect.set_options(timeout=WAIT_MS)
@@ -156,6 +156,7 @@ def come(browser: Browser, site: Site) -> Iterator[Callable[[str, Site_], Page]]
         page.fill("[name=name]", "Anna")
         page.fill("[name=token]", TOKEN)
         page.keyboard.press("Enter")
+        expect(page.locator("#seat")).to_contain_text("control")
         page.locator("#seat-button").click()
         expect(page.locator("#seat")).to_have_text("you have control")
         return page
@@ -203,10 +204,9 @@ def test_a_console_that_has_no_news_is_not_taken_for_one_that_is_lost(
 ) -> None:
     page = come("desk", nobody)
     expect(page.locator("#standing-word")).to_have_text("No rig is heard")
-    heard = "rigConsole.heardAt"
     for _ in range(4):
-        before = page.evaluate(heard)
-        page.wait_for_function(f"{heard} > {before}")
+        before = page.evaluate("rigConsole.heardAt")
+        until(lambda since=before: page.evaluate("rigConsole.heardAt") > since, "to be heard again")
     assert page.locator("#standing-word").inner_text() == "No rig is heard"
 
 

@@ -295,6 +295,7 @@ for (const button of document.querySelectorAll("[data-do]")) {
 
 by("seat-button").addEventListener("click", async () => {
   const { seat } = link.common;
+  if (!seat) return;
   if (isMine()) { await order("release"); return; }
   if (seat?.number === null) { await order("take"); return; }
   const away = seat.here ? "" : " Nobody watches under this name now.";

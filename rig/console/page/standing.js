@@ -45,7 +45,7 @@ function ended({ campaign, interlocks }) {
     const left = incomplete.length ? `${incomplete.length} of ${tests.length} tests did not come to their end.` : "";
     return ["warn", "Stopped", `${campaign.reason ? `By ${sentence(campaign.reason)} ` : ""}${left}${also}`];
   }
-  if (failed.length) return ["bad", `Ended, ${count} failed`, `${several(failed)}.`];
+  if (failed.length) return ["bad", `Ended, ${count} failed`, `Failed: ${several(failed)}.`];
   const skipped = of(tests, "skipped");
   if (skipped.length) return ["warn", `Ended, ${skipped.length} skipped`, `${several(skipped)}; all others passed.`];
   return ["good", "Ended, all passed", tests.length === 1 ? "Its one test came out as expected." : `${tests.length} tests came out as expected.`];
