@@ -20,17 +20,17 @@ _LOOK_S: Final = 5e-3
 def until(
     done: Callable[[], T],
     what: str = "something",
+    patience_s: float = PATIENCE_S,
     *,
     meanwhile: Callable[[], object] = lambda: None,
-    patience_s: float = PATIENCE_S,
 ) -> T:
     """Return the first true value of a condition.
 
     Args:
         done: the condition.
         what: is waited for, in words.
-        meanwhile: is called between two looks.
         patience_s: how long it may take.
+        meanwhile: is called between two looks.
 
     Raises:
         AssertionError: it did not become true in time.

@@ -17,12 +17,11 @@ from rig.console.orders import INTERRUPTED_REASON
 from rig.control_socket import ControlError, ask
 from rig.runner.desk import Request
 from rig.stream.client import StreamClient
+from tests.waiting import COMPILE_S
 
 from .conftest import ROOT, Serve, Served
 from .fakes import until
 
-PATIENCE_S = 300.0
-"""The first run may have to compile."""
 CAMPAIGN = """
 name: short
 rig: simulated
@@ -92,7 +91,7 @@ def test_a_campaign_is_started_stopped_and_gone_on_with(
             return shot.alive and shot.progress.get("time_s", 0.0) > 0.2
 
         assert anna.order(order="start", name="short")["accepted"]
-        until(is_running, "the campaign to run", PATIENCE_S)
+        until(is_running, "the campaign to run", COMPILE_S)
         again = anna.order(order="start", name="short")
         # Which of them depends on whether the console has heard the run yet.
         assert again["reason"] in (
@@ -110,10 +109,10 @@ def test_a_campaign_is_started_stopped_and_gone_on_with(
         assert (folder / "sine.mcap").stat().st_size > 1000
 
         assert anna.order(order="go on", name=folder.name)["accepted"]
-        until(is_running, "the campaign to go on", PATIENCE_S)
+        until(is_running, "the campaign to go on", COMPILE_S)
         console.process.kill()
         console.process.wait()
-        until(is_running, "the campaign to outlive the console", PATIENCE_S)
+        until(is_running, "the campaign to outlive the console", COMPILE_S)
         assert client.send("abort", "simulated").accepted
-        until(lambda: not client.snapshot("simulated").alive, "the campaign to end", PATIENCE_S)
+        until(lambda: not client.snapshot("simulated").alive, "the campaign to end", COMPILE_S)
     assert [path.name for path in runs.iterdir() if path.is_dir()] == [folder.name]
