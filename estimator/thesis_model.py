@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from rig.plant.compiled import inlined
 from rig.plant.integrator import TICK
 from rig.plant.lanes import select
 from rig.plant.parameters import Parameters
@@ -24,7 +25,7 @@ PRESSURE_DROP_FLOOR: Final = 1.0
 the drop across an edge is then held at this floor, and its derivative is zero."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def orifice(pressure_drop: float, density: float) -> Vector:
     """Return sqrt((2/rho) dp) in m/s and its derivative, 1/(rho sqrt((2/rho) dp)) (eq. 4.19)."""
     open_edge = pressure_drop.real > PRESSURE_DROP_FLOOR
@@ -79,7 +80,7 @@ def friction(velocity: float, actuator_force: float, parameters: Parameters) -> 
     return (parameters.stiction if actuator_force.real > 0.0 else -parameters.stiction), stuck
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def linearised(
     state: Vector, resistance: float, u: float, parameters: Parameters
 ) -> tuple[Vector, Vector]:

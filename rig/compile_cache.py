@@ -60,27 +60,53 @@ def use_compile_cache() -> None:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
 
 
+def marks_folder() -> Path | None:
+    """Return the folder of marks that tell what is compiled; None where nothing is kept.
+
+    Numba compiles anew for another processor, or by another version of itself; so does this folder
+    change then.
+    """
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    if not folder:
+        return None
+    import llvmlite
+    import numba
+    from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+
+    made_by = source_key(Path(__file__).parents[1]), numba.__version__, llvmlite.__version__
+    made_for = get_host_cpu_name(), get_host_cpu_features().flatten()
+    name = sha256("\n".join((*made_by, *made_for)).encode()).hexdigest()[:16]
+    marks = Path(folder) / "compiled" / name
+    try:
+        marks.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return marks
+
+
 @contextmanager
-def telling_of_compiling(function: Any, tell: Callable[[], None]) -> Iterator[None]:
-    """Call `tell` if a function is compiled meanwhile; one that is loaded from the cache is not.
+def telling_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
+    """Call `tell` with the name of each function that is compiled meanwhile, before it is.
+
+    What is loaded from the cache is not told, nor are functions that another one takes along.
 
     Args:
-        function: compiled by numba.
-        tell: called once, before compiling begins.
+        tell: called from whichever thread compiles.
     """
     from numba.core import event
 
-    told = False
-
     class Listener(event.Listener):
+        def __init__(self) -> None:
+            self._depth = 0
+
         def on_start(self, event: Any) -> None:
-            nonlocal told
-            if event.data["dispatcher"] is function and not told:
-                told = True
-                tell()
+            self._depth += 1
+            if self._depth == 1:
+                function = event.data["dispatcher"].py_func
+                tell(f"{function.__module__}.{function.__qualname__}")
 
         def on_end(self, event: Any) -> None:
-            pass
+            self._depth -= 1
 
     with event.install_listener("numba:compile", Listener()):
         yield

@@ -22,6 +22,8 @@ from rig.io.driver import DriverError
 from rig.io.signals import BYPASSES
 from rig.loop.trip import TripError
 from rig.runner import StopFlag, stop_on_signals
+from rig.runner.compiled_pieces import Needs
+from rig.runner.compiling import WITHOUT_TESTS, compile_for
 from rig.runner.directory import file_stem
 from rig.supervisor.calibration import calibratable, calibrate
 from rig.supervisor.session import Session
@@ -95,11 +97,13 @@ def valves(
     openings = [round(float(opening), 4) for opening in np.linspace(0.0, 1.0, points)]
     session = Session(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
     try:
-        with stop_on_signals(stop), session:
-            needles = calibrate(
-                Strokes(session.rig), wanted, openings, assumed.parameters.return_pressure,
-                started.date(), on_measured,
-            )  # fmt: skip
+        with stop_on_signals(stop):
+            compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
+            with session:
+                needles = calibrate(
+                    Strokes(session.rig), wanted, openings, assumed.parameters.return_pressure,
+                    started.date(), on_measured,
+                )  # fmt: skip
     except DriverError as error:
         click.echo(str(error), err=True)
         return EXIT_BAD_INPUT

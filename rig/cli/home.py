@@ -11,6 +11,8 @@ from rig.configuration.rig import load_rig
 from rig.io.driver import DriverError
 from rig.loop.trip import TripError
 from rig.runner import StopFlag, stop_on_signals
+from rig.runner.compiled_pieces import Needs
+from rig.runner.compiling import WITHOUT_TESTS, compile_for
 from rig.runner.directory import default_directory
 from rig.supervisor.session import Session
 
@@ -33,13 +35,12 @@ def command(reference: str, model: str) -> int:
         raise click.BadParameter(f"{rig.name} has no encoder to home; {needed}", param_hint="--rig")
     directory = default_directory(f"home-{rig.name}", datetime.now(UTC))
     directory.mkdir(parents=True)
-    stop = StopFlag()
+    stop, screen = StopFlag(), Screen()
     try:
-        with (
-            stop_on_signals(stop),
-            Session(rig, DEFAULT_FILTER, assumed, directory, stop, Screen().print),
-        ):
-            return 0
+        with stop_on_signals(stop):
+            compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
+            with Session(rig, DEFAULT_FILTER, assumed, directory, stop, screen.print):
+                return 0
     except DriverError as error:
         click.echo(str(error), err=True)
         return EXIT_BAD_INPUT

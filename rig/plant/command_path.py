@@ -130,7 +130,7 @@ def _drive_delayed(state, path, command, par, fault, substeps):
     _drive_for(state, path, following, par, fault, TICK - late, substeps)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def drive_undelayed(state, path, command, par, fault, duration=TICK, substeps=SUBSTEPS):
     """Advance plant and path in place over a time in s in which a command acts; see `drive`."""
     if (par.valve_hysteresis != 0.0) | (par.supply_ripple != 0.0):

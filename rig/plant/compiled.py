@@ -1,15 +1,60 @@
 """How functions are compiled that are part of larger ones.
 
-What Python would call a function by takes as long to compile as the function itself, the more so
-where its arguments are tuples of arrays. These have none: called from Python while the compiler is
-on, they crash the process.
+Numba makes machine code of every function, and optimises each anew together with all that it calls.
+Of a part, neither is ever used: its code is copied into the functions that call it, and becomes
+machine code there. So a part is kept as it is before all that, which takes half the time. Nor has a
+part what Python would call a function by: called from Python while the compiler is on, it crashes
+the process.
 """
 
 from typing import Any, Final
 
+from llvmlite import binding, ir
 from numba import njit, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 
 from .lanes.kinds import intrinsic
+
+_ENVIRONMENT: Final = "_ZN08NumbaEnv"
+"""What numba lets the names of the variables begin with by which functions reach Python's objects;
+it fills them in, so that they must be there."""
+
+
+class _PartLibrary(JITCodeLibrary):
+    """The code of one part, for other functions to take over."""
+
+    def _optimize_final_module(self) -> None:
+        """Leave it as it is: the functions that take it over are optimised with it."""
+
+    def _finalize_final_module(self) -> None:
+        """Keep the code for others, and hand nothing but its variables on to become machine code.
+
+        What is handed on is what numba also writes to its cache as this function's machine code.
+        """
+        self._finalize_dynamic_globals()
+        self._finalized = True
+        self._get_module_for_linking()
+        variables = self._codegen._create_empty_module(self.name)
+        for found in self._final_module.global_variables:
+            if found.name.startswith(_ENVIRONMENT):
+                variable = ir.GlobalVariable(variables, ir.IntType(8).as_pointer(), found.name)
+                variable.linkage = "common"
+                variable.initializer = ir.Constant(variable.value_type, None)
+        self._final_module = binding.parse_assembly(str(variables))
+        super()._finalize_final_module()
+
+
+class _PartCompiler(Compiler):
+    """The compiler of parts; `njit` asks for one by this class."""
+
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function into a library of the kind above."""
+        library = _PartLibrary(self.state.targetctx.codegen(), func.__qualname__)
+        library.enable_object_caching()
+        self.state.library = library
+        return super().compile_extra(func)
+
 
 _OPTIONS: Final[dict[str, Any]] = {
     "cache": True,
@@ -17,6 +62,7 @@ _OPTIONS: Final[dict[str, Any]] = {
     "nogil": True,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
+    "pipeline_class": _PartCompiler,
 }
 
 inner: Final[Any] = njit(**_OPTIONS)

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from .added_terms import FLOW_1, FLOW_2, FORCE, SPOOL, added, added_friction
+from .compiled import inlined
 from .lanes import anywhere, select
 from .parameters import KARNOPP, Parameters
 
@@ -51,7 +52,7 @@ def rest_state(parameters: Parameters, position: float) -> np.ndarray:
     return np.array([0.0, 0.0, chamber, chamber, position, 0.0, 0.0, rippled, back])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _excess(value):
     """Return a value of any unit where it is positive, else zero in that unit."""
     return select(value > 0.0, value, 0.0 * value)
@@ -79,13 +80,13 @@ def valve_flows(opening, p1, p2, supply, back, conductance):
     return flow * signed_root(drop_1), flow * signed_root(drop_2)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def lapped(opening, par):
     """Return what an overlap leaves of an opening in m: y -> sgn(y) max(0, |y| - d)."""
     return copysign(_excess(abs(opening) - par.valve_deadband), opening)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def edge_flows(opening, p1, p2, supply, back, par):
     """Return the flows in m^3/s of the valve's four edges (Merritt 1967, ch. 5).
 
@@ -104,14 +105,14 @@ def edge_flows(opening, p1, p2, supply, back, par):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def is_real_valve(par):
     """Return whether the valve has laps, or unlike ports."""
     laps = (par.valve_deadband != 0.0) | (par.valve_underlap_leakage != 0.0)
     return laps | (par.valve_flow_asymmetry != 0.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def port_flows(opening, p1, p2, supply, back, par):
     """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s, laps and asymmetry included."""
     if anywhere(is_real_valve(par)):
@@ -147,7 +148,7 @@ def leak_flows(p1, p2, back, par, fault):
     return q1, q2, q12
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def line_rates(opening, p1, p2, q1, q2, leak_1, leak_2, ps, pe, par, fault):
     """Return (dp_s/dt, dp_e/dt) in Pa/s: supply droop and return back pressure (Merritt, ch. 3).
 
@@ -185,7 +186,7 @@ def chamber_volumes(position, par):
     return v1, v2
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _aeration(pressure, par):
     """Return numerator and denominator, in Pa^2, of `aeration_softening`."""
     air = par.entrained_air
@@ -215,7 +216,7 @@ def aeration_compliance(pressure, par):
     return ratio * (ratio / ATMOSPHERE - 1.0 / par.bulk_modulus)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
     """Return (dp1/dt, dp2/dt) in Pa/s for net inflows in m^3/s (eq. 2.3).
 
@@ -239,7 +240,7 @@ def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
     return stiffness_1 * (inflow_1 - swept_1), stiffness_2 * (inflow_2 + swept_2)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def stops(par):
     """Return (lowest, highest) position in m of the ram: a stop inside the stroke, or the end."""
     return max(par.stroke_min, par.stop_low), min(par.stroke_max, par.stop_high)
@@ -251,7 +252,7 @@ def total_mass(par):
     return par.moving_mass + par.payload_mass
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def spring_force(position, par):
     """Return the force in N of the spring against extension, as the load cell sees it (chapter 6).
 
@@ -298,7 +299,7 @@ def friction(velocity, friction_state, par):
     return friction_at(level, velocity, friction_state, par)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def friction_at(level, velocity, friction_state, par):
     """Return as `friction` does, at a given friction level in N."""
     karnopp = par.friction_law == KARNOPP
@@ -316,7 +317,7 @@ def friction_at(level, velocity, friction_state, par):
     return bristle_velocity, force
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def spool_rates(spool, velocity, command, par):
     """Return (dx_sp/dt in m/s, its derivative in m/s^2) of the spool (eq. 2.5).
 

@@ -7,8 +7,6 @@ the step in proportion: halving the longest step halves them all.
 from math import copysign, sqrt
 from typing import Final
 
-from numba import njit
-
 from .compiled import inlined
 from .dynamics import (
     ATMOSPHERE,
@@ -67,7 +65,7 @@ _EVENT: Final = 1e-6
 """s. Shortest step towards a standstill or a break-away."""
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def resolving_step(y, longest, duration, par, fault):
     """Return the step in s that resolves oil, lines, spool and bristles over `duration` (s)."""
     volume = min(*chamber_volumes(y[4], par))
@@ -136,7 +134,7 @@ def _edge_step(y, k, h, par):
     return _kink_step(spool, speed, -lap, h)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def standstill_step(y, k, h):
     """Return the step in s, at most `h`, to where a slowing ram comes to a standstill."""
     velocity, acceleration = y[5], k[5]
@@ -146,7 +144,7 @@ def standstill_step(y, k, h):
     return h
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def _aeration_rate(pressure, slope, h, par):
     """Return the rate in 1/s at which aerated oil stiffens or softens in a step of h (s)."""
     lowest = min(pressure, pressure + h * slope)
@@ -154,7 +152,7 @@ def _aeration_rate(pressure, slope, h, par):
     return softened * abs(slope) / (max(lowest, 0.0) + ATMOSPHERE)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def smooth_step(y, k, longest, shortest, par):
     """Return the step in s over which friction and oil change little, from `y` with rates `k`."""
     if anywhere(par.entrained_air != 0.0):
@@ -183,7 +181,7 @@ def smooth_step(y, k, longest, shortest, par):
     return select(smooth, longest, standstill_step(y, k, max(h, shortest)))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def break_away_step(y, k, h, net_force, par):
     """Return the step in s, at most `h`, to the break-away of a stuck ram."""
     loading = par.piston_area * (k[2] - k[3])
@@ -191,7 +189,7 @@ def break_away_step(y, k, h, net_force, par):
     return select(abs(gap) < abs(loading) * h, max(gap / loading, _EVENT), h)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def sliding_step(y, k, h, longest, par):
     """Return the step in s, at most `h`, that follows a ram down the Stribeck slope or to rest."""
     slope = (par.stiction - par.coulomb) / par.stribeck_velocity

@@ -136,7 +136,7 @@ def shown_pressure(pressure, gain, bias):
     return gain * max(pressure, 0.0) + bias
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def reading_means(position, p1, p2, spool, supply, par):
     """Return `Means` of what the transducers see, SI: gain and bias of each reading.
 

@@ -18,6 +18,8 @@ from rig.loop.trip import StopRequestedError, TripError
 from rig.supervisor.onlooker import Onlooker
 
 from .bench import Bench
+from .compiled_pieces import Needs
+from .compiling import ON_HARDWARE, SIMULATED, compile_for, load
 from .control_port import ControlPort
 from .desk import Desk, Request
 from .directory import JUNIT, RESULTS, default_directory, prepare_directory, recording_names
@@ -30,7 +32,6 @@ from .outcome_record import record_of
 from .pacing import Pace, Pacer
 from .phases import CLEANUP_S, Deadline, Phase
 from .provenance import provenance
-from .rehearsal import rehearse
 from .results import write_results
 from .resuming import keep_attempt, learn_again, resumable
 from .simulated_bench import SimulatedBench
@@ -142,16 +143,19 @@ def bench_of(
     stop: StopFlag,
     journal: Callable[[str], None] = lambda text: None,
 ) -> Bench:
-    """Return what a campaign is run on, not entered yet; on hardware all it needs is compiled.
+    """Return what a campaign is run on, not entered yet; all that it runs is compiled.
 
     The journal keeps what another master drives on hardware, in words.
     """
+    needs = Needs(rig, campaign.filter_name)
     if rig.backend == "simulated":
+        compile_for(needs, SIMULATED, observer.rig_tells, stop)
         return SimulatedBench(rig, directory, observer.rig_tells)
+    compile_for(needs, ON_HARDWARE, observer.rig_tells, stop)
     # Its drivers' libraries are of no use to a simulation.
     from rig.supervisor.session import Session
 
-    rehearse(campaign, rig)
+    load(needs, ON_HARDWARE)
 
     onlooker = observer if isinstance(observer, Onlooker) else None
     return Session(

@@ -11,6 +11,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from estimator.filters import start_memory
+from rig.compile_cache import telling_of_compiling
 from rig.configuration.rig import Rig
 from rig.io.exclusive import exclusive
 from rig.io.settings import HomingSettings
@@ -171,6 +172,7 @@ class ConnectedRig:
             self.handle(Event.CONNECTION_FAILED)
             self._end_parts()
             raise
+        self._devices.enter_context(telling_of_compiling(self._compiles))
         self._watch.start()
         self._onlooker.connected(self.board, self._channels)
         self.handle(Event.CONNECTED)
@@ -289,6 +291,11 @@ class ConnectedRig:
             self._journal(text)
         self._notes.append(Note(news.at_ns, news.who, text))
         self.say(f"{news.who}: {text}")
+
+    def _compiles(self, name: str) -> None:
+        """Note that something was not compiled in time: it keeps the supervisor from beating."""
+        self.note("supervisor", f"compiles {name}")
+        self.say(f"supervisor: compiles {name}, which was to be done before; report this")
 
     def wait(self, done: Callable[[], bool], timeout_s: float, state: str, action: str) -> None:
         """Wait for the rig; end by a TripError on a trip, a stop, or if it takes too long."""

@@ -117,16 +117,13 @@ class LoopProcess:
         self._interlock = interlock(order.limits, order.tolerances)
         self._segments[order.first.number] = order.first
         # Compiled, or loaded, before time matters.
-        with telling_of_compiling(wire_ticks, self._compiles):
+        with telling_of_compiling(lambda name: self._tell(f"compiles {name}")):
             self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
         self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
         self._thread.start()
         self._running.wait()
         self._pipe.send(Opened(self._grants, driver.rate_hz))
-
-    def _compiles(self) -> None:
-        self._tell("being compiled, once for each version of this program")
 
     def _loop(self, cpu: int | None, priority: int) -> None:
         """Run segments as they are switched to; the loop's thread."""

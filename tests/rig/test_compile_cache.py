@@ -3,13 +3,12 @@
 import importlib.util
 import os
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.compile_cache import source_key, telling_of_compiling, use_compile_cache
+from rig.compile_cache import marks_folder, source_key, telling_of_compiling, use_compile_cache
 
 TWICE = """
 from numba import njit
@@ -75,10 +74,31 @@ def loaded_from(source: Path) -> Any:
 def test_compiling_is_told_once_and_loading_from_the_cache_is_not(tmp_path: Path) -> None:
     source = tmp_path / "doubling.py"
     source.write_text(TWICE)
-    told: list[str] = []
+    told: list[tuple[str, str]] = []
     for program in ("first", "second"):
         twice = loaded_from(source).twice
         for _ in range(2):
-            with telling_of_compiling(twice, partial(told.append, program)):
+            with telling_of_compiling(lambda name, by=program: told.append((by, name))):  # type: ignore[misc]
                 assert twice(1.0) == 4.0
-    assert told == ["first"]
+    assert told == [("first", "doubling.twice")]
+
+
+def test_marks_of_what_is_compiled_are_kept_apart_for_each_state_of_the_sources(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    before = marks_folder()
+    monkeypatch.setattr("rig.compile_cache.source_key", lambda root: "other")
+    assert before is not None
+    assert before.is_dir()
+    assert marks_folder() not in (before, None)
+
+
+def test_where_nothing_can_be_kept_there_are_no_marks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    assert marks_folder() is None
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    assert marks_folder() is None

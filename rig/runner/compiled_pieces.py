@@ -1,0 +1,189 @@
+"""The pieces of what a session runs, each run on next to nothing, to have it compiled.
+
+How a function is compiled depends on the types that it is called with, not on their values: a model
+or a test of a session's own would make no difference.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from control.setpoints import Constant
+from estimator.detection import Samples
+from estimator.filters import DEFAULT_FILTER, OUTPUTS, FilterRun, run_filter, start_memory
+from estimator.friction_samples import load_lag
+from estimator.replay import detector_for
+from estimator.residuals import moving_average_absolute
+from faults.campaign import CampaignTest
+from faults.verdict import Verdict
+from rig.configuration.rig import Rig
+from rig.io.settings import HomingSettings
+from rig.loop.board import Board
+from rig.loop.decision_post import prepare
+from rig.loop.ladder import limit_table
+from rig.loop.tolerances import tolerances
+from rig.loop.wire_cycle import wire_ticks
+from rig.loop.wire_layout import (
+    Drive,
+    course,
+    estimation,
+    interlock,
+    pace,
+    shared_memory,
+    wire_channels,
+    wire_memory,
+)
+from rig.plant import Model
+from rig.plant.integrator import TICK
+
+from .simulated_bench import loop_of
+
+_JUDGED_S: Final = 12.0
+"""Long enough for the detector to weigh faults against each other."""
+_NEVER: Final = -1
+"""Number of a segment that is never switched to: the loop returns from it at once."""
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What decides how functions are compiled.
+
+    Attributes:
+        rig: of the session.
+        filter_name: of the filter that the loop runs.
+    """
+
+    rig: Rig
+    filter_name: str
+
+    @property
+    def kind(self) -> str:
+        """Word for the filters that share their machine code with this one."""
+        return "product" if self.filter_name == DEFAULT_FILTER else self.filter_name
+
+
+def _plant(needs: Needs) -> None:
+    """Bring a simulated ram to its start."""
+    memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
+    loop_of(needs.rig, _standing(TICK), memory, Model()).position()
+
+
+def _simulated_loop(needs: Needs) -> None:
+    """Run a simulated rig for two ticks: the first starts the filter."""
+    memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
+    # No limit is to end it before it has run.
+    loop_of(needs.rig, _standing(2 * TICK), memory, Model(), judged=False).advance(2)
+
+
+def _filter(needs: Needs) -> None:
+    """Run the session's filter over two samples, and the one by which friction is identified."""
+    samples, _ = _swinging(needs, 2)
+    measured = np.column_stack(
+        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
+    )
+    run_filter(
+        samples.time_s, samples.command, measured, Model(), needs.filter_name, needs.rig.sensors
+    )
+    if needs.filter_name == DEFAULT_FILTER:
+        load_lag(Model(), needs.rig.sensors)
+
+
+def _detector(needs: Needs) -> None:
+    """Judge a ram that swings, and average what a report shows."""
+    detector = detector_for(needs.filter_name, Model(), 1.0)
+    detector.update(*_swinging(needs, round(_JUDGED_S / TICK)))
+    detector.decide()
+    moving_average_absolute(np.zeros(1))
+
+
+def _decisions(needs: Needs) -> None:
+    """Post a decision to the loop."""
+    prepare()
+
+
+def _loop(needs: Needs) -> None:
+    """Enter the loop on hardware, which leaves it before its first tick; nothing is connected."""
+    rig, model = needs.rig, Model()
+    memory = start_memory(needs.filter_name, model, rig.sensors)
+    (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
+    driver: Any = fast.create()
+    period_s = 1.0 / rig.loop.rate
+    board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
+    wire_ticks(
+        course(_NEVER, np.empty(0), Drive.NULL),
+        estimation(memory, model.parameters),
+        interlock(
+            limit_table(rig.ladder, period_s),
+            tolerances(
+                model.parameters, rig.sensors, frozenset(fast.inputs), period_s,
+                rig.loop.stale_limit, rig.homing or HomingSettings(), rig.limits.command_V,
+            ),
+        ),
+        pace(rig.loop, driver.rate_hz),
+        -1,
+        driver.plan(),
+        wire_memory(),
+        shared_memory(board),
+    )  # fmt: skip
+    os.close(board.fd)
+
+
+def _standing(duration_s: float) -> CampaignTest:
+    """Return a test in which a ram stands still."""
+    return CampaignTest(
+        name="compiled",
+        test_name="compiled",
+        duration_s=duration_s,
+        start_position_m=0.3,
+        settle_s=TICK,
+        setpoint=Constant(0.3),
+        load=None,
+        faults=(),
+        expect=Verdict.HEALTHY,
+        repeat=1,
+        seed=0,
+    )
+
+
+def _swinging(needs: Needs, ticks: int) -> tuple[Samples, FilterRun]:
+    """Return samples and estimates of a ram that swings in mid stroke with half a metre a second.
+
+    Valve flow and motion fit each other roughly, so that a detector has something to weigh.
+    """
+    par = Model().parameters
+    random = np.random.default_rng(0)
+    time_s = np.asarray(np.arange(ticks) * TICK, np.float64)
+    phase = 3.0 * time_s
+    position = 0.5 * (par.stroke_min + par.stroke_max) + 0.15 * np.sin(phase)
+    spool = 0.5 * par.valve_gain * np.cos(phase)
+    pressure = 0.5 * par.supply_pressure + 1e5 * random.standard_normal((2, ticks))
+    supply = np.full(ticks, par.supply_pressure)
+    samples = Samples(
+        time_s, spool / par.valve_gain, position, pressure[0], pressure[1], spool, supply
+    )
+    memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
+    states = np.zeros((ticks, memory.x.size))
+    for name, values in (
+        ("position_m", position),
+        ("pressure_1_Pa", pressure[0]),
+        ("pressure_2_Pa", pressure[1]),
+        ("spool_m", spool),
+    ):
+        states[:, memory.filter.states.index(name)] = values
+    outputs = random.standard_normal((ticks, len(OUTPUTS)))
+    run = FilterRun(memory.filter, time_s, states, outputs, memory.dense_covariance)
+    return samples, run
+
+
+PIECES: Final[dict[str, Callable[[Needs], None]]] = {
+    "plant": _plant,
+    "simulated loop": _simulated_loop,
+    "filter": _filter,
+    "detector": _detector,
+    "decisions": _decisions,
+    "loop": _loop,
+}
+"""By the names that an operator is told."""
