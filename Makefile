@@ -1,10 +1,14 @@
-# demo, test, check and bench each make .venv from the lock by themselves: no other step is needed.
+# Each target makes .venv from the locks by itself: no other step is needed. demo and gate install what
+# running needs, the others what development needs besides.
 # PYTHON names the interpreter to make it with: make test PYTHON=python3.12
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+INSTALLED_DEV := $(VENV)/.installed-dev
+INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-input
+LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
 
 .PHONY: help demo test test-long check lint format types imports bench bench-loop chaos gate reference trials lock clean
 
@@ -18,38 +22,38 @@ demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write it
 
 # A file's tests share what they set up, so that files are what the workers share out. Three of them
 # on two processors: tests of processes mostly wait.
-test: $(INSTALLED) ## run the tests
+test: $(INSTALLED_DEV) ## run the tests
 	@$(BIN)/python -m pytest -n 3 --dist loadfile
 
-test-long: $(INSTALLED) ## run the tests that test leaves out for their length
+test-long: $(INSTALLED_DEV) ## run the tests that test leaves out for their length
 	@$(BIN)/python -m pytest -n 2 -m long
 
 check: lint format types imports ## lint, format, types, import layers (make -k check: all of them)
 
-lint: $(INSTALLED)
+lint: $(INSTALLED_DEV)
 	@$(BIN)/ruff check
 
-format: $(INSTALLED)
+format: $(INSTALLED_DEV)
 	@$(BIN)/ruff format --check
 
-types: $(INSTALLED)
+types: $(INSTALLED_DEV)
 	@$(BIN)/mypy
 
-imports: $(INSTALLED)
+imports: $(INSTALLED_DEV)
 	@$(BIN)/lint-imports --no-logo
 
-bench: $(INSTALLED) ## measure filter, plant, campaign, lanes and start-up against their references
+bench: $(INSTALLED_DEV) ## measure filter, plant, campaign, lanes and start-up against their references
 	@$(BIN)/python -m tools.bench
 
-bench-loop: $(INSTALLED) ## measure the loop against cyclictest: idle, with the whole chain, and beside readers of the stream
+bench-loop: $(INSTALLED_DEV) ## measure the loop against cyclictest: idle, with the whole chain, and beside readers of the stream
 	@$(BIN)/python -m tools.bench_loop
 	@$(BIN)/python -m tools.bench_readers
 
-chaos: $(INSTALLED) ## let everything fail that can, on the emulated rig, for docs/safety.md; kill campaigns and go on
+chaos: $(INSTALLED_DEV) ## let everything fail that can, on the emulated rig, for docs/safety.md; kill campaigns and go on
 	@$(BIN)/python -m tools.chaos
 	@$(BIN)/python -m tools.chaos.endurance
 
-trials: $(INSTALLED) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
+trials: $(INSTALLED_DEV) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
 	@$(BIN)/python -m tools.hidden_effect_trials
 
 gate: $(INSTALLED) ## run the quickstart campaign and compare its figures with the reference in .ci
@@ -60,11 +64,11 @@ reference: $(INSTALLED) ## make the reference of `make gate` anew, to be looked 
 	@$(BIN)/rig run quickstart --pace fast --out runs/reference
 	@$(BIN)/python -m tools.reference_run runs/reference .ci/reference/quickstart
 
-lock: ## resolve the dependencies of pyproject.toml anew into requirements-lock.txt (needs uv)
+lock: ## resolve the dependencies of pyproject.toml anew into both locks (needs uv)
 	@command -v uv >/dev/null || { \
 	    echo "make lock needs uv (https://docs.astral.sh/uv); nothing else does." >&2; exit 1; }
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	    --group dev --quiet pyproject.toml -o requirements-lock.txt
+	$(LOCK) --group build pyproject.toml -o requirements-lock.txt
+	$(LOCK) --group dev --constraint requirements-lock.txt pyproject.toml -o requirements-dev-lock.txt
 
 clean: ## remove .venv, caches and runs/demo
 	rm -rf $(VENV) runs/demo dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
@@ -83,11 +87,15 @@ $(INSTALLED): requirements-lock.txt pyproject.toml
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	    echo "$(PYTHON) lacks the venv module; on Debian and Ubuntu: sudo apt install python3-venv" >&2; \
 	    exit 1; }
-	@echo "Installing the locked dependencies into $(VENV) (once, about a minute) ..."
+	@echo "Installing what running needs into $(VENV) (once, half a minute) ..."
 	@[ -f $@ ] || $(PYTHON) -m venv --clear $(VENV)
 	@rm -f $@
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-input \
-	    --only-binary :all: --require-hashes -r requirements-lock.txt
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-input \
-	    --no-deps --no-build-isolation -e .
+	@$(INSTALL) --only-binary :all: --require-hashes -r requirements-lock.txt
+	@$(INSTALL) --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(INSTALLED_DEV): $(INSTALLED) requirements-dev-lock.txt
+	@echo "Adding what development needs (once, about a minute) ..."
+	@rm -f $@
+	@$(INSTALL) --only-binary :all: --require-hashes -r requirements-dev-lock.txt
 	@touch $@

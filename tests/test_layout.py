@@ -49,11 +49,32 @@ def canonical(requirement: str) -> str:
     return re.sub(r"[-_.]+", "-", name[0]).lower()
 
 
+def locked_in(name: str) -> set[str]:
+    """Return the pins of a lock, `package==version`, of those that have hashes."""
+    return set(re.findall(r"^(\S+==\S+).*\\\n    --hash=", (ROOT / name).read_text(), re.M))
+
+
+def grouped(project: dict[str, Any], group: str) -> set[str]:
+    entries = project["dependency-groups"][group]
+    return {canonical(entry) for entry in entries if isinstance(entry, str)}
+
+
 def test_every_declared_dependency_is_locked_with_its_hashes(project: dict[str, Any]) -> None:
-    lock = (ROOT / "requirements-lock.txt").read_text()
-    locked = {canonical(name) for name in re.findall(r"^(\S+)==.*\\\n    --hash=", lock, re.M)}
-    declared = [*project["project"]["dependencies"], *project["dependency-groups"]["dev"]]
-    assert {canonical(name) for name in declared} <= locked
+    declared = {canonical(entry) for entry in project["project"]["dependencies"]}
+    declared |= grouped(project, "build")
+    assert declared <= {canonical(pin) for pin in locked_in("requirements-lock.txt")}
+    declared |= grouped(project, "dev")
+    assert declared <= {canonical(pin) for pin in locked_in("requirements-dev-lock.txt")}
+
+
+def test_the_tests_run_with_what_a_demo_runs_with() -> None:
+    assert locked_in("requirements-lock.txt") < locked_in("requirements-dev-lock.txt")
+
+
+def test_a_demo_installs_nothing_that_only_development_needs(project: dict[str, Any]) -> None:
+    running = {canonical(pin) for pin in locked_in("requirements-lock.txt")}
+    assert running.isdisjoint(grouped(project, "dev") - grouped(project, "build"))
+    assert running.isdisjoint({"pandas", "pillow", "lxml"})
 
 
 def imported_packages(folder: str) -> set[str]:

@@ -146,6 +146,7 @@ class _Strand:
         assert self._process.stdin is not None
         with self._process.stdin as pipe:
             pipe.write(pickle.dumps(needs))
+        self._process.stdin = None
 
     @property
     def has_ended(self) -> bool:
