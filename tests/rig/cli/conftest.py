@@ -44,6 +44,9 @@ def invoke(
 ) -> Invoke:
     """Run `rig` with arguments in an empty working directory, its tracebacks kept elsewhere."""
     monkeypatch.chdir(tmp_path)
+    # What is compiled, and told of that, depends on what ran before.
+    for module in ("rig.cli.home", "rig.cli.calibrate", "rig.runner.campaign_run"):
+        monkeypatch.setattr(f"{module}.compile_for", lambda *arguments: None)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path_factory.mktemp("temporary")))
 
     def run(*arguments: object) -> Done:
