@@ -135,7 +135,7 @@ def test_results_that_cannot_be_written_are_said_in_a_sentence(
 
     monkeypatch.setattr("rig.cli.run.run_campaign", fail)
     done = invoke("run", campaign_file, "--out", tmp_path / "out")
-    assert done.code == 1
+    assert done.code == 3
     state = f"results cannot be written to {tmp_path / 'out'}: No space left on device"
     assert done.err == f"rig: {state}; free space, or give another --out\n"
 
