@@ -23,7 +23,7 @@ from rig.plant.sensors import READING_COUNT, encoder_position, read_sensors
 from rig.plant.transducers import follow, seen_position
 
 from .decided import DECIDED
-from .interlock import Interlock, check_sample
+from .interlock import Interlock, judged_sample
 from .ladder import NO_CHANNEL, Action, Cause
 from .reaction import ACTED, Reaction, react, tolerating
 
@@ -269,7 +269,7 @@ def judge(reading, command, guard):
         return Action.NONE.value
     for i in range(READING_COUNT):
         guard.inputs[i] = reading[i]
-    action, cause, channel = check_sample(
+    action, cause, channel = judged_sample(
         guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True,
         guard.interlock.limits, guard.interlock.tolerances, guard.interlock.memory,
     )  # fmt: skip

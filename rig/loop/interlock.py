@@ -111,7 +111,7 @@ def interlock_memory(limits: LimitTable) -> InterlockMemory:
 
 
 class Interlock(NamedTuple):
-    """What `check_sample` judges by."""
+    """What `judged_sample` judges by."""
 
     limits: LimitTable
     tolerances: Tolerances
@@ -158,8 +158,8 @@ def held_position(position, homed, limits):
     return position
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def check_sample(
+@inlined
+def judged_sample(
     inputs,
     fresh,
     elapsed_ticks,
@@ -220,6 +220,28 @@ def check_sample(
     if action == _TRIP:
         memory.latched[0], memory.latched[1], memory.latched[2] = action, cause, channel
     return action, cause, channel
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def check_sample(
+    inputs,
+    fresh,
+    elapsed_ticks,
+    exchange_ticks,
+    age_ticks,
+    command,
+    counter,
+    driving,
+    homed,
+    limits,
+    tol,
+    memory,
+):
+    """Return `judged_sample` of the same arguments, compiled once for whoever calls it."""
+    return judged_sample(
+        inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks, command, counter, driving, homed,
+        limits, tol, memory,
+    )  # fmt: skip
 
 
 @inlined

@@ -14,9 +14,9 @@ from rig.io.simulated import SimulatedRig
 from rig.plant import NO_FAULT, Parameters
 from rig.plant.integrator import TICK
 
-from .cycle import guard, position_ticks, row_channels, simulated_ticks
+from .cycle import READINGS, READINGS_AT, guard, position_ticks, row_channels, simulated_ticks
 from .decided import no_decision
-from .interlock import Interlock, interlock
+from .interlock import Interlock, held_position, interlock
 from .ladder import NO_CHANNEL, Action, Cause, limit_table
 from .reaction import Reaction, reaction_memory
 from .tolerances import tolerances
@@ -121,7 +121,9 @@ class SimulatedLoop:
         channel = int(self._guard.stopped[2])
         return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
 
-    def _stop(self) -> LoopStoppedError:
+    @property
+    def stopped(self) -> LoopStoppedError:
+        """What stopped it."""
         action, cause, _ = self._guard.stopped
         return LoopStoppedError(Action(int(action)), Cause(int(cause)), self._channel)
 
@@ -144,7 +146,7 @@ class SimulatedLoop:
         )  # fmt: skip
         rig.start_clock(0.0)
         if self._is_stopped:
-            raise self._stop()
+            raise self.stopped
 
     def advance(self, ticks: int) -> Array:
         """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`).
@@ -154,27 +156,42 @@ class SimulatedLoop:
                 rows up to then were returned.
         """
         if self._is_stopped:
-            raise self._stop()
+            raise self.stopped
         count = min(ticks, self.ticks_left)
         part = slice(self._tick, self._tick + count)
         motion = self._motion
         rows = self._run(motion.setpoint[part], motion.open_loop, motion.faults[part])
         self._tick += len(rows)
         if self._is_stopped and not len(rows):
-            raise self._stop()
+            raise self.stopped
         return rows
 
-    def come_to_rest(self) -> None:
+    def come_to_rest(self) -> Array:
         """Bring the command to 0 V along a ramp, without faults, after a stop that is no trip.
 
-        Raises:
-            LoopStoppedError: it tripped on the way.
+        Return the rows, up to a trip on the way: `stopped` is that trip then.
         """
         left = 1.0 - np.arange(round(RAMP_S / TICK)) / round(RAMP_S / TICK)
+        command = self._holding_command if self._guard.stopped[0] == Action.HOLD else self._held[0]
         self._guard = self._guard._replace(ends_from=int(Action.TRIP))
-        self._run(self._held[0] * left, True, np.tile(NO_FAULT, (left.size, 1)))
-        if self._guard.stopped[0] == Action.TRIP:
-            raise self._stop()
+        return self._run(command * left, True, np.tile(NO_FAULT, (left.size, 1)))
+
+    @property
+    def _holding_command(self) -> float:
+        """The command that begins to hold the ram where it is, well within its limits, V."""
+        position = self._guard.inputs[0]
+        held = held_position(position, True, self._guard.interlock.limits)
+        return float(np.clip(self._gain * (held - position), -self._limit, self._limit))
+
+    def last_sample(self) -> Array:
+        """Return the last sample judged as a row, float64 (1, columns), NaN where it has nothing.
+
+        It tells of the ram on its way to a test's start, which is not recorded.
+        """
+        row = np.full((1, len(self.channels)), np.nan)
+        row[0, 0] = -TICK
+        row[0, READINGS_AT : READINGS_AT + len(READINGS)] = self._guard.inputs[: len(READINGS)]
+        return row
 
     def _run(self, setpoint: Array, open_loop: bool, faults: Array) -> Array:
         """Run ticks until something ends them, and return their rows."""

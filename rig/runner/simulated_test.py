@@ -65,6 +65,7 @@ class SimulatedTest:
         try:
             self._loop.position()
         except LoopStoppedError as error:
+            self._last = self._loop.last_sample()
             raise self._stopped(error) from None
         self._tell_indicated()
 
@@ -117,12 +118,10 @@ class SimulatedTest:
     def _stopped(self, error: LoopStoppedError) -> TripError:
         """Return the error for a test that the loop ended; what is no trip comes to rest first."""
         if error.action is not Action.TRIP:
-            try:
-                self._loop.come_to_rest()
-            except LoopStoppedError as trip:
-                return self._tripped(trip)
-            return TripError(str(error))
-        return self._tripped(error)
+            self._last = np.concatenate([self._last, self._loop.come_to_rest()])[-_REPORTED:]
+            if self._loop.stopped.action is not Action.TRIP:
+                return TripError(str(error))
+        return self._tripped(self._loop.stopped)
 
     def _tripped(self, error: LoopStoppedError) -> TripError:
         """Make the rig safe, report the trip, and return it as an error."""

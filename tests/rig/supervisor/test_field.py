@@ -315,7 +315,7 @@ def test_what_another_master_drives_after_a_trip_is_brought_back_and_told(
     site.until(lambda: bool(site.board.words[Word.PUMP_UNLOADED_AT]))
     for count in (2, 3, 4):
         driver.values = {channel: 1.0}
-        site.until(lambda count=count: times_safe(site, name) >= count)  # type: ignore[misc]
+        site.until(lambda count=count: times_safe(site, name) >= count)
         site.until(lambda: driver.values == {channel: 0.0})
     told = site.pipe.recv()
     assert isinstance(told, Driven)

@@ -118,7 +118,7 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
     monkeypatch.setattr(module, "FIELD_WAIT_S", 0.2)
     monkeypatch.setattr(module, "REPEAT_S", 0.02)
     for kept in (SAFE, READ, DRIVEN):
-        kept.clear()  # type: ignore[attr-defined]
+        kept.clear()
     board = Board.create(1)
     for word in (Word.LOOP_BEAT, Word.FIELD_BEAT, Word.RECORDER_BEAT):
         board.words[word] = time.monotonic_ns() + LATER_NS
