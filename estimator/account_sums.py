@@ -169,15 +169,15 @@ class AccountSums:
         since = slice(mark, self.marks)
         return float(self._high[since].max() - self._low[since].min())
 
-    def nuisances(self, without: tuple[int, int] = (0, 0)) -> tuple[Array, Array, float]:
+    def nuisances(self, without: Sequence[tuple[int, int]] = ()) -> tuple[Array, Array, float]:
         """Return products of nuisances (n, n), with missing flow (n,), and of missing flow.
 
         Args:
-            without: the blocks from this mark to that one do not count.
+            without: the blocks from the one mark to the other do not count, of each of these.
         """
         total = self._total
-        if without[1] > without[0]:
-            total = total - self._at(without[1]) + self._at(without[0])
+        for first, last in without:
+            total = total - self._at(last) + self._at(first)
         return total[_FF:_FY].reshape(_N, _N), total[_FY:_YY], float(total[_YY])
 
     def _at(self, mark: int) -> Array:

@@ -12,14 +12,14 @@ from .block_noise import RecentBlocks, lasting_noise
 from .fault_scores import WITNESSES
 from .finding import Finding
 from .growth import growths
-from .joint_fit import JointFit
+from .joint_fit import JointFit, Stretch, around
 
 Array = NDArray[np.float64]
 
 GREAT_FLOW: Final = 0.5
 """L/min: where a greater leak opens, pressures fall by more than straight lines hold for."""
 SETTLING_BLOCKS: Final = 2
-"""Such a leak is sized without the first blocks, once twice the witnesses have spoken."""
+"""Such a leak is claimed and sized without the first blocks, once twice the witnesses spoke."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,9 @@ class FaultSizes:
         """Return a fault from a mark on as a finding, fitted together with one beside it.
 
         Its standard error also holds for noise that differs or lasts from block to block, and the
-        statistic is that without the block that speaks most for the fault.
+        statistic is that without the block that speaks most for the fault. The size is by blocks
+        that have the fault throughout, and those that have none of it: that in which it begins is
+        not among them.
 
         Args:
             fault: index into `FAULTS`.
@@ -63,18 +65,22 @@ class FaultSizes:
         if beside is not None:
             other = self.sums.mark_of(beside.onset)
             faults, marks = [SHIFT, beside.fault, fault], [mark, other, mark]
-        size, settling = float(products.sizes[mark, fault]), 0
+        size, after = float(products.sizes[mark, fault]), 1
+        settling: list[Stretch] = []
         fit = JointFit(self.sums, products, faults, marks, variance)
         if size * fit.coefficients[-1] > GREAT_FLOW and products.blocks[mark] >= 2 * WITNESSES:
-            settling = SETTLING_BLOCKS
+            after = SETTLING_BLOCKS
+            settling = [(mark, mark + after)]
             fit = JointFit(self.sums, products, faults, marks, variance, settling)
         lasting = self._lasting(faults, marks, variance, settling)
         dead = dead_zone / size
-        deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)
-        coefficient = float(fit.coefficients[-1])
         # Whatever block is left out, the rest must speak for the fault.
         rest, error = fit.left_out()
         statistic = float(((rest - dead) / np.sqrt(error * lasting)).min())
+        straddling = around(marks, self.sums.marks, after)
+        fit = JointFit(self.sums, products, faults, marks, variance, straddling)
+        coefficient = float(fit.coefficients[-1])
+        deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)
         fraction = fit.began_before()
         onset_s = self.sums.start_s(mark)
         if mark:
@@ -116,7 +122,7 @@ class FaultSizes:
         )  # fmt: skip
 
     def _lasting(
-        self, faults: list[int], marks: list[int], variance: float, settling: int
+        self, faults: list[int], marks: list[int], variance: float, settling: list[Stretch]
     ) -> float:
         """Return by how much noise that lasts raises the variance of the last fault's coefficient.
 

@@ -1,6 +1,6 @@
 """Nuisances and a few faults of the oil accounts fitted together, and how sure the last one is."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -11,6 +11,8 @@ from .nuisances import NUISANCE_COUNT, NULL_SHIFT
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Stretch = tuple[int, int]
+"""From a mark to another one, before which it ends."""
 
 _MOST_LEVERAGE: Final = 0.999
 """Leverage of a block that settles a coefficient all alone, but for round-off."""
@@ -25,7 +27,8 @@ class JointFit:
         faults: indices into `FAULTS`, or `SHIFT`, whose size is within `NULL_SHIFT`.
         marks: where each begins.
         variance: of the noise.
-        passed_over: marks from the last fault's on whose blocks do not count.
+        passed_over: stretches whose blocks do not count, each from a mark to another, in their
+            order and apart (`around`).
 
     Attributes:
         nuisances: float64 (n,), in standard deviations.
@@ -41,15 +44,15 @@ class JointFit:
         faults: Sequence[int],
         marks: Sequence[int],
         variance: float,
-        passed_over: int = 0,
+        passed_over: Sequence[Stretch] = (),
     ) -> None:
         n = NUISANCE_COUNT
         self._sums, self._faults, self._marks = sums, faults, marks
-        self._gap = marks[-1], min(marks[-1] + passed_over, sums.marks)
+        self._passed_over = passed_over
         of, since = np.asarray(faults), np.asarray(marks)
         normal = np.empty((n + of.size, n + of.size))
         right = np.empty(n + of.size)
-        squares, right[:n], _ = sums.nuisances(self._gap)
+        squares, right[:n], _ = sums.nuisances(passed_over)
         normal[:n, :n] = squares + variance * np.eye(n)
         normal[n:, :n] = self._since(products.crossed, since, of)
         normal[:n, n:] = normal[n:, :n].T
@@ -67,14 +70,11 @@ class JointFit:
 
     def _since(self, series: Array, marks: Integers, *of: Integers) -> Array:
         """Return sums since marks, of which `series` has all, less what is passed over."""
-        first, last = self._gap
-        if first == last:
-            return np.asarray(series[marks, *of])
-        passed = series[first] - (series[last] if last < len(series) else 0.0)
-        before = marks < last
-        whole = series[np.where(before, np.minimum(marks, first), marks), *of]
-        less = passed[of[0]] if len(of) == 1 else passed[of[0], of[1]]
-        return np.asarray(whole - np.where(_like(before, whole), less, 0.0))
+        counted = np.array(_from(series, marks, of))
+        for first, last in self._passed_over:
+            counted -= _from(series, np.maximum(marks, first), of)
+            counted += _from(series, np.maximum(marks, last), of)
+        return counted
 
     def _present(self, mark: int) -> Array:
         """Return which columns there are between a mark and the next: float64 (n + faults,)."""
@@ -91,7 +91,8 @@ class JointFit:
             leverage = square_weights(left, left, self._faults) / self._direction[-1]
             weights = np.column_stack([influence, leverage])
             forms[start:] = self._sums.weighted(weights, start, self._sums.marks)
-        forms[slice(*self._gap)] = 0.0
+        for stretch in self._passed_over:
+            forms[slice(*stretch)] = 0.0
         return forms[:, 0], np.clip(forms[:, 1], 0.0, _MOST_LEVERAGE)
 
     def error_of_sum(self, count: int) -> float:
@@ -128,9 +129,32 @@ class JointFit:
         return float(np.clip(left / whole, 0.0, 1.0)) if whole > 0.0 else 0.0
 
 
-def _like(flags: NDArray[np.bool_], values: Array) -> NDArray[np.bool_]:
-    """Return flags with axes added for those that values have more."""
-    return flags.reshape(flags.shape + (1,) * (values.ndim - flags.ndim))
+def around(marks: Iterable[int], last: int, after: int = 1) -> list[Stretch]:
+    """Return the stretches around onsets whose blocks belong neither before them nor after.
+
+    A fault begins somewhere in a block: in that before its mark, or in that after it.
+
+    Args:
+        marks: where faults begin or change.
+        last: number of marks.
+        after: marks after an onset that are passed over.
+    """
+    stretches: list[Stretch] = []
+    for mark in sorted(set(marks)):
+        first, end = max(mark - 1, 0), min(mark + after, last)
+        if stretches and first <= stretches[-1][1]:
+            first, end = stretches[-1][0], max(stretches.pop()[1], end)
+        stretches.append((first, end))
+    return stretches
+
+
+def _from(series: Array, marks: Integers, of: Sequence[Integers]) -> Array:
+    """Return sums from marks on, of which `series` has all; there is none from the last mark on."""
+    there = marks < len(series)
+    sums = series[np.minimum(marks, len(series) - 1), *of]
+    return np.asarray(
+        np.where(there.reshape(there.shape + (1,) * (sums.ndim - there.ndim)), sums, 0.0)
+    )
 
 
 def _inverse(normal: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .account_row import FAULT_COUNT, INTERNAL_LEAKAGE, SUPPLY_LEAKAGE
 from .account_sums import SHIFT
 from .finding import Finding
-from .joint_fit import JointFit
+from .joint_fit import JointFit, around
 from .leak_test import MINIMUM_BLOCKS, RIVAL_GAIN, LeakTest
 
 Array = NDArray[np.float64]
@@ -98,7 +98,8 @@ class LeakVerdicts:
             return finding.coefficient
         variance = float(candidates.scores.variance[mark, fault])
         faults, marks = [SHIFT, fault, fault], [mark, first, mark]
-        fit = JointFit(test.sums, candidates.products, faults, marks, variance)
+        straddling = around(marks, test.sums.marks)
+        fit = JointFit(test.sums, candidates.products, faults, marks, variance, straddling)
         size = float(candidates.products.sizes[mark, fault])
         left = float(fit.coefficients[1:].sum())
         dead = max(test.dead_zone[fault] / size, test.relative_dead_zone * finding.coefficient)

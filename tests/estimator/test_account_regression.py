@@ -133,7 +133,7 @@ def test_blocks_in_which_a_fault_settles_can_be_passed_over() -> None:
     passing = []
     for each in (y, wild):
         sums = summed(each, nuisances, faults)
-        fit = JointFit(sums, sums.faults_since(), [SHIFT, 1], [20, 20], 1.0, passed_over=2)
+        fit = JointFit(sums, sums.faults_since(), [SHIFT, 1], [20, 20], 1.0, [(20, 22)])
         passing.append([*fit.nuisances, *fit.coefficients * ROOT, fit.error * ROOT**2])
         assert np.all(fit.left_out()[0][20:22] == fit.coefficients[-1])
     assert passing[0] == pytest.approx(passing[1], rel=1e-9)
