@@ -212,9 +212,15 @@ class AccountSums:
             sums[-1] = self._total @ weights
         return np.asarray(sums[1:] - sums[:-1])
 
-    def mean_sizes(self, mark: int) -> Array:
-        """Return the faults' mean absolute flows per unit coefficient since a mark (5,), L/min."""
-        sums = self._total - self._before[mark]
+    def mean_sizes(self, mark: int, last: int | None = None) -> Array:
+        """Return the faults' mean absolute flows per unit coefficient (5,), L/min.
+
+        Args:
+            mark: from which on.
+            last: mark up to which; None: up to now.
+        """
+        end = self._total if last is None else self._at(last)
+        sums = end - self._before[mark]
         return np.asarray(sums[_SIZE : _SIZE + FAULT_COUNT] / sums[_SECONDS])
 
     def seconds(self, first: int, last: int | None = None) -> float:

@@ -29,6 +29,10 @@ class Hold:
         self._found_s = time_s
         return time_s - self._since_s >= CONFIRMED_AFTER_S
 
+    def lapsed(self, time_s: float) -> bool:
+        """Return whether it was not found for so long that it counts as withdrawn."""
+        return time_s - self._found_s > CONFIRMED_AFTER_S
+
 
 class PresentLeaks:
     """The leaks confirmed to be there now.

@@ -1,6 +1,6 @@
 """From a filter's estimates to a verdict: what a detector is, and the product's own."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import hypot, isnan, sqrt
 from typing import Final, Protocol
@@ -27,6 +27,8 @@ from .supply_test import SupplyTest
 Array = NDArray[np.float64]
 
 LEAKS: Final = FAULTS[:3]
+SILENT: Final = ("healthy", "inconclusive")
+"""Verdicts that name no fault."""
 INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
 LEAST_ACCOUNTED: Final = 0.5
@@ -73,6 +75,7 @@ class Decision:
             while nothing can be said.
         present_leaks: coefficients of the leaks (`LEAKS`) confirmed to be there now,
             m^3/(s Pa^0.5); 0 where there is none, or none any more.
+        ended_s: when the fault was gone again, to half a second or so; None while it may be there.
     """
 
     verdict: str
@@ -85,6 +88,12 @@ class Decision:
     details: Mapping[str, float] = field(default_factory=dict)
     probabilities: Mapping[str, float] = field(default_factory=dict)
     present_leaks: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ended_s: float | None = None
+
+    @property
+    def names_a_fault(self) -> bool:
+        """Whether the verdict is a fault."""
+        return self.verdict not in SILENT
 
     @property
     def suspected(self) -> str | None:
@@ -152,6 +161,10 @@ class OilAccountDetector:
         expected: what is known of this rig's nuisances, from a baseline.
         model_error: factor on what is allowed for errors of the model (dead zones and the like);
             0: the model is exact.
+
+    Attributes:
+        drawn_up: the accounts that the last samples completed.
+        begun: how often accounts were begun anew, those before being left behind.
     """
 
     def __init__(
@@ -169,33 +182,65 @@ class OilAccountDetector:
         self._supply = SupplyTest(model.parameters, false_alarms_per_day, model_error)
         self._first_s = self._last_s = float("nan")
         self._alarm: Decision | None = None
+        self._named: tuple[Finding, Decision] | None = None
+        self._named_s = float("nan")
         self._hold = Hold()
         self._leaks = PresentLeaks(self._verdicts)
+        self._claimed: list[Finding] = []
+        self.drawn_up: list[AccountBlock] = []
+        self.begun = 0
 
     def _begin_anew(self) -> None:
         """Leave the blocks so far behind: a leak that came and went fits no fault that stays."""
+        self.begun += 1
         self._test = self._account.test = LeakTest(*self._setting)
         self._verdicts = LeakVerdicts(self._test)
         self._leaks = PresentLeaks(self._verdicts)
+        self._named = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
         """Add samples to the accounts (any number; a decision is due at the end of each block)."""
         if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
+        self.drawn_up = []
         for block in draw_up(self._account, samples, run):
             self._supply.add(block)
+            self.drawn_up.append(block)
 
     @property
     def accuses(self) -> bool:
-        """Whether a fault stands out at present; cheaper than a decision."""
-        return bool(self._test.search()) or self._supply.search() is not None
+        """Whether a fault stands out, or did a moment ago; cheaper than a decision."""
+        found = bool(self._test.search()) or self._supply.search() is not None
+        return found or self._named is not None
+
+    @property
+    def claimed(self) -> Sequence[Finding]:
+        """What the last decision found; nothing where it is on what was found before."""
+        return self._claimed
+
+    def evidence(self) -> tuple[float, float]:
+        """Return the statistic of what speaks most for a fault, and what it has to exceed.
+
+        It does so just where the last decision found a fault.
+        """
+        likeliest = self._test.likeliest() if not self._claimed else None
+        found = [*self._claimed] if likeliest is None else [likeliest]
+        if not found:
+            return 0.0, self._test.limit()
+        most = max(found, key=lambda finding: finding.statistic / finding.limit)
+        return max(most.statistic, 0.0), most.limit
+
+    def model_errors(self) -> Array:
+        """Return what the accounts say of the model's nuisances, in their tolerances: (n,)."""
+        return self._test.nuisances().mean
 
     def decide(self) -> Decision:
         """Return the verdict of the sequential test on all complete blocks so far.
 
-        An alarm that has been held for 5 s stays: a fault that has gone again is still reported, as
-        it stood out most.
+        An alarm that has been held for 5 s is confirmed, and stays: a fault that has gone again is
+        still reported, as it stood out most. It counts as held while what went before its end still
+        speaks for it.
         """
         if self._leaks.ended(self._last_s):
             self._begin_anew()
@@ -209,18 +254,23 @@ class OilAccountDetector:
         probabilities = _with_supply(accounts, self._supply.odds(), bool(findings))
         if dropped is not None:
             findings = [*findings, dropped]
+        self._claimed = findings
         if findings and (dropped is not None or not self._doubtful(findings, accounts)):
             decision = replace(
                 self._found(findings, threshold, lines),
                 probabilities=probabilities,
                 present_leaks=present,
             )
-            confirmed = self._hold.found(self._last_s)
-            if confirmed and (self._alarm is None or decision.statistic >= self._alarm.statistic):
-                self._alarm = decision
+            self._note(decision)
+            self._name(findings, decision)
             return decision
+        passed = self._passed()
+        if passed is not None:
+            self._note(passed)
         if self._alarm is not None:
             return replace(self._alarm, present_leaks=present)
+        if passed is not None:
+            return replace(passed, present_leaks=present)
         if findings:
             first = findings[0]
             return Decision("unknown_fault", first.onset_s, statistic=first.statistic,
@@ -230,6 +280,41 @@ class OilAccountDetector:
             # More likely than not there is something, though not at the stated false-alarm rate.
             return replace(decision, verdict="inconclusive")
         return decision
+
+    def _note(self, decision: Decision) -> None:
+        """Keep an alarm that is confirmed, as it stood out most, and when its fault ended."""
+        if not self._hold.found(self._last_s):
+            return
+        alarm = self._alarm
+        if alarm is None or decision.statistic >= alarm.statistic:
+            self._alarm = decision
+        elif is_of(decision, alarm):
+            self._alarm = replace(alarm, ended_s=decision.ended_s)
+
+    def _name(self, findings: list[Finding], decision: Decision) -> None:
+        """Keep a leak that is named, as it stood out most: it may go before it is confirmed."""
+        leak, *others = findings
+        self._named_s = self._last_s
+        if self._alarm is not None:
+            self._named = None
+            return
+        alone = not others and decision.verdict in LEAKS
+        if alone and (self._named is None or leak.statistic >= self._named[0].statistic):
+            self._named = leak, decision
+
+    def _passed(self) -> Decision | None:
+        """Return the decision on a leak that was named and went before it was confirmed."""
+        if self._named is None:
+            return None
+        leak, decision = self._named
+        passed = self._verdicts.passed(leak, self._named_s)
+        if passed is None:
+            if self._hold.lapsed(self._last_s):
+                self._named = None
+            return None
+        self._claimed = [passed]
+        found = self._found([passed], passed.limit, lines=False)
+        return replace(found, probabilities=decision.probabilities)
 
     def _doubtful(self, findings: list[Finding], probabilities: Mapping[str, float]) -> bool:
         """Return whether a fault that stands out is likelier to be another one, or none known.
@@ -260,7 +345,7 @@ class OilAccountDetector:
                 name = FAULTS[finding.fault]
                 details[f"{name}_coefficient"] = finding.coefficient
                 details[f"{name}_onset_s"] = finding.onset_s
-        verdict = "multiple" if len(findings) > 1 else self._name(first)
+        verdict = "multiple" if len(findings) > 1 else self._called(first)
         if FAULTS[first.fault] not in LEAKS:
             return Decision(verdict, first.onset_s, statistic=first.statistic,
                             threshold=threshold, details=details)  # fmt: skip
@@ -280,7 +365,13 @@ class OilAccountDetector:
             first.statistic,
             threshold,
             details,
+            ended_s=self._ended_s(leaks) if len(leaks) == len(findings) else None,
         )
+
+    def _ended_s(self, leaks: list[Finding]) -> float | None:
+        """Return when the last of some leaks had gone; None while any may be there."""
+        ends = [leak.ended_s or self._verdicts.ended_s(leak) for leak in leaks]
+        return None if None in ends else max(end for end in ends if end is not None)
 
     def _nothing_found(self, threshold: float) -> Decision:
         """Healthy only if the motion would have shown a leak, else inconclusive."""
@@ -321,12 +412,14 @@ class OilAccountDetector:
     def _mean_size(self, finding: Finding) -> float:
         """Mean absolute flow per unit coefficient from 2 s after onset (or all there is since)."""
         sums = self._test.sums
-        mark = sums.mark_at(finding.onset_s + SETTLED_AFTER_S)
-        if mark == sums.marks:
+        mark, last = sums.mark_at(finding.onset_s + SETTLED_AFTER_S), sums.marks
+        if finding.ended_s is not None:
+            last = sums.mark_at(finding.ended_s)
+        if mark >= last:
             mark = sums.mark_of(finding.onset)
-        return float(sums.mean_sizes(mark)[finding.fault]) * LITRE_PER_MINUTE
+        return float(sums.mean_sizes(mark, last)[finding.fault]) * LITRE_PER_MINUTE
 
-    def _name(self, finding: Finding) -> str:
+    def _called(self, finding: Finding) -> str:
         """Name a fault; those of the supply and return lines need a measured supply pressure."""
         name = FAULTS[finding.fault]
         if name in LEAKS or finding is self._supply.search():
@@ -340,6 +433,14 @@ class OilAccountDetector:
             return "unknown_fault"
         dropped, wander = before - after, spread / sqrt(count)
         return name if dropped <= max(3.0 * wander, 1e5) else "unknown_fault"
+
+
+def is_of(decision: Decision, earlier: Decision) -> bool:
+    """Tell whether a decision is on the fault that an earlier one named, and not on its return."""
+    if decision.verdict != earlier.verdict:
+        return False
+    began, ended = decision.onset_s, earlier.ended_s
+    return began is None or ended is None or began < ended
 
 
 def _with_supply(

@@ -29,6 +29,8 @@ class Candidates:
         usable: bool (marks, 5), whether it can be told at all.
         gain: float64 (marks, 5), its gain in twice the log likelihood; 0 where it is not usable.
         change: float64 (marks,), that of a change of the fault beside which these are.
+        before: float64 (marks,), that of the same fault having begun before, where what these are
+            beside is its end.
     """
 
     regression: Regression
@@ -37,6 +39,7 @@ class Candidates:
     usable: NDArray[np.bool_]
     gain: Array
     change: Array
+    before: Array
 
 
 def score_faults(sums: AccountSums, least: float, beside: Finding | None = None) -> Candidates:
@@ -66,12 +69,17 @@ def score_faults(sums: AccountSums, least: float, beside: Finding | None = None)
         variance = float(left)
     freedom = regression.freedom
     gain = freedom * np.log1p(scores.explained / (freedom * scores.variance))
-    change = np.zeros(products.blocks.size)
+    change = before = np.zeros(products.blocks.size)
     if beside is not None:
         later = np.arange(change.size) > mark
         told = later & (products.blocks >= WITNESSES)
         change = np.where(told, gain[:, beside.fault], 0.0)
-    return Candidates(regression, products, scores, usable, np.where(usable, gain, 0.0), change)
+        there = products.blocks >= products.blocks[mark] + WITNESSES
+        there &= scores.coefficient[:, beside.fault] > 0.0
+        before = np.where(there, gain[:, beside.fault], 0.0)
+    return Candidates(
+        regression, products, scores, usable, np.where(usable, gain, 0.0), change, before
+    )
 
 
 def _fault_as_nuisance(

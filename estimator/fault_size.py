@@ -66,9 +66,13 @@ class FaultSizes:
             other = self.sums.mark_of(beside.onset)
             faults, marks = [SHIFT, beside.fault, fault], [mark, other, mark]
         size, after = float(products.sizes[mark, fault]), 1
+        blocks = products.blocks[mark]
+        again = beside is not None and beside.fault == fault
+        if again and marks[1] < self.sums.marks:
+            blocks -= products.blocks[marks[1]]
         settling: list[Stretch] = []
         fit = JointFit(self.sums, products, faults, marks, variance)
-        if size * fit.coefficients[-1] > GREAT_FLOW and products.blocks[mark] >= 2 * WITNESSES:
+        if size * fit.coefficients[-1] > GREAT_FLOW and blocks >= 2 * WITNESSES:
             after = SETTLING_BLOCKS
             settling = [(mark, mark + after)]
             fit = JointFit(self.sums, products, faults, marks, variance, settling)
@@ -78,6 +82,9 @@ class FaultSizes:
         rest, error = fit.left_out()
         statistic = float(((rest - dead) / np.sqrt(error * lasting)).min())
         straddling = around(marks, self.sums.marks, after)
+        if again and len(straddling) == 1:
+            # It went again so soon that no block is left which it was there throughout.
+            straddling = settling
         fit = JointFit(self.sums, products, faults, marks, variance, straddling)
         coefficient = float(fit.coefficients[-1])
         deviation = sqrt(max(fit.error, fit.uneven_error()) * lasting)

@@ -17,6 +17,8 @@ class Finding:
         likelihood: gain in twice the log likelihood, in units of the noise.
         onset_s: time at which it began.
         lasting: by how much noise that lasts from block to block has raised its variance.
+        limit: what the statistic has to exceed where the fault is claimed.
+        ended_s: time at which it was gone again; None while it may be there.
         grown: of a leak that grows, its coefficient at last, `coefficient` being the mean since it
             exceeded the dead zone; else None.
     """
@@ -31,3 +33,5 @@ class Finding:
     onset_s: float
     lasting: float
     grown: float | None = None
+    limit: float = 0.0
+    ended_s: float | None = None

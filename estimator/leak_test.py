@@ -151,7 +151,7 @@ class LeakTest:
             return self._pair() or self._slow()
         second = self.best(first)
         if second is not None:
-            return [self._beside(first, second), second]
+            return [self.beside(first, second), second]
         # Two leaks at once may pass for one fault of the lines, which explains both a little.
         pair = self._pair() if first.fault >= SUPPLY_LEAKAGE else []
         if pair and self._explained(*pair) > first.likelihood + RIVAL_GAIN:
@@ -177,7 +177,9 @@ class LeakTest:
         """Return a leak that grows over minutes; looked for at some blocks, held in between."""
         if self.blocks >= LEAST_BLOCKS and self.blocks % GROWTH_BLOCKS == 0:
             variance = self.candidates().regression.variance
-            self._growing = self._sizes().grown(variance, self.dead_zone, self.limit())
+            limit = self.limit()
+            grown = self._sizes().grown(variance, self.dead_zone, limit)
+            self._growing = grown and replace(grown, limit=limit)
         return [] if self._growing is None else [self._growing]
 
     def likely(self) -> list[Finding]:
@@ -193,13 +195,13 @@ class LeakTest:
             found.append(self._sizes().sudden(int(fault), mark, None, dead, variance))
         return found
 
-    def _beside(self, first: Finding, second: Finding) -> Finding:
-        """Return a fault fitted anew beside another that was found after it."""
+    def beside(self, first: Finding, second: Finding) -> Finding:
+        """Return a fault fitted anew beside another, or a change of its own, found after it."""
         at = self.mark(second), second.fault
         variance = float(self.candidates(first).scores.variance[at])
         dead = self.dead_zone[first.fault]
         again = self._sizes().sudden(first.fault, self.mark(first), second, dead, variance)
-        return replace(again, likelihood=first.likelihood)
+        return replace(again, likelihood=first.likelihood, limit=first.limit)
 
     def nuisances(self) -> NuisanceBelief:
         """Return what the blocks so far say of the nuisances, beside the first fault in them."""
@@ -257,8 +259,26 @@ class LeakTest:
             variance = float(scores.variance[mark, fault])
             finding = self._sizes().sudden(int(fault), mark, beside, dead_zone[fault], variance)
             if finding.statistic > limit:
-                return replace(finding, likelihood=float(gain[mark, fault]))
+                return replace(finding, likelihood=float(gain[mark, fault]), limit=limit)
         return None
+
+    def likeliest(self) -> Finding | None:
+        """Return the fault that explains most, whether it may be noise or not; None if none does.
+
+        It would be claimed if its statistic exceeded its limit.
+        """
+        candidates = self.candidates()
+        if self.blocks < MINIMUM_BLOCKS or not candidates.gain.max() > 0.0:
+            return None
+        scores, limit = candidates.scores, self.limit()
+        mark, fault = np.unravel_index(int(np.argmax(candidates.gain)), candidates.gain.shape)
+        variance = float(scores.variance[mark, fault])
+        dead = self.dead_zone[fault]
+        likeliest = self._sizes().sudden(int(fault), int(mark), None, dead, variance)
+        error = sqrt(variance / float(scores.information[mark, fault]))
+        surplus = scores.coefficient[mark, fault] - dead / candidates.products.sizes[mark, fault]
+        statistic = min(likeliest.statistic, float(surplus) / error)
+        return replace(likeliest, statistic=statistic, limit=limit)
 
     def mark(self, finding: Finding) -> int:
         """Return the mark from which on a fault was found."""

@@ -105,6 +105,41 @@ class LeakVerdicts:
         dead = max(test.dead_zone[fault] / size, test.relative_dead_zone * finding.coefficient)
         return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
 
+    def ended_s(self, finding: Finding) -> float | None:
+        """Return when a leak went again, to half a second or so; None while it may be there."""
+        if finding.grown is not None or self.present(finding) > 0.0:
+            return None
+        change = self._test.candidates(finding).change
+        return self._test.sums.start_s(int(np.argmax(change)))
+
+    def passed(self, finding: Finding, named_s: float) -> Finding | None:
+        """Return a leak as it was until it went, None if it did not or does not stand out so.
+
+        Blocks without the leak hide it from a test for leaks that stay. Of a leak that was claimed
+        the same blocks still speak, where what came after it counts as its end.
+
+        Args:
+            finding: the leak when it was claimed.
+            named_s: when it was last claimed, near its end.
+        """
+        test = self._test
+        sums = test.sums
+        end = sums.mark_at(named_s)
+        if end == sums.marks:
+            return None
+        candidates = test.candidates(replace(finding, onset=int(sums.mark_blocks[end])))
+        begun = int(np.argmax(candidates.before))
+        if candidates.before[begun] == 0.0:
+            return None
+        leak = replace(finding, onset=int(sums.mark_blocks[begun]))
+        leak = replace(leak, coefficient=float(candidates.scores.coefficient[begun, leak.fault]))
+        ended_s = self.ended_s(leak)
+        if ended_s is None:
+            return None
+        gone = replace(leak, onset=int(sums.mark_blocks[sums.mark_at(ended_s)]))
+        leak = replace(test.beside(leak, gone), ended_s=ended_s)
+        return leak if leak.statistic > leak.limit else None
+
     def probabilities(self) -> Array:
         """Return the probabilities (7,) of no fault, of each fault alone, and of two of them.
 

@@ -1,6 +1,6 @@
 """Runs a filter and a detector over a recording, causally, as they would have run in the loop."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,9 +9,10 @@ from rig.plant import Model
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 from rig.recording.recording import Recording
 
-from .detection import Decision, Detector, OilAccountDetector, Samples
+from .detection import SILENT, Decision, Detector, OilAccountDetector, Samples
 from .filters import DEFAULT_FILTER, FilterRun, run_filter
 from .flow_account import BLOCK_TICKS
+from .found import Found, found_in
 from .pattern import PatternDetector
 
 DetectorFactory = Callable[[Model], Detector]
@@ -33,6 +34,11 @@ class ReplayResult:
     decision: Decision
     detected_at_s: float | None
     history: tuple[tuple[float, Decision], ...]
+
+    @property
+    def found(self) -> tuple[Found, ...]:
+        """All faults that were named, those that went again among them."""
+        return found_in(self.history)
 
 
 def samples_of(recording: Recording) -> Samples:
@@ -79,20 +85,25 @@ def replay(
     Raises:
         ValueError: no filter of that name.
     """
-    samples = samples_of(recording)
     run = filter_recording(recording, model, filter_name, sensors)
     judge = detector or detector_for(filter_name, model, false_alarms_per_day)
-    history = []
+    history = list(judged(samples_of(recording), run, judge))
+    final = history[-1][1]
+    return ReplayResult(run, final, first_held(history), tuple(history))
+
+
+def judged(
+    samples: Samples, run: FilterRun, detector: Detector
+) -> Iterator[tuple[float, Decision]]:
+    """Show samples and estimates to a detector; yield time in s and decision each half second."""
     for start in range(0, samples.time_s.size, BLOCK_TICKS):
         # The first block takes one sample more: an account runs from sample to sample.
         part = slice(start + 1 if start else 0, start + BLOCK_TICKS + 1)
         piece = stretch(samples, part)
         if piece.time_s.size == 0:
             break
-        judge.update(piece, part_of(run, part))
-        history.append((float(piece.time_s[-1]), judge.decide()))
-    final = history[-1][1]
-    return ReplayResult(run, final, first_held(history), tuple(history))
+        detector.update(piece, part_of(run, part))
+        yield float(piece.time_s[-1]), detector.decide()
 
 
 def filter_recording(
@@ -127,6 +138,6 @@ def part_of(run: FilterRun, part: slice) -> FilterRun:
 def first_held(history: list[tuple[float, Decision]]) -> float | None:
     """Return the time at which the last verdict of a history was first held, None if no fault."""
     final = history[-1][1].verdict
-    if final in ("healthy", "inconclusive"):
+    if final in SILENT:
         return None
     return next(time for time, decision in history if decision.verdict == final)

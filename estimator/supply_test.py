@@ -13,7 +13,7 @@ error follows Student's t. A leak of a chamber is no drop: the valve draws it. A
 turned down is one, and looks the same.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, log, pi, sqrt
 from typing import Final
 
@@ -137,8 +137,10 @@ class SupplyTest:
 
     def search(self) -> Finding | None:
         """Return a drop that a sound supply does not show, as supply leakage; coefficient in Pa."""
-        likeliest = self._best()
-        return likeliest if likeliest is not None and likeliest.statistic > self.limit() else None
+        likeliest, limit = self._best(), self.limit()
+        if likeliest is None or not likeliest.statistic > limit:
+            return None
+        return replace(likeliest, limit=limit)
 
     def odds(self) -> float:
         """Return the odds that the supply pressure dropped, with leaks of the line as prior."""

@@ -15,7 +15,7 @@ from rig.configuration.model import load_model
 from rig.plant import Model
 from rig.recording import Recording, read_recording
 from rig.runner.recorded import detector_of, sensors_of
-from rig.runner.results import leak_figures
+from rig.runner.results import findings, leak_figures
 
 from .problems import Problems
 from .ranges import Range
@@ -113,7 +113,8 @@ def _replay(
         sensors=sensors_of(recording),
     )
     resets = tuple(result.run.reset_times_s.tolist())
-    return Replayed(name, filter_name, result.decision, result.detected_at_s, resets)
+    detected_at_s = result.detected_at_s
+    return Replayed(name, filter_name, result.decision, detected_at_s, resets, result.found)
 
 
 def json_object(replayed: Replayed) -> dict[str, Any]:
@@ -124,10 +125,12 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         "verdict": str(decision.verdict),
         "onset_s": decision.onset_s,
         "detected_at_s": replayed.detected_at_s,
+        "ended_s": decision.ended_s,
         **leak_figures(decision),
         "statistic": decision.statistic,
         "threshold": decision.threshold,
         "probabilities": dict(decision.probabilities) or None,
+        "findings": findings(replayed.found),
         "filter": replayed.filter,
         "filter_resets_s": list(replayed.filter_resets_s),
     }

@@ -9,9 +9,10 @@ from rich.table import Table
 from rich.text import Text
 
 from estimator.detection import LEAKS, Decision
+from estimator.found import Found
 from faults.leakage import to_litres_per_minute
 from faults.verdict import Verdict
-from rig.runner.in_words import chance, percent
+from rig.runner.in_words import chance, in_passing, percent
 
 from .verdicts import leak
 
@@ -28,6 +29,8 @@ class Replayed:
     detected_at_s: float | None
     filter_resets_s: tuple[float, ...] = ()
     """When the filter was lost and started anew."""
+    found: tuple[Found, ...] = ()
+    """All faults that were named, those that went again among them."""
 
 
 def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
@@ -43,6 +46,8 @@ def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
             verdict.append(f" {probable}", "default")
         if decision.verdict == Verdict.INCONCLUSIVE:
             verdict.append(f": {advice(decision)}", "default")
+        for line in in_passing(decision, each.found):
+            verdict.append(f"; {line}", "yellow")
         if each.filter_resets_s:
             verdict.append(f"; {_lost(each)}", "yellow")
         table.add_row(

@@ -9,7 +9,7 @@ from rich.text import Text
 from estimator.detection import Decision
 from faults.leakage import to_litres_per_minute
 from rig.runner import CampaignOutcome, InjectedFault, Status, TestOutcome
-from rig.runner.in_words import chance, reaction
+from rig.runner.in_words import chance, in_passing, reaction
 from rig.runner.results import coefficient_unit
 
 from .progress import STYLES
@@ -25,7 +25,7 @@ def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
         table.add_row(
             Text(test.name),
             Text("\n".join(injected(fault) for fault in test.injected) or "-"),
-            Text(found(test.decision)),
+            Text("\n".join((found(test.decision), *_passing(test)))),
             Text(_onset(test)),
             Text("" if test.latency_s is None else f"{test.latency_s:.1f} s"),
             Text(_result(test), STYLES[test.status]),
@@ -47,6 +47,10 @@ def found(decision: Decision | None) -> str:
         return "-"
     told = (str(decision.verdict), chance(decision), leak(decision))
     return " ".join(part for part in told if part)
+
+
+def _passing(test: TestOutcome) -> list[str]:
+    return [] if test.decision is None else in_passing(test.decision, test.found)
 
 
 def leak(decision: Decision) -> str:

@@ -235,6 +235,7 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
             _rounded(_scaled(details.get(f"threshold_{chamber}_Pa"), KPA), 1) for chamber in (1, 2)
         ],
         "onset_s": _rounded(decision.get("onset_s"), 1),
+        "ended_s": _rounded(decision.get("ended_s"), 1),
         "suspected": _text(decision.get("suspected")),
         "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
     }

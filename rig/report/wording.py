@@ -6,6 +6,7 @@ from typing import Final
 
 from estimator.detection import LEAKS, Decision
 from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.runner.in_words import in_passing
 from rig.runner.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
 
 _LABELS: Final = {
@@ -123,12 +124,18 @@ def latency(test: TestOutcome) -> str:
 
 def story(test: TestOutcome) -> str:
     """Return what happened in a test, in two or three sentences."""
-    sentences = [_injection(test.injected), _finding(test), _reacting(test)]
+    sentences = [_injection(test.injected), _finding(test), _gone(test), _reacting(test)]
     if test.status is Status.FAILED:
         sentences.append(f"Expected was: {label(test.expect)}.")
     if 0.0 < test.recorded_s < test.duration_s - 0.01:
         sentences.append(f"The test ended after {test.recorded_s:.1f} s of {test.duration_s:g} s.")
     return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _gone(test: TestOutcome) -> str:
+    """Return what the final verdict does not say, as a sentence."""
+    told = [] if test.decision is None else in_passing(test.decision, test.found)
+    return f"Found in passing: {'; '.join(told)}." if told else ""
 
 
 def _injection(injected: Sequence[InjectedFault]) -> str:

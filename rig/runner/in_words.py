@@ -1,6 +1,10 @@
 """Says of an outcome, for screen and page alike, how probable it is and what was done about it."""
 
-from estimator.detection import Decision
+from collections.abc import Sequence
+from dataclasses import replace
+
+from estimator.detection import Decision, is_of
+from estimator.found import Found
 
 from .outcome import TestOutcome
 
@@ -16,6 +20,26 @@ def percent(share: float) -> str:
     if share > 0.999:
         return "> 99.9 %"
     return f"{100.0 * share:.1f} %" if share > 0.9 else f"{100.0 * share:.0f} %"
+
+
+def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
+    """Return what the final verdict does not say: that its fault has gone, and confirmed others.
+
+    Args:
+        decision: the final one.
+        found: all that was named.
+    """
+    told = []
+    if decision.ended_s is not None:
+        told.append(f"gone again at {decision.ended_s:.1f} s")
+    for each in found:
+        held = each.decision
+        if not each.confirmed or is_of(decision, replace(held, ended_s=each.ended_s)):
+            continue
+        began = "" if held.onset_s is None else f" from {held.onset_s:.1f} s"
+        ended = "" if each.ended_s is None else f" to {each.ended_s:.1f} s"
+        told.append(f"{held.verdict.replace('_', ' ')}{began}{ended}")
+    return told
 
 
 def reaction(test: TestOutcome) -> str:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from estimator.detection import Decision, Detector, Samples
 from estimator.filters import FilterMemory
+from estimator.found import Found, found_in
 from estimator.replay import first_held
 from rig.loop.simulated_loop import batch_ticks, estimates_in
 
@@ -56,6 +57,11 @@ class Judge:
     def detected_at_s(self) -> float | None:
         """When the detector first held its present verdict; None if that is no fault."""
         return first_held(self.history) if self.history else None
+
+    @property
+    def found(self) -> tuple[Found, ...]:
+        """All faults that were named so far, those that went again among them."""
+        return found_in(self.history)
 
     def take(self, rows: Array) -> bool:
         """Take at most `ticks_due` rows; return whether they complete a block, which is judged."""

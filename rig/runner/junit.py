@@ -10,6 +10,7 @@ from junitparser.junitparser import FinalResult
 from estimator.detection import Decision
 from rig.recording.targets import replacing
 
+from .in_words import in_passing
 from .outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
 from .results import litres_per_minute
 
@@ -38,6 +39,8 @@ def _case(campaign: str, test: TestOutcome) -> TestCase:
     found = _result(test)
     if found is not None:
         case.result = [found]
+    if test.decision is not None and (told := in_passing(test.decision, test.found)):
+        case.system_out = _text("\n".join(told))
     return case
 
 

@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from estimator.detection import LEAKS, Decision
+from estimator.found import Found
 from estimator.friction import FrictionCurve
 from faults.campaign import OnFault
 
@@ -104,6 +105,7 @@ class TestOutcome:
         friction: what the motion showed of it; None without a filter that estimates the load.
         attempts: earlier runs of it that do not count.
         figures: to follow from run to run (`rig.runner.figures`).
+        found: all faults that were named on the way, those that went again among them.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -126,6 +128,7 @@ class TestOutcome:
     friction: FrictionCurve | None = None
     attempts: tuple[Attempt, ...] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
+    found: tuple[Found, ...] = ()
 
     @property
     def is_finished(self) -> bool:

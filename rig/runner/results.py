@@ -1,13 +1,14 @@
 """Writes `results.json`: all that came of a campaign, each figure with its unit in its key."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
 from estimator.detection import LEAKS, Decision
+from estimator.found import Found
 from faults.leakage import to_litres_per_minute
 from rig.recording.targets import replacing
 
@@ -89,13 +90,33 @@ def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
         "onset_s": decision.onset_s,
         "detected_at_s": test.detected_at_s,
         "latency_s": test.latency_s,
+        "ended_s": decision.ended_s,
         "probabilities": decision.probabilities,
         "present_leaks": dict(zip(LEAKS, decision.present_leaks, strict=True)),
         **leak_figures(decision),
         "statistic": decision.statistic,
         "threshold": decision.threshold,
         "details": decision.details,
+        "findings": findings(test.found),
     }
+
+
+def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
+    """Return all faults that were named, in the order in which they were: what, when, how large."""
+    return [
+        {
+            "verdict": str(each.decision.verdict),
+            "confirmed": each.confirmed,
+            "active": each.active,
+            "onset_s": each.decision.onset_s,
+            "detected_at_s": each.detected_at_s,
+            "ended_s": each.ended_s,
+            **leak_figures(each.decision),
+            "statistic": each.decision.statistic,
+            "threshold": each.decision.threshold,
+        }
+        for each in found
+    ]
 
 
 def leak_figures(decision: Decision) -> dict[str, Any]:

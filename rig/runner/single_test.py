@@ -234,6 +234,7 @@ class _RunningTest:
             injected=self._injection.injected,
             decision=self._judge.decision,
             detected_at_s=self._judge.detected_at_s,
+            found=self._judge.found,
             recording=self._recording if self._recorded else None,
             recorded_s=self._ticks * TICK,
             thresholds_from=self._learning.source,

@@ -100,7 +100,7 @@ def test_weighted_sums_are_forms_of_the_blocks() -> None:
 def test_nuisances_can_be_told_without_some_blocks() -> None:
     sums = summed(30)
     rest = [block(k) for k in range(30) if not 10 <= k < 12]
-    squares, products, power = sums.nuisances(without=(10, 12))
+    squares, products, power = sums.nuisances(without=[(10, 12)])
     assert squares == pytest.approx(sum(b.nuisances.T @ b.nuisances for b in rest), abs=1e-9)
     assert products == pytest.approx(sum(b.nuisances.T @ b.missing for b in rest), abs=1e-9)
     assert power == pytest.approx(sum(b.missing @ b.missing for b in rest), abs=1e-9)

@@ -5,7 +5,7 @@
   const touch = matchMedia("(pointer: coarse)");
   // On a touch screen the plot's buttons are always there and need their own line.
   const MARGIN = { l: 58, r: 10, t: touch.matches ? 30 : 8, b: 28 };
-  const DASHES = { injected: "solid", removed: "solid", onset: "dash", detected: "dot" };
+  const DASHES = { injected: "solid", removed: "solid", onset: "dash", detected: "dot", gone: "dash" };
   const CONFIG = {
     responsive: true,
     displaylogo: false,
@@ -34,7 +34,7 @@
     line: {
       width: mark.kind === "detected" ? 2 : 1.5,
       dash: DASHES[mark.kind],
-      color: colour(mark.kind === "onset" || mark.kind === "detected" ? "found" : "ink"),
+      color: colour(["onset", "detected", "gone"].includes(mark.kind) ? "found" : "ink"),
     },
   });
 
