@@ -1,136 +1,136 @@
-"""Runs the oil account and its test over a recording again, for the report's pictures.
+"""What a recording's verdict was held by: its oil accounts and evidence, as the detector has them.
 
-The verdict is the one that was held when the test ran; this shows what it was held by.
+The detector is shown again what it saw in the run, with the settings of the run.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.account_noise import NOISE
-from estimator.finding import Finding
-from estimator.flow_account import AccountBlock
-from estimator.leak_test import MINIMUM_BLOCKS, LeakTest
-from estimator.leak_verdicts import LeakVerdicts
-from estimator.nuisances import NUISANCE_COUNT
-from estimator.oil_account import OilAccount
-from rig.plant import Parameters
-from rig.plant.parameters import LITRE_PER_MINUTE
+from estimator.account_row import FAULTS
+from estimator.detection import LEAKS, Decision, OilAccountDetector
+from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS, FilterRun
+from estimator.flow_account import BLOCK_S, AccountBlock
+from estimator.found import Found, found_in
+from estimator.replay import judged, samples_of
 from rig.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
-_ESTIMATES: Final = (
-    "est_spool_m",
-    "est_pressure_1_Pa",
-    "est_pressure_2_Pa",
-    "est_position_m",
-)
-_MEASURED: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
-_NOISE: Final = NOISE * LITRE_PER_MINUTE
-
-
-class _LikeliestFault(LeakTest):
-    """Names the fault that is most likely, however unlikely it is."""
-
-    def threshold(self, freedom: float) -> float:
-        """Return 0: any sign of a fault will do."""
-        return 0.0
+_MEASURED: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa")
 
 
 @dataclass(frozen=True)
 class AccountHistory:
-    """The oil accounts of a recording and what their test made of them, block by block.
+    """The oil accounts of a recording and what the detector made of them.
 
     Attributes:
         start_s, end_s: float64 (n,), of each complete block: half a second, or longer.
-        missing: float64 (n, 2), missing flow of each chamber less the fitted model errors, m^3/s.
-        explained: float64 (n, 2), what the faults found at the end explain of it, m^3/s.
-        statistic: float64 (n,), of the fault that is likeliest at that time; 0 if there is none.
-        threshold: float64 (n,), what a healthy rig exceeds at the stated rate.
-        smallest: float64 (2, 5), smallest coefficients, SI, of `estimator.flow_account.FAULTS` that
-            would have been found had they begun halfway, and with the first block; by the blocks
-            before the first fault. None where these are too few.
+        missing: float64 (n, 2), missing flow of each chamber less the model errors that the
+            detector found, m^3/s.
+        explained: float64 (n, 2), what the leaks that were found explain of it, m^3/s.
+        decided_s: float64 (m,), when the detector decided: every half second.
+        statistic: float64 (m,), of what speaks most for a fault then; 0 if nothing does.
+        threshold: float64 (m,), what that has to exceed; it does where the detector finds a fault.
+        smallest: what the detector told of the smallest leaks before the first one began: its
+            `details`; empty where it could not tell.
     """
 
     start_s: Array
     end_s: Array
     missing: Array
     explained: Array
+    decided_s: Array
     statistic: Array
     threshold: Array
-    smallest: Array | None
+    smallest: Mapping[str, float]
 
 
-def account_history(
-    recording: Recording, parameters: Parameters, false_alarms_per_day: float
-) -> AccountHistory | None:
-    """Return the accounts of a recording; None unless it holds the product filter's estimates."""
-    if not all(name in recording for name in (*_ESTIMATES, *_MEASURED)):
+def recorded_run(recording: Recording, filter_name: str) -> FilterRun | None:
+    """Return the estimates that a recording holds of a filter's states; None if not all of them.
+
+    What else the filter told is not recorded: NaN.
+    """
+    chosen = FILTERS.get(filter_name)
+    if chosen is None or not all(f"est_{state}" in recording for state in chosen.states):
         return None
-    test, likeliest = LeakTest(false_alarms_per_day), _LikeliestFault(false_alarms_per_day)
-    verdicts = LeakVerdicts(test)
-    blocks: list[AccountBlock] = []
-    findings: list[Finding] = []
-    statistics, thresholds, smallest = [], [], []
-    for block in _complete_blocks(recording, OilAccount(parameters, test)):
-        blocks.append(block)
-        likeliest.add(block)
-        findings = test.search()
-        likely = findings or likeliest.search()
-        statistics.append(likely[0].statistic if likely else 0.0)
-        thresholds.append(test.limit())
-        smallest.append(np.array([verdicts.smallest(0.5), verdicts.smallest(0.0)]))
+    states = np.column_stack([recording[f"est_{state}"] for state in chosen.states])
+    outputs = np.full((len(states), len(OUTPUTS)), np.nan)
+    unknown = np.full((len(chosen.states), len(chosen.states)), np.nan)
+    return FilterRun(chosen, recording.time_s, states, outputs, unknown)
+
+
+def account_history(recording: Recording, detector: OilAccountDetector) -> AccountHistory | None:
+    """Return the accounts of a recording; None unless it holds the product filter's estimates.
+
+    Args:
+        recording: of the run.
+        detector: new, with the settings of the run.
+    """
+    run = recorded_run(recording, DEFAULT_FILTER)
+    if run is None or not all(name in recording for name in _MEASURED):
+        return None
+    history: list[tuple[float, Decision]] = []
+    evidence: list[tuple[float, float]] = []
+    blocks: list[tuple[int, AccountBlock]] = []
+    errors: dict[int, tuple[bool, Array]] = {}
+    for decided in judged(samples_of(recording), run, detector):
+        history.append(decided)
+        evidence.append(detector.evidence())
+        blocks += [(detector.begun, block) for block in detector.drawn_up if block.complete]
+        # A fault that is not found any more is taken for errors of the model.
+        told = bool(detector.claimed)
+        if told or not errors.get(detector.begun, (False,))[0]:
+            errors[detector.begun] = told, detector.model_errors()
     if not blocks:
         return None
-    explained = _explained(blocks, findings)
-    sound = min([finding.onset for finding in findings], default=len(blocks))
+    drawn_up = [block for _, block in blocks]
+    known = [block.nuisances @ errors[begun][1] for begun, block in blocks]
+    statistics, thresholds = np.array(evidence).T
     return AccountHistory(
-        np.array([block.start_s for block in blocks]),
-        np.array([block.end_s for block in blocks]),
-        _without_model_errors(blocks, explained),
-        explained,
-        np.array(statistics),
-        np.array(thresholds),
-        smallest[sound - 1] if sound >= MINIMUM_BLOCKS else None,
+        np.array([block.start_s for block in drawn_up]),
+        np.array([block.end_s for block in drawn_up]),
+        np.array([block.missing for block in drawn_up]) - np.array(known),
+        _explained(drawn_up, found_in(history)),
+        np.array([time_s for time_s, _ in history]),
+        statistics,
+        thresholds,
+        _before_any_fault(history),
     )
 
 
-def _complete_blocks(recording: Recording, account: OilAccount) -> Iterator[AccountBlock]:
-    """Yield each block that counts, once it is tested."""
-    spool, p1, p2, position = (recording[name] for name in _ESTIMATES)
-    measured = np.array([recording[name] for name in _MEASURED])
-    fresh = np.isfinite(measured).all(axis=0).astype(np.float64)
-    unknown = np.full(fresh.size, np.nan)
-    for block in account.add(recording.time_s, spool, p1, p2, position, fresh, unknown):
-        if block.complete:
-            yield block
-
-
-def _explained(blocks: list[AccountBlock], findings: list[Finding]) -> Array:
+def _explained(blocks: Sequence[AccountBlock], found: Sequence[Found]) -> Array:
     explained = np.zeros((len(blocks), 2))
-    for finding in findings:
-        signatures = np.array([block.faults[:, finding.fault] for block in blocks])
-        present = np.zeros(len(blocks))
-        present[finding.onset :] = 1.0
-        if finding.onset:
-            present[finding.onset - 1] = finding.onset_fraction
-        explained += finding.coefficient * present[:, None] * signatures
+    for each in found:
+        if not each.stays:
+            continue
+        for leak, coefficient, onset_s in _leaks_of(each.decision):
+            ended_s = np.inf if each.ended_s is None else each.ended_s
+            for row, block in zip(explained, blocks, strict=True):
+                there_s = min(block.end_s, ended_s) - max(block.start_s, onset_s)
+                part = min(max(there_s / (block.end_s - block.start_s), 0.0), 1.0)
+                row += part * coefficient * block.faults[:, FAULTS.index(leak)]
     return explained
 
 
-def _without_model_errors(blocks: list[AccountBlock], explained: Array) -> Array:
-    """Return the missing flow less what the known weaknesses of the model explain best.
+def _leaks_of(decision: Decision) -> Iterator[tuple[str, float, float]]:
+    """Yield name, coefficient and onset of each leak in a decision."""
+    if decision.onset_s is None:
+        return
+    if decision.coefficient is not None and decision.verdict in LEAKS:
+        yield decision.verdict, decision.coefficient, decision.onset_s
+    for leak in LEAKS:
+        if (coefficient := decision.details.get(f"{leak}_coefficient")) is not None:
+            yield leak, coefficient, decision.details[f"{leak}_onset_s"]
 
-    They are fitted beside the faults found, with the priors of `estimator.flow_account.NUISANCES`
-    (ridge regression).
-    """
-    missing = np.array([block.missing for block in blocks])
-    nuisances = np.array([block.nuisances for block in blocks])
-    scaled = nuisances.reshape(-1, NUISANCE_COUNT) / _NOISE
-    left = ((missing - explained) / _NOISE).ravel()
-    sizes = np.linalg.solve(scaled.T @ scaled + np.eye(NUISANCE_COUNT), scaled.T @ left)
-    return np.asarray(missing - nuisances @ sizes)
+
+def _before_any_fault(history: Sequence[tuple[float, Decision]]) -> Mapping[str, float]:
+    """Return the details of the last decision before the first fault that was found began."""
+    onsets = [d.onset_s for _, d in history if d.names_a_fault and d.onset_s is not None]
+    # An onset is known to half a block.
+    begun = min(onsets, default=np.inf) + 0.5 * BLOCK_S
+    before = [d.details for time_s, d in history if not d.names_a_fault and time_s <= begun]
+    return before[-1] if before else {}

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.detection import LEAKS, leak_flow
-from estimator.filters import FILTERS, OUTPUTS, FilterRun
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.injection import SHUT_S
 from rig.runner.outcome import TestOutcome
 
+from .accounts import recorded_run
 from .decisions import flow_as_decided
 from .panel import Panel, TestData, limits_of
 from .traces import Trace, band, line, steps
@@ -112,14 +112,15 @@ def evidence(data: TestData) -> Panel | None:
     accounts = data.accounts
     if accounts is None:
         return None
-    ends = accounts.end_s
+    ends = accounts.decided_s
     traces = (
         line("likeliest fault", "ink", ends, accounts.statistic, width=2.2),
         line("threshold", "found", ends, accounts.threshold, width=2.0, dash="dash"),
     )
     caption = (
         "By how many standard errors the likeliest fault stands out. Above the dashed line the "
-        "detector calls it; a healthy rig gets there no more often than at the stated rate."
+        "detector calls it; a healthy rig gets there no more often than at the stated rate. What "
+        "was confirmed stays on record when the evidence falls again."
     )
     top = float(np.max([accounts.statistic.max(), *accounts.threshold[-1:] * 1.5]))
     return Panel("evidence", "Evidence", caption, "standard errors", traces, (0.0, 1.08 * top))
@@ -153,17 +154,10 @@ def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float
 
 def _in_filter_states(data: TestData) -> dict[str, Array]:
     """Return the leak flows, m^3/s, that the filter's states amount to; none where it has none."""
-    chosen = FILTERS.get(data.filter_name)
-    if chosen is None or data.parameters is None:
-        return {}
-    channels = [f"est_{state}" for state in chosen.states]
+    run = recorded_run(data.recording, data.filter_name)
     leaks = {f"{leak}_m3_per_s_sqrtPa" for leak in LEAKS}
-    if not leaks <= set(chosen.states) or not all(name in data.recording for name in channels):
+    if run is None or data.parameters is None or not leaks <= set(run.filter.states):
         return {}
-    states = np.column_stack([data.recording[name] for name in channels])
-    outputs = np.full((len(states), len(OUTPUTS)), np.nan)
-    covariance = np.full((len(channels), len(channels)), np.nan)
-    run = FilterRun(chosen, data.recording.time_s, states, outputs, covariance)
     return leak_flow(run, data.parameters)
 
 

@@ -7,11 +7,11 @@ from typing import Any, Final
 
 from estimator.detection import LEAKS
 from estimator.filters import DEFAULT_FILTER
-from estimator.flow_account import reference_flow
 from rig.loop.timing import TIMING
-from rig.plant import Parameters
+from rig.plant import Model
 from rig.recording import Event, Recording, RecordingError, read_recording, recover
 from rig.runner.outcome import CampaignOutcome, Status, TestOutcome
+from rig.runner.recorded import account_detector_of
 
 from .accounts import AccountHistory, account_history
 from .conditions import assumed_parameters, conditions_of, loop_conditions
@@ -144,14 +144,19 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
     told = "" if test.status is Status.NOT_RUN else story(test)
     anchor = f"test-{index + 1}"
     if recording is None:
-        smallest = _smallest(test, None, None)
+        smallest = _smallest(test, None)
         return Section(anchor, test, symbol, status, told, notes, smallest=smallest, opened=opened)
     parameters = assumed_parameters(recording.metadata)
     accounts = None
     if outcome.filter == DEFAULT_FILTER and parameters is not None:
-        accounts = account_history(recording, parameters, outcome.false_alarms_per_day)
+        assumed = Model(parameters=parameters)
+        detector = account_detector_of(recording, assumed, outcome.false_alarms_per_day)
+        accounts = None if detector is None else account_history(recording, detector)
     if outcome.filter == DEFAULT_FILTER and accounts is None:
-        notes = (*notes, "Without the filter's estimates and model no oil account can be drawn.")
+        notes = (
+            *notes,
+            "Without the filter's estimates, model and baseline no oil account can be drawn.",
+        )
     points = _points(len(outcome.tests))
     data = TestData(test, recording, outcome.filter, parameters, accounts, points)
     draw = _ACCOUNT_PANELS if outcome.filter == DEFAULT_FILTER else _PATTERN_PANELS
@@ -171,7 +176,7 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
         float(recording.time_s[0]),
         max(last, test.duration_s),
         last,
-        _smallest(test, accounts, parameters),
+        _smallest(test, accounts),
         opened,
     )
 
@@ -213,6 +218,8 @@ def _marks(test: TestOutcome) -> tuple[Mark, ...]:
     if test.decision is not None and test.decision.onset_s is not None:
         onset = test.decision.onset_s
         marks.append(Mark("onset", onset, f"onset found {onset:.1f} s"))
+        if (ended := test.decision.ended_s) is not None:
+            marks.append(Mark("gone", ended, f"gone again {ended:.1f} s"))
     if test.detected_at_s is not None:
         marks.append(Mark("detected", test.detected_at_s, f"detected {test.detected_at_s:.1f} s"))
     return tuple(sorted(marks, key=lambda mark: mark.time_s))
@@ -234,27 +241,17 @@ def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
     return tuple(spans)
 
 
-def _smallest(
-    test: TestOutcome, accounts: AccountHistory | None, parameters: Parameters | None
-) -> Smallest | None:
-    """Return the smallest leaks that would have been found: as decided, else by the accounts.
+def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | None:
+    """Return the smallest leaks that would have been found, by the decision or the one before.
 
-    A detector that has found a fault no longer tells; the accounts before that fault do.
+    A detector that has found a fault no longer tells; what it told before that fault does.
     """
-    details = {} if test.decision is None else test.decision.details
-    begun, there = (
-        {leak: details[key] for leak in LEAKS if (key := f"{told}_{leak}_m3_per_s") in details}
-        for told in ("smallest", "smallest_from_start")
-    )
-    if len(begun) == len(LEAKS):
-        return Smallest(begun, there if len(there) == len(LEAKS) else None)
-    if accounts is None or accounts.smallest is None or parameters is None:
-        return None
-    begun, there = (
-        {
-            leak: reference_flow(parameters, leak, float(k))
-            for leak, k in zip(LEAKS, row, strict=False)
-        }
-        for row in accounts.smallest
-    )
-    return Smallest(begun, there)
+    decided = {} if test.decision is None else test.decision.details
+    for details in (decided, {} if accounts is None else accounts.smallest):
+        begun, there = (
+            {leak: details[key] for leak in LEAKS if (key := f"{told}_{leak}_m3_per_s") in details}
+            for told in ("smallest", "smallest_from_start")
+        )
+        if len(begun) == len(LEAKS):
+            return Smallest(begun, there if len(there) == len(LEAKS) else None)
+    return None

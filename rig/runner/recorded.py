@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimator.baseline_file import baseline_of, content_of
-from estimator.detection import Detector
+from estimator.detection import Detector, OilAccountDetector
 from estimator.filters import DEFAULT_FILTER
 from estimator.friction_samples import Spring
 from estimator.pattern import PatternBaseline, PatternDetector
@@ -87,6 +87,30 @@ def spring_of(recording: Recording) -> Spring | None:
         return Spring(float(load["stiffness"]), float(load["contact"]))
     except (KeyError, TypeError, ValueError):
         return None
+
+
+def account_detector_of(
+    recording: Recording, model: Model, false_alarms_per_day: float
+) -> OilAccountDetector | None:
+    """Return a new default detector as the one that judged a recorded test, baseline and all.
+
+    None where a baseline was used that cannot be read any more.
+
+    Args:
+        recording: of a campaign's test.
+        model: what it tells that was assumed.
+        false_alarms_per_day: of the campaign.
+    """
+    told = recording.metadata.get("detector")
+    baseline = told.get("baseline") if isinstance(told, Mapping) else None
+    if baseline is None:
+        return OilAccountDetector(model, false_alarms_per_day)
+    try:
+        known = baseline_of(baseline)
+    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
+        return None
+    expected, model_error = known.nuisances, known.model_error
+    return OilAccountDetector(model, false_alarms_per_day, expected, model_error)
 
 
 def detector_of(
