@@ -111,3 +111,19 @@ def test_where_no_run_is_there_is_none_to_resume(
     done = invoke("run", campaign_file, "--resume")
     assert done.code == 2
     assert "runs: holds no unfinished run of short; give its folder: --out DIR\n" in done.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("control", ".", "note", "caf\udce9"),
+        ("control", ".", "skip", "--test", "caf\udce9"),
+        ("monitor", "--send", "note", "--text", "caf\udce9"),
+        ("monitor", "--send", "skip", "--test", "\ud83d"),
+    ],
+    ids=["note", "test's name", "remark", "half a character"],
+)
+def test_a_text_that_is_no_utf_8_is_bad_input(invoke: Invoke, arguments: tuple[str, ...]) -> None:
+    done = invoke(*arguments)
+    assert done.code == 2
+    assert "is no UTF-8; write it in UTF-8" in done.err
