@@ -23,6 +23,7 @@ from rig.configuration.rig import Rig
 from rig.io.settings import HomingSettings
 from rig.loop.board import Board
 from rig.loop.decision_post import prepare
+from rig.loop.interlock import interlock
 from rig.loop.ladder import limit_table
 from rig.loop.tolerances import tolerances
 from rig.loop.wire_cycle import wire_ticks
@@ -30,7 +31,6 @@ from rig.loop.wire_layout import (
     Drive,
     course,
     estimation,
-    interlock,
     pace,
     shared_memory,
     wire_channels,
@@ -125,6 +125,7 @@ def _loop(needs: Needs) -> None:
         pace(rig.loop, driver.rate_hz),
         -1,
         driver.plan(),
+        driver.look_plan(),
         wire_memory(),
         shared_memory(board),
     )  # fmt: skip

@@ -199,14 +199,18 @@ def lowest(page: Page, selector: str) -> float:
     return box["y"] + box["height"]
 
 
+def heard_again(page: Page) -> None:
+    before = page.evaluate("rigConsole.heardAt")
+    until(lambda: page.evaluate("rigConsole.heardAt") > before, "to be heard again")
+
+
 def test_a_console_that_has_no_news_is_not_taken_for_one_that_is_lost(
     come: Callable[[str, Site_], Page], site: Site
 ) -> None:
     page = come("desk", nobody)
     expect(page.locator("#standing-word")).to_have_text("No rig is heard")
     for _ in range(4):
-        before = page.evaluate("rigConsole.heardAt")
-        until(lambda since=before: page.evaluate("rigConsole.heardAt") > since, "to be heard again")
+        heard_again(page)
     assert page.locator("#standing-word").inner_text() == "No rig is heard"
 
 

@@ -19,8 +19,9 @@ from rig.runner import StopFlag
 from rig.supervisor.connected_rig import ConnectedRig
 from rig.supervisor.driven import Driven, Tally, departures
 from rig.supervisor.trip_report import TripReport, write_trip_report
+from tests.waiting import until
 
-from .test_loop_process import Rig, connected, wait_until
+from .test_loop_process import Rig, connected
 
 ENABLE, LAMP = 1, 4
 
@@ -49,7 +50,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
         rig.open()
         rig.arm()
         rig.board.words[Word.FIELD_TRIP] = Cause.BYPASS_STUCK
-        wait_until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
+        until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
         yield rig
 
 
@@ -71,8 +72,8 @@ def test_a_valve_that_another_master_enables_after_a_trip_is_nulled_again_and_to
         master.drive(5.0)
         return bool(driven(rig))
 
-    wait_until(found, "the other master was found")
-    wait_until(lambda: rig.emulator.status()["daq"]["latched"], "the device latched its null")
+    until(found, "the other master was found")
+    until(lambda: rig.emulator.status()["daq"]["latched"], "the device latched its null")
     assert rig.is_null
     told = driven(rig)[0]
     assert (told.who, told.part) == ("loop", "valve")
@@ -89,7 +90,7 @@ def test_the_loop_that_was_rescued_goes_on_to_null_the_valve(tmp_path: Path) -> 
         rig.open()
         rig.arm()
         rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
-        wait_until(lambda: rig.emulator.status()["daq"]["null_requested"], "null was latched")
+        until(lambda: rig.emulator.status()["daq"]["null_requested"], "null was latched")
         master = Master(int(rig.emulator.ports["daq"]))
 
         def found() -> bool:
@@ -97,9 +98,9 @@ def test_the_loop_that_was_rescued_goes_on_to_null_the_valve(tmp_path: Path) -> 
             master.drive(5.0, ENABLE | LAMP)
             return bool(driven(rig))
 
-        wait_until(found, "the other master was found")
+        until(found, "the other master was found")
         master.drive(0.0, 0)
-        wait_until(lambda: rig.is_null, "it is at null again")
+        until(lambda: rig.is_null, "it is at null again")
         master.close()
         assert driven(rig)[0].part == "valve"
         assert driven(rig)[0].text.startswith("has ")
