@@ -453,8 +453,11 @@ class ConnectedRig:
             self._end_parts()
             self._complete_report()
         self.handle(Event.DISCONNECT)
-        if ended is None and unsafe:
-            told = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
+        told = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
+        if told and self._watch.tripped:
+            # What came first is told by the trip.
+            self.say(told)
+        elif told:
             ended = TripError(f"{told}; look at the rig before going near it")
         if ended is not None:
             raise ended
