@@ -422,7 +422,7 @@ class OilAccountDetector:
     def _called(self, finding: Finding) -> str:
         """Name a fault; those of the supply and return lines need a measured supply pressure."""
         name = FAULTS[finding.fault]
-        if name in LEAKS or finding is self._supply.search():
+        if name in LEAKS or finding == self._supply.search():
             return name
         sums = self._test.sums
         onset = sums.mark_of(finding.onset)

@@ -99,6 +99,9 @@ class LeakVerdicts:
         variance = float(candidates.scores.variance[mark, fault])
         faults, marks = [SHIFT, fault, fault], [mark, first, mark]
         straddling = around(marks, test.sums.marks)
+        if len(straddling) == 1:
+            # It changed so soon that no block is left which it was there throughout.
+            straddling = []
         fit = JointFit(test.sums, candidates.products, faults, marks, variance, straddling)
         size = float(candidates.products.sizes[mark, fault])
         left = float(fit.coefficients[1:].sum())
