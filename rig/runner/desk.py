@@ -267,7 +267,7 @@ class Desk:
             case Request.PAUSE | Request.RESUME:
                 self._paused = request is Request.PAUSE
             case Request.ABORT:
-                self._stop.request(f"{who}")
+                self._stop.request(f"{who}: {text}" if text else who)
             case Request.ACKNOWLEDGE:
                 self._attention.clear()
             case Request.SKIP | Request.RETRY if running:

@@ -130,7 +130,7 @@ def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
     expect(page.locator("#life")).to_contain_text("campaign ended")
     expect(page.locator("#tests")).to_contain_text("aborted")
     expect(page.locator("#standing-word")).to_have_text("Stopped")
-    expect(page.locator("#standing-why")).to_contain_text("By Anna")
+    expect(page.locator("#standing-why")).to_contain_text("Anna")
 
 
 def test_the_picture_of_the_readme_is_there() -> None:
