@@ -272,7 +272,7 @@ def test_a_hold_ends_the_test_and_the_ram_stays_within_what_trips(
     tmp_path: Path, limited: Callable[..., Rig], make_test: MakeTest, make_campaign: MakeCampaign
 ) -> None:
     # Slow enough to be brought to rest before the limit that trips.
-    test = make_test(setpoint=volts(0.12), start_position_m=0.585)
+    test = make_test(setpoint=volts(0.5), start_position_m=0.585)
     campaign = make_campaign(test)
     outcome = run_campaign(campaign, limited(), tmp_path)
     (held,) = outcome.tests
