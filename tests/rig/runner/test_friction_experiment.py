@@ -98,11 +98,19 @@ def test_ramps_that_do_not_move_the_ram_are_repeated_in_closed_loop(
 
 
 def test_a_valve_far_off_null_does_not_push_the_ram_into_the_ends(tmp_path: Path) -> None:
-    plant = Model().with_effect("spool_null_bias", value=-5e-5)
+    plant = Model().with_effect("spool_null_bias", value=-1e-5)
     found = run(replace(load_rig("simulated"), plant=plant), tmp_path)
-    assert found.null_V == pytest.approx(1.79, abs=5e-3)
+    assert found.null_V == pytest.approx(0.358, abs=5e-3)
     assert found.level.places == 4
     assert found.level.level == pytest.approx(2395.0, abs=10.0)
+
+
+def test_a_valve_farther_off_null_than_the_interlock_grants_trips_as_on_hardware(
+    tmp_path: Path,
+) -> None:
+    plant = Model().with_effect("spool_null_bias", value=-5e-5)
+    with pytest.raises(ExperimentStoppedError, match="tripped: the position does not move as"):
+        run(replace(load_rig("simulated"), plant=plant), tmp_path)
 
 
 def test_a_stop_ends_it_and_nothing_is_said_to_be_identified(tmp_path: Path) -> None:
