@@ -167,7 +167,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             tick += 1
         words[Word.TICK] = tick
         words[Word.LOOP_BEAT] = done
-        if fd >= 0 and _is_unconfirmed(status, done, counts, words):
+        if fd >= 0 and _is_unconfirmed(status, done, counts, words, pace):
             return Left.UNCONFIRMED.value
     return Left.SWITCHED.value
 
@@ -371,12 +371,19 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
 
 
 @inner
-def _is_unconfirmed(status, now, counts, words):
-    """Return whether a trip cannot be, or was not of late, confirmed by this connection."""
+def _is_unconfirmed(status, now, counts, words, pace):
+    """Return whether a trip cannot be, or was not of late, confirmed by this connection.
+
+    A valve that was at null is taken to be so still while nothing is heard of it, for as long as
+    the device may be silent before a trip: whoever was stopped for a moment goes on.
+    """
     if words[Word.LOOP_TRIP] == 0:
         return False
-    latest = max(words[Word.LOOP_TRIP_AT], counts[Count.NULL_NS])
-    return status == ExchangeStatus.DISCONNECTED or now - latest > _CONFIRM_NS
+    if status == ExchangeStatus.DISCONNECTED:
+        return True
+    since = now - max(words[Word.LOOP_TRIP_AT], counts[Count.NULL_NS])
+    is_denied = status == ExchangeStatus.OK or words[Word.VALVE_NULL_AT] == 0
+    return since > _CONFIRM_NS and (is_denied or since > pace.stale_ns)
 
 
 @inner

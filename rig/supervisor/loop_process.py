@@ -20,6 +20,7 @@ from rig.loop.interlock import Interlock, interlock
 from rig.loop.ladder import Cause
 from rig.loop.orders import Close, Closed, Open, Opened, Segment
 from rig.loop.realtime import Grant, RealTime
+from rig.loop.trip import TripError
 from rig.loop.wire_cycle import wire_ticks
 from rig.loop.wire_layout import (
     Count,
@@ -45,6 +46,12 @@ _REPEAT_S: Final = 1.0
 
 _LOOK_S: Final = 0.1
 """Time between two looks, over connections of their own, at a valve that the loop left."""
+
+_LEFT: Final = (
+    "the loop has left its connection, which did not confirm that the valve is at null; "
+    "end this session and start another"
+)
+"""What is answered to an order that no loop is left to obey."""
 
 _NEVER: Final = -1
 """Number of a segment that is never switched to: the loop returns from it at once."""
@@ -194,10 +201,13 @@ class LoopProcess:
         looked_at = time.monotonic()
         while not self._terminated:
             try:
-                if self._pipe.poll(_POLL_S) and isinstance(self._pipe.recv(), Close):
-                    return Cause.NONE
+                order = self._pipe.recv() if self._pipe.poll(_POLL_S) else None
             except (EOFError, ConnectionError):
                 return Cause.SUPERVISOR_LOST
+            if isinstance(order, Close):
+                return Cause.NONE
+            if order is not None:
+                self._pipe.send(TripError(_LEFT))
             if time.monotonic() - looked_at > (_REPEAT_S if failure else _LOOK_S):
                 failure = self._look_again(failure)
                 looked_at = time.monotonic()

@@ -242,6 +242,14 @@ def test_a_device_that_is_lost_after_its_trip_is_left_to_another_connection(
     assert result["left"] == "UNCONFIRMED"
 
 
+def test_a_loop_that_was_stopped_for_a_moment_after_its_trip_keeps_the_valve_at_null(
+    scenario: Scenario,
+) -> None:
+    result = scenario("stopped for long after its trip")
+    assert result["left"] == "SWITCHED"
+    assert set(enables(result)[6:]) == {0.0}
+
+
 def test_a_trip_that_the_device_does_not_confirm_ends_the_loop_as_unconfirmed(
     scenario: Scenario,
 ) -> None:

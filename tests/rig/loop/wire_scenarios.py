@@ -292,6 +292,11 @@ SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
     "silent after its trip": lambda: World(
         verdicts={5: TRIP}, status=dict.fromkeys(range(20, 999), ExchangeStatus.TIMEOUT)
     ).run(tracking(), 990, SETTINGS),
+    "stopped for long after its trip": lambda: World(
+        verdicts={5: TRIP},
+        late={20: 300 * MS},
+        status=dict.fromkeys(range(20, 25), ExchangeStatus.TIMEOUT),
+    ).run(tracking(), 400, replace(SETTINGS, stale_limit=1.0)),
     "disconnected": lambda: World(
         status=dict.fromkeys(range(5, 99), ExchangeStatus.DISCONNECTED)
     ).run(tracking(), 12),

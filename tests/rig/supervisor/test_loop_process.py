@@ -21,7 +21,7 @@ from rig.loop.board import Board, Word
 from rig.loop.ladder import Action, Cause, limit_table
 from rig.loop.orders import Close, Closed, Open, Opened, Segment
 from rig.loop.tolerances import tolerances
-from rig.loop.trip import LoopStoppedError
+from rig.loop.trip import LoopStoppedError, TripError
 from rig.loop.wire_layout import Drive, wire_channels
 from rig.loop.wire_loop import WireLoop
 from rig.plant import Model
@@ -179,6 +179,9 @@ def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
     until(lambda: bool(rig.news), "the loss was told")
     assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
     assert "by another one" in rig.news[0].text
+    # It says at once that it cannot be armed any more, and is not waited for in vain.
+    with pytest.raises(TripError, match="start another"):
+        rig.arm()
 
 
 def test_a_lost_count_trips_and_the_position_is_no_longer_known(opened: Rig) -> None:
