@@ -231,6 +231,9 @@ class FieldProcess:
         moves = bool(served.driver.outputs)
         if moves and not self._words[Word.FIELD_TRIP]:
             self._trip(_cause_of(served.driver, error))
+        self._tell_of(served, error)
+
+    def _tell_of(self, served: _Served, error: DriverError) -> None:
         what = f"{error.channel}: {error.state}" if error.channel else error.state
         self._tell(News(self._clock(), served.driver.name, f"{what}; {error.action}"))
 
@@ -263,9 +266,12 @@ class FieldProcess:
                 continue
             self._bring_to_safe_state(served)
             if not served.failure:
-                with suppress(DriverError):
+                try:
                     # Whoever asked for it may end soon: the board shows the safe state before.
                     self._publish(served.driver.read())
+                except DriverError as error:
+                    # It may be raised once only, and say why the rig had to be made safe.
+                    self._tell_of(served, error)
             self._words[Word.FIELD_BEAT] = self._clock()
         return Safety(
             {served.driver.name: served.failure for served in self._served if served.failure}

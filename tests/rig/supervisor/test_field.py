@@ -43,6 +43,7 @@ class FakeDriver:
     values: dict[str, float] = field(default_factory=dict)
     error: DriverError | None = None
     unsafe: DriverError | None = None
+    once_safe: DriverError | None = None
 
     def open(self) -> None:
         self.log.append((self.name, "open"))
@@ -50,6 +51,9 @@ class FakeDriver:
     def read(self) -> Mapping[str, float]:
         if self.error is not None:
             raise self.error
+        if self.once_safe is not None and (self.name, "safe") in self.log:
+            raised, self.once_safe = self.once_safe, None
+            raise raised
         return self.values
 
     def write(self, outputs: Mapping[str, float]) -> None:
@@ -169,6 +173,18 @@ def test_after_any_trip_the_bypasses_are_shut_and_then_the_pump_is_unloaded(
     site.until(lambda: site.board.words[Word.PUMP_UNLOADED_AT])
     assert [entry[0] for entry in site.log if entry[1] == "safe"][:2] == ["bypass", "pump"]
     assert 0 < site.board.words[Word.BYPASS_SHUT_AT] <= site.board.words[Word.PUMP_UNLOADED_AT]
+
+
+def test_what_a_driver_says_once_of_itself_is_told_though_it_was_made_safe_meanwhile(
+    site: Site,
+) -> None:
+    DRIVERS["pump"].once_safe = DriverError("pump", "emergency 0x3100", "check its supply")
+    site.board.words[Word.LOOP_TRIP] = Cause.SPOOL_NOT_FOLLOWING
+    site.board.words[Word.VALVE_NULL_AT] = 1
+    told = site.pipe.recv()
+    assert isinstance(told, News)
+    assert (told.who, told.text) == ("pump", "emergency 0x3100; check its supply")
+    assert site.board.words[Word.FIELD_TRIP] == Cause.NONE
 
 
 def test_what_a_trip_confirmed_keeps_its_time_when_the_session_ends(site: Site) -> None:
