@@ -1,6 +1,7 @@
 """What came of a scenario: by the emulator's record, what is on disk, and how `rig run` ended."""
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -152,7 +153,7 @@ def _cause(out: Path, recording: Table | None, printed: str) -> str:
         if event.kind == "trip":
             return event.text.partition(":")[0]
     for cause, (sentence, _) in EXPLANATIONS.items():
-        if sentence and f"tripped: {sentence}" in printed:
+        if sentence and re.search(rf"tripped(?: by the \w+)?: {re.escape(sentence)}", printed):
             return cause.name
     (test,) = json.loads((out / "results.json").read_text())["tests"]
     return str(test["message"])
