@@ -21,7 +21,7 @@ EVENTS_SHOWN: Final = 100
 VERDICTS_SHOWN: Final = 50
 GAPS_SHOWN: Final = 50
 CHANNELS_KEPT: Final = 100
-"""Sets of channels of a session; a run has one for each kind of test."""
+"""Sets of channels of all sessions; a run has one for each kind of test."""
 HOLES_KEPT: Final = 1000
 """Gaps that rows of the past may still fill."""
 DEAD_AFTER: Final = 4.0
@@ -149,7 +149,7 @@ class RigView:
         self._is_begun = False
         self._sent_ns = 0
         self._holes: deque[tuple[int, int]] = deque(maxlen=HOLES_KEPT)
-        self._channels: dict[int, Channels] = {}
+        self._channels: dict[tuple[str, int], Channels] = {}
         self._batches: deque[_Received] = deque()
         self._lasting: dict[str, Mapping[str, Any]] = {}
         self._events: deque[Mapping[str, Any]] = deque(maxlen=EVENTS_SHOWN)
@@ -282,8 +282,9 @@ class RigView:
         if self._session:
             self._restarts += 1
         self._session, self._is_begun = name, False
+        # The channels of the session before are kept: should it have been a stranger who spoke in
+        # between, the rows that follow are still those of the rig.
         self._sequences.clear()
-        self._channels.clear()
         # What an earlier publisher told of test, verdict and trips is not so now, and its numbers
         # say nothing of how new an answer of this one is.
         self._lasting.clear()
@@ -310,7 +311,7 @@ class RigView:
                 self._events.append(content)
             return
         if isinstance(held, Channels):
-            self._channels[held.number] = held
+            self._channels[content["session"], held.number] = held
             while len(self._channels) > CHANNELS_KEPT:
                 del self._channels[next(iter(self._channels))]
         else:
@@ -362,7 +363,7 @@ class RigView:
             self._holes.append((self._next_row, samples.first_row))
         end = samples.first_row + len(samples.time_s)
         self._next_row = end
-        channels = self._channels.get(samples.channels_id)
+        channels = self._channels.get((self._session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
         self._batches.append(_Received(samples, channels, received_ns))
@@ -371,7 +372,7 @@ class RigView:
 
     def _insert(self, samples: Samples, received_ns: int) -> None:
         """Put a batch of the past in front of those that came by themselves."""
-        channels = self._channels.get(samples.channels_id)
+        channels = self._channels.get((self._session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
         self._begin_rows(samples)
