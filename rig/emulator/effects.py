@@ -23,6 +23,7 @@ from .wire_faults import (
     LostCounts,
     MeterNoise,
     MeterUnplugged,
+    PumpWatchdogDead,
     Refusal,
     Sensor,
     StuckBypass,
@@ -88,6 +89,8 @@ class FaultEffects:
                 return "the rig has no flow meters on a serial line; leave the fault out"
             case DriveFault() if not self._can.has_drive:
                 return "the rig has no servovalve on CAN; leave the fault out"
+            case PumpWatchdogDead() if not self._can.has_pump:
+                return "the rig has no pump on CAN; leave the fault out"
             case CanSilence() | CanGarbage() | StuckCan():
                 has = {"drive": self._can.has_drive, "pump": self._can.has_pump}
                 if not has[fault.target]:
@@ -118,7 +121,7 @@ class FaultEffects:
                 pass
             case MeterUnplugged() | MeterNoise():
                 self._spoil_meters(fault, begins)
-            case CanSilence() | CanGarbage() | StuckCan() | DriveFault():
+            case CanSilence() | CanGarbage() | StuckCan() | DriveFault() | PumpWatchdogDead():
                 self._spoil_can(fault, begins)
             case _:
                 self._spoil_wire(fault, begins)
@@ -137,6 +140,10 @@ class FaultEffects:
         if isinstance(fault, DriveFault):
             if begins and self._can.valve is not None:
                 self._can.valve.fail(fault.code)
+            return
+        if isinstance(fault, PumpWatchdogDead):
+            if self._can.pump is not None:
+                self._can.pump.faults.watchdog_dead = begins
             return
         node = self._can.valve if fault.target == "drive" else self._can.pump
         if node is None:

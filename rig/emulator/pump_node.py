@@ -23,6 +23,7 @@ class PumpFaults:
         stuck: its unloading valve does not move.
         motor_fault: its motor starter has tripped: it is unloaded and says so.
         garbage: it sends messages of a wrong length besides.
+        watchdog_dead: it stays as it is when its host falls silent.
     """
 
     silent: bool = False
@@ -30,6 +31,7 @@ class PumpFaults:
     stuck: bool = False
     motor_fault: bool = False
     garbage: bool = False
+    watchdog_dead: bool = False
 
 
 class PumpNode:
@@ -95,7 +97,8 @@ class PumpNode:
     def cycle(self, now: float) -> None:
         """Move the unloading valve, watch the host, send what is due."""
         self._now = now
-        if self._asked and now - self._host_at > self.WATCHDOG:
+        silent = now - self._host_at > self.WATCHDOG
+        if self._asked and silent and not self.faults.watchdog_dead:
             self._asked = False
             self._note("pump_watchdog")
         if not self.faults.stuck:

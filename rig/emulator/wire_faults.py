@@ -137,6 +137,11 @@ class StuckCan:
 
 
 @dataclass(frozen=True)
+class PumpWatchdogDead:
+    """The pump unit's watchdog does not act: it stays loaded when its host falls silent."""
+
+
+@dataclass(frozen=True)
 class DriveFault:
     """The servovalve's electronics meet a fault of their own, and leave for a fault state.
 
@@ -173,6 +178,7 @@ KINDS: Final[Mapping[str, type]] = {
     "can_silence": CanSilence,
     "can_garbage": CanGarbage,
     "stuck_can": StuckCan,
+    "pump_watchdog_dead": PumpWatchdogDead,
     "drive_fault": DriveFault,
     "meter_unplugged": MeterUnplugged,
     "meter_noise": MeterNoise,

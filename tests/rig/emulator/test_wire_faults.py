@@ -13,7 +13,7 @@ from rig.emulator.record import Record
 from rig.emulator.wire_faults import KINDS
 
 NEEDED = {"sensor": {"target": "pressure_1_Pa"}, "stuck_bypass": {"target": "internal_leakage"}}
-ON_CAN = {"can_silence", "can_garbage", "stuck_can", "drive_fault"}
+ON_CAN = {"can_silence", "can_garbage", "stuck_can", "pump_watchdog_dead", "drive_fault"}
 ON_SERIAL = {"meter_unplugged", "meter_noise"}
 
 

@@ -163,6 +163,19 @@ def test_it_unloads_when_its_host_falls_silent(bench: PumpBench) -> None:
     assert bench.events()[-2:] == ["pump_watchdog", "pump_unloaded"]
 
 
+def test_a_unit_whose_watchdog_is_dead_stays_loaded_when_its_host_falls_silent(
+    bench: PumpBench,
+) -> None:
+    bench.loaded()
+    bench.pump.faults.watchdog_dead = True
+    for _ in range(200):
+        bench.clock()
+    assert bench.pump.loaded
+    bench.pump.faults.watchdog_dead = False
+    bench.clock()
+    assert not bench.pump.loaded
+
+
 @pytest.mark.parametrize("outputs", [{"pump_load": 0.5}, {"pump_speed": 1.0}])
 def test_what_cannot_be_is_refused(bench: PumpBench, outputs: dict[str, float]) -> None:
     driver = bench.opened()
