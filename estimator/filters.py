@@ -4,7 +4,7 @@ Every filter takes the same measurements and writes the same ten outputs a sampl
 its own. A code tells compiled loops which filter it is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -121,6 +121,12 @@ class FilterMemory:
     def dense_covariance(self) -> Array:
         """P, square over the filter's states."""
         return dense_covariance(self.covariance) if self.filter.factored else self.covariance
+
+    def copy(self) -> "FilterMemory":
+        """Return a filter that goes on from here by itself."""
+        return replace(
+            self, x=self.x.copy(), covariance=self.covariance.copy(), work=self.work.copy()
+        )
 
     @property
     def resets(self) -> int:

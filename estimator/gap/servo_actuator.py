@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.plant import NO_FAULT, Model, Parameters, quantities
 from rig.plant.command_path import PATH_SIZE, command_path, drive
 from rig.plant.dynamics import chamber_volumes, total_mass
-from rig.plant.integrator import TICK
+from rig.plant.integrator import SUBSTEPS, TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import DATA_SHEET, SensorParameters
 from rig.plant.transducers import (
@@ -83,7 +83,7 @@ def _step(state, memory, parameters):
     path[:] = memory[PATH : PATH + PATH_SIZE]
     par = parameters_of(parameters)
     before_1, before_2 = max(state[2], 0.0), max(state[3], 0.0)
-    drive(state, path, memory[COMMAND], par, _FAULT)
+    drive(state, path, memory[COMMAND], par, _FAULT, SUBSTEPS)
     state[SEEN_1] = _lagging(state[SEEN_1], before_1, state[2], par)
     state[SEEN_2] = _lagging(state[SEEN_2], before_2, state[3], par)
 

@@ -19,8 +19,9 @@ from rig.io.signals import FAST_INPUTS
 from rig.plant.command_path import drive
 from rig.plant.compiled import inlined
 from rig.plant.dynamics import leak_flows, spring_force
-from rig.plant.sensors import READING_COUNT, encoder_position, read_sensors
-from rig.plant.transducers import follow, seen_position
+from rig.plant.integrator import SUBSTEPS
+from rig.plant.sensors import READING_COUNT, read_sensors
+from rig.plant.transducers import follow
 
 from .decided import DECIDED
 from .interlock import Interlock, judged_sample
@@ -246,7 +247,7 @@ def simulated_ticks(
         row[truth + 6] = leaks[0]
         row[truth + 7] = leaks[1]
         row[truth + 8] = leaks[2]
-        drive(plant, path, command, par, fault)
+        drive(plant, path, command, par, fault, SUBSTEPS)
         follow(seen, plant, par)
         if judged >= guard.ends_from:
             return k + 1
@@ -281,32 +282,3 @@ def judge(reading, command, guard):
 @inlined
 def _stop(action, cause, channel, guard):
     guard.stopped[0], guard.stopped[1], guard.stopped[2] = action, cause, channel
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def position_ticks(
-    setpoint, gain, limit, no_fault, plant, path, seen, par, sensors, fitted, meters, offsets,
-    noise, guard, held,
-):  # fmt: skip
-    """Hold the ram on `setpoint` (ticks,) in m before a test, with no fault and no filter.
-
-    Ends early if the interlock has the ram stopped. Arguments are those of `simulated_ticks`.
-    """
-    reading = np.empty(READING_COUNT)
-    for k in range(setpoint.size):
-        shown = par.position_gain * seen_position(seen, plant[4], par)
-        measured = encoder_position(shown, sensors)
-        held[0] = proportional_command(setpoint[k], measured, gain, limit)
-        if guard.watched:
-            leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, no_fault)
-            load = spring_force(plant[4], par)
-            read_sensors(
-                plant, seen, leaks, load, meters, offsets, noise[k], par, sensors, reading
-            )  # fmt: skip
-            for i in range(READING_COUNT):
-                reading[i] *= fitted[i]
-            if judge(reading, held[0], guard) >= guard.ends_from:
-                held[0] = 0.0
-                return
-        drive(plant, path, held[0], par, no_fault)
-        follow(seen, plant, par)

@@ -14,7 +14,7 @@ from rig.io.simulated import SimulatedRig
 from rig.plant import NO_FAULT, Parameters
 from rig.plant.integrator import TICK
 
-from .cycle import READINGS, READINGS_AT, guard, position_ticks, row_channels, simulated_ticks
+from .cycle import READINGS, READINGS_AT, guard, row_channels, simulated_ticks
 from .decided import no_decision
 from .interlock import Interlock, held_position, interlock
 from .ladder import NO_CHANNEL, Action, Cause, limit_table
@@ -130,22 +130,24 @@ class SimulatedLoop:
     def position(self) -> None:
         """Bring the ram to its start by the position loop, along a raised cosine; let it rest.
 
+        Nothing is recorded, and the filter that runs is a copy: the test's begins with the test.
+
         Raises:
             LoopStoppedError: the interlock stopped it.
         """
-        setpoint = raised_cosine(
-            self._rig.state[4], self._motion.start_position, self._motion.settle_ticks
-        )
         rig = self._rig
+        setpoint = raised_cosine(
+            rig.state[4], self._motion.start_position, self._motion.settle_ticks
+        )
+        no_faults = np.tile(NO_FAULT, (setpoint.size, 1))
         rig.start_clock(-setpoint.size * TICK)
-        # A plain tuple, as in the test's ticks: another type would be another compilation.
-        position_ticks(
-            setpoint, self._gain, self._limit, tuple(NO_FAULT), rig.state, rig.path, rig.seen,
-            rig.parameters, rig.sensors, rig.fitted, rig.meters.copy(), rig.offsets,
-            rig.noise_apart(setpoint.size), self._guard, self._held,
+        self._ticks(
+            0, setpoint, False, no_faults, rig.noise_apart(setpoint.size), rig.meters.copy(),
+            self._memory.copy(), Reaction.IGNORE,
         )  # fmt: skip
         rig.start_clock(0.0)
         if self._is_stopped:
+            self._held[0] = 0.0
             raise self.stopped
 
     def advance(self, ticks: int) -> Array:
@@ -194,15 +196,33 @@ class SimulatedLoop:
         return row
 
     def _run(self, setpoint: Array, open_loop: bool, faults: Array) -> Array:
-        """Run ticks until something ends them, and return their rows."""
-        rig, memory = self._rig, self._memory
+        """Run ticks of the test until something ends them, and return their rows."""
+        rig = self._rig
+        return self._ticks(
+            self._tick, setpoint, open_loop, faults, rig.noise(setpoint.size), rig.meters,
+            self._memory, self._on_fault,
+        )  # fmt: skip
+
+    def _ticks(
+        self,
+        first: int,
+        setpoint: Array,
+        open_loop: bool,
+        faults: Array,
+        noise: Array,
+        meters: Array,
+        memory: FilterMemory,
+        on_fault: int,
+    ) -> Array:
+        """Run ticks until something ends them, and return their rows; see `simulated_ticks`."""
+        rig = self._rig
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
-            self._tick, TICK, setpoint, open_loop, self._gain, self._limit, faults, rig.state,
-            rig.path, rig.seen, rig.parameters, rig.sensors, rig.fitted, rig.meters, rig.offsets,
-            rig.noise(setpoint.size), memory.filter.code, memory.x, memory.covariance,
-            self._assumed, memory.noise, memory.work, self._on_fault, self._decided,
-            self._reaction, self._guard, self._held, rows,
+            first, TICK, setpoint, open_loop, self._gain, self._limit, faults, rig.state,
+            rig.path, rig.seen, rig.parameters, rig.sensors, rig.fitted, meters, rig.offsets,
+            noise, memory.filter.code, memory.x, memory.covariance, self._assumed, memory.noise,
+            memory.work, int(on_fault), self._decided, self._reaction, self._guard, self._held,
+            rows,
         )  # fmt: skip
         return rows[:done]
 

@@ -13,11 +13,10 @@ from math import ceil, exp, pi, sin
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from .compiled import inlined, inner, with_field
-from .integrator import SUBSTEPS, TICK, advance
+from .integrator import TICK, advance
 from .parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -131,16 +130,17 @@ def _drive_delayed(state, path, command, par, fault, substeps):
 
 
 @inlined
-def drive_undelayed(state, path, command, par, fault, duration=TICK, substeps=SUBSTEPS):
+def drive_undelayed(state, path, command, par, fault, duration, substeps):
     """Advance plant and path in place over a time in s in which a command acts; see `drive`."""
     if (par.valve_hysteresis != 0.0) | (par.supply_ripple != 0.0):
         _drive_for(state, path, command, par, fault, duration, substeps)
     else:
-        advance(state, command, par, fault, duration, substeps)
+        # Not a literal, as above: that would be another compilation.
+        advance(state, command, par, fault, duration, int(substeps))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def drive(state, path, command, par, fault, substeps=SUBSTEPS):
+@inlined
+def drive(state, path, command, par, fault, substeps):
     """Advance plant and command path in place by one tick: the transition that fits share too.
 
     Args:

@@ -10,7 +10,7 @@ crashes the process.
 from typing import Any, Final
 
 from llvmlite import binding, ir
-from numba import njit, types
+from numba import njit, typeof, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
@@ -70,6 +70,17 @@ inner: Final[Any] = njit(**_OPTIONS)
 
 inlined: Final[Any] = njit(**_OPTIONS, forceinline=True)
 """As `inner`, and put its code where it is called, whatever its size."""
+
+
+def compile_part(part: Any, *arguments: Any) -> None:
+    """Compile a part for arguments of these types, which may be numba types themselves.
+
+    It is compiled when something that calls it is, so that this is never needed; but then it need
+    not be compiled any more, and several processes can share the work.
+    """
+    part.compile(
+        tuple(each if isinstance(each, types.Type) else typeof(each) for each in arguments)
+    )
 
 
 @intrinsic(prefer_literal=True)

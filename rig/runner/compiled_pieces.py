@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numba.core.types import literal
 
 from control.setpoints import Constant
 from estimator.detection import Samples
@@ -21,10 +22,14 @@ from faults.campaign import CampaignTest
 from faults.verdict import Verdict
 from rig.configuration.rig import Rig
 from rig.io.settings import HomingSettings
+from rig.io.simulated import simulated_rig
 from rig.loop.board import Board
+from rig.loop.cycle import guard, judge, sample_row
+from rig.loop.decided import no_decision
 from rig.loop.decision_post import prepare
 from rig.loop.interlock import interlock
 from rig.loop.ladder import limit_table
+from rig.loop.reaction import Reaction, react, reaction_memory, tolerating
 from rig.loop.tolerances import tolerances
 from rig.loop.wire_cycle import wire_ticks
 from rig.loop.wire_layout import (
@@ -36,10 +41,14 @@ from rig.loop.wire_layout import (
     wire_channels,
     wire_memory,
 )
-from rig.plant import Model
-from rig.plant.integrator import TICK
+from rig.plant import NO_FAULT, Model
+from rig.plant.command_path import drive
+from rig.plant.compiled import compile_part
+from rig.plant.integrator import SUBSTEPS, TICK
+from rig.plant.sensors import READING_COUNT, read_sensors
+from rig.plant.transducers import follow
 
-from .simulated_bench import loop_of
+from .simulated_bench import interlock_of, loop_of
 
 _JUDGED_S: Final = 12.0
 """Long enough for the detector to weigh faults against each other."""
@@ -66,16 +75,46 @@ class Needs:
 
 
 def _plant(needs: Needs) -> None:
-    """Bring a simulated ram to its start."""
+    """Compile a tick of a simulated rig."""
+    simulated = simulated_rig(Model(), 0, sensors=needs.rig.sensors)
+    par, state, seen = simulated.parameters, simulated.state, simulated.seen
+    flows, fault = (0.0, 0.0, 0.0), tuple(NO_FAULT)
+    compile_part(drive, state, simulated.path, 0.0, par, fault, literal(SUBSTEPS))
+    follow(seen, state, par)
+    read_sensors(
+        state, seen, flows, 0.0, simulated.meters, simulated.offsets, np.zeros(READING_COUNT), par,
+        simulated.sensors, np.zeros(READING_COUNT),
+    )  # fmt: skip
+
+
+def _interlock(needs: Needs) -> None:
+    """Compile what a simulated loop does about a sample and about a decision."""
+    reaction, decided = reaction_memory(), no_decision()
+    compile_part(judge, np.zeros(READING_COUNT), 0.0, guard(interlock_of(needs.rig, Model()), True))
+    react(int(Reaction.IGNORE), decided, 0.0, reaction)
+    estimated = start_memory(needs.filter_name, Model(), needs.rig.sensors).x
+    tolerating(
+        0.0, int(Reaction.IGNORE), decided, estimated, Model().parameters, 0.0, 0.0, reaction
+    )
+
+
+def _estimates(needs: Needs) -> None:
+    """Compile the filter's step, and the row that a loop keeps of it."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
-    loop_of(needs.rig, _standing(TICK), memory, Model()).position()
+    compile_part(
+        sample_row, True, 0.0, 0.0, 0.0, 0.0, np.zeros(READING_COUNT), memory.filter.code,
+        memory.x, memory.covariance, Model().parameters, memory.noise, memory.work, no_decision(),
+        reaction_memory().acted, np.zeros(1),
+    )  # fmt: skip
 
 
 def _simulated_loop(needs: Needs) -> None:
     """Run a simulated rig for two ticks: the first starts the filter."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
     # No limit is to end it before it has run.
-    loop_of(needs.rig, _standing(2 * TICK), memory, Model(), judged=False).advance(2)
+    loop = loop_of(needs.rig, _standing(2 * TICK), memory, Model(), judged=False)
+    loop.position()
+    loop.advance(2)
 
 
 def _filter(needs: Needs) -> None:
@@ -179,12 +218,27 @@ def _swinging(needs: Needs, ticks: int) -> tuple[Samples, FilterRun]:
     return samples, run
 
 
-PIECES: Final[dict[str, Callable[[Needs], None]]] = {
-    "plant": _plant,
-    "simulated loop": _simulated_loop,
-    "filter": _filter,
-    "detector": _detector,
-    "decisions": _decisions,
-    "loop": _loop,
+@dataclass(frozen=True)
+class Piece:
+    """Something that is compiled in one go.
+
+    Attributes:
+        run: has it compiled.
+        after: pieces that it contains, by name; it takes over what they have compiled.
+    """
+
+    run: Callable[[Needs], None]
+    after: tuple[str, ...] = ()
+
+
+PIECES: Final[dict[str, Piece]] = {
+    "plant": Piece(_plant),
+    "estimates": Piece(_estimates),
+    "interlock": Piece(_interlock),
+    "simulated loop": Piece(_simulated_loop, after=("plant", "estimates", "interlock")),
+    "filter": Piece(_filter, after=("estimates",)),
+    "detector": Piece(_detector),
+    "decisions": Piece(_decisions),
+    "loop": Piece(_loop, after=("filter",)),
 }
 """By the names that an operator is told."""

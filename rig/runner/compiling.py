@@ -5,9 +5,9 @@ armed would fall silent, and the rig would trip; a loop would miss its ticks. So
 process of a session is anything compiled, or loaded from the cache, between arming and the end.
 `compile_for` stands before every session. What is new in a session has its place in a piece here.
 
-A piece runs what a session runs, on next to nothing. Pieces of a strand are compiled one after the
-other, as the later ones contain the earlier; strands are compiled side by side. A piece that has
-been compiled leaves a mark in the cache, beside what numba keeps there.
+A piece runs what a session runs, on next to nothing, or has it compiled without a run. Processes
+take pieces one after the other, each piece as soon as those are compiled that it contains. A piece
+that has been compiled leaves a mark in the cache, beside what numba keeps there.
 """
 
 import fcntl
@@ -18,8 +18,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from itertools import chain
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -29,13 +28,15 @@ from .compiled_pieces import PIECES, Needs
 from .stopping import StopFlag
 
 Tell = Callable[[str], None]
-Strands = tuple[tuple[str, ...], ...]
+Names = tuple[str, ...]
 
-SIMULATED: Final[Strands] = (("plant", "simulated loop"), ("filter", "detector"))
-"""Of a campaign on a simulated rig."""
-ON_HARDWARE: Final[Strands] = (("filter", "loop"), ("detector", "decisions"))
+SIMULATED: Final[Names] = (
+    "estimates", "plant", "interlock", "simulated loop", "detector", "filter",
+)  # fmt: skip
+"""Of a campaign on a simulated rig; of pieces that could be next, the first is."""
+ON_HARDWARE: Final[Names] = ("filter", "detector", "loop", "decisions")
 """Of a campaign on hardware."""
-WITHOUT_TESTS: Final[Strands] = (("filter", "loop"),)
+WITHOUT_TESTS: Final[Names] = ("filter", "loop")
 """Of a session on hardware that moves the ram and judges nothing."""
 OF_THE_LOOP: Final = ("loop",)
 """What the loop process of a session loads itself, before it answers that it is ready."""
@@ -44,45 +45,41 @@ _LOOK_S: Final = 0.05
 _LOCK: Final = "lock"
 
 
-def compile_for(needs: Needs, strands: Strands, tell: Tell, stop: StopFlag) -> None:
+def compile_for(needs: Needs, names: Names, tell: Tell, stop: StopFlag) -> None:
     """Compile what a session runs, unless that is done, and tell how far it is.
 
-    It returns early, with less, if a stop is requested. A strand that fails is told of, and left to
+    It returns early, with less, if a stop is requested. A piece that fails is told of, and left to
     whoever runs it first.
 
     Args:
         needs: what decides how it is compiled.
-        strands: pieces by name.
+        names: of the pieces.
         tell: shows a line to the operator.
         stop: whether somebody asked for an end.
     """
     marks = marks_folder()
-    if marks is None or not _missing(marks, needs, strands):
+    if marks is None or not _missing(marks, needs, names):
         return
     with _alone(marks / _LOCK, tell, stop):
-        missing = _missing(marks, needs, strands)
+        missing = _missing(marks, needs, names)
         if missing and not stop.requested:
             _compile(marks, needs, missing, tell, stop)
 
 
-def load(needs: Needs, strands: Strands) -> None:
+def load(needs: Needs, names: Names) -> None:
     """Load into this process what it runs in a session, without what the loop process loads."""
-    for name in chain.from_iterable(strands):
+    for name in names:
         if name not in OF_THE_LOOP:
-            PIECES[name](needs)
+            PIECES[name].run(needs)
 
 
 def _mark(marks: Path, needs: Needs, name: str) -> Path:
     return marks / f"{name.replace(' ', '_')}-{needs.kind}"
 
 
-def _missing(marks: Path, needs: Needs, strands: Strands) -> Strands:
-    """Return the strands less the pieces that are compiled."""
-    left = (
-        tuple(name for name in strand if not _mark(marks, needs, name).exists())
-        for strand in strands
-    )
-    return tuple(strand for strand in left if strand)
+def _missing(marks: Path, needs: Needs, names: Names) -> Names:
+    """Return the names of the pieces that are not compiled."""
+    return tuple(name for name in names if not _mark(marks, needs, name).exists())
 
 
 @contextmanager
@@ -104,75 +101,102 @@ def _alone(path: Path, tell: Tell, stop: StopFlag) -> Iterator[None]:
         yield
 
 
-def _compile(marks: Path, needs: Needs, strands: Strands, tell: Tell, stop: StopFlag) -> None:
-    """Compile strands in processes of their own, as many at once as there are processors."""
-    names = list(chain.from_iterable(strands))
+def _compile(marks: Path, needs: Needs, names: Names, tell: Tell, stop: StopFlag) -> None:
+    """Compile pieces in processes of their own, as many at once as there are processors."""
     tell(f"compiling for this machine, once for each version of the program: {', '.join(names)}")
-    waiting, running = list(strands), list[_Strand]()
-    done = set[str]()
+    waiting, compiled = list(names), 0
+    workers = [_Worker(needs) for _ in range(min(len(names), len(os.sched_getaffinity(0))))]
     try:
-        while (waiting or running) and not stop.requested:
-            if waiting and len(running) < len(os.sched_getaffinity(0)):
-                running.append(_Strand(needs, waiting.pop(0)))
+        while (waiting or any(worker.piece for worker in workers)) and not stop.requested:
+            for worker in workers:
+                if not worker.piece:
+                    name = _next(waiting, [other.piece for other in workers])
+                    if name:
+                        waiting.remove(name)
+                        worker.begin(name)
+                elif _mark(marks, needs, worker.piece).exists():
+                    compiled += 1
+                    tell(f"compiled the {worker.piece}, {compiled} of {len(names)}")
+                    worker.piece = ""
+                elif worker.has_ended:
+                    tell(f"compiling the {worker.piece} failed: {worker.failure()}")
+                    workers[workers.index(worker)] = _Worker(needs)
             time.sleep(_LOOK_S)
-            ended = [strand for strand in running if strand.has_ended]
-            for name in names:
-                if name not in done and _mark(marks, needs, name).exists():
-                    done.add(name)
-                    tell(f"compiled the {name}, {len(done)} of {len(names)}")
-            for strand in ended:
-                running.remove(strand)
-                failure = strand.failure()
-                if failure:
-                    tell(f"compiling the {' and the '.join(strand.names)} failed: {failure}")
     finally:
-        for strand in running:
-            strand.end()
+        for worker in workers:
+            worker.end()
 
 
-class _Strand:
-    """A process that compiles one strand, in a session of its own: Ctrl-C is for its parent."""
+def _next(waiting: Sequence[str], running: Sequence[str]) -> str:
+    """Return the first piece that waits for none of the others; empty if there is none."""
+    unfinished = {*waiting, *running}
+    ready = (name for name in waiting if unfinished.isdisjoint(PIECES[name].after))
+    return next(ready, "")
 
-    def __init__(self, needs: Needs, names: Sequence[str]) -> None:
-        self.names = names
+
+class _Worker:
+    """A process that compiles pieces, in a session of its own: Ctrl-C is for its parent.
+
+    Attributes:
+        piece: that it compiles now; empty: it waits for one.
+    """
+
+    def __init__(self, needs: Needs) -> None:
+        self.piece = ""
         program = f"from {__name__} import main; main()"
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", program, *names],
+            [sys.executable, "-P", "-c", program],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             start_new_session=True,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         )
+        self._send(pickle.dumps(needs))
+
+    def begin(self, piece: str) -> None:
+        """Have it compile a piece."""
+        self.piece = piece
+        self._send(f"{piece}\n".encode())
+
+    def _send(self, data: bytes) -> None:
         assert self._process.stdin is not None
-        with self._process.stdin as pipe:
-            pipe.write(pickle.dumps(needs))
-        self._process.stdin = None
+        # It may have ended; that is seen, and told, by who looks at it.
+        with suppress(OSError):
+            self._process.stdin.write(data)
+            self._process.stdin.flush()
 
     @property
     def has_ended(self) -> bool:
         return self._process.poll() is not None
 
     def failure(self) -> str:
-        """Return what it said last, if it failed, and empty otherwise; once it has ended."""
-        lines = self._process.communicate()[1].decode(errors="replace").strip().splitlines()
-        if self._process.returncode == 0:
-            return ""
+        """Return what it said last, once it has ended."""
+        lines = self._output().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else f"ended with {self._process.returncode}"
 
     def end(self) -> None:
+        """End it, whatever it does."""
         self._process.kill()
-        self._process.communicate()
+        self._output()
+
+    def _output(self) -> bytes:
+        pipe, self._process.stdin = self._process.stdin, None
+        with suppress(OSError):
+            if pipe is not None:
+                pipe.close()
+        return self._process.communicate()[1]
 
 
 def main() -> None:
-    """Compile the pieces on the command line, by the needs on the standard input."""
+    """Compile by the needs on the standard input the pieces that are named there, until it ends."""
     needs: Needs = pickle.load(sys.stdin.buffer)
     marks = marks_folder()
     # The compiler makes millions of small objects that live as long as this process: to look for
     # garbage among them takes a sixth of the time, and finds none.
     gc.disable()
-    for name in sys.argv[1:]:
-        PIECES[name](needs)
+    for line in sys.stdin.buffer:
+        name = line.decode().strip()
+        PIECES[name].run(needs)
         if marks is not None:
             _mark(marks, needs, name).touch()

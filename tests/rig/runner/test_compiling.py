@@ -73,7 +73,7 @@ folder = Path(sys.argv[1])
 campaign, rig = load_campaign(str(folder / "campaign.yaml"), None, folder)
 needs = Needs(rig, campaign.filter_name)
 load(needs, ON_HARDWARE)
-load(needs, (("plant", "simulated loop"),))
+load(needs, ("simulated loop",))
 
 compile_or_load = Dispatcher.compile
 def noted(self, signature):
@@ -109,12 +109,12 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.usefixtures("empty_cache")
 def test_what_is_compiled_is_told_piece_by_piece_and_only_once() -> None:
     needs, told = Needs(load_rig("emulated"), "product"), list[str]()
-    compile_for(needs, (("decisions",),), told.append, StopFlag())
+    compile_for(needs, ("decisions",), told.append, StopFlag())
     assert told == [
         "compiling for this machine, once for each version of the program: decisions",
         "compiled the decisions, 1 of 1",
     ]
-    compile_for(needs, (("decisions",),), told.append, StopFlag())
+    compile_for(needs, ("decisions",), told.append, StopFlag())
     assert len(told) == 2
 
 
@@ -133,5 +133,5 @@ def test_a_stop_ends_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("empty_cache")
 def test_a_piece_that_cannot_be_compiled_is_told_of_and_keeps_nothing_from_running() -> None:
     told: list[str] = []
-    compile_for(Needs(load_rig("emulated"), "no filter"), (("filter",),), told.append, StopFlag())
+    compile_for(Needs(load_rig("emulated"), "no filter"), ("filter",), told.append, StopFlag())
     assert "no filter 'no filter'" in told[-1]
