@@ -58,7 +58,7 @@ WORK_SHAPE: Final = (_SCRATCH_ROWS + _PATH_ROWS, STATE_COUNT)
 Jacobian, the rows to orthogonalise, and the command path's memory (`estimator.readings`)."""
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def start_product(x, factors, position, p1, p2, spool, command, par, noise, work):
     """Set the state (11,) and its covariance's factors (11, 11) by a first sample.
 
@@ -210,7 +210,7 @@ def _reset(x, factors, position, p1, p2, spool, command, par, noise, work):
     count_reset(work[0])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=False)
 def product_step(x, factors, command, position, p1, p2, spool, supply, par, noise, work, out):
     """Advance the product filter by one sample.
 

@@ -65,7 +65,7 @@ _OPTIONS: Final[dict[str, Any]] = {
     "pipeline_class": _PartCompiler,
 }
 
-inner: Final[Any] = njit(**_OPTIONS)
+inner: Final[Any] = njit(**_OPTIONS, forceinline=False)
 """Compile a function that only compiled code calls."""
 
 inlined: Final[Any] = njit(**_OPTIONS, forceinline=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from .added_terms import FLOW_1, FLOW_2, FORCE, SPOOL, added, added_friction
-from .compiled import inlined
+from .compiled import inlined, inner
 from .lanes import anywhere, select
 from .parameters import KARNOPP, Parameters
 
@@ -333,14 +333,14 @@ def spool_rates(spool, velocity, command, par):
     return velocity, pull
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def slip_level(velocity, direction, x, spool, p1, p2, command, par):
     """Return the friction level in N (`slip_friction`) with what terms add to it."""
     level = slip_friction(abs(velocity), direction, par)
     return max(level + added_friction(velocity, x, spool, p1, p2, command, par), LEVEL_FLOOR)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _with_terms(s, w, p1, p2, x, v, z, command, inflow_1, inflow_2, par):
     """Return (dx_sp/dt, dw/dt, dp_1/dt, dp_2/dt, dv/dt, dz/dt) with the model's terms in symbols.
 
