@@ -88,7 +88,7 @@ def uncompiled(source: str = SOURCE) -> dict[str, Any]:
     """Return the names that the source defines, its functions uncompiled and fit for quantities."""
     for old, new in (
         ("from numba import njit", "njit = lambda **options: (lambda function: function)"),
-        ("from .compiled import inlined", "inlined = lambda function: function"),
+        ("from .compiled import inlined, inner", "inlined = inner = lambda function: function"),
         ("from math import copysign, exp, sin, sqrt", "from numpy import exp, sin, sqrt"),
         ("from .", "from rig.plant."),
     ):
