@@ -10,7 +10,7 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-input
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet
 
-.PHONY: help demo test test-long check lint format types imports bench bench-loop chaos gate reference trials lock clean
+.PHONY: help demo test test-long check lint format types imports rooms bench bench-loop chaos gate reference trials lock clean
 
 help: ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -28,7 +28,7 @@ test: $(INSTALLED_DEV) ## run the tests
 test-long: $(INSTALLED_DEV) ## run the tests that test leaves out for their length
 	@$(BIN)/python -m pytest -n 2 -m long
 
-check: lint format types imports ## lint, format, types, import layers (make -k check: all of them)
+check: lint format types imports rooms ## lint, format, types, faces and layers, sizes (make -k check: all of them)
 
 lint: $(INSTALLED_DEV)
 	@$(BIN)/ruff check
@@ -40,7 +40,10 @@ types: $(INSTALLED_DEV)
 	@$(BIN)/mypy
 
 imports: $(INSTALLED_DEV)
-	@$(BIN)/lint-imports --no-logo
+	@PYTHONPATH=. $(BIN)/lint-imports --no-logo
+
+rooms: $(INSTALLED_DEV)
+	@$(BIN)/python -m tools.rooms
 
 bench: $(INSTALLED_DEV) ## measure filter, plant, campaign, lanes and start-up against their references
 	@$(BIN)/python -m tools.bench

@@ -10,9 +10,7 @@ from typing import Final
 
 from numba import njit
 
-from rig.plant.compiled import inlined
-from rig.plant.dynamics import valve_conductance
-from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.plant import LITRE_PER_MINUTE, inlined, valve_conductance
 
 TOLERANT_STATE: Final = 6
 """float64 (6,), zeros at the start: how much of the compensation is in use (0 to 1), the leak
@@ -90,7 +88,7 @@ def tolerant_command(command, leaks, p1, p2, par, limit, period, state):
     Args:
         command: of the proportional loop, V, within +-limit.
         leaks: coefficients (k_el1, k_el2, k_il) of the leaks confirmed now, m^3/(s Pa^0.5), 0 where
-            there is none; a tuple or an array. `estimator.detection.Decision.present_leaks`.
+            there is none; a tuple or an array. `estimator.leaks.detection.Decision.present_leaks`.
         p1: the filter's latest estimate of chamber 1's pressure, Pa.
         p2: the filter's latest estimate of chamber 2's pressure, Pa.
         par: the `Parameters` that the filter assumes.

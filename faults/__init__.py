@@ -2,3 +2,7 @@
 
 Coefficients are SI; every injected leak is recorded as ground truth.
 """
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

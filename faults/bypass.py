@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from control.request import Checks
-from rig.plant.parameters import NOMINAL
+from control import Checks
+from rig.plant import NOMINAL
 
 from .leakage import Value, square_root_flow, to_litres_per_minute
 from .needle import ROUNDING, BypassError, NeedleCharacteristic, require_share

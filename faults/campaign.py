@@ -5,11 +5,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from control.setpoints import Setpoint
-from estimator.baseline import Baseline
-from estimator.detection import Detector
-from estimator.replay import detector_for
-from rig.plant.model import Model
+from control import Setpoint
+from estimator.leaks import Baseline, Detector, detector_for
+from rig.plant import Model
 
 from .conditions import Condition
 from .schedule import Fault

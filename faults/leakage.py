@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.plant import LITRE_PER_MINUTE
 
 Value = TypeVar("Value", float, NDArray[np.float64])
 """A number, or an array of any shape."""

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from control.request import Checks, RequestError
+from control import Checks, RequestError
 
 # Points closer than these shares of full scale cannot be told apart by a calibration, and finer
 # steps would cost the inverse the nine digits that hold for every table admitted here.

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control.request import Checks, RequestError
+from control import Checks, RequestError
 
 from .bypass import BypassValve, coefficient_beside
 from .needle import NeedleCharacteristic

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from control.request import Checks, Problem, RequestError
-from rig.plant.faults import FAULT_COLUMNS
-from rig.plant.parameters import quantities
+from control import Checks, Problem, RequestError
+from rig.plant import FAULT_COLUMNS, quantities
 
 from .bypass import NOMINAL_BYPASSES, port_opening, series_coefficient
 from .verdict import FAULT_KINDS, LEAK_KINDS, Verdict

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 _COMPILED: Final = (
+    "rig/lanes",
     "rig/plant",
     "rig/io",
     "rig/loop",

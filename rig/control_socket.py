@@ -1,6 +1,7 @@
 """The socket in the folder of a running campaign, and how one asks something there.
 
-What serves it is `rig.runner.control_port`; to ask, one needs neither the loop nor the compiler.
+What serves it is `rig.runner.campaign.control_port`; to ask, one needs neither the loop nor the
+compiler.
 """
 
 import json
@@ -48,7 +49,7 @@ def ask(
 
     Args:
         folder: of the run.
-        request: what (`rig.runner.desk.Request`).
+        request: what (`rig.runner.campaign.operator_requests.Request`).
         text: of a note; may go with anything else.
         test: name of the test to skip or to retry.
         wait_s: how long an answer is waited for.

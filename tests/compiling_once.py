@@ -18,8 +18,12 @@ PATIENCE_S: Final = 180.0
 """After which a worker compiles a function itself: to wait is to save time, no more."""
 _LOOK_S: Final = 0.02
 _ORDERS: Final = (
-    ("estimator.gap.servo_actuator", "estimator.gap.workflow"),
-    ("estimator.gap.side_by_side", "estimator.gap.sensitivities", "estimator.gap.workflow"),
+    ("estimator.gap.servo.actuator", "estimator.gap.verdict.workflow"),
+    (
+        "estimator.gap.prediction.side_by_side",
+        "estimator.gap.prediction.sensitivities",
+        "estimator.gap.verdict.workflow",
+    ),
 )
 """Modules that compile as they are imported, in the order of the first worker and of the others."""
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rig.configuration import check
-from rig.configuration.lookup import copy_shipped
-from rig.configuration.schedule import load_schedule
+from rig.configuration.campaigns.schedule import load_schedule
+from rig.configuration.reading.lookup import copy_shipped
 from rig.io.simulated import simulated_rig
 from rig.plant import Model
 from rig.plant.simulation import simulate

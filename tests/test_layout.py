@@ -18,6 +18,7 @@ from hatchling.builders.wheel import WheelBuilder
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("rig", "estimator", "control", "faults")
 COMPILED_PACKAGES = (
+    "rig/lanes",
     "rig/plant",
     "rig/io",
     "rig/loop",

@@ -8,7 +8,7 @@ statistic, for an exact model, does there is compared with
 
     rate = DIRECTIONS * crossing_rate(limit),   statistic > t(limit) - LEFT_OUT
 
-(`estimator.crossings`), limit by limit, with the counts' exact 95 % intervals. A
+(`estimator.accounts.crossings`), limit by limit, with the counts' exact 95 % intervals. A
 crossing counts once until the statistic has stayed below the limit for 8 s.
 """
 
@@ -24,16 +24,16 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from estimator.account_noise import sensor_noise
-from estimator.crossings import crossing_rate, student_quantile
-from estimator.detection import Samples, draw_up
-from estimator.fault_scores import WITNESSES
-from estimator.filters import FilterRun
-from estimator.flow_account import BLOCK_S
-from estimator.leak_test import DIRECTIONS, LEFT_OUT, MINIMUM_BLOCKS, LeakTest
-from estimator.oil_account import OilAccount
+from estimator.accounts.crossings import crossing_rate, student_quantile
+from estimator.accounts.flow import BLOCK_S
+from estimator.accounts.noise import sensor_noise
+from estimator.filters.registry import FilterRun
+from estimator.leaks.detection import Samples, draw_up
+from estimator.leaks.fault_scores import WITNESSES
+from estimator.leaks.leak_test import DIRECTIONS, LEFT_OUT, MINIMUM_BLOCKS, LeakTest
+from estimator.leaks.oil_account import OilAccount
+from rig.lanes import LANES
 from rig.plant import Model
-from rig.plant.lanes import LANES
 from tools.healthy_hours import RUN_S, Setting, poisson_interval, run_group
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from estimator.filters import FILTERS, start_memory
+from estimator.filters.registry import FILTERS, start_memory
 from rig.configuration import load_campaign
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
@@ -66,7 +66,7 @@ def start_up() -> tuple[float, float]:
 
 def first_sample() -> None:
     """Load the quickstart campaign and run the first tick of its first test."""
-    from rig.runner.simulated_bench import loop_of
+    from rig.runner.campaign.simulated_bench import loop_of
 
     campaign, rig = load_campaign("quickstart")
     memory = start_memory(campaign.filter_name, campaign.model, rig.sensors)

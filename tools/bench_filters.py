@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from estimator import thesis
-from estimator.ud import dense_covariance
+from estimator.filters import thesis
+from estimator.filters.ud import dense_covariance
 from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from estimator.product_lanes import ProductLanes
-from estimator.thesis_lanes import Thesis7Lanes
+from estimator.filters.product_lanes import ProductLanes
+from estimator.filters.thesis_lanes import Thesis7Lanes
+from rig.lanes import LANES
 from rig.loop.lanes import SimulatedLanes
 from rig.plant import NO_FAULT, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
-from rig.plant.lanes import LANES
 from tools.bench_campaign import RIG_SECONDS, loop_alone
 from tools.drawn_rigs import MIDDLE, drawn_rig, mixed_motion
 

@@ -22,23 +22,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.filters import start_memory
+from estimator.filters.registry import start_memory
 from rig.compile_cache import use_compile_cache
-from rig.configuration.rig import Rig, load_rig
+from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.board import Board, Word
-from rig.loop.interlock import interlock
-from rig.loop.ladder import limit_table
+from rig.loop.interlocks.judging import interlock
+from rig.loop.interlocks.ladder import limit_table
 from rig.loop.realtime import RealTime
 from rig.loop.ring import RingReader
-from rig.loop.wire_cycle import wire_ticks
-from rig.loop.wire_layout import (
-    Drive,
-    course,
-    estimation,
-    pace,
-    shared_memory,
-    wire_memory,
-)
+from rig.loop.wire.cycle import wire_ticks
+from rig.loop.wire.layout import Drive, course, estimation, pace, shared_memory, wire_memory
 from rig.plant.integrator import TICK
 
 from .loop_chain import CHANNELS, CPU, MODEL, PRIORITY, Chain, fast, wire_tolerances

@@ -10,11 +10,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator.product import WORK_SHAPE, product_step
-from estimator.product_model import STATE_COUNT
-from estimator.product_noise import ProductNoise, product_noise
-from estimator.ud import dense_covariance
-from estimator.watch import RESETS, SUPPLY
+from estimator.filters.divergence import RESETS, SUPPLY
+from estimator.filters.product import WORK_SHAPE, product_step
+from estimator.filters.product_model import STATE_COUNT
+from estimator.filters.product_noise import ProductNoise, product_noise
+from estimator.filters.ud import dense_covariance
 from rig.plant import NOMINAL, Parameters
 from rig.plant.sensors import DATA_SHEET
 

@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compile_cache import use_compile_cache
-from rig.configuration.rig import Rig, load_rig
+from rig.configuration.rigs.rig import Rig, load_rig
 from rig.plant.integrator import TICK
 from rig.stream.messages import KINDS, command_key, key
 from rig.stream.sessions import subscriber_session
 from rig.stream.settings import Endpoint, StreamSettings
-from rig.supervisor.streaming import Stream
+from rig.supervisor.processes.streaming import Stream
 
 from .loop_chain import CHANNELS, Chain, TrippedError
 

@@ -24,7 +24,7 @@ from rig.stream.messages import Channels, Samples
 from rig.stream.sender import StreamSender
 from rig.stream.sessions import publisher_session
 from rig.stream.settings import Endpoint, StreamSettings
-from rig.supervisor.streaming import Stream
+from rig.supervisor.processes.streaming import Stream
 
 COLUMNS: Final = 75
 """As many as a rig on hardware has."""

@@ -27,7 +27,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from rig.plant.lanes import LANES
+from rig.lanes import LANES
 from tools.bench_campaign import RIG_SECONDS
 from tools.bench_lanes import campaign, in_lanes
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from types import EllipsisType
 from typing import Any, Final, Literal, get_args, get_origin
 
-from rig.configuration.options import Option, kind_of, options_of
-from rig.configuration.quantities import show
-from rig.io.register_map import RegisterMap
+from rig.configuration.reading.options import Option, kind_of, options_of
+from rig.configuration.reading.quantities import show
+from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_class
 from rig.io.settings import HomingSettings, LoopSettings
 

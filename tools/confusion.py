@@ -16,8 +16,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.account_row import FAULTS
-from estimator.detection import LEAKS
+from estimator.accounts.row import FAULTS
+from estimator.leaks.detection import LEAKS
 from tools.leak_trials import Plan, Trial, trials
 from tools.marked_tables import fill, markdown
 

@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from estimator.detection import LEAKS, Decision
-from estimator.filters import start_memory
-from estimator.replay import replay
+from estimator.filters.registry import start_memory
+from estimator.leaks.detection import LEAKS, Decision
+from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.cycle import READINGS
 from rig.loop.simulated_loop import Motion, SimulatedLoop

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from estimator.filters import start_memory
-from estimator.friction import FrictionCurve, friction_changes, identify_recording
-from estimator.friction_fit import PARAMETERS
-from estimator.friction_samples import Spring
+from estimator.filters.registry import start_memory
+from estimator.friction.curve import FrictionCurve, friction_changes, identify_recording
+from estimator.friction.fit import PARAMETERS
+from estimator.friction.samples import Spring
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import FAULT_COLUMNS, Model, Parameters

@@ -18,11 +18,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from estimator.friction_fit import PARAMETERS
-from estimator.friction_samples import Spring
-from rig.configuration.rig import load_rig
+from estimator.friction.fit import PARAMETERS
+from estimator.friction.samples import Spring
+from rig.configuration.rigs.rig import load_rig
 from rig.plant import NOMINAL, Model, Parameters
-from rig.runner.friction_experiment import FrictionExperiment, run_friction_experiment
+from rig.runner.experiments.friction_experiment import FrictionExperiment, run_friction_experiment
 from tools.drawn_rigs import drawn_rig
 from tools.marked_tables import fill, markdown
 

@@ -1,4 +1,4 @@
-"""Write `estimator/covariance.py`: straight-line code for the thesis filters' covariance.
+"""Write `estimator/filters/covariance.py`: straight-line code for the thesis filters' covariance.
 
 Which entries of the transition Jacobian may differ from zero is fixed by the model (eqs. 4.19 and
 6.20), so the products of eqs. 4.17 and 4.18 are written out once, without the zeros, on the upper
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 ONE: Final = "1"
-TARGET: Final = Path(__file__).resolve().parent.parent / "estimator" / "covariance.py"
+TARGET: Final = Path(__file__).resolve().parent.parent / "estimator" / "filters" / "covariance.py"
 MEASUREMENTS: Final = ("position", "p1", "p2")
 
 
@@ -166,7 +166,7 @@ def _kalman_step(pattern: Pattern) -> list[str]:
         f'"""Propagate and correct x ({n},) and P ({n}, {n}) by one sample, both in place.',
         "",
         f"`predicted` is x(-) and `entries` the Jacobian of {pattern.source} in the order of",
-        f"`{pattern.name.upper()}_ENTRIES`. `out` (9,) as in `estimator.thesis`.",
+        f"`{pattern.name.upper()}_ENTRIES`. `out` (9,) as in `estimator.filters.thesis`.",
         '"""',
         f"{states} = predicted",
         f"{names} = entries",
@@ -208,7 +208,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rig.plant.lanes import everywhere
+from rig.lanes import everywhere
 
 from .fused import fma
 
@@ -220,7 +220,7 @@ Vector = tuple[float, ...]
 
 
 def source() -> str:
-    """Return the text of `estimator/covariance.py`."""
+    """Return the text of `estimator/filters/covariance.py`."""
     tables = [line for pattern in PATTERNS for line in _entry_table(pattern)]
     steps = [line for pattern in PATTERNS for line in ["", "", *_kalman_step(pattern)]]
     return HEADER + "\n".join(tables + steps) + "\n"

@@ -1,8 +1,8 @@
-"""Write `estimator/thesis_ud.py`: a straight-line step of the seven-state thesis filter on factors.
+"""Write `estimator/filters/thesis_ud.py`: a step of the seven-state thesis filter on factors.
 
 The pattern is that of `tools.generate_covariance`; the covariance is kept as U and D of
-P = U D U^T (`estimator.ud`). Rows of A U and one column of noise a state are orthogonalised with
-the zeros left out, then three measurements correct. Run `python -m tools.generate_ud` after
+P = U D U^T (`estimator.filters.ud`). Rows of A U and one column of noise a state are orthogonalised
+with the zeros left out, then three measurements correct. Run `python -m tools.generate_ud` after
 changing a pattern; `--check` only says whether the committed file is in step.
 """
 
@@ -12,7 +12,7 @@ from typing import Final
 
 from .generate_covariance import MEASUREMENTS, ONE, PATTERNS, Pattern, sum_of_products
 
-TARGET: Final = Path(__file__).resolve().parent.parent / "estimator" / "thesis_ud.py"
+TARGET: Final = Path(__file__).resolve().parent.parent / "estimator" / "filters" / "thesis_ud.py"
 PATTERN: Final = next(pattern for pattern in PATTERNS if pattern.name == "thesis7")
 
 Row = dict[str, str]
@@ -160,7 +160,7 @@ def _step(pattern: Pattern) -> list[str]:
     body = [
         f'"""Propagate and correct x ({n},) and factors ({n}, {n}) by one sample, both in place.',
         "",
-        f"Arguments as `{pattern.name}_kalman_step`, with the factors of P as in `estimator.ud`.",
+        f"Arguments as `{pattern.name}_kalman_step`, with factors of P (`estimator.filters.ud`).",
         '"""',
         f"{states} = predicted",
         f"{names} = entries",
@@ -205,7 +205,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rig.plant.lanes import everywhere
+from rig.lanes import everywhere
 
 from .fused import fma
 
@@ -217,7 +217,7 @@ Vector = tuple[float, ...]
 
 
 def source() -> str:
-    """Return the text of `estimator/thesis_ud.py`."""
+    """Return the text of `estimator/filters/thesis_ud.py`."""
     return HEADER + "\n".join(_step(PATTERN)) + "\n"
 
 

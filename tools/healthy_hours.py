@@ -30,17 +30,17 @@ from rich.console import Console
 from rich.progress import Progress
 from scipy import stats
 
-from estimator.account_noise import checked_model_error
-from estimator.detection import OilAccountDetector, Samples
-from estimator.filters import FILTERS, OUTPUTS, FilterRun
-from estimator.flow_account import BLOCK_TICKS
-from estimator.nuisances import UNINFORMED
-from estimator.product_lanes import ProductLanes
+from estimator.accounts.flow import BLOCK_TICKS
+from estimator.accounts.noise import checked_model_error
+from estimator.accounts.nuisances import UNINFORMED
+from estimator.filters.product_lanes import ProductLanes
+from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
+from estimator.leaks.detection import OilAccountDetector, Samples
 from rig.compile_cache import source_key
+from rig.lanes import LANES
 from rig.loop.lanes import SimulatedLanes
 from rig.plant import Model
 from rig.plant.integrator import TICK
-from rig.plant.lanes import LANES
 from tools.drawn_rigs import MIDDLE, drawn_rig, known_rig, mixed_motion
 
 Array = NDArray[np.float64]

@@ -15,21 +15,21 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.filters import start_memory
-from rig.configuration.rig import Rig
+from estimator.filters.registry import start_memory
+from rig.configuration.rigs.rig import Rig
 from rig.io.registry import DriverSpec
 from rig.io.settings import HomingSettings
 from rig.loop.board import RING_ROWS, Board, Word
-from rig.loop.ladder import Cause, explain, limit_table
-from rig.loop.orders import Close, Open, Segment
+from rig.loop.interlocks.check_tolerances import Tolerances, tolerances
+from rig.loop.interlocks.ladder import Cause, explain, limit_table
 from rig.loop.ring import RingReader
-from rig.loop.tolerances import Tolerances, tolerances
-from rig.loop.wire_layout import Drive, wire_channels
+from rig.loop.wire.layout import Drive, wire_channels
+from rig.loop.wire.orders import Close, Open, Segment
 from rig.plant import Model
 from rig.plant.integrator import TICK
-from rig.recording.mcap_reader import read_mcap
-from rig.supervisor.child import Child
-from rig.supervisor.recorder import Begin, Finish
+from rig.recording.formats.mcap_reader import read_mcap
+from rig.supervisor.processes.child import Child
+from rig.supervisor.processes.recorder import BeginRecording, FinishRecording
 
 Array = NDArray[np.float64]
 
@@ -73,10 +73,12 @@ class Chain:
             port = self._ends.enter_context(_emulated())
             self.recording = folder / "bench.mcap"
             self.board = Board.create(len(CHANNELS))
-            self._loop = Child("loop", "rig.supervisor.loop_process", self.board, folder / "log")
+            self._loop = Child(
+                "loop", "rig.supervisor.processes.loop_process", self.board, folder / "log"
+            )
             self._ends.callback(self._loop.end)
             self._recorder = Child(
-                "recorder", "rig.supervisor.recorder", self.board, folder / "log"
+                "recorder", "rig.supervisor.processes.recorder", self.board, folder / "log"
             )
             self._ends.callback(self._recorder.end)
             self._drive(port)
@@ -122,7 +124,7 @@ class Chain:
     def finish(self) -> int:
         """Have everything recorded so far, and end; return how many rows the recording lacks."""
         due = int(self.board.words[Word.ROWS]) - self._begun
-        self._recorder.send(Finish(due))
+        self._recorder.send(FinishRecording(due))
         recorded = int(self._recorder.answer(_PATIENCE_S))
         self._loop.send(Close())
         self._loop.answer(_PATIENCE_S)
@@ -154,7 +156,7 @@ class Chain:
         test = dataclasses.replace(
             first, number=TEST, drive=Drive.TRACK, setpoint=motion, valve_enable=True
         )
-        self._recorder.send(Begin(TEST, self.recording, CHANNELS, {}, time.time_ns()))
+        self._recorder.send(BeginRecording(TEST, self.recording, CHANNELS, {}, time.time_ns()))
         self._recorder.answer(_PATIENCE_S)
         self._switch(test)
         self._wait(lambda: self.ticks > 0)

@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from rig.runner.archive import read_run
+from rig.runner.run_folder.archive import read_run
 
 _OF_A_MACHINE = ("source_files", "command", "git")
 

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from rig.configuration.quantities import show
+from rig.configuration.reading.quantities import show
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS
-from rig.loop.ladder import EXPLANATIONS, Cause
-from rig.loop.tolerances import frozen_samples, sigmas, tolerances
+from rig.loop.interlocks.check_tolerances import frozen_samples, sigmas, tolerances
+from rig.loop.interlocks.ladder import EXPLANATIONS, Cause
 from rig.plant.integrator import TICK
 from rig.plant.parameters import NOMINAL
 from rig.plant.sensors import DATA_SHEET

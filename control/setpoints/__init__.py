@@ -6,26 +6,6 @@ the test. Every setpoint is a pure function of time, so that any window of it, s
 order, is the same signal; the loop receives it as a table.
 """
 
-from .csv_table import SetpointFileError
-from .held import Constant, Pseudorandom, Steps
-from .periodic import Chirp, Multisine, Sine
-from .polyline import Polyline
-from .protocol import Quantity, Samples, Setpoint, SetpointError, Times
-from .tabulated import FromFile
+from lazy_loader import attach_stub
 
-__all__ = [
-    "Chirp",
-    "Constant",
-    "FromFile",
-    "Multisine",
-    "Polyline",
-    "Pseudorandom",
-    "Quantity",
-    "Samples",
-    "Setpoint",
-    "SetpointError",
-    "SetpointFileError",
-    "Sine",
-    "Steps",
-    "Times",
-]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -7,7 +7,7 @@ with the voltage u to the motor's amplifier and the position q of the carriage, 
 
 import math
 
-from estimator.gap.description import (
+from estimator.gap.plant.description import (
     Channel,
     EquationOf,
     Input,
@@ -18,7 +18,7 @@ from estimator.gap.description import (
     reading,
     slope,
 )
-from estimator.gap.plant import Parameter
+from estimator.gap.plant.interface import Parameter
 
 FASTEST_S = 0.06e-3  # friction follows the velocity no faster: 8 substeps are stable
 DAMPING_S = 5e-3  # of the elastic contact at rest

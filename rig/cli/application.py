@@ -20,28 +20,34 @@ EXIT_BAD_INPUT: Final = 2
 EXIT_STOPPED: Final = 3
 
 COMMANDS: Final = {
-    "run": "Run a fault-injection campaign and write its report.",
-    "control": "Pause, resume, abort, skip or retry in a running campaign; take notes.",
-    "monitor": "Watch rigs that run, live, in the terminal.",
-    "console": "Serve the operator's web page: watch, start, hold, stop.",
-    "router": "Route the live streams of many rigs.",
-    "schedule": "Run campaigns at times or intervals, unattended.",
-    "runs": "Find, show, compare and prune past runs.",
-    "sweep": "Run thousands of cases drawn at random, on all cores or a cluster.",
-    "emulate": "Serve an emulated rig where drivers look for a real one.",
-    "check": "Validate configurations; dry-run campaigns.",
-    "replay": "Run filter and detector over recordings.",
-    "baseline": "Learn from healthy recordings what is normal for a rig.",
-    "gap": "Find where a model is wrong, name what it lacks, add it.",
-    "identify": "Identify a rig's friction, by an experiment or from recordings.",
-    "export": "Write a recording to another format.",
-    "recover": "Save what is left of a cut or damaged recording.",
-    "home": "Home a rig's encoder, to see that it can be homed.",
-    "calibrate": "Measure a rig's needle valves with its flow meters.",
-    "doctor": "Tell what this machine grants to a rig, and the remedies.",
-    "init": "Copy the shipped rigs, models, campaigns, sweeps and maps to edit.",
+    "run": ("campaigns.run", "Run a fault-injection campaign and write its report."),
+    "control": (
+        "campaigns.control",
+        "Pause, resume, abort, skip or retry in a running campaign; take notes.",
+    ),
+    "monitor": ("live.monitor", "Watch rigs that run, live, in the terminal."),
+    "console": ("live.console", "Serve the operator's web page: watch, start, hold, stop."),
+    "router": ("live.router", "Route the live streams of many rigs."),
+    "schedule": ("campaigns.schedule", "Run campaigns at times or intervals, unattended."),
+    "runs": ("campaigns.runs", "Find, show, compare and prune past runs."),
+    "sweep": ("models.sweep", "Run thousands of cases drawn at random, on all cores or a cluster."),
+    "emulate": ("hardware.emulate", "Serve an emulated rig where drivers look for a real one."),
+    "check": ("campaigns.check", "Validate configurations; dry-run campaigns."),
+    "replay": ("recordings.replay", "Run filter and detector over recordings."),
+    "baseline": ("recordings.baseline", "Learn from healthy recordings what is normal for a rig."),
+    "gap": ("models.gap", "Find where a model is wrong, name what it lacks, add it."),
+    "identify": (
+        "models.identify",
+        "Identify a rig's friction, by an experiment or from recordings.",
+    ),
+    "export": ("recordings.export", "Write a recording to another format."),
+    "recover": ("recordings.recover", "Save what is left of a cut or damaged recording."),
+    "home": ("hardware.home", "Home a rig's encoder, to see that it can be homed."),
+    "calibrate": ("hardware.calibrate", "Measure a rig's needle valves with its flow meters."),
+    "doctor": ("hardware.doctor", "Tell what this machine grants to a rig, and the remedies."),
+    "init": ("init", "Copy the shipped rigs, models, campaigns, sweeps and maps to edit."),
 }
-"""Subcommands, each `command` of the module of its name, with what it does."""
+"""Subcommands: the module of this package whose `command` each is, and what it does."""
 
 
 class LazyGroup(click.Group):
@@ -55,13 +61,13 @@ class LazyGroup(click.Group):
         """Return a subcommand; None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = import_module(f"{__package__}.{cmd_name}").command
+        command: click.Command = import_module(f"{__package__}.{COMMANDS[cmd_name][0]}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of subcommands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from rig.configuration.lookup import copy_shipped
+from rig.configuration import copy_shipped
 
 
 @click.command()

@@ -6,29 +6,49 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from faults.campaign import Campaign
-from rig.io.limits import ChannelLimit
-from rig.io.register_map import RegisterMap
-from rig.io.registry import DriverSpec
-from rig.plant.effects import CATALOGUE
-from rig.plant.model import Model
-from rig.recording.units import unit_of
-
-from .campaign import CampaignFile, read_campaign
-from .document import Located, Sources
-from .dry_run import PlannedTest, plan_campaign
-from .lookup import FOLDERS, Kind, available, is_path, resolve
-from .model import ModelFile, read_model
-from .options import options_of
-from .problems import ConfigError, Place, Problems, display_path, suggestion
-from .quantities import show
-from .register_maps import MAPS, Map, read_dbc, read_map
-from .rig import Rig, RigFile, read_rig
-from .schedule import ScheduleFile, read_schedule
-from .stream import StreamFile, read_stream, stream_lines
-from .sweep import SweepFile, read_sweep, sweep_lines
-from .sweep_plan import Sweep
-from .timetable import Schedule
+from faults import Campaign
+from rig.configuration.campaigns import (
+    CampaignFile,
+    PlannedTest,
+    Schedule,
+    ScheduleFile,
+    plan_campaign,
+    read_campaign,
+    read_schedule,
+)
+from rig.configuration.models import ModelFile, read_model
+from rig.configuration.reading import (
+    FOLDERS,
+    ConfigError,
+    Kind,
+    Located,
+    Place,
+    Problems,
+    Sources,
+    available,
+    display_path,
+    is_path,
+    options_of,
+    resolve,
+    show,
+    suggestion,
+)
+from rig.configuration.rigs import (
+    MAPS,
+    Map,
+    Rig,
+    RigFile,
+    StreamFile,
+    read_dbc,
+    read_map,
+    read_rig,
+    read_stream,
+    stream_lines,
+)
+from rig.configuration.sweeps import Sweep, SweepFile, read_sweep, sweep_lines
+from rig.io import ChannelLimit, DriverSpec, RegisterMap
+from rig.plant import CATALOGUE, Model
+from rig.recording import unit_of
 
 if TYPE_CHECKING:
     from cantools.database.can import Database

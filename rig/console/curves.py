@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.stream.view import Window
+from rig.stream import Window
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from rig.stream.client import StreamClient
-from rig.stream.view import Life, Snapshot
+from rig.stream import Life, Snapshot, StreamClient
 from rig.surviving import Surviving
 
 from .curves import AVERAGED_S, CHANNELS, SHOWN_S, Curves

@@ -19,9 +19,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Final
 
-from rig.configuration.document import Sources
-from rig.configuration.lookup import shipped_config_dir
-from rig.configuration.problems import ConfigError, Problem
+from rig.configuration import ConfigError, Problem, Sources, shipped_config_dir
 from rig.control_socket import ask
 
 JOURNAL: Final = "journal.jsonl"

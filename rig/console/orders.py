@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
 
-from rig.stream.client import Answer, StreamClient, UnknownRigError
-from rig.stream.commands import KeyFileError
-from rig.stream.settings import COMMANDS, CommandName
+from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient, UnknownRigError
 
 from .launcher import ASKED, ENDING, Launched, Launcher, LaunchRefused
 from .seat import Seat, SeatTaken

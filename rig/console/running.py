@@ -7,7 +7,7 @@ from typing import Final
 
 import uvicorn
 
-from rig.stream.client import StreamClient
+from rig.stream import StreamClient
 
 from .address import Address, with_port
 from .connections import MOST_CONNECTIONS, Connection

@@ -16,7 +16,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rig.stream.client import StreamClient
+from rig.stream import StreamClient
 from rig.surviving import Surviving
 
 from .address import Address

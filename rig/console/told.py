@@ -5,7 +5,7 @@ from contextlib import suppress
 from math import isfinite
 from typing import Any, Final
 
-from rig.stream.view import Snapshot
+from rig.stream import Snapshot
 
 from .curves import KPA, LITRES_PER_MINUTE, MM, MPA
 

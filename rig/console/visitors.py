@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from rig.stream.commands import local_state, make_key, read_key
+from rig.stream import local_state, make_key, read_key
 
 LIFETIME_S: Final = 12 * 3600.0
 """After which a visitor has to log in anew: a shift."""

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from rig.configuration.problems import suggestion
-from rig.configuration.rig import Rig
-from rig.io.register_map import RegisterMap
-from rig.io.registry import DriverSpec
+from rig.configuration import Rig, suggestion
+from rig.io import DriverSpec, RegisterMap
 
 HOST: Final = "127.0.0.1"
 

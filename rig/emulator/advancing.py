@@ -6,12 +6,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rig.plant import Parameters
-from rig.plant.command_path import drive_undelayed
-from rig.plant.dynamics import leak_flows, spring_force
-from rig.plant.integrator import SUBSTEPS, TICK
-from rig.plant.sensors import SensorParameters, read_sensors
-from rig.plant.transducers import follow, seen_position
+from rig.plant import (
+    SUBSTEPS,
+    TICK,
+    Parameters,
+    SensorParameters,
+    drive_undelayed,
+    follow,
+    leak_flows,
+    read_sensors,
+    seen_position,
+    spring_force,
+)
 
 Array = NDArray[np.float64]
 
@@ -32,8 +38,8 @@ def advance_plant(
 
     Args:
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
-        path: between command and plant (`rig.plant.command_path`), but for the delay.
-        seen: the transducers' memory (`rig.plant.transducers`).
+        path: between command and plant (`rig.plant.command_effects`), but for the delay.
+        seen: the transducers' memory (`rig.plant.transducer_effects`).
         flows: float64 (3,), flow-meter lag states in m^3/s.
         command: what the valve is driven by, V.
         par: the plant's `Parameters`.
@@ -71,7 +77,7 @@ def sample_plant(
 
     Args:
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
-        seen: the transducers' memory (`rig.plant.transducers`).
+        seen: the transducers' memory (`rig.plant.transducer_effects`).
         flows: float64 (3,), flow-meter lag states in m^3/s, which `advance_plant` moves.
         offsets: float64 (3,), the meters' fixed errors in m^3/s.
         noise: 9 standard normal numbers.

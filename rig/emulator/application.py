@@ -11,23 +11,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from rig.configuration.rig import Rig
-from rig.io.register_map import RegisterMap
-from rig.plant.sensors import Reading
+from rig.configuration import Rig
+from rig.emulator.can import CanDevices, ValvePath
+from rig.emulator.modbus import IDENTITY, BypassIo, IoDevice, IoNode, MappedDevice, ModbusServer
+from rig.emulator.script import NOTHING, ControlPort, FaultEffects, Injection, Script
+from rig.io import RegisterMap
+from rig.plant import Reading
 
 from .addresses import Endpoints
-from .bypass_io import BypassIo
-from .can_devices import CanDevices, ValvePath
-from .control_port import ControlPort
-from .effects import FaultEffects
-from .fault_script import NOTHING, Script
-from .injection import Injection
 from .instruments import Instruments
-from .io_device import IoDevice
-from .io_node import IDENTITY, IoNode
-from .mapped_device import MappedDevice
 from .meters import MeterPanel
-from .modbus_server import ModbusServer
 from .operator_panel import EmulatedOperator
 from .plant import Clock, EmulatedPlant
 from .record import Record

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import Final, Literal, get_args
 
-from rig.plant.sensors import Reading, SensorParameters
+from rig.plant import Reading, SensorParameters
 
 from .plant import EmulatedPlant
 

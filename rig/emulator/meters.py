@@ -7,7 +7,7 @@ from math import isnan
 from pathlib import Path
 from typing import Final
 
-from rig.io.meter_lines import meter_line
+from rig.io import meter_line
 
 from .pseudo_terminal import PseudoTerminal
 from .record import Record

@@ -2,7 +2,8 @@
 
 from typing import Final
 
-from .io_device import IoDevice
+from rig.emulator.modbus import IoDevice
+
 from .plant import Clock
 
 _REACTION_NS: Final = 200_000_000

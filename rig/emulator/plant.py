@@ -9,14 +9,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from faults.bypass import BypassValve
-from faults.verdict import Verdict
-from rig.io.signals import BYPASSES
-from rig.plant import FAULT_COLUMNS, Model
-from rig.plant.command_path import command_path, hold_reference
-from rig.plant.dynamics import PlantState, rest_state
-from rig.plant.sensors import DATA_SHEET, READING_COUNT, Reading, SensorParameters
-from rig.plant.transducers import transducers
+from faults import BypassValve, Verdict
+from rig.io import BYPASSES
+from rig.plant import (
+    DATA_SHEET,
+    FAULT_COLUMNS,
+    READING_COUNT,
+    Model,
+    PlantState,
+    Reading,
+    SensorParameters,
+    command_path,
+    hold_reference,
+    rest_state,
+    transducers,
+)
 
 from .advancing import advance_plant, sample_plant, shown_position
 

@@ -2,16 +2,15 @@
 
 import asyncio
 import threading
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as StillRunning
+from concurrent.futures import Future, TimeoutError as StillRunning
 from types import TracebackType
 from typing import Any, Final
 
-from rig.configuration.rig import Rig, load_rig
+from rig.configuration import Rig, load_rig
+from rig.emulator.script import NOTHING, Script, fault_from
 
 from .addresses import HOST, Address, Endpoints
 from .application import Emulator
-from .fault_script import NOTHING, Script, fault_from
 from .record import Record
 
 _ANYWHERE: Final = Address(HOST, 0)

@@ -2,3 +2,7 @@
 
 Addresses come from configuration; optional imports stay inside the driver that needs them.
 """
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -35,7 +35,7 @@ class Driver(Protocol):
 
     The class is made with its name in the rig file and its `options`, a frozen dataclass whose
     fields are the keys of its section there: `str`, `int`, `bool`, `Path`, `Literal`, a
-    `rig.io.register_map.RegisterMap` (given by name) or float `Annotated` with a
+    `rig.io.modbus_daq.register_map.RegisterMap` (given by name) or float `Annotated` with a
     `rig.plant.parameters.Quantity`, from which its unit and limits are checked.
 
     Attributes:

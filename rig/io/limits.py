@@ -6,7 +6,8 @@ from typing import Literal
 
 Response = Literal["indicate", "hold", "ramp_down", "trip"]
 """What a channel beyond its limit calls for, mildest first: tell the operator, hold the position,
-bring the motion to rest, or leave at once for the safe state (`rig.loop.ladder` carries it out)."""
+bring the motion to rest, or leave at once for the safe state (`rig.loop.interlocks.ladder` carries
+it out)."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ Fields are the keys of the rig file's sections `loop` and `homing`; times in s, 
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from rig.plant.parameters import Quantity as _Quantity
+from rig.plant import Quantity as _Quantity
 
 Overrun = Literal["skip", "realign", "trip"]
 

@@ -57,7 +57,7 @@ NEEDLES: Final = tuple(f"{bypass}_needle" for bypass in BYPASSES)
 """Opening of each needle valve, 0 to 1, as output and as input."""
 
 DRIVE: Final = ("drive_state", "drive_spool_m", "drive_setpoint")
-"""A digital servovalve's state (`rig.io.ds408.DriveState`), actual spool and setpoint (-1 to 1)."""
+"""A digital servovalve's state (`rig.io.can.ds408.DriveState`), spool and setpoint (-1 to 1)."""
 
 PUMP: Final = ("pump_pressure_Pa", "oil_temperature_K", "pump_loaded")
 """The pump unit's transducers, and 1 while it delivers pressure (0: unloaded)."""

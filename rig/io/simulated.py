@@ -9,11 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.plant import Model, Parameters
-from rig.plant.command_path import command_path, start_clock
-from rig.plant.dynamics import rest_state
-from rig.plant.sensors import DATA_SHEET, READING_COUNT, SensorParameters
-from rig.plant.transducers import transducers
+from rig.plant import (
+    DATA_SHEET,
+    READING_COUNT,
+    Model,
+    Parameters,
+    SensorParameters,
+    command_path,
+    rest_state,
+    start_clock,
+    transducers,
+)
 
 Array = NDArray[np.float64]
 
@@ -30,8 +36,8 @@ class SimulatedRig:
         fitted: float64 (9,), 1 where the rig has the transducer of `rig.plant.sensors.Reading`,
             else NaN.
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
-        path: what lies between command and plant (`rig.plant.command_path`).
-        seen: the transducers' memory (`rig.plant.transducers`).
+        path: what lies between command and plant (`rig.plant.command_effects`).
+        seen: the transducers' memory (`rig.plant.transducer_effects`).
         meters: float64 (3,), flow-meter lag states in m^3/s.
         offsets: float64 (3,), the meters' fixed errors in m^3/s, drawn once.
         generator: source of all noise.

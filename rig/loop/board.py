@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.io.signals import SLOW_INPUTS
+from rig.io import SLOW_INPUTS
 
 from .decided import DECIDED
 
@@ -44,13 +44,13 @@ class Word(IntEnum):
     SWITCH = 5
     """Supervisor: number of the segment the loop shall be in; it leaves an open-ended one then."""
     STOP = 6
-    """Supervisor: `rig.loop.ladder.Action` asked of the loop: NONE, HOLD, RAMP_DOWN or TRIP."""
+    """Supervisor: `Action` asked of the loop: NONE, HOLD, RAMP_DOWN or TRIP."""
     SEGMENT = 7
     """Loop: number of the segment it is in."""
     TICK = 8
     """Loop: ticks of that segment done."""
     LOOP_TRIP = 9
-    """Loop: cause (`rig.loop.ladder.Cause`) for which it tripped; 0 none."""
+    """Loop: cause (`rig.loop.interlocks.ladder.Cause`) for which it tripped; 0 none."""
     LOOP_TRIP_AT = 10
     FIELD_TRIP = 11
     """Field process: as LOOP_TRIP."""

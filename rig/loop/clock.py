@@ -4,7 +4,7 @@ from typing import Final
 
 from numba import njit
 
-from rig.io.libc import bind, scratch
+from rig.io import bind, scratch
 
 _CLOCK_MONOTONIC: Final = 1  # linux/time.h
 _TIMER_ABSTIME: Final = 1

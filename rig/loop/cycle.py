@@ -13,19 +13,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from control.position_loop import proportional_command
+from control import proportional_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
-from rig.io.signals import FAST_INPUTS
-from rig.plant.command_path import drive
-from rig.plant.compiled import inlined
-from rig.plant.dynamics import leak_flows, spring_force
-from rig.plant.integrator import SUBSTEPS
-from rig.plant.sensors import READING_COUNT, read_sensors
-from rig.plant.transducers import follow
+from rig.io import FAST_INPUTS
+from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, judged_sample
+from rig.plant import (
+    READING_COUNT,
+    SUBSTEPS,
+    drive,
+    follow,
+    inlined,
+    leak_flows,
+    read_sensors,
+    spring_force,
+)
 
 from .decided import DECIDED
-from .interlock import Interlock, judged_sample
-from .ladder import NO_CHANNEL, Action, Cause
 from .reaction import ACTED, Reaction, react, tolerating
 
 READINGS: Final = (
@@ -176,8 +179,8 @@ def simulated_ticks(
         limit: greatest command of either sign, V.
         faults: (ticks, 8) coefficients (`rig.plant.faults.FaultInput`).
         plant: (9,) true state, `rig.plant.dynamics.PlantState`; updated.
-        path: between command and plant (`rig.plant.command_path`); updated.
-        seen: the transducers' memory (`rig.plant.transducers`); updated.
+        path: between command and plant (`rig.plant.command_effects`); updated.
+        seen: the transducers' memory (`rig.plant.transducer_effects`); updated.
         par: the rig's true `Parameters`.
         sensors: `SensorParameters`.
         fitted: (9,) 1 or NaN, which transducers there are.

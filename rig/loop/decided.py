@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from faults.verdict import FAULT_KINDS, LEAK_KINDS, Verdict
+from faults import FAULT_KINDS, LEAK_KINDS, Verdict
 
 Array = NDArray[np.float64]
 

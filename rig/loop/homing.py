@@ -3,7 +3,7 @@
 Two approaches with the valve command as setpoint, in open loop: the first finds the stop, the
 second, slower, must find it at the same count. What follows from a late or lost `Homing` is limited
 by the compiled loop, which holds a ram that is not homed below a command and a load pressure
-(`rig.loop.interlock.allowed_command`), and by each move's end.
+(`rig.loop.interlocks.judging.allowed_command`), and by each move's end.
 """
 
 from collections import deque
@@ -12,8 +12,8 @@ from enum import Enum
 from statistics import median
 from typing import Final
 
-from rig.io.settings import HomingSettings
-from rig.plant.parameters import Parameters
+from rig.io import HomingSettings
+from rig.plant import Parameters
 
 BACK_OFF: Final = 0.02
 """m. Way between the approaches: far enough that the second is a motion of its own."""

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rig.io.libc import monotonic_ns
+from rig.io import monotonic_ns
 
 from .clock import sleep_until
 

@@ -1,4 +1,4 @@
-"""Compiled ticks of simulated rigs in lanes (`rig.plant.lanes`): plants first, then transducers.
+"""Compiled ticks of simulated rigs in lanes (`rig.lanes`): plants first, then transducers.
 
 Each lane takes as many integration steps as its own motion asks for, and goes on to its next tick
 while others are still at theirs: else all would wait for the one that sticks and slips. What all
@@ -11,23 +11,20 @@ from typing import Final
 
 from numba import njit
 
-from rig.plant.compiled import inlined
-from rig.plant.dynamics import PlantState
-from rig.plant.integrator import TICK, next_step
-from rig.plant.lanes import (
-    align_stack,
-    anywhere,
-    gather,
-    load,
-    load_fields,
-    scatter,
-    select,
-    store,
+from rig.lanes import align_stack, anywhere, gather, load, load_fields, scatter, select, store
+from rig.plant import (
+    SHORTEST,
+    TICK,
+    Parameters,
+    PlantState,
+    encoder_position,
+    inlined,
+    next_step,
+    pressure_reading,
+    reading_means,
+    resolving_step,
+    spool_reading,
 )
-from rig.plant.parameters import Parameters
-from rig.plant.sensors import encoder_position, pressure_reading, spool_reading
-from rig.plant.step_length import SHORTEST, resolving_step
-from rig.plant.transducers import reading_means
 
 LOGGED: Final = 7
 """Rows of lanes that each step leaves in the log: what transducers see, the return pressure, and

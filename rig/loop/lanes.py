@@ -10,22 +10,21 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
-from rig.plant import NO_FAULT, NOMINAL, REMEMBERING, FaultInput, Parameters
-from rig.plant.dynamics import rest_state
-from rig.plant.integrator import LONGEST_STEP
-from rig.plant.lanes import LANES, aligned, empty_lanes
-from rig.plant.lanes.normal import fill_normal, start_streams
-from rig.plant.sensors import DATA_SHEET, SensorParameters
-
-from .lane_ticks import (
-    LOGGED,
-    MOST_STEPS,
-    NOISE_COUNT,
-    READING_COUNT,
-    plant_ticks,
-    reading_ticks,
+from control import COMMAND_LIMIT, POSITION_GAIN
+from rig.lanes import LANES, aligned, empty_lanes, fill_normal, start_streams
+from rig.plant import (
+    DATA_SHEET,
+    LONGEST_STEP,
+    NO_FAULT,
+    NOMINAL,
+    REMEMBERING,
+    FaultInput,
+    Parameters,
+    SensorParameters,
+    rest_state,
 )
+
+from .lane_ticks import LOGGED, MOST_STEPS, NOISE_COUNT, READING_COUNT, plant_ticks, reading_ticks
 
 Array = NDArray[np.float64]
 

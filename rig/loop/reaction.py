@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from control.tolerant import TOLERANT_STATE, tolerant_command
-from rig.plant.compiled import inlined
+from control import TOLERANT_STATE, tolerant_command
+from rig.plant import inlined
 
 from .decided import Decided
 

@@ -5,28 +5,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
+from control import COMMAND_LIMIT, POSITION_GAIN, raised_cosine
+from estimator.accounts import BLOCK_TICKS
 from estimator.filters import FilterMemory, FilterRun
-from estimator.flow_account import BLOCK_TICKS
-from rig.io.settings import HomingSettings
-from rig.io.signals import FAST_INPUTS
-from rig.io.simulated import SimulatedRig
-from rig.plant import NO_FAULT, Parameters
-from rig.plant.integrator import TICK
+from rig.io import FAST_INPUTS, HomingSettings, SimulatedRig
+from rig.loop.interlocks import (
+    NO_CHANNEL,
+    Action,
+    Cause,
+    Interlock,
+    LoopStoppedError,
+    held_position,
+    interlock,
+    limit_table,
+    tolerances,
+)
+from rig.loop.wire import RAMP_S
+from rig.plant import NO_FAULT, TICK, Parameters
 
 from .cycle import READINGS, READINGS_AT, guard, row_channels, simulated_ticks
 from .decided import no_decision
-from .interlock import Interlock, held_position, interlock
-from .ladder import NO_CHANNEL, Action, Cause, limit_table
 from .reaction import Reaction, reaction_memory
-from .tolerances import tolerances
-from .trip import LoopStoppedError
-from .wire_layout import RAMP_S
 
 Array = NDArray[np.float64]
-
-_RAMP_PART = 0.75
-"""Part of the settling time in which the ram moves to its start; the rest lets it come to rest."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +47,6 @@ class Motion:
     faults: Array
     start_position: float
     settle_ticks: int
-
-
-def raised_cosine(start: float, end: float, ticks: int) -> Array:
-    """Return setpoints (ticks,) from start to end along a raised cosine, with a rest at the end."""
-    ramp = max(int(_RAMP_PART * ticks), 1)
-    progress = np.minimum(np.arange(ticks) / ramp, 1.0)
-    return start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * progress))
 
 
 class SimulatedLoop:

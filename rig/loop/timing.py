@@ -79,7 +79,7 @@ class Timing:
     """The stages of all ticks whose rows it takes.
 
     Args:
-        channels: names of the rows' columns (`rig.loop.wire_layout.wire_channels`).
+        channels: names of the rows' columns (`rig.loop.wire.layout.wire_channels`).
         period_s: of the loop.
     """
 

@@ -10,8 +10,9 @@ direction of motion; 0 is no term.
 from math import exp, floor, pi, sqrt
 from typing import Final, NamedTuple
 
+from rig.lanes import select
+
 from .compiled import inlined, inner
-from .lanes import select
 from .parameters import Parameters
 
 MOST_TERMS: Final = 3

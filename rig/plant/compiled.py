@@ -14,7 +14,7 @@ from numba import njit, typeof, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
-from .lanes.kinds import intrinsic
+from rig.lanes import intrinsic
 
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"
 """What numba lets the names of the variables begin with by which functions reach Python's objects;

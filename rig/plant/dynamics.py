@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
+from rig.lanes import anywhere, select
+
 from .added_terms import FLOW_1, FLOW_2, FORCE, SPOOL, added, added_friction
 from .compiled import inlined, inner
-from .lanes import anywhere, select
 from .parameters import KARNOPP, Parameters
 
 

@@ -13,9 +13,10 @@ from typing import Final
 
 from numba import njit
 
+from rig.lanes import anywhere, everywhere, select
+
 from .compiled import inlined
 from .dynamics import environment_force, rates, slip_friction, slip_level
-from .lanes import anywhere, everywhere, select
 from .parameters import KARNOPP
 from .step_length import SHORTEST, break_away_step, resolving_step, sliding_step, smooth_step
 

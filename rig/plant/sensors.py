@@ -7,9 +7,8 @@ from numba import njit
 
 from .compiled import inlined
 from .integrator import TICK
-from .parameters import LITRE_PER_MINUTE
-from .parameters import Quantity as _Quantity
-from .transducers import reading_means, seen_position, seen_pressures
+from .parameters import LITRE_PER_MINUTE, Quantity as _Quantity
+from .transducer_effects import reading_means, seen_position, seen_pressures
 
 
 class SensorParameters(NamedTuple):
@@ -92,7 +91,8 @@ def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors,
 
     Args:
         state: float64 (9,), true state (`PlantState`).
-        seen: float64 (`TRANSDUCERS_SIZE`,), the transducers' memory (`rig.plant.transducers`).
+        seen: float64 (`TRANSDUCERS_SIZE`,), the transducers' memory
+            (`rig.plant.transducer_effects`).
         leaks: true leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s.
         load: true spring force in N.
         meters: float64 (3,), flow-meter lag states in m^3/s, advanced in place by one tick.

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .command_path import command_path, drive
+from .command_effects import command_path, drive
 from .dynamics import STATE_COUNT, PlantState, rest_state
 from .faults import NO_FAULT
 from .integrator import SUBSTEPS

@@ -7,6 +7,8 @@ the step in proportion: halving the longest step halves them all.
 from math import copysign, sqrt
 from typing import Final
 
+from rig.lanes import anywhere, everywhere, select
+
 from .compiled import inlined
 from .dynamics import (
     ATMOSPHERE,
@@ -20,7 +22,6 @@ from .dynamics import (
     total_mass,
     valve_conductance,
 )
-from .lanes import anywhere, everywhere, select
 from .parameters import KARNOPP
 
 # What half a millisecond, the longest step of a default run, resolves.

@@ -35,7 +35,7 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
         problems.append(Problem(name, None, "file", value, limit, "choose one of these"))
     problems += target_problems(name, may_replace=True)
     if extension == ".mcap":
-        from .mcap_writer import channel_problems, write_mcap
+        from rig.recording.formats import channel_problems, write_mcap
 
         problems += channel_problems(name, list(recording.channels))
     if problems:
@@ -44,15 +44,15 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
         if extension == ".mcap":
             write_mcap(partial, recording.channels, recording.metadata, recording.events)
         elif extension == ".parquet":
-            from .parquet_file import write_parquet
+            from rig.recording.formats import write_parquet
 
             write_parquet(recording, partial)
         elif extension == MF4:
-            from .mf4_file import write_mf4
+            from rig.recording.formats import write_mf4
 
             write_mf4(recording, partial, name)
         else:
-            from .csv_writer import write_csv
+            from rig.recording.formats import write_csv
 
             write_csv(recording, partial, compressed=extension == ".csv.gz")
     if extension in (".csv", ".csv.gz"):

@@ -73,14 +73,14 @@ def read_recording(
 def _read_table(path: str, extension: str | None) -> Table:
     # Each format's library is loaded only for a file of that format.
     if extension == ".mcap":
-        from .mcap_reader import read_mcap
+        from rig.recording.formats import read_mcap
 
         return read_mcap(path)
     if extension == ".parquet":
-        from .parquet_file import read_parquet
+        from rig.recording.formats import read_parquet
 
         return read_parquet(path)
-    from .csv_reader import read_csv
+    from rig.recording.formats import read_csv
 
     return read_csv(path)
 

@@ -13,16 +13,17 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
-from .errors import Problem, RecordingError
-from .mcap_reader import (
+from rig.recording.formats import (
     DAMAGE,
     ForeignSchemaError,
     SampleCollector,
     columns_of,
     foreign,
     mapped,
+    write_mcap,
 )
-from .mcap_writer import write_mcap
+
+from .errors import Problem, RecordingError
 from .targets import replacing, target_problems
 
 

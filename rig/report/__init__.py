@@ -3,6 +3,6 @@
 Reads results and recordings only; runs nothing.
 """
 
-from .page import render, write_report
+from rig.report.campaign import render, write_report
 
 __all__ = ["render", "write_report"]

@@ -10,13 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.account_row import FAULTS
-from estimator.detection import LEAKS, Decision, OilAccountDetector
+from estimator.accounts import BLOCK_S, FAULTS, AccountBlock
 from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS, FilterRun
-from estimator.flow_account import BLOCK_S, AccountBlock
-from estimator.found import Found, found_in
-from estimator.replay import judged, samples_of
-from rig.recording.recording import Recording
+from estimator.leaks import LEAKS, Decision, Found, OilAccountDetector, found_in, judged, samples_of
+from rig.recording import Recording
 
 Array = NDArray[np.float64]
 

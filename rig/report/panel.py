@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.plant import Parameters
-from rig.recording.recording import Recording
-from rig.runner.outcome import TestOutcome
+from rig.recording import Recording
+from rig.runner.outcomes import TestOutcome
 
 from .accounts import AccountHistory
 from .traces import POINTS, Trace

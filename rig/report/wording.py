@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
 
-from estimator.detection import LEAKS, Decision
-from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.runner.in_words import in_passing
-from rig.runner.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
+from estimator.leaks import LEAKS, Decision
+from rig.plant import LITRE_PER_MINUTE
+from rig.runner.outcomes import CampaignOutcome, InjectedFault, Status, TestOutcome, in_passing
 
 _LABELS: Final = {
     "healthy": "healthy",

@@ -3,11 +3,9 @@
 Everything it writes is complete as far as the run came, also after a crash or an abort.
 """
 
-from .campaign_run import run_campaign
-from .directory import DirectoryError
-from .observer import Observer
-from .outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
-from .stopping import StopFlag, stop_on_signals
+from rig.runner.campaign import StopFlag, run_campaign, stop_on_signals
+from rig.runner.outcomes import CampaignOutcome, InjectedFault, Observer, Status, TestOutcome
+from rig.runner.run_folder import DirectoryError
 
 __all__ = [
     "CampaignOutcome",

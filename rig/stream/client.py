@@ -69,7 +69,7 @@ class StreamClient:
     """Follows one rig, or all that can be reached; a context manager.
 
     Args:
-        settings: the profile; `rig.configuration.stream.load_stream` reads one.
+        settings: the profile; `rig.configuration.rigs.stream.load_stream` reads one.
         connect: where to, instead of where the profile says.
         rig: its id; `*` for all.
         window_s: how long samples are kept.

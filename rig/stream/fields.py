@@ -17,7 +17,7 @@ DEEPEST: Final = 8
 MOST_ROWS: Final = 1 << 62
 """The number of a row and the length of a batch fit together into 64 bits."""
 LONGEST_HEARTBEAT_S: Final = 10.0
-"""The longest that a profile may ask for (`rig.configuration.stream`)."""
+"""The longest that a profile may ask for (`rig.configuration.rigs.stream`)."""
 
 
 def is_text(value: Any) -> bool:

@@ -5,12 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from rig.io.ds408 import DriveState
-from rig.loop.board import Word
-from rig.loop.homing import Homing, HomingError, HomingSample, Phase
-from rig.loop.trip import TripError
-from rig.loop.wire_layout import Drive
-from rig.plant.integrator import TICK
+from rig.io import DriveState
+from rig.loop import Drive, Homing, HomingError, HomingSample, Phase, TripError, Word
+from rig.plant import TICK
 
 from .connected_rig import ANSWER_S, ConnectedRig
 from .moves import preparing_moves

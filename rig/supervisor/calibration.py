@@ -13,22 +13,22 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from control.request import Problem
-from faults.bypass import BypassValve
-from faults.needle_calibration import (
+from control import Problem
+from faults import (
+    BypassValve,
     CalibrationError,
     Estimate,
     Measurement,
     NeedleCalibration,
     UnsettledError,
+    Verdict,
     calibrated_needle,
     measured_coefficient,
     meter_zero,
 )
-from faults.verdict import Verdict
-from rig.configuration.rig import Rig
-from rig.io.signals import METERS
-from rig.plant.integrator import TICK
+from rig.configuration import Rig
+from rig.io import METERS
+from rig.plant import TICK
 
 from .strokes import Samples
 

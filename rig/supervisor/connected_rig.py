@@ -12,26 +12,43 @@ import numpy as np
 
 from estimator.filters import start_memory
 from rig.compile_cache import telling_of_compiling
-from rig.configuration.rig import Rig
-from rig.io.exclusive import exclusive
-from rig.io.settings import HomingSettings
-from rig.io.signals import FAST_INPUTS, SLOW_INPUTS
-from rig.loop import orders
-from rig.loop.board import Board, Word
-from rig.loop.ladder import NO_CHANNEL, Action, Cause, explain, limit_table
-from rig.loop.ring import RingReader
-from rig.loop.tolerances import tolerances
-from rig.loop.trip import LoopStoppedError, StopRequestedError, TripError
-from rig.loop.wire_layout import Drive, wire_channels
+from rig.configuration import Rig
+from rig.io import FAST_INPUTS, SLOW_INPUTS, HomingSettings, exclusive
+from rig.loop import (
+    NO_CHANNEL,
+    Action,
+    Board,
+    Cause,
+    Drive,
+    LoopStoppedError,
+    RingReader,
+    StopRequestedError,
+    TripError,
+    Word,
+    explain,
+    limit_table,
+    orders,
+    tolerances,
+    wire_channels,
+)
 from rig.plant import Model
+from rig.supervisor.processes import (
+    Child,
+    ChildError,
+    Driven,
+    MakeSafe,
+    News,
+    Onlooker,
+    OpenField,
+    Parts,
+    Safety,
+    Watch,
+    WriteOutputs,
+    trips_of,
+)
 
-from . import field
-from .child import Child, ChildError, News
-from .driven import Driven
-from .onlooker import Onlooker
 from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, SessionState, State
 from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
-from .watch import Parts, Watch, trips_of
 
 OPEN_S: Final = 300.0
 """How long opening may take: the loop may have to be compiled first."""
@@ -64,7 +81,7 @@ _FEEDBACK: Final = {"drive_target": "drive_state", "pump_load": "pump_loaded"}
 
 
 class Stop(Protocol):
-    """Whether somebody asked for an end; see `rig.runner.stopping.StopFlag`."""
+    """Whether somebody asked for an end; see `rig.runner.campaign.stopping.StopFlag`."""
 
     @property
     def requested(self) -> bool:
@@ -154,7 +171,7 @@ class ConnectedRig:
         log = self._directory / LOG
         self.parts = Parts(
             *(
-                Child(name, f"rig.supervisor.{module}", self.board, log, self._on_news)
+                Child(name, f"rig.supervisor.processes.{module}", self.board, log, self._on_news)
                 for name, module in (
                     ("loop", "loop_process"),
                     ("field", "field"),
@@ -180,7 +197,7 @@ class ConnectedRig:
     def _open(self) -> None:
         rig = self.configured
         slow = tuple(spec for spec in rig.drivers if spec.kind == "slow")
-        self._opened(self.parts.field, field.Open(slow, rig.loop))
+        self._opened(self.parts.field, OpenField(slow, rig.loop))
         first = orders.Segment(1, Drive.NULL, self._memory(), self.model.parameters, homed=False)
         (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
         period_s = 1.0 / rig.loop.rate
@@ -339,7 +356,7 @@ class ConnectedRig:
     def write(self, outputs: Mapping[str, float]) -> None:
         """Set slow outputs, those that some driver has."""
         mine = {name: value for name, value in outputs.items() if name in self._outputs}
-        self.parts.field.send(field.Write(mine))
+        self.parts.field.send(WriteOutputs(mine))
 
     def off(self, wanted: Mapping[str, float]) -> list[str]:
         """Return the slow outputs whose feedback is not where they were asked to be."""
@@ -474,7 +491,7 @@ class ConnectedRig:
     def _make_field_safe(self) -> Mapping[str, str]:
         """Have the slow drivers safe; return what each could not do, by its name."""
         try:
-            safety: field.Safety = self.ask(self.parts.field, field.Safe(), SAFE_S)
+            safety: Safety = self.ask(self.parts.field, MakeSafe(), SAFE_S)
         except ChildError as error:
             self.note("field", str(error))
             self._watch.trip(Cause.FIELD_LOST)

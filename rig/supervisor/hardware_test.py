@@ -8,14 +8,18 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from faults.campaign import CampaignTest
-from rig.loop.decided import confirmed_fault
-from rig.loop.timing import TIMING, Timing, in_short
-from rig.loop.trip import LoopStoppedError, TripError
-from rig.loop.wire_loop import WireLoop
+from faults import CampaignTest
+from rig.loop import (
+    TIMING,
+    LoopStoppedError,
+    Timing,
+    TripError,
+    WireLoop,
+    confirmed_fault,
+    in_short,
+)
+from rig.supervisor.processes import Child, ChildError, FinishRecording, NoteInRecording
 
-from . import recorder
-from .child import Child, ChildError
 from .states import Event
 
 Array = NDArray[np.float64]
@@ -98,7 +102,7 @@ class HardwareTest:
             raise self._session.stopped(error) from None
 
     def advance(self, ticks: int) -> Array:
-        """Return the rows of the next ticks; see `rig.runner.bench.Loop`.
+        """Return the rows of the next ticks; see `rig.runner.campaign.bench.Loop`.
 
         Raises:
             TripError: the rig tripped, or left the motion that was asked for.
@@ -164,7 +168,7 @@ class TestRecord:
         """Note something that happened at a time of the test."""
         # Of a recorder that is gone, `finish` tells.
         with suppress(ChildError):
-            self._process.send(recorder.Note(time_s, kind, text))
+            self._process.send(NoteInRecording(time_s, kind, text))
 
     def timing(self) -> Mapping[str, Any]:
         """Return how well the loop kept its time so far."""
@@ -179,4 +183,4 @@ class TestRecord:
         summary = self._timing.summary()
         self.event(self._last_s, TIMING, json.dumps(summary))
         self._say(f"      loop: {in_short(summary)}")
-        self._ask(recorder.Finish(self._rows), FINISH_S)
+        self._ask(FinishRecording(self._rows), FINISH_S)

@@ -6,11 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from faults.bypass import BypassValve
-from faults.schedule import Fault
-from faults.verdict import Verdict
-from rig.configuration.rig import Rig
-from rig.plant.integrator import TICK
+from faults import BypassValve, Fault, Verdict
+from rig.configuration import Rig
+from rig.plant import TICK
 
 Outputs = Mapping[str, float]
 Move = tuple[int, Outputs]

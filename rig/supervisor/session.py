@@ -10,24 +10,17 @@ from typing import Any
 import numpy as np
 
 from estimator.filters import FilterMemory
-from faults.campaign import CampaignTest
-from rig.configuration.rig import Rig
-from rig.io.signals import METERS, SLOW_INPUTS
-from rig.loop.reaction import Reaction
-from rig.loop.timing import Timing
-from rig.loop.trip import LoopStoppedError, TripError
-from rig.loop.wire_layout import Drive
-from rig.loop.wire_loop import WireLoop
-from rig.plant import Model
-from rig.plant.integrator import TICK
+from faults import CampaignTest
+from rig.configuration import Rig
+from rig.io import METERS, SLOW_INPUTS
+from rig.loop import Drive, LoopStoppedError, Reaction, Timing, TripError, WireLoop
+from rig.plant import TICK, Model
+from rig.supervisor.processes import BeginRecording, ChildError, FollowMoves, Onlooker
 
-from . import field, recorder
 from .arming import SETTLE_S, arm, home
-from .child import ChildError
 from .connected_rig import ANSWER_S, ConnectedRig, Stop
 from .hardware_test import HardwareTest, TestRecord
 from .moves import moves, preparing_moves
-from .onlooker import Onlooker
 from .states import Event, State
 
 
@@ -119,7 +112,7 @@ class Session:
             **metadata,
             "loop": {"grants": grants, "exchange_rate_hz": self._rig.opened.rate_hz},
         }
-        begin = recorder.Begin(self._test.number, path, channels, told, time.time_ns())
+        begin = BeginRecording(self._test.number, path, channels, told, time.time_ns())
         self._ask_recorder(begin, ANSWER_S)
         record = TestRecord(
             self._rig.parts.recorder, Timing(channels, TICK), self._rig.say, self._ask_recorder
@@ -148,7 +141,7 @@ class Session:
             lambda: not self._rig.off(wanted), SETTLE_S,
             "the bypass valves are not where the test begins", "look at them",
         )  # fmt: skip
-        self._rig.parts.field.send(field.Moves(segment, moves(self._rig.configured, test.faults)))
+        self._rig.parts.field.send(FollowMoves(segment, moves(self._rig.configured, test.faults)))
 
     def begin(self, event: Event) -> None:
         """Ask the state machine for the next step of a test."""

@@ -9,11 +9,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.io.signals import METERS
-from rig.loop.trip import LoopStoppedError
-from rig.loop.wire_layout import Drive
-from rig.loop.wire_loop import WireLoop
-from rig.plant.integrator import TICK
+from rig.io import METERS
+from rig.loop import Drive, LoopStoppedError, WireLoop
+from rig.plant import TICK
 
 from .arming import SETTLE_S
 from .connected_rig import ConnectedRig

@@ -12,21 +12,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.configuration.quantities import show
-from rig.io.limits import ChannelLimit
-from rig.loop.ladder import Action, Cause, explain
-from rig.loop.trip import TripError
-from rig.recording.csv_writer import write_csv
-from rig.recording.recording import Recording
-from rig.recording.units import unit_of
-
-from .driven import Driven
+from rig.configuration import show
+from rig.io import ChannelLimit
+from rig.loop import Action, Cause, TripError, explain
+from rig.recording import Recording, unit_of, write_csv
+from rig.supervisor.processes import Driven
 
 Array = NDArray[np.float64]
 
 SCHEMA: Final = "rig-trip"
 STAGES: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s", "age_s")
-"""Columns of a row whose statistics a report gives; see `rig.loop.wire_layout.TIMINGS`."""
+"""Columns of a row whose statistics a report gives; see `rig.loop.wire.layout.TIMINGS`."""
 _UNCONFIRMED: Final = {
     "valve null": Cause.NULL_NOT_CONFIRMED,
     "bypass shut": Cause.BYPASS_NOT_SHUT,

@@ -5,9 +5,10 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from .cases import Judged, Setting, SweepError, run_chunk
+from .cases import Judged, run_chunk
 from .drawing import Cases
 from .local import Stopped
+from .setting import Setting, SweepError
 
 _QUEUED: Final = 3
 """Chunks on their way for each thread of the cluster."""

@@ -8,20 +8,16 @@ were: two sweeps that differ in the filter, say, judge the same rigs, leaks and 
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import LEAKS
-from rig.configuration.distributions import Distribution
-from rig.configuration.sweep_plan import HEALTHY, Sweep
-from rig.plant.parameters import Parameters, quantities
+from estimator.leaks import LEAKS
+from rig.configuration import HEALTHY, Distribution, Sweep
+from rig.plant import Parameters, quantities
 
 from .motions import Motions, drawn_motions
-
-if TYPE_CHECKING:
-    from .cases import Setting
+from .setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -74,7 +70,8 @@ class Cases:
         chunk: number of the chunk that they make.
         numbers: int64 (n,), of the cases.
         parameters: float64 (fields, n), `rig.plant.parameters.Parameters` of each rig.
-        coefficients: float64 (3, n) of the leaks, in the order of `estimator.detection.LEAKS`.
+        coefficients: float64 (3, n) of the leaks, in the order of
+            `estimator.leaks.detection.LEAKS`.
         onset_tick: float64 (n,), first tick at which they act; that of a healthy rig is beyond.
         noise: float64 (n,), factor on the transducers' deviations.
         seeds: uint64 (2, n), of the noise of the pressures, and of the other transducers.
@@ -195,7 +192,7 @@ def _leaks(
     return coefficients, onset_s, faults, told
 
 
-def still_case(setting: "Setting") -> Cases:
+def still_case(setting: Setting) -> Cases:
     """Return one healthy case at rest, to load the code with that runs them."""
     count = 1
     still = Motions(

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from rig.configuration.sweep_plan import Sweep
-from rig.recording.targets import replacing
-from rig.runner.directory import DirectoryError, file_stem
+from rig.configuration import Sweep
+from rig.recording import replacing
+from rig.runner.run_folder import DirectoryError, file_stem
 
 from .cases import sources
 from .table import read_part, read_table, together, write_part, write_table

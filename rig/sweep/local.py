@@ -10,8 +10,9 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection, get_context, parent_process
 from typing import Final
 
-from .cases import Judged, Setting, SweepError, run_chunk
+from .cases import Judged, run_chunk
 from .drawing import Cases
+from .setting import Setting, SweepError
 
 Stopped = Callable[[], bool]
 

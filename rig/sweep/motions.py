@@ -7,9 +7,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from control.setpoints import Pseudorandom
-from rig.configuration.distributions import Distribution
-from rig.configuration.sweep_plan import SweptMotion
+from control import Pseudorandom
+from rig.configuration import Distribution, SweptMotion
 
 Array = NDArray[np.float64]
 

@@ -1,22 +1,21 @@
 """Judges cases by the thesis's pattern of moving averages, from sums over half seconds.
 
-It comes to the decisions that `estimator.pattern.PatternDetector` comes to after each half second:
-its moving average of 4000 samples is there the mean of eight blocks.
+It comes to the decisions that `estimator.leaks.pattern.PatternDetector` comes to after each half
+second: its moving average of 4000 samples is there the mean of eight blocks.
 """
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.pattern import LEARNING_S, PATTERNS, STARTED_S, HealthyLevel, pattern_of
-from estimator.residuals import THESIS_WINDOW
+from estimator.filters import THESIS_WINDOW
+from estimator.leaks import LEARNING_S, PATTERNS, STARTED_S, HealthyLevel, pattern_of
 
+from .group import Group
+from .setting import Figures, Setting
 from .ticks import BLOCK, SUMS
 from .truth import outcome_columns, true_flow
-
-if TYPE_CHECKING:
-    from .cases import Figures, Group, Setting
 
 Array = NDArray[np.float64]
 
@@ -30,7 +29,7 @@ DIVERGED_PA: Final = 1e6
 of what a chamber holds, and the thesis's largest healthy one is 0.2 MPa."""
 
 
-def judged_by_pattern(sums: Array, group: "Group", setting: "Setting") -> "Figures":
+def judged_by_pattern(sums: Array, group: Group, setting: Setting) -> Figures:
     """Return what the table tells of a group's cases, (LANES,) by column.
 
     Args:

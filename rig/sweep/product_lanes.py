@@ -4,23 +4,21 @@ A detector to which nothing speaks for a fault is not asked for its verdict, whi
 and takes longer than everything else.
 """
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import Decision, OilAccountDetector, Samples
-from estimator.filters import FILTERS, OUTPUTS, FilterRun
-from estimator.product_lanes import ProductLanes
-from rig.loop.lane_ticks import LANE_READINGS, LOGGED, MOST_STEPS
-from rig.plant.integrator import TICK
-from rig.plant.lanes import LANES, empty_lanes
+from estimator.filters import FILTERS, OUTPUTS, FilterRun, ProductLanes
+from estimator.leaks import Decision, OilAccountDetector, Samples
+from rig.lanes import LANES, empty_lanes
+from rig.loop import LANE_READINGS, LOGGED, MOST_STEPS
+from rig.plant import TICK
 
+from .group import Group
+from .setting import Figures, SweepError
 from .ticks import BLOCK, reading_block
 from .truth import outcome_columns, true_flow
-
-if TYPE_CHECKING:
-    from .cases import Figures, Group
 
 Array = NDArray[np.float64]
 
@@ -29,7 +27,7 @@ _SUPPLY: Final = LANE_READINGS.index("supply_pressure_Pa")
 _LEAST_HEALTHY: Final = 1e-12
 
 
-def judged_by_product(group: "Group") -> "Figures":
+def judged_by_product(group: Group) -> Figures:
     """Return what the table tells of a group's cases, (LANES,) by column.
 
     Raises:
@@ -59,7 +57,7 @@ def judged_by_product(group: "Group") -> "Figures":
 class _Bench:
     """Plants and transducers of a group, a block at a time."""
 
-    def __init__(self, group: "Group") -> None:
+    def __init__(self, group: Group) -> None:
         self._group = group
         self._level = np.zeros((1, LANES))
         self._until_onset = group.onset.copy()
@@ -70,8 +68,6 @@ class _Bench:
 
     def readings(self, first: int, ticks: int) -> Array:
         """Return the readings (ticks, 6, LANES) from tick `first` on."""
-        from .cases import SweepError
-
         group, setting = self._group, self._group.setting
         motions = group.motions
         readings = np.empty((ticks, len(LANE_READINGS), LANES))
@@ -93,7 +89,7 @@ class _Bench:
 class _Watch:
     """The detectors of a group, and what they held."""
 
-    def __init__(self, group: "Group") -> None:
+    def __init__(self, group: Group) -> None:
         self._group = group
         setting = group.setting
         self._last = setting.ticks - 1
@@ -130,7 +126,7 @@ class _Watch:
             self._decisions[lane] = detector.decide()
         return self._decisions[lane].verdict
 
-    def figures(self) -> "Figures":
+    def figures(self) -> Figures:
         """Return the columns that the detectors tell of."""
         decisions = self._decisions
         healthy = np.array([each.probabilities.get("healthy", np.nan) for each in decisions])

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, Final
 
-from rig.configuration.sweep_plan import Sweep
-from rig.plant.lanes import LANES
+from rig.configuration import Sweep
+from rig.lanes import LANES
 
-from .cases import Judged, Setting, SweepError, setting_of, sources
+from .cases import Judged, sources
 from .drawing import Cases, draw
 from .folder import SweepFolder
 from .local import Stopped
+from .setting import Setting, SweepError, setting_of
 from .table import rows_of
 
 Runner = Callable[[Iterator[Cases], Setting, Stopped], Iterator[Judged]]

@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rig.configuration.sweep_plan import HEALTHY
-from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.configuration import HEALTHY
+from rig.plant import LITRE_PER_MINUTE
 
 from .table import columns_of
 from .truth import SILENT

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rig.recording.targets import replacing
+from rig.recording import replacing
 
-from .cases import Figures
 from .drawing import Cases, Column
+from .setting import Figures
 
 FIGURES: Final = {
     "leak_true_m3_per_s": ("m^3/s", "mean leak flow from 2 s after the onset on"),

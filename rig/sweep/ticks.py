@@ -9,8 +9,22 @@ from typing import Final
 
 from numba import njit
 
-from estimator.thesis import thesis7_step
-from rig.loop.lane_ticks import (
+from estimator.filters import thesis7_step
+from rig.lanes import (
+    LANES,
+    align_stack,
+    anywhere,
+    empty_lanes,
+    fill_normal,
+    gather,
+    in_lanes,
+    load,
+    load_fields,
+    select,
+    sine_and_cosine,
+    store,
+)
+from rig.loop import (
     COMMAND,
     LOGGED,
     LOGGED_OF_CHAMBERS,
@@ -23,25 +37,15 @@ from rig.loop.lane_ticks import (
     plant_ticks,
     reading_ticks,
 )
-from rig.plant.compiled import inlined
-from rig.plant.dynamics import signed_root
-from rig.plant.integrator import TICK
-from rig.plant.lanes import (
-    LANES,
-    align_stack,
-    anywhere,
-    empty_lanes,
-    gather,
-    in_lanes,
-    load,
-    load_fields,
-    select,
-    store,
+from rig.plant import (
+    TICK,
+    Parameters,
+    encoder_position,
+    inlined,
+    pressure_reading,
+    reading_means,
+    signed_root,
 )
-from rig.plant.lanes.normal import fill_normal, sine_and_cosine
-from rig.plant.parameters import Parameters
-from rig.plant.sensors import encoder_position, pressure_reading
-from rig.plant.transducers import reading_means
 
 from .motions import AMPLITUDE, CHIRP, FREQUENCY, PHASE, SINE_ROWS
 

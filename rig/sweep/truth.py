@@ -1,14 +1,14 @@
 """What a case's verdicts amount to beside what was injected."""
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.configuration.sweep_plan import HEALTHY
+from rig.configuration import HEALTHY
 
-if TYPE_CHECKING:
-    from .cases import Figures, Group
+from .group import Group
+from .setting import Figures
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ _SETTLED: Final = 2000.0
 _SEEN: Final = 10
 
 
-def outcome_columns(group: "Group", verdicts: NDArray[np.str_], ends_s: Array) -> "Figures":
+def outcome_columns(group: Group, verdicts: NDArray[np.str_], ends_s: Array) -> Figures:
     """Return verdict, whether it is right, detection time and latency, (LANES,) each.
 
     Args:
@@ -47,7 +47,7 @@ def outcome_columns(group: "Group", verdicts: NDArray[np.str_], ends_s: Array) -
     }
 
 
-def true_flow(total: Array, group: "Group") -> Array:
+def true_flow(total: Array, group: Group) -> Array:
     """Return the mean leak flow in m^3/s from 2 s after the onset on; NaN of a healthy rig.
 
     Args:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rig.recording import read_recording
-from rig.runner.journal import JOURNAL
+from rig.runner.run_folder.journal import JOURNAL
 from tools.chaos.records import finished_in, record_problems, standing_in, told_problems
 
 TESTS = 5

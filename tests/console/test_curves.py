@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rig.console.curves import AVERAGED_S, CHANNELS, CURVES, POINTS, Curves, MovingAverage
 from rig.stream.view import Window
@@ -109,6 +108,6 @@ def test_the_moving_average_is_the_mean_of_the_last_however_they_come(
 
 
 def test_the_window_is_that_of_the_thesis() -> None:
-    from estimator.residuals import THESIS_WINDOW
+    from estimator.filters.residuals import THESIS_WINDOW
 
     assert pytest.approx(THESIS_WINDOW) == AVERAGED_S / MS

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from rig.configuration.problems import ConfigError
+from rig.configuration.reading.problems import ConfigError
 from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, LaunchRefused, offers_of
 from rig.control_socket import SOCKET
-from rig.runner.control_port import ControlPort
-from rig.runner.desk import Desk
-from rig.runner.stopping import StopFlag
+from rig.runner.campaign.control_port import ControlPort
+from rig.runner.campaign.operator_requests import Desk
+from rig.runner.campaign.stopping import StopFlag
 
 CAMPAIGN = (
     "name: {name}\ndescription: |\n  Two\n  lines.\nrig: bench\ntests:\n  - name: a\n  - name: b\n"

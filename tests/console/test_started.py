@@ -12,10 +12,10 @@ from urllib.parse import urlencode, urlsplit
 import pytest
 import yaml
 
-from rig.configuration.stream import load_stream
+from rig.configuration.rigs.stream import load_stream
 from rig.console.orders import INTERRUPTED_REASON
 from rig.control_socket import ControlError, ask
-from rig.runner.desk import Request
+from rig.runner.campaign.operator_requests import Request
 from rig.stream.client import StreamClient
 from tests.waiting import COMPILE_S
 

@@ -4,8 +4,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN, proportional_command
 

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.product_model import DYNAMIC, STATE_COUNT, predict_product
-from estimator.product_noise import DRY, ProductNoise
+from estimator.filters.product_model import DYNAMIC, STATE_COUNT, predict_product
+from estimator.filters.product_noise import DRY, ProductNoise
 from rig.plant import Parameters
 
 Array = NDArray[np.float64]

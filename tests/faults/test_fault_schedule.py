@@ -5,8 +5,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from faults.bypass import NOMINAL_BYPASSES, bore_coefficient
 from faults.schedule import Fault, FaultError, FaultSchedule

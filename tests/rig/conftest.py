@@ -41,7 +41,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from rig.io.driver import DriverError
-from rig.io.register_map import RegisterMap
+from rig.io.modbus_daq.register_map import RegisterMap
 from rig.plant.parameters import Quantity
 
 

@@ -25,7 +25,7 @@ PATIENT: Final[dict[str, dict[str, Any]]] = {
 def long_watchdogs() -> Iterator[None]:
     """Let emulated I/O nodes of this process take a watchdog longer than a real one does."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rig.emulator.io_node.WATCHDOG_LIMIT_MS", round(1e3 * PATIENCE_S))
+        patch.setattr("rig.emulator.modbus.io_node.WATCHDOG_LIMIT_MS", round(1e3 * PATIENCE_S))
         yield
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.flow_account import FlowAccount
-from estimator.nuisances import NUISANCES
-from estimator.product_model import STATE_COUNT, predict_product
+from estimator.accounts.flow import FlowAccount
+from estimator.accounts.nuisances import NUISANCES
+from estimator.filters.product_model import STATE_COUNT, predict_product
 from rig.plant import NOMINAL
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE

@@ -3,8 +3,8 @@
 from types import SimpleNamespace
 from typing import Any
 
-from estimator.friction import FrictionEstimate
-from estimator.friction_fit import PARAMETERS
+from estimator.friction.curve import FrictionEstimate
+from estimator.friction.fit import PARAMETERS
 from rig.plant import NOMINAL
 from tools.friction_experiment import SPREAD, Case, rows, unknown_friction
 

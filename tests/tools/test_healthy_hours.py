@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.detection import Decision, Samples
-from estimator.filters import FILTERS, OUTPUTS, FilterRun
-from rig.plant.lanes import LANES
+from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
+from estimator.leaks.detection import Decision, Samples
+from rig.lanes import LANES
 from tools import healthy_hours
 from tools.healthy_hours import (
     Alarm,

@@ -2,7 +2,7 @@
 
 import re
 
-from rig.loop.ladder import EXPLANATIONS, Cause
+from rig.loop.interlocks.ladder import EXPLANATIONS, Cause
 from tools.safety_page import PAGE, TABLES, updated
 
 

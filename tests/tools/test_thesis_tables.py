@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.thesis import THESIS6_MEASUREMENT_NOISE
-from rig.configuration.campaign import load_campaign
+from estimator.filters.thesis import THESIS6_MEASUREMENT_NOISE
+from rig.configuration.campaigns.campaign import load_campaign
 from rig.plant import NOMINAL
 from tools.thesis_tables.__main__ import DEFAULT_OUT, main
 from tools.thesis_tables.causes import VELOCITY, empty_chamber, hidden_leak, oil_column
@@ -23,13 +23,7 @@ from tools.thesis_tables.leak_tables import (
     trusted_change,
 )
 from tools.thesis_tables.markdown import arrow, figure, table
-from tools.thesis_tables.measures import (
-    Change,
-    metered_coefficient,
-    rise,
-    share_outside,
-    true_flow,
-)
+from tools.thesis_tables.measures import Change, metered_coefficient, rise, share_outside, true_flow
 from tools.thesis_tables.printed import TABLE_5_1
 from tools.thesis_tables.trials import Trial, Trials, record, run_trials
 from tools.thesis_tables.trusted import run_trusted

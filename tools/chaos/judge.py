@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.loop.ladder import EXPLANATIONS
+from rig.loop.interlocks.ladder import EXPLANATIONS
 from rig.recording import RecordingError, recover
-from rig.recording.mcap_reader import read_mcap
+from rig.recording.formats.mcap_reader import read_mcap
 from rig.recording.table import Table
 
 from .scenario import Scenario

@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from rig.recording import RecordingError, read_recording, recover
-from rig.recording.mcap_reader import read_mcap
-from rig.runner.journal import JOURNAL, JournalError, read_journal
-from rig.runner.outcome_record import outcome_of
-from rig.runner.phases import Phase
-from rig.runner.standing import Standing, standing_of
+from rig.recording.formats.mcap_reader import read_mcap
+from rig.runner.campaign.phases import Phase
+from rig.runner.outcomes.outcome_record import outcome_of
+from rig.runner.run_folder.journal import JOURNAL, JournalError, read_journal
+from rig.runner.run_folder.journal_state import JournalState, standing_of
 
 TICK_S = 1e-3
 
@@ -99,7 +99,7 @@ def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
 
     Args:
         folder: of the run.
-        killed: test and phase of each kill (`Standing.where`); empty between two tests.
+        killed: test and phase of each kill (`JournalState.where`); empty between two tests.
     """
     results = json.loads((folder / "results.json").read_text())
     page = html.unescape((folder / "report.html").read_text())
@@ -117,12 +117,12 @@ def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
     return found
 
 
-def standing_in(folder: Path) -> Standing:
+def standing_in(folder: Path) -> JournalState:
     """Return where a run stands; nothing begun without a journal."""
     try:
         return standing_of(read_journal(folder / JOURNAL))
     except JournalError:
-        return Standing()
+        return JournalState()
 
 
 def main_s(folder: Path) -> float:

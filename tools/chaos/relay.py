@@ -11,7 +11,7 @@ from pathlib import Path
 from signal import SIGKILL
 from typing import Any, Final
 
-from rig.runner.journal import JOURNAL, Entry, of_kind, read_journal
+from rig.runner.run_folder.journal import JOURNAL, Entry, of_kind, read_journal
 
 from .judge import driven, lost_s, readable, safe_at
 from .records import TICK_S, finished_in, main_s, record_problems, standing_in, told_problems

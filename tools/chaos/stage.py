@@ -24,10 +24,10 @@ COMPILE_S: Final = 300.0
 POLL_S: Final = 0.02
 
 MODULES: Final = {
-    "loop": "rig.supervisor.loop_process",
-    "field": "rig.supervisor.field",
-    "recorder": "rig.supervisor.recorder",
-    "publisher": "rig.supervisor.publisher",
+    "loop": "rig.supervisor.processes.loop_process",
+    "field": "rig.supervisor.processes.field",
+    "recorder": "rig.supervisor.processes.recorder",
+    "publisher": "rig.supervisor.processes.publisher",
 }
 """Modules of the processes that `rig run`, the supervisor, starts."""
 

@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.product_model import STATE_COUNT
-from estimator.product_noise import ProductNoise, product_noise
+from estimator.filters.product_model import STATE_COUNT
+from estimator.filters.product_noise import ProductNoise, product_noise
 from rig.plant import Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE

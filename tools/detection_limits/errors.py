@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import LEAKS, SETTLED_AFTER_S, Decision
-from estimator.filters import start_memory
-from estimator.flow_account import reference_drop
-from estimator.replay import replay
+from estimator.accounts.flow import reference_drop
+from estimator.filters.registry import start_memory
+from estimator.leaks.detection import LEAKS, SETTLED_AFTER_S, Decision
+from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters

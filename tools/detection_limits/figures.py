@@ -13,15 +13,7 @@ from tools.leak_trials import Trial
 
 from .bound import Bound
 from .errors import Errors
-from .study import (
-    NAMES,
-    POWER,
-    SIZES,
-    named_after,
-    operating_curve,
-    power_curve,
-    smallest_named,
-)
+from .study import NAMES, POWER, SIZES, named_after, operating_curve, power_curve, smallest_named
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from estimator.product_model import DYNAMIC, STATE_COUNT, predict_product
+from estimator.filters.product_model import DYNAMIC, STATE_COUNT, predict_product
 
 STEP: Final = 1e-3
 """Part of a tolerance over which a parameter's effect is taken by central differences."""

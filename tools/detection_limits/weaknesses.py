@@ -1,6 +1,6 @@
 """What each known weakness of the model does to the rig, as the bound needs it: to first order.
 
-The list and its tolerances are the detector's (`estimator.flow_account.NUISANCES`). The null bias
+The list and its tolerances are the detector's (`estimator.accounts.flow.NUISANCES`). The null bias
 is a state of the product model; the others are constants beside its states.
 """
 
@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.nuisances import EDGE_REACHES, NUISANCES
+from estimator.accounts.nuisances import EDGE_REACHES, NUISANCES
 from rig.plant import Parameters
 from rig.plant.dynamics import aeration_compliance, valve_conductance
 from rig.plant.integrator import TICK

@@ -1,7 +1,7 @@
 """The smallest size of each effect that a trial's own rig and motions would show the workflow.
 
 The rig of the trial is recorded with nothing hidden in it; what `rig gap` would say it could not
-have seen there (`estimator.gap.signatures`) are the limits that hidden sizes are counted in.
+have seen there (`estimator.gap.search.signatures`) are the limits that hidden sizes are counted in.
 
     python -m tools.hidden_effects.shown --page docs/hidden_effects.md
 
@@ -19,13 +19,13 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.fit import Fitter
-from estimator.gap.predictor import Predictor
-from estimator.gap.records import record_of
-from estimator.gap.servo_actuator import servo_actuator
-from estimator.gap.signatures import limits
-from estimator.gap.suitability import usable
-from estimator.gap.variables import nuisance_variable
+from estimator.gap.plant.records import record_of
+from estimator.gap.prediction.fit import Fitter
+from estimator.gap.prediction.predictor import Predictor
+from estimator.gap.prediction.suitability import usable
+from estimator.gap.prediction.variables import nuisance_variable
+from estimator.gap.search.signatures import limits
+from estimator.gap.servo.actuator import servo_actuator
 from rig.plant import Model
 from rig.recording import read_recording
 from tools.hidden_effects.drawn_trials import THE_SMALLER, drawn_trial, write_recordings

@@ -67,8 +67,8 @@ def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
     Raises:
         WorkflowFailedError: it raised an error, or a recording cannot be read.
     """
-    from estimator.gap.servo_actuator import servo_actuator
-    from estimator.gap.workflow import find_gap
+    from estimator.gap.servo.actuator import servo_actuator
+    from estimator.gap.verdict.workflow import find_gap
     from rig.plant import Model
     from rig.recording import RecordingError, read_recording
 

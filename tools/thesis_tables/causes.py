@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.setpoints import Sine
-from estimator.filters import DEFAULT_FILTER
-from estimator.pattern import STARTED_S
-from estimator.replay import filter_recording
-from estimator.thesis import thesis6_jacobian, thesis6_predict
-from rig.configuration.campaign import load_campaign
+from estimator.filters.registry import DEFAULT_FILTER
+from estimator.filters.thesis import thesis6_jacobian, thesis6_predict
+from estimator.leaks.pattern import STARTED_S
+from estimator.leaks.replaying import filter_recording
+from rig.configuration.campaigns.campaign import load_campaign
 from rig.plant import Parameters
 from rig.plant.dynamics import chamber_volumes
 from rig.plant.integrator import TICK

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import SETTLED_AFTER_S, Decision, leak_flow
+from estimator.leaks.detection import SETTLED_AFTER_S, Decision, leak_flow
 from faults.leakage import to_litres_per_minute
 
 from .causes import POSITION

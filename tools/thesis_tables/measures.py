@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import SETTLED_AFTER_S
-from estimator.pattern import STARTED_S
-from estimator.residuals import THESIS_WINDOW, moving_average_absolute
+from estimator.filters.residuals import THESIS_WINDOW, moving_average_absolute
+from estimator.leaks.detection import SETTLED_AFTER_S
+from estimator.leaks.pattern import STARTED_S
 from faults.leakage import linear_coefficient, square_root_coefficient, to_litres_per_minute
 from faults.schedule import Fault
 from rig.plant.integrator import TICK

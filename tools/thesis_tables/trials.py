@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from control.setpoints import Sine
-from estimator.detection import Decision
-from estimator.filters import DEFAULT_FILTER, start_memory
-from estimator.pattern import STARTED_S, PatternDetector
-from estimator.replay import ReplayResult, replay
+from estimator.filters.registry import DEFAULT_FILTER, start_memory
+from estimator.leaks.detection import Decision
+from estimator.leaks.pattern import STARTED_S, PatternDetector
+from estimator.leaks.replaying import ReplayResult, replay
 from faults.campaign import Campaign, CampaignTest
 from faults.schedule import Fault
-from rig.configuration.campaign import load_campaign
-from rig.configuration.rig import Rig
+from rig.configuration.campaigns.campaign import load_campaign
+from rig.configuration.rigs.rig import Rig
 from rig.plant import Model
 from rig.recording import Recording
-from rig.runner.simulated_bench import loop_of
-from rig.runner.thresholds import HealthyReferences
+from rig.runner.campaign.simulated_bench import loop_of
+from rig.runner.outcomes.thresholds import HealthyReferences
 
 from .trusted import TrustedRun, run_trusted
 

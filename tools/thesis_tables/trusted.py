@@ -12,10 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimator import thesis
-from estimator.covariance import thesis6_kalman_step, thesis7_kalman_step
-from estimator.filters import OUTPUTS, THESIS_7, filter_named
-from estimator.thesis_model import linearised_6, linearised_7
+from estimator.filters import thesis
+from estimator.filters.covariance import thesis6_kalman_step, thesis7_kalman_step
+from estimator.filters.registry import OUTPUTS, THESIS_7, filter_named
+from estimator.filters.thesis_model import linearised_6, linearised_7
 from rig.plant import Model
 from rig.recording import Recording
 

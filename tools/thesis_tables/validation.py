@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.pattern import STARTED_S
-from estimator.replay import filter_recording
-from rig.configuration.campaign import load_campaign
+from estimator.leaks.pattern import STARTED_S
+from estimator.leaks.replaying import filter_recording
+from rig.configuration.campaigns.campaign import load_campaign
 from rig.plant import Model
 from rig.plant.dynamics import PlantState
 from rig.plant.simulation import simulate

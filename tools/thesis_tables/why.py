@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.thesis import THESIS7_MEASUREMENT_NOISE
+from estimator.filters.thesis import THESIS7_MEASUREMENT_NOISE
 
 from .causes import (
     MOTIONS,

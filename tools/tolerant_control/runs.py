@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detection import LEAKS
-from estimator.filters import start_memory
-from estimator.flow_account import reference_drop
-from estimator.replay import detector_for
+from estimator.accounts.flow import reference_drop
+from estimator.filters.registry import start_memory
+from estimator.leaks.detection import LEAKS
+from estimator.leaks.replaying import detector_for
 from rig.io.simulated import simulated_rig
 from rig.loop.decided import DECIDED, Decided
 from rig.loop.reaction import Reaction
@@ -19,8 +19,8 @@ from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.runner.decision_rows import DecisionRows
-from rig.runner.judging import Judge
+from rig.runner.campaign.judging import Judge
+from rig.runner.outcomes.decision_rows import DecisionRows
 
 Array = NDArray[np.float64]
 Coefficients = tuple[float, float, float]

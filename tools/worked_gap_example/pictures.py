@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from estimator.detection import draw_up
-from estimator.leak_test import LeakTest
-from estimator.oil_account import OilAccount
-from estimator.replay import filter_recording, samples_of
+from estimator.leaks.detection import draw_up
+from estimator.leaks.leak_test import LeakTest
+from estimator.leaks.oil_account import OilAccount
+from estimator.leaks.replaying import filter_recording, samples_of
 from rig.plant import Model
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import beta
 
 from rig.plant import CATALOGUE
-from rig.report.gap_words import in_words, with_unit
+from rig.report.gap.words import in_words, with_unit
 from tools.marked_tables import markdown
 
 from .trials import ONSET_S, Case, Heard, Trial

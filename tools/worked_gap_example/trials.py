@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from rich.progress import track
 
-from estimator.flow_account import reference_drop
-from estimator.replay import replay
-from rig.configuration.model import load_model
+from estimator.accounts.flow import reference_drop
+from estimator.leaks.replaying import replay
+from rig.configuration.models.model import load_model
 from rig.plant import NOMINAL, Model
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording

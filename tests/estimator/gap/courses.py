@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.gap.fit import Fitter
-from estimator.gap.plant import Plant
-from estimator.gap.predictor import Predictor
-from estimator.gap.records import Record, made_of
-from estimator.gap.servo_actuator import servo_actuator
+from estimator.gap.plant.interface import Plant
+from estimator.gap.plant.records import Record, made_of
+from estimator.gap.prediction.fit import Fitter
+from estimator.gap.prediction.predictor import Predictor
+from estimator.gap.servo.actuator import servo_actuator
 from rig.plant import Model
 
 

@@ -45,7 +45,11 @@ def invoke(
     """Run `rig` with arguments in an empty working directory, its tracebacks kept elsewhere."""
     monkeypatch.chdir(tmp_path)
     # What is compiled, and told of that, depends on what ran before.
-    for module in ("rig.cli.home", "rig.cli.calibrate", "rig.runner.campaign_run"):
+    for module in (
+        "rig.cli.hardware.home",
+        "rig.cli.hardware.calibrate",
+        "rig.runner.campaign.campaign_run",
+    ):
         monkeypatch.setattr(f"{module}.compile_for", lambda *arguments: None)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path_factory.mktemp("temporary")))
 

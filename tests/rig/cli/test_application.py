@@ -10,7 +10,7 @@ import pytest
 import rig.cli.application
 from rig import __version__
 from rig.cli.application import COMMANDS
-from rig.runner.gap_closing import ROUNDS
+from rig.runner.experiments.gap_closing import ROUNDS
 
 Invoke = Callable[..., Any]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from rig.runner.directory import recording_names
+from rig.runner.run_folder.directory import recording_names
 
 Invoke = Callable[..., Any]
 

@@ -3,13 +3,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from rig.configuration.rig import Rig, load_rig
-from rig.emulator.fault_script import Script
+from rig.configuration.rigs.rig import Rig, load_rig
 from rig.emulator.instruments import Instruments
-from rig.emulator.io_node import IoNode
+from rig.emulator.modbus.io_node import IoNode
 from rig.emulator.plant import EmulatedPlant
 from rig.emulator.record import Record
 from rig.emulator.running import EmulatorThread
+from rig.emulator.script.fault_script import Script
 from rig.plant import Model
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rig.configuration.rig import Rig, load_rig
+from rig.configuration.rigs.rig import Rig, load_rig
 from rig.emulator.addresses import (
     HOST,
     Address,
@@ -16,9 +16,9 @@ from rig.emulator.addresses import (
     PortNameError,
     endpoints_of,
 )
-from rig.emulator.fault_script import Script
 from rig.emulator.running import EmulatorThread
-from rig.io.ds408 import DriveState
+from rig.emulator.script.fault_script import Script
+from rig.io.can.ds408 import DriveState
 from rig.io.registry import DriverSpec
 from tests.rig.patience import long_watchdogs, patient
 from tests.waiting import until

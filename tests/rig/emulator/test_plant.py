@@ -2,8 +2,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from faults.bypass import NOMINAL_BYPASSES
 from rig.emulator.plant import COMMAND_RANGE, EmulatedPlant

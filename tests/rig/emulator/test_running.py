@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from rig.configuration.rig import Rig
+from rig.configuration.rigs.rig import Rig
 from rig.emulator.application import Emulator
 from rig.emulator.running import EmulatorThread
 

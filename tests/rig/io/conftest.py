@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 
 import pytest
 
-from rig.emulator.bypass_io import BypassIo
+from rig.emulator.modbus.bypass_io import BypassIo
 from rig.emulator.record import Record
-from rig.io.bypass_link import Client
-from rig.io.bypass_options import BypassOptions
-from rig.io.bypass_valves import BypassValves
+from rig.io.bypass_valves.driver import BypassValves
+from rig.io.bypass_valves.link import Client
+from rig.io.bypass_valves.options import BypassOptions
 from tests.waiting import PATIENCE_S
 
 T = TypeVar("T")

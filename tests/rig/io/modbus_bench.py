@@ -12,12 +12,12 @@ from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from rig.configuration.document import Sources
-from rig.configuration.lookup import shipped_config_dir
-from rig.configuration.options import read_options
-from rig.io.modbus_exchange import ExchangeStatus, exchange
-from rig.io.modbus_plan import ExchangePlan, exchange_plan
-from rig.io.register_map import ExchangeMode, Register, RegisterMap
+from rig.configuration.reading.document import Sources
+from rig.configuration.reading.lookup import shipped_config_dir
+from rig.configuration.reading.options import read_options
+from rig.io.modbus_daq.compiled_exchange import ExchangeStatus, exchange
+from rig.io.modbus_daq.plan import ExchangePlan, exchange_plan
+from rig.io.modbus_daq.register_map import ExchangeMode, Register, RegisterMap
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from tests.rig.io.conftest import DeviceThread
 from tests.waiting import until

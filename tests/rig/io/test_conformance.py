@@ -9,27 +9,27 @@ from typing import Any
 
 import pytest
 
-from rig.configuration.document import Sources
-from rig.configuration.lookup import shipped_config_dir
-from rig.configuration.register_maps import read_map
+from rig.configuration.reading.document import Sources
+from rig.configuration.reading.lookup import shipped_config_dir
+from rig.configuration.rigs.register_maps import read_map
 from rig.emulator.instruments import Instruments
-from rig.emulator.io_node import IoNode
 from rig.emulator.meters import MeterPanel
-from rig.emulator.modbus_server import ModbusServer
+from rig.emulator.modbus.io_node import IoNode
+from rig.emulator.modbus.server import ModbusServer
 from rig.emulator.plant import EmulatedPlant
 from rig.emulator.record import Record
+from rig.io.can.ds408 import DriveState
 from rig.io.conformance import CHECKS, Check, Specimen
 from rig.io.driver import DriverError
-from rig.io.ds408 import DriveState
-from rig.io.flow_meters import FlowMeterOptions, FlowMeters
-from rig.io.modbus_daq import ModbusDaq, ModbusDaqOptions
-from rig.io.register_map import RegisterMap
+from rig.io.flow_meters.driver import FlowMeterOptions, FlowMeters
+from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
+from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_types
 from rig.io.signals import BYPASSES
 from rig.plant import Model
+from tests.rig.io.can.test_pump import PumpBench
+from tests.rig.io.can.test_valve import ValveBench
 from tests.rig.io.conftest import BypassBench, DeviceThread, ManualClock
-from tests.rig.io.test_can_pump import PumpBench
-from tests.rig.io.test_can_valve import ValveBench
 from tests.waiting import PATIENCE_S
 
 Specimens = Callable[[Path], AbstractContextManager[Specimen]]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rig.io.conformance import CHECKS, Check
-from rig.io.meter_lines import MeterLineParser
+from rig.io.flow_meters.lines import MeterLineParser
 from rig.io.registry import DriverSpec, driver_class
 
 PAGE = (Path(__file__).parents[3] / "docs" / "drivers.md").read_text()

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rig.io.can_pump import CanPumpOptions
-from rig.io.can_valve_options import CanValveOptions
+from rig.io.can.pump import CanPumpOptions
+from rig.io.can.valve_options import CanValveOptions
+from rig.io.device_lock import connection_of, exclusive
 from rig.io.driver import DriverError
-from rig.io.exclusive import connection_of, exclusive
 from rig.io.registry import DriverSpec
 
 

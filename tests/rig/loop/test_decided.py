@@ -1,7 +1,7 @@
 from math import nan
 
-from estimator.account_row import FAULTS
-from estimator.detection import LEAKS
+from estimator.accounts.row import FAULTS
+from estimator.leaks.detection import LEAKS
 from faults.verdict import FAULT_KINDS, LEAK_KINDS, Verdict
 from rig.loop.decided import DECIDED, PRESENT, VERDICT_CODES, Decided, no_decision, verdict_of
 

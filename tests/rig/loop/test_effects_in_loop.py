@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.filters import start_memory
+from estimator.filters.registry import start_memory
 from rig.io.simulated import simulated_rig
+from rig.lanes import LANES
 from rig.loop.lanes import SimulatedLanes
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import CATALOGUE, NO_FAULT, NOMINAL, REMEMBERING, Model
 from rig.plant.integrator import TICK
-from rig.plant.lanes import LANES
 from rig.plant.sensors import DATA_SHEET
 
 Array = NDArray[np.float64]

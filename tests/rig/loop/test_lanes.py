@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
+from rig.lanes import LANES
 from rig.loop.lane_ticks import LANE_READINGS
 from rig.loop.lanes import SimulatedLanes
 from rig.plant import KARNOPP, NO_FAULT, NOMINAL, FaultInput, Parameters
 from rig.plant.added_terms import AddedTerm, fields_of
 from rig.plant.dynamics import PlantState, rest_state
 from rig.plant.integrator import TICK, advance
-from rig.plant.lanes import LANES
 from rig.plant.sensors import DATA_SHEET
 
 Array = NDArray[np.float64]

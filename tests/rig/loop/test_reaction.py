@@ -4,10 +4,9 @@ from math import nan
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from estimator.filters import FILTERS
+from estimator.filters.registry import FILTERS
 from faults.campaign import OnFault
 from rig.loop.decided import DECIDED, Decided, no_decision
 from rig.loop.reaction import STALE_S, Reaction, react, reaction_memory, tolerating

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rig.loop.timing import PERCENTILES, StageTimes, Timing
-from rig.loop.wire_layout import wire_channels
+from rig.loop.wire.layout import wire_channels
 from rig.plant.integrator import TICK
 
 CHANNELS = wire_channels(("position_m",), open_loop=False)

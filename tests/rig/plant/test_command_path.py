@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
 from rig.plant import NOMINAL, Model, Parameters
-from rig.plant.command_path import LONGEST_DELAY_TICKS, command_path
+from rig.plant.command_effects import LONGEST_DELAY_TICKS, command_path
 from rig.plant.dynamics import PlantState
 from rig.plant.integrator import SUBSTEPS, TICK
 from rig.plant.simulation import simulate

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from rig.plant import KARNOPP, NO_FAULT, NOMINAL, FaultInput, Model, Parameters
 from rig.plant.dynamics import leak_flows, signed_root, valve_conductance, valve_flows

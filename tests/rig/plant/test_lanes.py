@@ -9,19 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import stats
 
+from rig.lanes import LANES, anywhere, everywhere, gather, load, load_fields, scatter, select, store
+from rig.lanes.normal import fill_normal, start_streams
 from rig.plant.dynamics import rates, valve_flows
-from rig.plant.lanes import (
-    LANES,
-    anywhere,
-    everywhere,
-    gather,
-    load,
-    load_fields,
-    scatter,
-    select,
-    store,
-)
-from rig.plant.lanes.normal import fill_normal, start_streams
 from rig.plant.parameters import NOMINAL, Parameters
 
 Array = NDArray[np.float64]

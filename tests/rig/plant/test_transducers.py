@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
 from rig.plant import NOMINAL
@@ -11,7 +10,7 @@ from rig.plant.dynamics import PlantState
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.sensors import DATA_SHEET, READING_COUNT, Reading, SensorParameters, read_sensors
-from rig.plant.transducers import transducers
+from rig.plant.transducer_effects import transducers
 
 Array = NDArray[np.float64]
 

@@ -82,7 +82,11 @@ def test_the_sign_of_zero_counts_in_the_fingerprint_and_the_bits_of_a_nan_do_not
 
 def test_the_package_loads_no_file_format_before_it_is_needed() -> None:
     found = subprocess.run(
-        [sys.executable, "-c", "import rig.recording, sys; print(*sys.modules)"],
+        [
+            sys.executable,
+            "-c",
+            "from rig.recording import Recording; import sys; print(*sys.modules)",
+        ],
         capture_output=True,
         text=True,
         check=True,

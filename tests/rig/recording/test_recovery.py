@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.detection import LEAKS
-from estimator.filters import start_memory
-from estimator.replay import replay
+from estimator.filters.registry import start_memory
+from estimator.leaks.detection import LEAKS
+from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import Model
 from rig.plant.faults import FAULT_COLUMNS
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import McapWriter, Recording, read_recording
-from rig.runner.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
+from rig.runner.outcomes.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
 
 Array = NDArray[np.float64]
 

@@ -3,18 +3,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.baseline import PATTERN_FILTERS, Baseline
-from estimator.baseline_file import content_of
-from estimator.detection import LEAKS, OilAccountDetector
-from estimator.nuisances import NUISANCES, NuisanceBelief
-from estimator.pattern import HealthyLevel
-from estimator.replay import judged, samples_of
+from estimator.accounts.nuisances import NUISANCES, NuisanceBelief
+from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
+from estimator.leaks.baseline_file import content_of
+from estimator.leaks.detection import LEAKS, OilAccountDetector
+from estimator.leaks.pattern import HealthyLevel
+from estimator.leaks.replaying import judged, samples_of
 from rig.plant import Model
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording, read_recording
 from rig.report.accounts import AccountHistory, account_history, recorded_run
-from rig.runner.outcome import TestOutcome
-from rig.runner.recorded import account_detector_of
+from rig.runner.outcomes.outcome import TestOutcome
+from rig.runner.outcomes.recorded import account_detector_of
 
 INJECTED_AT_S = 8.0
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from estimator.detection import Decision
+from estimator.leaks.detection import Decision
 from faults.verdict import Verdict
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.report.wording import (
@@ -18,7 +18,7 @@ from rig.report.wording import (
     story,
     when,
 )
-from rig.runner.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
+from rig.runner.outcomes.outcome import CampaignOutcome, InjectedFault, Status, TestOutcome
 
 CampaignOf = Callable[..., CampaignOutcome]
 

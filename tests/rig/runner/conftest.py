@@ -11,8 +11,8 @@ from faults.bypass import NOMINAL_BYPASSES
 from faults.campaign import Campaign, CampaignTest
 from faults.schedule import Fault
 from faults.verdict import Verdict
-from rig.configuration.limits import Limits
-from rig.configuration.rig import Rig
+from rig.configuration.rigs.limits import Limits
+from rig.configuration.rigs.rig import Rig
 from rig.plant import Model
 from rig.plant.sensors import DATA_SHEET
 

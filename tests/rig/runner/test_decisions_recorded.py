@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.detection import Decision, Samples
-from estimator.filters import FilterRun
+from estimator.filters.registry import FilterRun
+from estimator.leaks.detection import Decision, Samples
 from faults.campaign import Campaign, CampaignTest
 from faults.verdict import Verdict
-from rig.configuration.rig import Rig
+from rig.configuration.rigs.rig import Rig
 from rig.loop.decided import DECIDED, verdict_of
 from rig.recording import read_recording
 from rig.runner import run_campaign

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from control.setpoints import Sine
-from estimator.detection import Decision, Samples
-from estimator.filters import FilterRun
+from estimator.filters.registry import FilterRun
+from estimator.leaks.detection import Decision, Samples
 from faults.campaign import Campaign, CampaignTest, OnFault
 from faults.verdict import Verdict
-from rig.configuration.rig import Rig
-from rig.loop.ladder import Cause
+from rig.configuration.rigs.rig import Rig
+from rig.loop.interlocks.ladder import Cause
 from rig.loop.reaction import Reaction
 from rig.plant.integrator import TICK
 from rig.recording import Recording, read_recording

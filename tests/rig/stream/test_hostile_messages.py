@@ -10,11 +10,10 @@ import msgpack
 import numpy as np
 import pytest
 import zenoh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from rich.console import Console
 
-from rig.cli.monitor_view import document, line, screen
+from rig.cli.live.monitor_view import document, line, screen
 from rig.console.curves import CHANNELS, Curves
 from rig.console.told import sections
 from rig.stream.client import StreamClient

@@ -11,18 +11,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from rig.configuration.lookup import shipped_config_dir
-from rig.configuration.stream import load_stream
+from rig.configuration.reading.lookup import shipped_config_dir
+from rig.configuration.rigs.stream import load_stream
 from rig.stream.client import StreamClient
 from rig.stream.commands import Gate, Refused, gate_of, make_key
 from rig.stream.messages import command_key, pack
 from rig.stream.sender import StreamSender
-from rig.stream.sessions import (
-    StreamError,
-    check_files,
-    publisher_session,
-    subscriber_session,
-)
+from rig.stream.sessions import StreamError, check_files, publisher_session, subscriber_session
 from rig.stream.settings import Access, Endpoint, StreamSettings
 from tests.waiting import PATIENCE_S
 

@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from rig.configuration.rig import load_rig
-from rig.io.ds408 import DriveState
+from rig.configuration.rigs.rig import load_rig
+from rig.io.can.ds408 import DriveState
 from rig.loop.board import Word
-from rig.loop.ladder import Cause
+from rig.loop.interlocks.ladder import Cause
 from rig.plant import Model
 from rig.runner import StopFlag
 from rig.supervisor.connected_rig import ConnectedRig
-from rig.supervisor.driven import Driven, Tally, departures
+from rig.supervisor.processes.driven import Driven, Tally, departures
 from rig.supervisor.trip_report import TripReport, write_trip_report
+from tests.rig.supervisor.processes.test_loop_process import Rig, connected
 from tests.waiting import until
-
-from .test_loop_process import Rig, connected
 
 ENABLE, LAMP = 1, 4
 

@@ -8,11 +8,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from rig.configuration.rig import Rig, load_rig
+from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.board import Word
-from rig.loop.orders import Segment
-from rig.loop.trip import TripError
-from rig.loop.wire_layout import Drive
+from rig.loop.interlocks.trip import TripError
+from rig.loop.wire.layout import Drive
+from rig.loop.wire.orders import Segment
 from rig.plant import Model
 from rig.supervisor import arming
 from rig.supervisor.states import (

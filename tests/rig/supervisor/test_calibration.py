@@ -10,7 +10,7 @@ import pytest
 
 from faults.bypass import NOMINAL_BYPASSES
 from faults.needle_calibration import CalibrationError, Estimate
-from rig.configuration.rig import Rig, load_rig
+from rig.configuration.rigs.rig import Rig, load_rig
 from rig.supervisor.calibration import (
     BATCH_TICKS,
     TRIES,

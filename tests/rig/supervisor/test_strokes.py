@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.configuration.rig import load_rig
+from rig.configuration.rigs.rig import load_rig
 from rig.io.signals import METERS
-from rig.loop.ladder import Action, Cause
-from rig.loop.orders import Segment
-from rig.loop.trip import LoopStoppedError, TripError
+from rig.loop.interlocks.ladder import Action, Cause
+from rig.loop.interlocks.trip import LoopStoppedError, TripError
+from rig.loop.wire.orders import Segment
 from rig.plant.integrator import TICK
 from rig.supervisor import strokes
 from rig.supervisor.states import Event

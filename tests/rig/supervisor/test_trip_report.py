@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rig.io.limits import ChannelLimit
-from rig.loop.ladder import Cause
+from rig.loop.interlocks.ladder import Cause
 from rig.recording.reading import read_recording
-from rig.supervisor.driven import Driven
+from rig.supervisor.processes.driven import Driven
 from rig.supervisor.trip_report import Confirmation, Note, TripReport, write_trip_report
 
 MS = 1_000_000

@@ -4,14 +4,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.filters import run_filter
-from rig.configuration.sweep import load_sweep
+from estimator.filters.registry import run_filter
+from rig.configuration.sweeps.sweep import load_sweep
+from rig.lanes import LANES
 from rig.loop.lanes import SimulatedLanes
 from rig.plant import FaultInput, Parameters
 from rig.plant.integrator import LONGEST_STEP, TICK
-from rig.plant.lanes import LANES
-from rig.sweep.cases import Group, Setting, judge_cases, run_thesis7, setting_of
+from rig.sweep.cases import judge_cases, run_thesis7
 from rig.sweep.drawing import Cases, draw
+from rig.sweep.group import Group
+from rig.sweep.setting import Setting, setting_of
 from rig.sweep.ticks import BLOCK, SUMS, setpoint_ticks
 
 SECONDS = 20.0

@@ -3,12 +3,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from rig.configuration.distributions import Distribution
-from rig.configuration.sweep import load_sweep
-from rig.configuration.sweep_plan import Sweep
+from rig.configuration.sweeps.distributions import Distribution
+from rig.configuration.sweeps.sweep import load_sweep
+from rig.configuration.sweeps.sweep_plan import Sweep
 from rig.plant import Parameters
 from rig.sweep.drawing import draw
 from rig.sweep.running import chunks_of, drawn_chunks

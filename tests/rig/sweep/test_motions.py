@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from control.setpoints import Chirp, Constant, Multisine, Pseudorandom, Setpoint, Sine, Steps
-from rig.configuration.distributions import Distribution
-from rig.configuration.sweep_plan import MotionType, SweptMotion
-from rig.plant.lanes import LANES
+from rig.configuration.sweeps.distributions import Distribution
+from rig.configuration.sweeps.sweep_plan import MotionType, SweptMotion
+from rig.lanes import LANES
 from rig.sweep.drawing import Streams
 from rig.sweep.motions import Motions, drawn_motions
 from rig.sweep.ticks import scale_sines, setpoint_ticks

@@ -5,14 +5,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.detection import Samples
-from estimator.filters import FILTERS, OUTPUTS, FilterRun
-from estimator.pattern import PatternDetector
-from rig.configuration.sweep import load_sweep
-from rig.plant.lanes import LANES
-from rig.sweep.cases import Group, Setting, setting_of
+from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
+from estimator.leaks.detection import Samples
+from estimator.leaks.pattern import PatternDetector
+from rig.configuration.sweeps.sweep import load_sweep
+from rig.lanes import LANES
 from rig.sweep.drawing import Cases, draw
+from rig.sweep.group import Group
 from rig.sweep.pattern_lanes import judged_by_pattern
+from rig.sweep.setting import Setting, setting_of
 from rig.sweep.ticks import BLOCK, SUMS
 
 Array = NDArray[np.float64]

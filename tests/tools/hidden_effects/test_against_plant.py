@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.plant import CATALOGUE, Model
 from rig.plant.simulation import simulate
-from rig.plant.transducers import (
+from rig.plant.transducer_effects import (
     follow,
     reading_means,
     seen_position,

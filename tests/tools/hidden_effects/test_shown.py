@@ -6,20 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.gap.findings import CHANCE, MATERIAL
-from estimator.gap.fit import Fitter
-from estimator.gap.predictor import Predictor
-from estimator.gap.records import record_of
-from estimator.gap.servo_actuator import servo_actuator
-from estimator.gap.variables import effect_variables
+from estimator.gap.plant.records import record_of
+from estimator.gap.prediction.fit import Fitter
+from estimator.gap.prediction.predictor import Predictor
+from estimator.gap.prediction.variables import effect_variables
+from estimator.gap.search.findings import CHANCE, MATERIAL
+from estimator.gap.servo.actuator import servo_actuator
 from rig.plant import Model
 from rig.recording import read_recording
-from tools.hidden_effects.drawn_trials import (
-    THE_SMALLER,
-    distance,
-    drawn_trial,
-    write_recordings,
-)
+from tools.hidden_effects.drawn_trials import THE_SMALLER, distance, drawn_trial, write_recordings
 from tools.hidden_effects.menu import MENU
 from tools.hidden_effects.shown import smallest_shown
 from tools.hidden_effects.trials import Plan, drawn_for

@@ -1,0 +1,21 @@
+from .position_loop import (
+    COMMAND_LIMIT as COMMAND_LIMIT,
+    POSITION_GAIN as POSITION_GAIN,
+    proportional_command as proportional_command,
+    raised_cosine as raised_cosine,
+)
+from .request import Checks as Checks, Problem as Problem, RequestError as RequestError
+from .setpoints import (
+    Chirp as Chirp,
+    Constant as Constant,
+    FromFile as FromFile,
+    Multisine as Multisine,
+    Polyline as Polyline,
+    Pseudorandom as Pseudorandom,
+    Quantity as Quantity,
+    Setpoint as Setpoint,
+    SetpointFileError as SetpointFileError,
+    Sine as Sine,
+    Steps as Steps,
+)
+from .tolerant import TOLERANT_STATE as TOLERANT_STATE, tolerant_command as tolerant_command

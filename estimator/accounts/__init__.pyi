@@ -1,0 +1,39 @@
+from .block_noise import RecentBlocks as RecentBlocks, lasting_noise as lasting_noise
+from .crossings import (
+    between as between,
+    noise_limit as noise_limit,
+    student_quantile as student_quantile,
+)
+from .flow import (
+    BLOCK_S as BLOCK_S,
+    BLOCK_TICKS as BLOCK_TICKS,
+    AccountBlock as AccountBlock,
+    FlowAccount as FlowAccount,
+    reference_drop as reference_drop,
+    reference_flow as reference_flow,
+)
+from .joint_fit import JointFit as JointFit, Stretch as Stretch, around as around
+from .noise import (
+    DEAD_ZONE as DEAD_ZONE,
+    MOST_MODEL_ERROR as MOST_MODEL_ERROR,
+    RELATIVE_DEAD_ZONE as RELATIVE_DEAD_ZONE,
+    checked_model_error as checked_model_error,
+    dead_zones as dead_zones,
+    whitening as whitening,
+)
+from .nuisances import (
+    DRIFT as DRIFT,
+    NUISANCE_COUNT as NUISANCE_COUNT,
+    NUISANCES as NUISANCES,
+    UNINFORMED as UNINFORMED,
+    NuisanceBelief as NuisanceBelief,
+    nuisance_index as nuisance_index,
+)
+from .regression import Regression as Regression, Scores as Scores, least_variance as least_variance
+from .row import (
+    FAULT_COUNT as FAULT_COUNT,
+    FAULTS as FAULTS,
+    INTERNAL_LEAKAGE as INTERNAL_LEAKAGE,
+    SUPPLY_LEAKAGE as SUPPLY_LEAKAGE,
+)
+from .sums import SHIFT as SHIFT, AccountSums as AccountSums, FaultProducts as FaultProducts

@@ -1,0 +1,251 @@
+"""Keeps an oil account of each chamber: what the valve should have let in, less where it went.
+
+Integrated over a block of half a second (longer while a chamber is dry), eq. 2.3 balances without
+friction, load or acceleration:
+
+    valve flow in = swept volume + compression + leaks.
+
+What is missing is a leak, or an error of the model. The account of a block is therefore one row
+per chamber, with the missing flow and, beside it, how it would look if each leak, or each known
+weakness of the model, were there. Measured noise is small here: one encoder count in half a second
+is 0.002 L/min. That is what makes small leaks visible (docs/decisions/0006-oil-account.md).
+"""
+
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimator.filters import DRY
+from rig.plant import DATA_SHEET, TICK, Parameters
+
+from .nuisances import NUISANCE_COUNT, NUISANCES
+from .row import (
+    BRIDGED,
+    DOUBT,
+    END,
+    FAULT,
+    FAULT_COUNT,
+    LEAST,
+    MISSING,
+    NUISANCE,
+    SAMPLES,
+    SIZE,
+    SUPPLY,
+    WIDTH,
+    add_motion,
+    add_sample,
+    add_supply,
+    add_terms,
+)
+
+Array = NDArray[np.float64]
+
+BLOCK_TICKS: Final = 500
+BLOCK_S: Final = BLOCK_TICKS * TICK
+
+_SIGMA: Final = np.array([nuisance.sigma for nuisance in NUISANCES])
+_LONGEST: Final = 16 * BLOCK_TICKS
+"""Cavities open and close again, so an account is only drawn up when neither chamber is dry; until
+then its block grows, by half a second at a time, and is given up after 8 s."""
+
+
+_SHARE: Final = 0.01
+"""Of the latest sample in the averages of the spool and of its noise: they take 0.1 s."""
+SPOOL_NOISE: Final = 0.43 * DATA_SHEET.spool_noise
+"""m: what a transducer's noise makes of the product filter's estimate of a spool at rest. Where the
+estimate varies by more than that, the spool moves."""
+
+_REACH: Final = 5
+"""Ticks from one measured sample to the next that the filter bridges. In between, the flow is that
+of the valve's model, whose spool is off by 2 um (`product_noise`): by 0.2 L/min, anew from gap to
+gap. Over the n gaps of a block that is 0.2 L/min / n^0.5: 0.02 L/min at 5 ms, twice the noise that
+the test expects of a block (`account_noise.NOISE`), which it finds and allows for."""
+_BRIDGED_PART: Final = 0.9
+"""Part of a block's time that must have been bridged for it to count."""
+
+
+@dataclass(frozen=True)
+class AccountBlock:
+    """The account of both chambers over half a second or more; flows in m^3/s, block averages.
+
+    Attributes:
+        start_s, end_s: time of the last sample before the block, and of its last.
+        missing: float64 (2,), flow that entered by the model and is nowhere to be found.
+        nuisances: float64 (2, n), missing flow of a rig that has one standard deviation of each of
+            `NUISANCES` more than the model.
+        faults: float64 (2, 5), missing flow per unit coefficient of each of `FAULTS` (SI; for
+            supply leakage per Pa of lost supply pressure).
+        sizes: float64 (5,), mean absolute flow per unit coefficient.
+        complete: whether measured samples bridged enough of the block, and all sums are finite.
+        doubts: float64 (2,), what nuisances may add to the missing flow beyond these linear terms.
+        position_range: least and greatest position of the ram, m.
+        supply_pressure: mean measured supply pressure, Pa; NaN if it was not measured.
+        supply_flow: mean flow that the valve drew from the supply meanwhile, and the mean of its
+            signed square (m^6/s^2); NaN likewise.
+    """
+
+    start_s: float
+    end_s: float
+    missing: Array
+    nuisances: Array
+    faults: Array
+    sizes: Array
+    complete: bool
+    doubts: Array = field(default_factory=lambda: np.zeros(2))
+    position_range: tuple[float, float] = (0.0, 0.0)
+    supply_pressure: float = float("nan")
+    supply_flow: tuple[float, float] = (float("nan"), float("nan"))
+
+
+@njit(cache=True, error_model="numpy")
+def _accumulate(
+    time_s, spool, p1, p2, position, fresh, supply, null_bias, null_spread, par, last, row, rows
+):  # fmt: skip
+    """Add samples to the running block `row`; move finished blocks to `rows`, return their number.
+
+    Between calls `last` keeps samples in the block, last spool, p1, p2, position, samples since a
+    measured one, average of the spool and of its squared deviation from that. Samples are -1 while
+    no block can begin, for want of a sample before it or because a chamber is dry. Samples before
+    the filter has started are NaN and passed over.
+    """
+    finished = 0
+    for k in range(time_s.size):
+        if np.isnan(position[k]):
+            continue
+        last[5] += 1.0
+        bridged = 0.0
+        if fresh[k] != 0.0:
+            bridged = last[5] if last[5] <= _REACH else 1.0
+            last[5] = 0.0
+        dry = min(p1[k], p2[k]) < DRY
+        apart = spool[k] - last[6]
+        last[6] += _SHARE * apart
+        last[7] += _SHARE * (apart * apart - last[7])
+        if last[0] >= 0.0:
+            if last[0] == 0.0:
+                row[LEAST] = row[LEAST + 1] = last[4]
+            rate = (spool[k] - last[1]) / TICK
+            oil_1, oil_2 = 0.5 * (p1[k] + last[2]), 0.5 * (p2[k] + last[3])
+            middle = 0.5 * (spool[k] + last[1])
+            deviation = min(sqrt(last[7]), SPOOL_NOISE)
+            add_sample(
+                middle, rate, last[6], deviation, null_bias, null_spread, oil_1, oil_2, par, row
+            )
+            moved = (position[k] - last[4]) / TICK
+            rise_1, rise_2 = (p1[k] - last[2]) / TICK, (p2[k] - last[3]) / TICK
+            middle = 0.5 * (position[k] + last[4])
+            add_motion(middle, moved, oil_1, oil_2, rise_1, rise_2, par, row)
+            if par.term_1_kind != 0.0:
+                shown = 0.5 * (spool[k] + last[1])
+                add_terms(shown, middle, moved, oil_1, oil_2, par, row)
+            row[BRIDGED] += bridged
+            if not np.isnan(supply[k]):
+                opening = 0.5 * (spool[k] + last[1]) + null_bias
+                add_supply(opening, oil_1, oil_2, supply[k], par, row)
+            row[LEAST] = min(row[LEAST], position[k])
+            row[LEAST + 1] = max(row[LEAST + 1], position[k])
+            last[0] += 1.0
+            if last[0] % BLOCK_TICKS == 0 and (not dry or last[0] == _LONGEST):
+                for i in range(row.size):
+                    rows[finished, i] = row[i] / last[0] if i < LEAST else row[i]
+                rows[finished, END] = time_s[k]
+                rows[finished, BRIDGED] = 0.0 if dry else rows[finished, BRIDGED]
+                rows[finished, SAMPLES] = last[0]
+                row[:] = 0.0
+                last[0] = -1.0 if dry else 0.0
+                finished += 1
+        elif not dry:
+            last[0] = 0.0
+        last[1], last[2], last[3], last[4] = spool[k], p1[k], p2[k], position[k]
+    return finished
+
+
+class FlowAccount:
+    """Accumulates samples into `AccountBlock`s, any number of samples at a time."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self._last = np.array([-1.0, *[0.0] * 7])
+        self._row = np.zeros(WIDTH)
+
+    @property
+    def samples_left(self) -> int:
+        """Samples before which the present block cannot end."""
+        samples = int(self._last[0])
+        return BLOCK_TICKS - samples % BLOCK_TICKS if samples >= 0 else BLOCK_TICKS + 1
+
+    def add(
+        self,
+        time_s: Array,
+        spool: Array,
+        p1: Array,
+        p2: Array,
+        position: Array,
+        fresh: Array,
+        *,
+        supply: Array | None = None,
+        null_bias: float = 0.0,
+        null_spread: float = 0.0,
+    ) -> list[AccountBlock]:
+        """Add samples (float64 (n,) each, SI) and return the blocks they finish.
+
+        Args:
+            time_s: 1 kHz.
+            spool: estimated; NaN before the filter has started, as the pressures and position.
+            p1: estimated pressure of chamber 1.
+            p2: estimated pressure of chamber 2.
+            position: estimated.
+            fresh: 1 where position and both pressures were measured, else 0; a block counts as
+                complete when such samples, at most 5 ms apart, bridge nine tenths of it.
+            supply: measured supply pressure; NaN or None where it was not.
+            null_bias: of the rig's spool, m: tells which edges are open.
+            null_spread: how far the null bias may be off, m.
+        """
+        if supply is None:
+            supply = np.full(time_s.size, np.nan)
+        rows = np.empty((time_s.size // BLOCK_TICKS + 1, WIDTH))
+        # Columns of a table would be another type, and another compilation.
+        whole = np.ascontiguousarray
+        count = _accumulate(
+            whole(time_s), whole(spool), whole(p1), whole(p2), whole(position), whole(fresh),
+            whole(supply), null_bias, null_spread, self._parameters, self._last, self._row, rows,
+        )  # fmt: skip
+        return [_block(row) for row in rows[:count]]
+
+
+def _block(row: Array) -> AccountBlock:
+    nuisances = row[NUISANCE:FAULT].reshape(NUISANCE_COUNT, 2).T
+    measured = row[SUPPLY + 1] or float("nan")
+    return AccountBlock(
+        start_s=float(row[END] - row[SAMPLES] * TICK),
+        end_s=float(row[END]),
+        missing=row[MISSING:NUISANCE].copy(),
+        nuisances=nuisances * _SIGMA,
+        faults=row[FAULT:SIZE].reshape(FAULT_COUNT, 2).T.copy(),
+        sizes=row[SIZE:DOUBT].copy(),
+        complete=bool(row[BRIDGED] >= _BRIDGED_PART and np.isfinite(row).all()),
+        doubts=row[DOUBT:LEAST].copy(),
+        position_range=(float(row[LEAST]), float(row[LEAST + 1])),
+        supply_pressure=float(row[SUPPLY] / measured),
+        supply_flow=(float(row[SUPPLY + 2] / measured), float(row[SUPPLY + 3] / measured)),
+    )
+
+
+def reference_drop(parameters: Parameters, fault: str) -> float:
+    """Return the pressure drop in Pa at which a leak's flow is quoted.
+
+    Half the supply pressure; for internal leaks, what a ram that moves slowly against its friction
+    needs, half as much again as the slip friction (table 2.1).
+    """
+    if fault == "internal_leakage":
+        return 1.5 * parameters.coulomb / parameters.piston_area
+    return 0.5 * (parameters.supply_pressure - parameters.return_pressure)
+
+
+def reference_flow(parameters: Parameters, fault: str, coefficient: float) -> float:
+    """Return the flow in m^3/s that a leak coefficient (SI) passes at that drop (eq. 5.2)."""
+    return coefficient * sqrt(reference_drop(parameters, fault))

@@ -1,0 +1,197 @@
+"""Bayesian linear regression of missing flows on nuisances, and what one more column would explain.
+
+    y = F theta + k u + e,      theta ~ N(0, 1),      e ~ N(0, v)
+
+with y the missing flows of all blocks, F the nuisances per standard deviation and u the signature
+of a fault from an onset on, whose coefficient k has no prior. Marginally y - k u ~ N(0, v + F F'),
+so k and its variance follow by generalised least squares; the matrix inversion lemma leaves
+matrices of the size of F'F (Bishop 2006, Pattern Recognition and Machine Learning, sections 3.3 and
+3.5).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .nuisances import NULL_SHIFT
+from .sums import FaultProducts
+
+Array = NDArray[np.float64]
+
+NOISE_WEIGHT: Final = 8.0
+"""How many values' worth of belief stands behind a noise variance of one."""
+LEAST_VARIANCE: Final = 0.25
+"""The noise variance of a model that errs as usual is never believed to be less."""
+_LEAST_INFORMATION: Final = 1e-6
+"""Below this part of its raw information a column is all nuisance, up to round-off."""
+
+
+def least_variance(model_error: float) -> float:
+    """Return the noise variance that is believed at least.
+
+    Sensors are no quieter than on their data sheets; what a model errs by may be less than usual.
+    """
+    return 1.0 - (1.0 - LEAST_VARIANCE) * min(model_error, 1.0)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What each column would do for the regression: float64 (marks, 5).
+
+    Attributes:
+        coefficient: its estimate.
+        information: the estimate's variance is `variance / information`; 0 for an invisible column.
+        explained: drop of the weighted sum of squares if the column is taken in.
+        variance: noise variance that would be left.
+    """
+
+    coefficient: Array
+    information: Array
+    explained: Array
+    variance: Array
+
+
+@njit(cache=True, error_model="numpy")
+def _noise_variance(values, projected, squares, count, least):
+    """Return the noise variance that is its own re-estimate (MacKay 1992), and F's freedom.
+
+    `values` are the eigenvalues of F'F, `projected` is F'y in their axes, `squares` is y'y;
+    the variance is `least` at least.
+    """
+    variance = 1.0
+    used = 0.0
+    for _ in range(100):
+        residual = squares
+        used = 0.0
+        for a in range(values.size):
+            kept = 1.0 / (values[a] + variance)
+            residual -= projected[a] * projected[a] * kept * (2.0 - values[a] * kept)
+            used += values[a] * kept
+        estimate = (NOISE_WEIGHT + residual) / (NOISE_WEIGHT + count - used)
+        estimate = max(estimate, least)
+        settled = abs(estimate - variance) < 1e-4 * variance
+        variance = estimate
+        if settled:
+            break
+    return variance, used
+
+
+@njit(cache=True, error_model="numpy")
+def _score(
+    rotated, squares, products, values, projected, total, freedom, variance, least, out
+):  # fmt: skip
+    """Fill `out` (4, marks, faults) with the fields of `Scores`, beside a shift of unknown size.
+
+    Args:
+        rotated: products of faults and shift with F, in the axes of `values`, (marks, faults + 1,
+            m).
+        squares: products of faults and shift with each other, (marks, faults + 1, faults + 1).
+        products: those with y, (marks, faults + 1).
+        values: eigenvalues of F'F, (m,).
+        projected: F'y in their axes, (m,).
+        total: y'y.
+        freedom: degrees of freedom of the noise variance that is left.
+        variance: noise variance to weigh with.
+        least: noise variance that is believed at least.
+        out: to fill.
+    """
+    m = values.size
+    faults = products.shape[1] - 1
+    weighted = total
+    kept = np.empty(m)
+    for a in range(m):
+        kept[a] = 1.0 / (values[a] + variance)
+        weighted -= projected[a] * projected[a] * kept[a]
+    prior = variance / (NULL_SHIFT * NULL_SHIFT)
+    for mark in range(products.shape[0]):
+        shift = rotated[mark, faults]
+        shift_square = squares[mark, faults, faults] + prior
+        shift_product = products[mark, faults]
+        for a in range(m):
+            shift_square -= kept[a] * shift[a] * shift[a]
+            shift_product -= kept[a] * shift[a] * projected[a]
+        alone = shift_product / shift_square
+        for i in range(faults):
+            information = squares[mark, i, i]
+            projection = products[mark, i]
+            crossed = squares[mark, i, faults]
+            for a in range(m):
+                part = rotated[mark, i, a] * kept[a]
+                information -= part * rotated[mark, i, a]
+                projection -= part * projected[a]
+                crossed -= part * shift[a]
+            information -= crossed * crossed / shift_square
+            projection -= crossed * alone
+            out[:, mark, i] = 0.0
+            out[3, mark, i] = variance
+            if information > _LEAST_INFORMATION * squares[mark, i, i]:
+                coefficient = projection / information
+                explained = coefficient * projection
+                shifted = alone - coefficient * crossed / shift_square
+                beliefs = prior / variance * shifted * shifted
+                for a in range(m):
+                    size = projected[a] - coefficient * rotated[mark, i, a] - shifted * shift[a]
+                    beliefs += size * size * kept[a] * kept[a]
+                residual = weighted - alone * shift_product - explained - variance * beliefs
+                out[0, mark, i] = coefficient
+                out[1, mark, i] = information
+                out[2, mark, i] = explained
+                out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, least)
+
+
+class Regression:
+    """The regression of y on F, from their products.
+
+    Args:
+        squares: F'F, float64 (m, m).
+        products: F'y, float64 (m,).
+        total: y'y.
+        count: values in y.
+        least: noise variance that is believed at least.
+
+    Attributes:
+        variance: the noise variance, estimated with the data.
+        freedom: degrees of freedom behind it, less one for a column more.
+    """
+
+    def __init__(
+        self,
+        squares: Array,
+        products: Array,
+        total: float,
+        count: int,
+        least: float = LEAST_VARIANCE,
+    ) -> None:
+        values, self._vectors = np.linalg.eigh(squares)
+        self._values = np.maximum(values, 0.0)  # Round-off may leave F'F short of semidefinite.
+        self._projected = self._vectors.T @ products
+        self._total, self._least = total, least
+        self.variance, used = _noise_variance(self._values, self._projected, total, count, least)
+        self.freedom = NOISE_WEIGHT + count - used - 1.0
+
+    def score(self, crossed: Array, products: FaultProducts, variance: float) -> Scores:
+        """Score every fault from every mark on as a further column.
+
+        Args:
+            crossed: their products with the nuisances, float64 (marks, 6, m).
+            products: their other products.
+            variance: noise variance to weigh nuisances against noise with.
+        """
+        rotated = (crossed.reshape(-1, self._values.size) @ self._vectors).reshape(crossed.shape)
+        marks, shapes, _ = crossed.shape
+        out = np.empty((4, marks, shapes - 1))
+        whole = np.ascontiguousarray
+        _score(
+            rotated, whole(products.squares), whole(products.products), self._values,
+            self._projected, self._total, self.freedom, variance, self._least, out,
+        )  # fmt: skip
+        return Scores(*out)
+
+    def nuisances(self) -> tuple[Array, Array]:
+        """Return the nuisances' most likely sizes (m,) and their covariance (m, m)."""
+        kept = 1.0 / (self._values + self.variance)
+        covariance = (self._vectors * (self.variance * kept)) @ self._vectors.T
+        return self._vectors @ (self._projected * kept), covariance

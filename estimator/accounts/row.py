@@ -1,0 +1,334 @@
+"""The columns of a block of the oil account, and what one sample adds to them, compiled.
+
+A row of sums holds, in this order: end time, part of its time bridged, samples, measured supply
+pressure, number of its samples with one, flow drawn from the supply and its signed square at these,
+by chamber 1 and 2 the missing flow, the nuisances and the faults, then the faults' sizes, the
+doubts by chamber, and the least and greatest position.
+"""
+
+from math import erfc, exp, pi, sqrt
+from typing import Final
+
+from numba import njit
+
+from estimator.filters import settled_return, settled_supply
+from rig.plant import (
+    FLOW_1,
+    FLOW_2,
+    NO_FAULT,
+    added,
+    aeration_compliance,
+    chamber_volumes,
+    inlined,
+    is_real_valve,
+    lapped,
+    leak_flows,
+    port_flows,
+    signed_root,
+    valve_conductance,
+)
+
+from .nuisances import EDGE_REACHES, NUISANCE_COUNT, nuisance_index
+
+FAULTS: Final = (
+    "external_leakage_1",
+    "external_leakage_2",
+    "internal_leakage",
+    "supply_leakage",
+    "return_blockage",
+)
+FAULT_COUNT: Final = len(FAULTS)
+INTERNAL_LEAKAGE: Final = FAULTS.index("internal_leakage")
+SUPPLY_LEAKAGE: Final = FAULTS.index("supply_leakage")
+"""Index of the first fault that is no leak of a chamber."""
+
+END: Final = 0
+BRIDGED: Final = 1
+SAMPLES: Final = 2
+SUPPLY: Final = 3
+MISSING: Final = 7
+NUISANCE: Final = MISSING + 2
+FAULT: Final = NUISANCE + 2 * NUISANCE_COUNT
+SIZE: Final = FAULT + 2 * FAULT_COUNT
+DOUBT: Final = SIZE + FAULT_COUNT
+LEAST: Final = DOUBT + 2
+WIDTH: Final = LEAST + 2
+
+
+def _column(nuisance: str) -> int:
+    return NUISANCE + 2 * nuisance_index(nuisance)
+
+
+_NULL_BIAS: Final = _column("spool_null_bias")
+_EDGE_1: Final = _column("edge_1um")
+_EDGE_2: Final = _column("edge_2um")
+_EDGE_4: Final = _column("edge_4um")
+_RADIUS: Final = _column("edge_radius")
+_LANDS: Final = _column("land_leakage")
+_DISCHARGE: Final = _column("discharge_coefficient")
+_SUPPLY_1: Final = _column("edge_supply_1")
+_RETURN_1: Final = _column("edge_return_1")
+_RETURN_2: Final = _column("edge_return_2")
+_SUPPLY_2: Final = _column("edge_supply_2")
+_PRESSURE: Final = _column("supply_pressure")
+_BIAS_1: Final = _column("pressure_1_bias")
+_BIAS_2: Final = _column("pressure_2_bias")
+_BACK: Final = _column("return_pressure")
+_BACKED_UP: Final = _column("return_back_pressure")
+_DROOP: Final = _column("supply_droop")
+_DELAY: Final = _column("spool_delay")
+_BULK: Final = _column("bulk_modulus")
+_AIR: Final = _column("entrained_air")
+_SEAL_1: Final = _column("seal_leakage_1")
+_SEAL_2: Final = _column("seal_leakage_2")
+_SEAL: Final = _column("seal_leakage_internal")
+_LEAK_1, _LEAK_2, _LEAK_12, _SUPPLY_LEAK, _BLOCKAGE = range(FAULT, SIZE, 2)
+_REACH_1, _REACH_2, _REACH_4 = EDGE_REACHES
+
+_LEAST_DROP: Final = 1e5
+"""Pa: keeps the slope of the orifice law finite where the pressure drop vanishes."""
+_DROP_ERROR: Final = 2e5
+"""Pa: how far a pressure drop may be off (priors of the pressures). Where it is no larger than
+that, the orifice law is not linear in the error."""
+_RADIUS_SCALE: Final = 1e-6
+"""m: the edge radius at which its flow is linearised."""
+_ROOT_OF_TWO: Final = sqrt(2.0)
+_PEAK: Final = sqrt(2.0 / pi)
+"""Mean absolute value of a standard normal number."""
+_FAR: Final = 4.0
+"""Standard deviations from an edge at which noise neither opens it nor feigns a flow past it."""
+_BLUR_REACH: Final = 3e-6
+"""m: within this of null no straight line holds for the flow past real edges (`edge_*`'s sigma)."""
+_BLUR: Final = 3e-7
+"""m: what the opening may be off by there, a tenth of that tolerance, after the nuisances."""
+
+
+@inlined
+def _rectified(distance, deviation):
+    """Return what noise adds to the mean of an absolute value: E|d + e| - |d|, e normal, in m.
+
+    Twice what it adds to the mean opening of an edge that opens from d = 0 on.
+    """
+    away = abs(distance)
+    if away >= _FAR * deviation:
+        return 0.0
+    scaled = away / deviation
+    density = _PEAK * exp(-0.5 * scaled * scaled)
+    return deviation * (density - scaled * erfc(scaled / _ROOT_OF_TWO))
+
+
+@inlined
+def _doubt(conductance, drop):
+    """Return what an error of the drop (Pa) adds to a flow beyond its linear term, m^3/s.
+
+    A root differs from its tangent by drop^0.5 (error / drop)^2 / 8, and by error^0.5 at no drop.
+    """
+    ratio = abs(drop) / _DROP_ERROR
+    return abs(conductance) * sqrt(_DROP_ERROR) / (1.0 + 8.0 * ratio * sqrt(ratio))
+
+
+@inlined
+def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
+    """Return flows per opening of edges with laps, or of unlike ports; `g1`, `g2` of plain ones."""
+    if abs(opening) < par.valve_deadband:
+        g1 = g2 = 0.0
+    elif abs(lapped(opening, par)) < par.valve_underlap_leakage:
+        conductance = valve_conductance(par)
+        g1 = conductance * (signed_root(supply - p1) + signed_root(p1 - back))
+        g2 = conductance * (signed_root(p2 - back) + signed_root(supply - p2))
+    return g1, (1.0 - par.valve_flow_asymmetry) * g2
+
+
+@njit(cache=True, error_model="numpy")
+def add_sample(
+    spool, spool_rate, steady, deviation, null_bias, null_spread, p1, p2, par, row
+):  # fmt: skip
+    """Add one sample's flows and signatures to the sums in `row`.
+
+    A signature is the missing flow of a rig with one unit more of a weakness than the model. The
+    null bias only tells which edges are open; its flow is left to the nuisance, so that a leak
+    cannot hide in it. Where the bias is not known well enough to tell the edges, their difference
+    is in doubt.
+
+    Args:
+        spool: its displacement in the middle of the sample, m.
+        spool_rate: m/s.
+        steady: the spool's displacement averaged over its noise, m.
+        deviation: of that noise in `spool`, one standard deviation, m.
+        null_bias: of the spool, m.
+        null_spread: how far that may be off, m.
+        p1: pressure of chamber 1, Pa.
+        p2: pressure of chamber 2, Pa.
+        par: the `Parameters` assumed.
+        row: (WIDTH,) sums; flows in m^3/s.
+    """
+    conductance = valve_conductance(par)
+    opening = spool + par.spool_null_bias
+    true_opening = spool + null_bias
+    supply = settled_supply(true_opening, p1, p2, par)
+    back = settled_return(true_opening, p1, p2, par)
+    extending = true_opening >= 0.0
+    drop_1 = supply - p1 if extending else p1 - back
+    drop_2 = p2 - back if extending else supply - p2
+    # Flow per opening into chamber 1 and out of chamber 2.
+    g1, g2 = conductance * signed_root(drop_1), conductance * signed_root(drop_2)
+    q1, q2 = g1 * opening, g2 * opening
+    if is_real_valve(par):
+        g1, g2 = _real_gains(true_opening, g1, g2, p1, p2, supply, back, par)
+        q1, q2 = port_flows(true_opening, p1, p2, supply, back, par)
+        # As with plain edges, what the null bias adds is left to the nuisance.
+        q1 -= g1 * (true_opening - opening)
+        q2 -= g2 * (true_opening - opening)
+    slope_1 = 0.5 * q1 / max(drop_1, _LEAST_DROP)
+    slope_2 = 0.5 * q2 / max(drop_2, _LEAST_DROP)
+    # Noise about null opens one edge, then the other, of which no oil knows.
+    lap = par.valve_deadband - par.valve_underlap_leakage
+    forth = 0.5 * conductance * _rectified(steady + null_bias - lap, deviation)
+    reverse = 0.5 * conductance * _rectified(steady + null_bias + lap, deviation)
+    fed_1, fed_2 = signed_root(supply - p1), signed_root(supply - p2)
+    drained_1, drained_2 = signed_root(p1 - back), signed_root(p2 - back)
+    q1 -= forth * fed_1 - reverse * drained_1
+    q2 -= (1.0 - par.valve_flow_asymmetry) * (forth * drained_2 - reverse * fed_2)
+    leak_1, leak_2, leak_12 = leak_flows(p1, p2, back, par, NO_FAULT)
+    row[MISSING] += q1 - leak_1 - leak_12
+    row[MISSING + 1] += -q2 - leak_2 + leak_12
+
+    row[_NULL_BIAS] -= g1
+    row[_NULL_BIAS + 1] += g2
+    away = abs(true_opening)
+    into, out_of = (g1, g2) if extending else (-g1, -g2)
+    row[_EDGE_1] += into * min(away / _REACH_1, 1.0)
+    row[_EDGE_1 + 1] -= out_of * min(away / _REACH_1, 1.0)
+    row[_EDGE_2] += into * min(away / _REACH_2, 1.0)
+    row[_EDGE_2 + 1] -= out_of * min(away / _REACH_2, 1.0)
+    row[_EDGE_4] += into * min(away / _REACH_4, 1.0)
+    row[_EDGE_4 + 1] -= out_of * min(away / _REACH_4, 1.0)
+    # A rounded edge still passes oil where it should be shut, from the supply and to the return.
+    scaled = away / _RADIUS_SCALE
+    ajar = 0.5 * conductance * (sqrt(1.0 + scaled * scaled) - scaled)
+    through_1, through_2 = fed_1 - drained_1, fed_2 - drained_2
+    row[_RADIUS] -= ajar * through_1
+    row[_RADIUS + 1] -= ajar * through_2
+    row[_LANDS] -= supply + back - 2.0 * p1
+    row[_LANDS + 1] -= supply + back - 2.0 * p2
+    row[_DISCHARGE] -= q1
+    row[_DISCHARGE + 1] += q2
+    if extending:
+        row[_SUPPLY_1] -= q1
+        row[_RETURN_2 + 1] += q2
+        row[_PRESSURE] -= slope_1
+        row[_BIAS_1] -= slope_1
+        row[_BIAS_2 + 1] -= slope_2
+        row[_BACK + 1] -= slope_2
+        row[_BACKED_UP + 1] -= slope_2 * q2 * q2
+        row[_DROOP] += slope_1 * q1 * q1
+    else:
+        row[_RETURN_1] -= q1
+        row[_SUPPLY_2 + 1] += q2
+        row[_PRESSURE + 1] += slope_2
+        row[_BIAS_1] += slope_1
+        row[_BIAS_2 + 1] += slope_2
+        row[_BACK] += slope_1
+        row[_BACKED_UP] += slope_1 * q1 * q1
+        row[_DROOP + 1] -= slope_2 * q2 * q2
+    row[_DELAY] -= g1 * spool_rate
+    row[_DELAY + 1] += g2 * spool_rate
+
+    e1, e2, e12 = drained_1, drained_2, signed_root(p1 - p2)
+    row[_SEAL_1] += e1
+    row[_SEAL_2 + 1] += e2
+    row[_SEAL] += e12
+    row[_SEAL + 1] -= e12
+    row[_LEAK_1] += e1
+    row[_LEAK_2 + 1] += e2
+    row[_LEAK_12] += e12
+    row[_LEAK_12 + 1] -= e12
+    row[SIZE] += abs(e1)
+    row[SIZE + 1] += abs(e2)
+    row[SIZE + 2] += abs(e12)
+    # A flow that noise lets through tells nothing of the lines, and errs as the account does.
+    if away > _FAR * deviation:
+        fed, returned = (slope_1, slope_2 * q2 * q2) if extending else (slope_2, slope_1 * q1 * q1)
+        chamber = 0 if extending else 1
+        row[_SUPPLY_LEAK + chamber] += fed if extending else -fed
+        row[_BLOCKAGE + 1 - chamber] += -returned if extending else returned
+        row[SIZE + 3] += abs(fed)
+        row[SIZE + 4] += abs(returned)
+
+    row[DOUBT] += _doubt(conductance * opening, drop_1)
+    row[DOUBT + 1] += _doubt(conductance * opening, drop_2)
+    blurred = away / _BLUR_REACH
+    blur = _BLUR / (1.0 + blurred * blurred)
+    row[DOUBT] += blur * abs(g1)
+    row[DOUBT + 1] += blur * abs(g2)
+    untold = conductance * (null_spread - away)
+    if untold > 0.0:
+        row[DOUBT] += untold * abs(through_1)
+        row[DOUBT + 1] += untold * abs(through_2)
+
+
+@inlined
+def add_supply(opening, p1, p2, supply, par, row):
+    """Add a measured supply pressure, and what the valve draws at it, to the sums in `row`.
+
+    Args:
+        opening: of the valve, null bias included, m.
+        p1: pressure of chamber 1, Pa.
+        p2: pressure of chamber 2, Pa.
+        supply: measured supply pressure, Pa.
+        par: the `Parameters` assumed.
+        row: (WIDTH,) sums; flow in m^3/s.
+    """
+    drop = supply - (p1 if opening >= 0.0 else p2)
+    drawn = valve_conductance(par) * abs(lapped(opening, par)) * signed_root(drop)
+    row[SUPPLY] += supply
+    row[SUPPLY + 1] += 1.0
+    row[SUPPLY + 2] += drawn
+    row[SUPPLY + 3] += drawn * abs(drawn)
+
+
+@njit(cache=True, error_model="numpy")
+def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
+    """Add what moved the ram and what was compressed in one sample to the sums in `row`.
+
+    Args:
+        position: of the ram in the middle of the sample, m.
+        moved: how fast it moved, m/s.
+        p1: pressure of chamber 1 in the middle of the sample, Pa.
+        p2: pressure of chamber 2, Pa.
+        rise_1: how fast it rose, Pa/s.
+        rise_2: as `rise_1` of chamber 2.
+        par: the `Parameters` assumed.
+        row: (WIDTH,) sums; flows in m^3/s.
+    """
+    v1, v2 = chamber_volumes(position, par)
+    stored_1, stored_2 = v1 * rise_1, v2 * rise_2
+    soft_1, soft_2 = aeration_compliance(p1, par), aeration_compliance(p2, par)
+    squeezed_1, squeezed_2 = stored_1 / par.bulk_modulus, stored_2 / par.bulk_modulus
+    swept = par.piston_area * moved
+    # Little air adds to the oil's own compliance; what is beyond that is left to the nuisance.
+    row[MISSING] -= swept + squeezed_1 + par.entrained_air * soft_1 * stored_1
+    row[MISSING + 1] += swept - squeezed_2 - par.entrained_air * soft_2 * stored_2
+    # A stiffer oil stores less: more of it is missing.
+    row[_BULK] -= squeezed_1
+    row[_BULK + 1] -= squeezed_2
+    row[_AIR] += soft_1 * stored_1
+    row[_AIR + 1] += soft_2 * stored_2
+
+
+@njit(cache=True, error_model="numpy")
+def add_terms(spool, position, moved, p1, p2, par, row):
+    """Add the flows of the model's terms in symbols to the sums in `row`.
+
+    Args:
+        spool: its displacement in the middle of the sample, m; it has followed its command.
+        position: of the ram, m.
+        moved: how fast it moved, m/s.
+        p1: pressure of chamber 1, Pa.
+        p2: pressure of chamber 2, Pa.
+        par: the `Parameters` assumed.
+        row: (WIDTH,) sums; flows in m^3/s.
+    """
+    command = spool / par.valve_gain
+    row[MISSING] += added(FLOW_1, moved, position, spool, p1, p2, command, par)
+    row[MISSING + 1] += added(FLOW_2, moved, position, spool, p1, p2, command, par)

@@ -1,0 +1,281 @@
+"""Sums over oil accounts, bounded in size however long the rig runs.
+
+A regression of the accounts needs sums of products only. They are kept up to now and before each of
+some marks, which are the onsets that a fault may have. When the marks are full, those go that lie
+closest together for their age: the last 50 s keep a mark for every block, the past one for every
+small part of its age.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rig.plant import LITRE_PER_MINUTE
+
+from .flow import AccountBlock
+from .nuisances import NUISANCE_COUNT
+from .row import FAULT_COUNT
+
+Array = NDArray[np.float64]
+
+MARKS: Final = 240
+"""Marks kept: two minutes of half seconds."""
+_SHARP: Final = 100
+"""Blocks of the recent past that all keep their marks."""
+_PARTS: Final = (32, 16, 8, 4, 2)
+"""Parts of its age by which older marks may lie apart, tried in turn until a quarter is free."""
+
+SHIFT: Final = FAULT_COUNT
+"""Index, behind the faults, of a shift of the spool's null: no fault, but it may begin as one."""
+SHAPE_COUNT: Final = FAULT_COUNT + 1
+
+_N: Final = NUISANCE_COUNT
+_M: Final = SHAPE_COUNT
+# One row of sums, packed: nuisances with nuisances and missing flow, missing flow squared, faults
+# with faults, nuisances and missing flow, sizes of the faults times seconds, seconds, blocks,
+# measured supply pressure.
+_FF: Final = 0
+_FY: Final = _FF + _N * _N
+_YY: Final = _FY + _N
+_LL: Final = _YY + 1
+_LF: Final = _LL + _M * _M
+_LY: Final = _LF + _M * _N
+_SIZE: Final = _LY + _M
+_SECONDS: Final = _SIZE + _M
+_BLOCKS: Final = _SECONDS + 1
+_SUPPLY: Final = _BLOCKS + 1
+_WIDTH: Final = _SUPPLY + 3
+_FAULT_PARTS: Final = (_LL, _LF, _LY, _SIZE, _SECONDS, _BLOCKS, _SUPPLY)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_products(missing, nuisances, faults, total):
+    """Add a block's products to the packed sums."""
+    for c in range(2):
+        y = missing[c]
+        total[_YY] += y * y
+        for a in range(_N):
+            f = nuisances[c, a]
+            total[_FY + a] += f * y
+            for b in range(_N):
+                total[_FF + a * _N + b] += f * nuisances[c, b]
+        for i in range(_M):
+            u = faults[c, i]
+            total[_LY + i] += u * y
+            for j in range(_M):
+                total[_LL + i * _M + j] += u * faults[c, j]
+            for a in range(_N):
+                total[_LF + i * _N + a] += u * nuisances[c, a]
+
+
+class AccountSums:
+    """Sums of products of the blocks so far, and before each mark.
+
+    Attributes:
+        blocks: complete blocks added.
+        marks: marks kept at present; mark j lies before block `mark_blocks[j]`.
+    """
+
+    def __init__(self) -> None:
+        self.blocks = 0
+        self.marks = 0
+        self._total = np.zeros(_WIDTH)
+        self._before = np.zeros((MARKS + 1, _WIDTH))
+        self._mark_blocks = np.zeros(MARKS, dtype=np.int64)
+        self._starts = np.zeros(MARKS)
+        # Least and greatest position of the blocks between a mark and the next.
+        self._low = np.zeros(MARKS)
+        self._high = np.zeros(MARKS)
+
+    @property
+    def mark_blocks(self) -> NDArray[np.int64]:
+        """Index of the block after each mark: int64 (marks,)."""
+        return self._mark_blocks[: self.marks]
+
+    def add(
+        self,
+        block: AccountBlock,
+        rows: tuple[Array, Array, Array],
+        kept: Collection[int] = (),
+    ) -> None:
+        """Add a block.
+
+        Args:
+            block: the block.
+            rows: its missing flow (2,), nuisances (2, n), faults and null shift (2, 6), in units of
+                its noise.
+            kept: blocks whose marks are not to be thinned out.
+        """
+        if self.marks == MARKS:
+            self._thin(kept)
+        at = self.marks
+        self._before[at] = self._total
+        self._mark_blocks[at] = self.blocks
+        self._starts[at] = block.start_s
+        self._low[at], self._high[at] = block.position_range
+        self.marks += 1
+        self.blocks += 1
+        _add_products(*rows, self._total)
+        seconds = block.end_s - block.start_s
+        self._total[_SIZE : _SIZE + FAULT_COUNT] += block.sizes * (seconds / LITRE_PER_MINUTE)
+        self._total[_SECONDS] += seconds
+        self._total[_BLOCKS] += 1.0
+        if np.isfinite(block.supply_pressure):
+            pressure = block.supply_pressure
+            self._total[_SUPPLY:] += (1.0, pressure, pressure * pressure)
+
+    def _thin(self, kept: Collection[int]) -> None:
+        for parts in _PARTS:
+            stay = self._spaced(parts, kept)
+            if stay.size <= 3 * MARKS // 4:
+                break
+        count = stay.size
+        self._low[:count] = np.minimum.reduceat(self._low, stay)
+        self._high[:count] = np.maximum.reduceat(self._high, stay)
+        for array in (self._before, self._mark_blocks, self._starts):
+            array[:count] = array[stay]
+        self.marks = count
+
+    def _spaced(self, parts: int, kept: Collection[int]) -> NDArray[np.int64]:
+        """Return the marks without which others would lie apart by more than their age / parts."""
+        blocks = [*self._mark_blocks.tolist(), self.blocks]
+        stay = [0]
+        for j in range(1, MARKS):
+            gap = blocks[j + 1] - blocks[stay[-1]]
+            age = self.blocks - blocks[j + 1] - _SHARP
+            if gap * parts > age or blocks[j] in kept:
+                stay.append(j)
+        return np.array(stay)
+
+    def mark_of(self, block: int) -> int:
+        """Return the mark before a block, or the next one if that is gone."""
+        return int(np.searchsorted(self.mark_blocks, block))
+
+    def start_s(self, mark: int) -> float:
+        """Return the time at which the block after a mark starts."""
+        return float(self._starts[mark])
+
+    def mark_at(self, time_s: float) -> int:
+        """Return the first mark at or after a time; `marks` if there is none."""
+        return int(np.searchsorted(self._starts[: self.marks], time_s - 1e-6))
+
+    def travel(self, mark: int) -> float:
+        """Return the range of the ram's position in m since a mark."""
+        since = slice(mark, self.marks)
+        return float(self._high[since].max() - self._low[since].min())
+
+    def nuisances(self, without: Sequence[tuple[int, int]] = ()) -> tuple[Array, Array, float]:
+        """Return products of nuisances (n, n), with missing flow (n,), and of missing flow.
+
+        Args:
+            without: the blocks from the one mark to the other do not count, of each of these.
+        """
+        total = self._total
+        for first, last in without:
+            total = total - self._at(last) + self._at(first)
+        return total[_FF:_FY].reshape(_N, _N), total[_FY:_YY], float(total[_YY])
+
+    def _at(self, mark: int) -> Array:
+        return self._total if mark == self.marks else self._before[mark]
+
+    def faults_since(self) -> "FaultProducts":
+        """Return the sums of the faults' products since each mark."""
+        since = self._total[_LL:_SUPPLY] - self._before[: self.marks, _LL:_SUPPLY]
+        parts = (since[:, a - _LL : b - _LL] for a, b in pairwise(_FAULT_PARTS))
+        squares, crossed, products, sizes, seconds, blocks = parts
+        return FaultProducts(
+            squares.reshape(-1, _M, _M),
+            crossed.reshape(-1, _M, _N),
+            products,
+            sizes[:, :FAULT_COUNT] / seconds,
+            blocks[:, 0],
+        )
+
+    def weighted(self, weights: Array, first: int, last: int) -> Array:
+        """Return weighted sums of the products between each mark and the next, first to last - 1.
+
+        Args:
+            weights: of `square_weights` or `product_weights`, float64 (width, k).
+            first: mark.
+            last: mark; `marks` stands for now.
+
+        Returns:
+            float64 (last - first, k).
+        """
+        sums = self._before[first : last + 1] @ weights
+        if last == self.marks:
+            sums[-1] = self._total @ weights
+        return np.asarray(sums[1:] - sums[:-1])
+
+    def mean_sizes(self, mark: int, last: int | None = None) -> Array:
+        """Return the faults' mean absolute flows per unit coefficient (5,), L/min.
+
+        Args:
+            mark: from which on.
+            last: mark up to which; None: up to now.
+        """
+        end = self._total if last is None else self._at(last)
+        sums = end - self._before[mark]
+        return np.asarray(sums[_SIZE : _SIZE + FAULT_COUNT] / sums[_SECONDS])
+
+    def seconds(self, first: int, last: int | None = None) -> float:
+        """Return the seconds that are accounted for from mark to mark, or to now."""
+        end = self._total if last is None else self._before[last]
+        return float(end[_SECONDS] - self._before[first, _SECONDS])
+
+    def supply(self, first: int, last: int | None = None) -> tuple[float, float, float]:
+        """Return count, mean and spread of the blocks' supply pressures (Pa) from mark to mark."""
+        end = self._total if last is None else self._before[last]
+        count, total, squares = end[_SUPPLY:] - self._before[first, _SUPPLY:]
+        if count == 0.0:
+            return 0.0, float("nan"), float("nan")
+        mean = total / count
+        return float(count), float(mean), float(np.sqrt(max(squares / count - mean * mean, 0.0)))
+
+
+@dataclass(frozen=True)
+class FaultProducts:
+    """Sums of the faults' products since each mark.
+
+    Attributes:
+        squares: with faults, float64 (marks, 6, 6); last comes a shift of the spool's null.
+        crossed: with nuisances, float64 (marks, 6, n).
+        products: with missing flow, float64 (marks, 6).
+        sizes: mean absolute flow per unit coefficient, L/min, float64 (marks, 5).
+        blocks: how many blocks, float64 (marks,).
+    """
+
+    squares: Array
+    crossed: Array
+    products: Array
+    sizes: Array
+    blocks: Array
+
+
+def product_weights(left: Array, faults: Sequence[int]) -> Array:
+    """Return weights (width,) of the packed sums that add up to left' X'y.
+
+    X has the nuisances and these faults as columns, `left` is float64 (n + faults,).
+    """
+    weights = np.zeros(_WIDTH)
+    weights[_FY:_YY] = left[:_N]
+    for i, own in zip(faults, left[_N:], strict=True):
+        weights[_LY + i] += own
+    return weights
+
+
+def square_weights(left: Array, right: Array, faults: Sequence[int]) -> Array:
+    """Return weights (width,) of the packed sums that add up to left' X'X right."""
+    weights = np.zeros(_WIDTH)
+    weights[_FF:_FY] = (left[:_N, None] * right[:_N]).ravel()
+    for c, i in enumerate(faults, start=_N):
+        at = _LF + i * _N
+        weights[at : at + _N] += left[c] * right[:_N] + right[c] * left[:_N]
+        for d, j in enumerate(faults, start=_N):
+            weights[_LL + i * _M + j] += left[c] * right[d]
+    return weights

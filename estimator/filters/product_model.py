@@ -1,0 +1,279 @@
+"""The product filter's model of the rig: its states, their prediction and its Jacobian.
+
+Friction and environment are one load state (section 6.3), so that no friction law is assumed. The
+thesis filter takes one forward Euler step a millisecond, which the oil column does not survive
+(docs/model.md). This one takes two leapfrog steps (Stoermer and Verlet): half a kick of the
+velocity, position and pressures with that velocity, the other half of the kick. An undamped
+oscillation stays bounded up to omega h = 2 and errs by (omega h)^2 / 24 in frequency; here omega h
+is at most 0.6, at the ends of the stroke.
+"""
+
+from math import copysign, cos, cosh, exp, sin, sinh, sqrt
+from typing import Final
+
+from numba import njit
+
+from rig.lanes import anywhere, select
+from rig.plant import (
+    ATMOSPHERE,
+    FLOW_1,
+    FLOW_2,
+    NOMINAL,
+    SPOOL,
+    TICK,
+    added,
+    chamber_volumes,
+    inlined,
+    inner,
+    is_real_valve,
+    lapped,
+    total_mass,
+    valve_conductance,
+)
+
+from .readings import settled_return
+
+STATES: Final = (
+    "spool_m",
+    "pressure_1_Pa",
+    "pressure_2_Pa",
+    "position_m",
+    "velocity_m_per_s",
+    "spool_velocity_m_per_s",
+    "load_N",
+    "external_leakage_1_m3_per_s_sqrtPa",
+    "external_leakage_2_m3_per_s_sqrtPa",
+    "internal_leakage_m3_per_s_sqrtPa",
+    "null_bias_m",
+)
+STATE_COUNT: Final = len(STATES)
+
+DYNAMIC: Final = 6
+"""States that the prediction changes, the first ones. Spool and spool velocity (0, 5) depend on
+each other only, pressures, position and velocity (1 to 4) on every state."""
+_SUBSTEPS: Final = 2
+_SUBSTEP: Final = TICK / _SUBSTEPS
+UNLIMITED: Final = NOMINAL.valve_rate_limit
+"""m/s; slower, and the spool's greatest speed is looked at."""
+_ROOT_WIDTH: Final = 1e4
+"""Pa, a third of the pressure noise: below this drop the orifice law is made smooth."""
+
+
+@inner
+def _valve_step(par):
+    """Return the exact transition of spool and spool velocity over a substep (eq. 2.5), by rows.
+
+    Of the deviation from the steady state, at any damping.
+    """
+    rate, damping = par.valve_natural_frequency, par.valve_damping
+    decay = exp(-damping * rate * _SUBSTEP)
+    square = 1.0 - damping * damping
+    angle = rate * _SUBSTEP * sqrt(abs(square))
+    cosine, sine = decay, decay * _SUBSTEP
+    if square > 0.0:
+        cosine *= cos(angle)
+        sine *= sin(angle) / angle
+    elif square < 0.0:
+        cosine *= cosh(angle)
+        sine *= sinh(angle) / angle
+    return (
+        cosine + damping * rate * sine,
+        sine,
+        -rate * rate * sine,
+        cosine - damping * rate * sine,
+    )
+
+
+@inlined
+def _smooth_root(drop):
+    """Return the signed root of a pressure drop (Pa^0.5) and its slope.
+
+    Within 10 kPa of zero a cubic takes over in value and slope, so that the slope stays finite.
+    """
+    near = abs(drop) < _ROOT_WIDTH
+    size = sqrt(select(near, _ROOT_WIDTH, abs(drop)))
+    root, slope = copysign(size, drop), 0.5 / size
+    if anywhere(near):
+        ratio = drop / _ROOT_WIDTH
+        scale = 0.25 / sqrt(_ROOT_WIDTH)
+        root = select(near, scale * drop * (5.0 - ratio * ratio), root)
+        slope = select(near, scale * (5.0 - 3.0 * ratio * ratio), slope)
+    return root, slope
+
+
+@inlined
+def _real_edges(opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par):
+    """Return roots, slopes and flows past edges with laps, or of unlike ports (docs/model.md).
+
+    For chamber 1, then 2: the flow's slope by the opening over the conductance, that by the
+    pressure likewise, the flow (m^3/s), and its slope by the pressure. `e1` to `slope_e2` are the
+    roots of the drops from the chambers to the return, and their slopes.
+    """
+    conductance = valve_conductance(par)
+    second = 1.0 - par.valve_flow_asymmetry
+    lap = lapped(opening, par)
+    moves = select(abs(opening) >= par.valve_deadband, 1.0, 0.0)
+    forth = max(par.valve_underlap_leakage + lap, 0.0)
+    reverse = max(par.valve_underlap_leakage - lap, 0.0)
+    # Shut edges do not move; of an edge without lap both start at null, and one is taken.
+    opens = select((forth > 0.0) | ((forth == 0.0) & (reverse == 0.0)), moves, 0.0)
+    closes = select(reverse > 0.0, moves, 0.0)
+    fed_1, slope_fed_1 = _smooth_root(supply - p1)
+    fed_2, slope_fed_2 = _smooth_root(supply - p2)
+    root_1 = opens * fed_1 + closes * e1
+    root_2 = second * (opens * e2 + closes * fed_2)
+    slope_1 = -forth * slope_fed_1 - reverse * slope_e1
+    slope_2 = second * (forth * slope_e2 + reverse * slope_fed_2)
+    flow_1 = conductance * (forth * fed_1 - reverse * e1)
+    flow_2 = conductance * second * (forth * e2 - reverse * fed_2)
+    return (
+        root_1, slope_1, flow_1, conductance * slope_1,
+        root_2, slope_2, flow_2, conductance * slope_2,
+    )  # fmt: skip
+
+
+@inlined
+def _softening(pressure, par):
+    """Return what entrained air leaves of the bulk modulus, and that share's relative slope (1/Pa).
+
+    As `rig.plant.dynamics.aeration_softening`.
+    """
+    air = par.entrained_air
+    if air == 0.0:
+        nothing = 0.0 * pressure
+        return 1.0 + nothing, nothing
+    absolute = max(pressure, 0.0) + ATMOSPHERE
+    bubbles = air * ATMOSPHERE
+    liquid = (1.0 - air) * absolute
+    above, below = liquid + bubbles, absolute * liquid + par.bulk_modulus * bubbles
+    slope = 1.0 / absolute + (1.0 - air) / above - 2.0 * liquid / below
+    return absolute * above / below, select(pressure > 0.0, slope, 0.0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def predict_product(x, command, supply, par, jacobian):
+    """Advance the state (11,) by one tick of constant command and fill the Jacobian's rows (6, 11).
+
+    The spool follows eq. 2.5 exactly; pressures follow eq. 2.3 with the flows of eqs. 2.1, 2.2 and
+    5.2, at the supply pressure `supply`, air in the oil and the model's terms in symbols included:
+    those of flows and spool, at the state before, without their slope; a force is the load's. Row
+    order is that of `STATES`; rows 6 to 10 would be the identity's.
+    """
+    h = _SUBSTEP
+    valve = _valve_step(par)
+    steady = par.valve_gain * command
+    area = par.piston_area
+    back = settled_return(x[0] + x[10], x[1], x[2], par)
+    conductance = valve_conductance(par)
+    load, k1, k2, k12, bias = x[6], x[7], x[8], x[9], x[10]
+    spool, p1, p2, position, velocity, spool_velocity = x[0], x[1], x[2], x[3], x[4], x[5]
+    inflow_1, inflow_2 = 0.0, 0.0
+    terms = par.term_1_kind != 0.0
+    if terms:
+        steady += added(SPOOL, velocity, position, spool, p1, p2, command, par)
+        inflow_1 = added(FLOW_1, velocity, position, spool, p1, p2, command, par)
+        inflow_2 = added(FLOW_2, velocity, position, spool, p1, p2, command, par)
+
+    for i in range(DYNAMIC):
+        for j in range(STATE_COUNT):
+            jacobian[i, j] = 0.0
+    for i in range(1, 5):
+        jacobian[i, i] = 1.0
+    # Rows of spool and spool velocity have entries in their own two columns only.
+    spool_0, spool_5, rate_0, rate_5 = 1.0, 0.0, 0.0, 1.0
+
+    mass = total_mass(par)
+    kick = 0.5 * h / mass
+    velocity += kick * (area * (p1 - p2) - load)
+    jacobian[4, 1] = kick * area
+    jacobian[4, 2] = -kick * area
+    jacobian[4, 6] = -kick
+    for substep in range(_SUBSTEPS):
+        deviation = spool - steady
+        opening = 0.5 * spool + bias
+        opening_0, opening_5 = 0.5 * spool_0, 0.5 * spool_5
+        reached = steady + valve[0] * deviation + valve[1] * spool_velocity
+        spool_velocity = valve[2] * deviation + valve[3] * spool_velocity
+        if par.valve_rate_limit < UNLIMITED:
+            # The slope is left as it is: a spool that slews is measured, or hardly known.
+            reach = h * par.valve_rate_limit
+            reached = min(max(reached, spool - reach), spool + reach)
+            limit = par.valve_rate_limit
+            spool_velocity = min(max(spool_velocity, -limit), limit)
+        spool = reached
+        spool_0, rate_0 = (
+            valve[0] * spool_0 + valve[1] * rate_0,
+            valve[2] * spool_0 + valve[3] * rate_0,
+        )
+        spool_5, rate_5 = (
+            valve[0] * spool_5 + valve[1] * rate_5,
+            valve[2] * spool_5 + valve[3] * rate_5,
+        )
+        opening += 0.5 * spool
+        opening_0 += 0.5 * spool_0
+        opening_5 += 0.5 * spool_5
+
+        v1, v2 = chamber_volumes(position + 0.5 * h * velocity, par)
+        position += h * velocity
+        soft_1, slope_soft_1 = _softening(p1, par)
+        soft_2, slope_soft_2 = _softening(p2, par)
+        c1 = h * par.bulk_modulus * soft_1 / v1
+        c2 = h * par.bulk_modulus * soft_2 / v2
+        e1, slope_e1 = _smooth_root(p1 - back)
+        e2, slope_e2 = _smooth_root(p2 - back)
+        e12, slope_e12 = _smooth_root(p1 - p2)
+        extending = opening >= 0.0
+        if is_real_valve(par):
+            r1, slope_1, flow_1, curve_1, r2, slope_2, flow_2, curve_2 = _real_edges(
+                opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par
+            )
+        else:
+            fed, slope_fed = _smooth_root(supply - select(extending, p1, p2))
+            r1, slope_1 = select(extending, fed, e1), select(extending, -slope_fed, slope_e1)
+            r2, slope_2 = select(extending, e2, fed), select(extending, slope_e2, -slope_fed)
+            flow = conductance * opening
+            flow_1, flow_2 = flow * r1, flow * r2
+            curve_1, curve_2 = flow * slope_1, flow * slope_2
+        d1 = c1 * (flow_1 - area * velocity - k1 * e1 - k12 * e12)
+        d2 = c2 * (area * velocity - flow_2 - k2 * e2 + k12 * e12)
+        if terms:
+            d1, d2 = d1 + c1 * inflow_1, d2 + c2 * inflow_2
+
+        a11 = 1.0 + c1 * (curve_1 - k1 * slope_e1 - k12 * slope_e12) + d1 * slope_soft_1
+        a12 = c1 * k12 * slope_e12
+        a22 = 1.0 - c2 * (curve_2 + k2 * slope_e2 + k12 * slope_e12) + d2 * slope_soft_2
+        a21 = c2 * k12 * slope_e12
+        # The volumes change with the position, which the velocity moves by half a step.
+        x1 = -d1 * area / v1
+        x2 = d2 * area / v2
+        u1 = 0.5 * h * x1 - c1 * area
+        u2 = 0.5 * h * x2 + c2 * area
+        for j in range(STATE_COUNT):
+            j1, j2, jx, jv = jacobian[1, j], jacobian[2, j], jacobian[3, j], jacobian[4, j]
+            jacobian[1, j] = a11 * j1 + a12 * j2 + x1 * jx + u1 * jv
+            jacobian[2, j] = a21 * j1 + a22 * j2 + x2 * jx + u2 * jv
+            jacobian[3, j] = jx + h * jv
+        g1 = c1 * conductance * r1
+        g2 = c2 * conductance * r2
+        jacobian[1, 0] += g1 * opening_0
+        jacobian[1, 5] += g1 * opening_5
+        jacobian[1, 7] -= c1 * e1
+        jacobian[1, 9] -= c1 * e12
+        jacobian[1, 10] += g1
+        jacobian[2, 0] -= g2 * opening_0
+        jacobian[2, 5] -= g2 * opening_5
+        jacobian[2, 8] -= c2 * e2
+        jacobian[2, 9] += c2 * e12
+        jacobian[2, 10] -= g2
+        p1 += d1
+        p2 += d2
+
+        # Two half kicks in a row are one, but for the last.
+        kick = (h if substep < _SUBSTEPS - 1 else 0.5 * h) / mass
+        velocity += kick * (area * (p1 - p2) - load)
+        for j in range(STATE_COUNT):
+            jacobian[4, j] += kick * area * (jacobian[1, j] - jacobian[2, j])
+        jacobian[4, 6] -= kick
+    jacobian[0, 0], jacobian[0, 5] = spool_0, spool_5
+    jacobian[5, 0], jacobian[5, 5] = rate_0, rate_5
+    x[0], x[1], x[2], x[3], x[4], x[5] = spool, p1, p2, position, velocity, spool_velocity

@@ -1,0 +1,273 @@
+"""The filters by name, behind one compiled step that the loop and the replay both call.
+
+Every filter takes the same measurements and writes the same ten outputs a sample; its states are
+its own. A code tells compiled loops which filter it is.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rig.plant import DATA_SHEET, Model, SensorParameters, inlined, inner
+
+from . import product, thesis
+from .divergence import RESETS
+from .product import product_step, start_product
+from .product_model import STATE_COUNT, STATES
+from .product_noise import ProductNoise, product_noise
+from .thesis import thesis6_step, thesis7_step, thesis7_ud_step
+from .ud import dense_covariance
+
+Array = NDArray[np.float64]
+
+PRODUCT: Final = None
+"""No number: where it is chosen the compiler leaves out the others, half of what there is to do."""
+THESIS_6: Final = 1
+THESIS_7: Final = 2
+THESIS_7_UD: Final = 3
+
+OUTPUTS: Final = (
+    "innovation_position_m",
+    "innovation_pressure_1_Pa",
+    "innovation_pressure_2_Pa",
+    "residual_position_m",
+    "residual_pressure_1_Pa",
+    "residual_pressure_2_Pa",
+    "innovation_variance_position_m2",
+    "innovation_variance_pressure_1_Pa2",
+    "innovation_variance_pressure_2_Pa2",
+    "filter_resets",
+)
+"""What every filter writes a sample: z - H x(-), z - H x(+), the innovation's variance, and how
+often it has started anew for being lost (`estimator.filters.divergence`; the thesis's never do)."""
+
+_THESIS_STATES: Final = STATES[:6]
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A filter that can be chosen by name."""
+
+    name: str
+    code: int | None
+    states: tuple[str, ...]
+    summary: str
+    factored: bool = False
+    """Whether the covariance is kept as its factors (`estimator.filters.ud`)."""
+
+
+FILTERS: Final = {
+    entry.name: entry
+    for entry in (
+        Filter(
+            "product",
+            PRODUCT,
+            STATES,
+            "load, three leak coefficients and spool null bias as states; stable prediction",
+            factored=True,
+        ),
+        Filter("thesis-6", THESIS_6, _THESIS_STATES, "eq. 2.15 with the Karnopp friction model"),
+        Filter(
+            "thesis-7", THESIS_7, (*_THESIS_STATES, "load_N"), "eqs. 6.13 to 6.19, load as state"
+        ),
+        Filter(
+            "thesis-7-ud",
+            THESIS_7_UD,
+            (*_THESIS_STATES, "load_N"),
+            "thesis-7 with its covariance in factors",
+            factored=True,
+        ),
+    )
+}
+DEFAULT_FILTER: Final = "product"
+
+
+def filter_named(name: str) -> Filter:
+    """Return a filter by name.
+
+    Raises:
+        ValueError: there is no such filter; the message lists those there are.
+    """
+    try:
+        return FILTERS[name]
+    except KeyError:
+        raise ValueError(f"no filter {name!r}; choose one of {', '.join(FILTERS)}") from None
+
+
+@dataclass
+class FilterMemory:
+    """A filter's state between samples.
+
+    Attributes:
+        filter: which filter.
+        x: state vector.
+        covariance: P, or its factors where the filter is `factored`.
+        noise: what the product filter assumes.
+        work: the product filter's memory of its own health, and scratch.
+    """
+
+    filter: Filter
+    x: Array
+    covariance: Array
+    noise: ProductNoise
+    work: Array
+
+    @property
+    def dense_covariance(self) -> Array:
+        """P, square over the filter's states."""
+        return dense_covariance(self.covariance) if self.filter.factored else self.covariance
+
+    def copy(self) -> "FilterMemory":
+        """Return a filter that goes on from here by itself."""
+        return replace(
+            self, x=self.x.copy(), covariance=self.covariance.copy(), work=self.work.copy()
+        )
+
+    @property
+    def resets(self) -> int:
+        """How often the filter has started anew for being lost."""
+        return int(self.work[0, RESETS])
+
+
+def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET) -> FilterMemory:
+    """Return a filter's memory before its first sample; `model` is what the filter assumes."""
+    chosen = filter_named(name)
+    if chosen.code is PRODUCT:
+        x, covariance = np.zeros(STATE_COUNT), np.zeros((STATE_COUNT, STATE_COUNT))
+    else:
+        # P0 is diagonal, and so its own factors.
+        x, covariance = thesis.initial_state(chosen.code != THESIS_6)
+    noise = product_noise(sensors, model.parameters)
+    return FilterMemory(chosen, x, covariance, noise, np.zeros(product.WORK_SHAPE))
+
+
+@inner
+def filter_start(code, x, covariance, position, p1, p2, spool, command, par, noise, work):
+    """Take the first sample. The thesis filters start from their printed x0 (section 4.5)."""
+    if code is None:
+        start_product(x, covariance, position, p1, p2, spool, command, par, noise, work)
+
+
+@inlined
+def filter_step(
+    code, x, covariance, command, position, p1, p2, spool, supply, par, noise, work, out
+):
+    """Advance the filter `code` by one sample; see `product_step` for the arguments.
+
+    The thesis filters use neither the spool nor the supply pressure.
+    """
+    if code is None:
+        product_step(x, covariance, command, position, p1, p2, spool, supply, par, noise, work, out)
+        return
+    out[9] = 0.0
+    if code == THESIS_6:
+        thesis6_step(x, covariance, command, position, p1, p2, par, out)
+    elif code == THESIS_7:
+        thesis7_step(x, covariance, command, position, p1, p2, par, out)
+    else:
+        thesis7_ud_step(x, covariance, command, position, p1, p2, par, out)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _run(code, x, covariance, par, noise, work, command, measured, states, outputs):
+    z = measured
+    filter_start(
+        code, x, covariance, z[0, 0], z[0, 1], z[0, 2], z[0, 3], command[0], par, noise, work
+    )
+    outputs[0] = np.nan
+    for i in range(x.size):
+        states[0, i] = x[i]
+    for k in range(1, command.size):
+        filter_step(code, x, covariance, command[k - 1], z[k, 0], z[k, 1], z[k, 2], z[k, 3],
+                    z[k, 4], par, noise, work, outputs[k])  # fmt: skip
+        for i in range(x.size):
+            states[k, i] = x[i]
+
+
+@dataclass(frozen=True)
+class FilterRun:
+    """A filter's estimates over a recording.
+
+    Attributes:
+        filter: which filter.
+        time_s: float64 (n,).
+        states: float64 (n, filter states), a posteriori, SI, columns as `filter.states`.
+        outputs: float64 (n, 10), columns as `OUTPUTS`; the first row starts the filter and is NaN.
+        covariance: final covariance P, square over the filter's states.
+    """
+
+    filter: Filter
+    time_s: Array
+    states: Array
+    outputs: Array
+    covariance: Array
+
+    def state(self, name: str) -> Array:
+        """Return one state's trajectory by its name in `filter.states`."""
+        return self.states[:, self.filter.states.index(name)]
+
+    @property
+    def innovation(self) -> Array:
+        """Innovations of position (m), pressure 1 and pressure 2 (Pa): float64 (n, 3)."""
+        return self.outputs[:, 0:3]
+
+    @property
+    def residual(self) -> Array:
+        """A posteriori residuals of position (m), pressures 1 and 2 (Pa): (n, 3) (eq. 4.24)."""
+        return self.outputs[:, 3:6]
+
+    @property
+    def reset_times_s(self) -> Array:
+        """When the filter was found lost and started anew, s: one entry a reset."""
+        return self.time_s[1:][np.diff(self.outputs[:, 9]) > 0.0]
+
+
+def run_filter(
+    time_s: Array,
+    command: Array,
+    measured: Array,
+    model: Model,
+    name: str = DEFAULT_FILTER,
+    sensors: SensorParameters = DATA_SHEET,
+) -> FilterRun:
+    """Run a filter over a recording's samples, as the loop would have.
+
+    Args:
+        time_s: float64 (n,), 1 kHz.
+        command: float64 (n,), V; row k is held from sample k to k + 1.
+        measured: float64 (n, 4 or 5): position (m), pressures 1 and 2 (Pa), spool (m) and, from a
+            rig that measures it, supply pressure (Pa); NaN is skipped.
+        model: the model the filter assumes.
+        name: a name in `FILTERS`.
+        sensors: data sheet of the transducers.
+
+    Raises:
+        ValueError: no filter of that name, or arrays of different lengths.
+    """
+    rows = time_s.size
+    if measured.shape not in ((rows, 4), (rows, 5)) or command.shape != time_s.shape:
+        raise ValueError(
+            f"measured {measured.shape} and command {command.shape} do not fit {rows} rows "
+            "of (position, pressure 1, pressure 2, spool[, supply pressure])"
+        )
+    if measured.shape[1] == 4:
+        measured = np.column_stack([measured, np.full(rows, np.nan)])
+    memory = start_memory(name, model, sensors)
+    states = np.empty((time_s.size, memory.x.size))
+    outputs = np.empty((time_s.size, len(OUTPUTS)))
+    _run(
+        memory.filter.code,
+        memory.x,
+        memory.covariance,
+        model.parameters,
+        memory.noise,
+        memory.work,
+        np.ascontiguousarray(command),
+        np.ascontiguousarray(measured),
+        states,
+        outputs,
+    )
+    return FilterRun(memory.filter, time_s, states, outputs, memory.dense_covariance)

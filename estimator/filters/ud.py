@@ -1,0 +1,170 @@
+"""A covariance kept as the factors of P = U D U^T, so that rounding cannot make it indefinite.
+
+U is unit upper triangular and D diagonal and never negative (Bierman 1977, Factorization Methods
+for Discrete Sequential Estimation). An array (n, n) holds both, a column of U in a row, for the
+innermost loops to run along memory: `factors[j, i]` is U[i, j] for i < j, and `factors[j, j]` is
+D[j]. What is above the diagonal is neither read nor written.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rig.lanes import select
+from rig.plant import inlined
+
+from .fused import fma
+
+Array = NDArray[np.float64]
+
+
+def dense_covariance(factors: Array) -> Array:
+    """Return P (n, n) of factors (n, n)."""
+    upper = np.tril(factors, -1).T + np.eye(len(factors))
+    return np.asarray((upper * np.diag(factors)) @ upper.T)
+
+
+def factors_of(covariance: Array) -> Array:
+    """Return the factors (n, n) of a covariance P (n, n).
+
+    Raises:
+        ValueError: P is not positive definite.
+    """
+    # The lower Cholesky factor of the states in reverse order, reversed again, is an upper one.
+    try:
+        upper = np.linalg.cholesky(covariance[::-1, ::-1])[::-1, ::-1]
+    except np.linalg.LinAlgError:
+        raise ValueError("the covariance is not positive definite") from None
+    root = np.diag(upper)
+    return np.asarray((upper / root).T + np.diag(root**2 - 1.0))
+
+
+@inlined
+def variance_of(factors, index):
+    """Return P[index, index]."""
+    total = factors[index, index]
+    for j in range(index + 1, factors.shape[0]):
+        u = factors[j, index]
+        total = fma(u * u, factors[j, j], total)
+    return total
+
+
+@inlined
+def add_rank_one(factors, size, vector, weight):
+    """Add weight a a^T to the leading (size, size) part of P (Agee and Turner 1972).
+
+    `vector` holds a (size,) and is used up; the weight must not be negative.
+    """
+    for k in range(size - 1, -1, -1):
+        d, a = factors[k, k], vector[k]
+        raised = fma(weight * a, a, d)
+        # Both zero: a direction without any variance stays without.
+        inverse = select(raised > 0.0, 1.0 / raised, 0.0)
+        share = weight * a * inverse
+        weight = select(raised > 0.0, weight * (d * inverse), weight)
+        factors[k, k] = raised
+        for i in range(k):
+            u = factors[k, i]
+            rest = fma(-a, u, vector[i])
+            vector[i] = rest
+            factors[k, i] = fma(share, rest, u)
+
+
+@inlined
+def add_noise(factors, index, variance, vector):
+    """Add the variance of white noise to one state; `vector` is scratch (n,)."""
+    d = factors[index, index]
+    raised = d + variance
+    kept = select(raised > 0.0, d / raised, 1.0)
+    factors[index, index] = raised
+    for i in range(index):
+        u = factors[index, i]
+        vector[i] = u
+        factors[index, i] = u * kept
+    add_rank_one(factors, index, vector, variance * kept)
+
+
+@inlined
+def correct(x, factors, index, measured, variance, gain):
+    """Correct by one measurement of a state (Bierman 1977, ch. 5).
+
+    Returns the squared innovation over its variance: chi-square with one degree of freedom.
+
+    Args:
+        x: (n,) state, updated.
+        factors: of its covariance, updated.
+        index: the state measured.
+        measured: its measurement.
+        variance: of the measurement, above zero.
+        gain: scratch (n,).
+    """
+    n = factors.shape[0]
+    expected = variance
+    inverse = 1.0 / variance
+    for i in range(n):
+        gain[i] = 0.0
+    for j in range(index, n):
+        f = 1.0 if j == index else factors[j, index]
+        d = factors[j, j]
+        g = d * f
+        slope = -f * inverse
+        before = expected
+        expected = fma(f, g, before)
+        inverse = 1.0 / expected
+        factors[j, j] = d * before * inverse
+        for i in range(j):
+            u = factors[j, i]
+            factors[j, i] = fma(slope, gain[i], u)
+            gain[i] = fma(g, u, gain[i])
+        gain[j] = g
+    innovation = measured - x[index]
+    step = innovation * inverse
+    for i in range(n):
+        x[i] = fma(gain[i], step, x[i])
+    return innovation * step
+
+
+@inlined
+def forget(factors, index, variance, vector):
+    """Give one state a variance of its own, without correlation; the others keep theirs.
+
+    `vector` is scratch (n,).
+    """
+    weight = factors[index, index]
+    for i in range(index):
+        vector[i] = factors[index, i]
+        factors[index, i] = 0.0
+    factors[index, index] = variance
+    for j in range(index + 1, factors.shape[0]):
+        factors[j, index] = 0.0
+    # What the column said of the states before it stays, as variance of theirs.
+    add_rank_one(factors, index, vector, weight)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def orthogonalise(rows, weights, factors, size):
+    """Factor W D W^T into the leading (size, size) part of the factors.
+
+    By modified weighted Gram-Schmidt (Thornton 1976).
+
+    Args:
+        rows: W (size, columns), used up.
+        weights: (columns,) diagonal of D, none negative.
+        factors: its leading part is written.
+        size: number of rows.
+    """
+    columns = rows.shape[1]
+    for j in range(size - 1, -1, -1):
+        total = 0.0
+        for k in range(columns):
+            total = fma(rows[j, k] * weights[k], rows[j, k], total)
+        factors[j, j] = total
+        inverse = select(total > 0.0, 1.0 / total, 0.0)
+        for i in range(j):
+            product = 0.0
+            for k in range(columns):
+                product = fma(rows[i, k], rows[j, k] * weights[k], product)
+            u = product * inverse
+            factors[j, i] = u
+            for k in range(columns):
+                rows[i, k] = fma(-u, rows[j, k], rows[i, k])

@@ -1,0 +1,40 @@
+from .plant import (
+    Array as Array,
+    Motion as Motion,
+    Parameter as Parameter,
+    Plant as Plant,
+    PlantDescription as PlantDescription,
+    PlantError as PlantError,
+    build as build,
+    check_description as check_description,
+    nuisances as nuisances,
+    record_of as record_of,
+)
+from .prediction import (
+    Band as Band,
+    ChannelGap as ChannelGap,
+    Check as Check,
+    Curve as Curve,
+    DetectionLimit as DetectionLimit,
+    Estimate as Estimate,
+    FreeRun as FreeRun,
+    GapResult as GapResult,
+    NamedEffect as NamedEffect,
+    Predictor as Predictor,
+    Rival as Rival,
+    Round as Round,
+    Separation as Separation,
+    channel_gaps as channel_gaps,
+    check_course as check_course,
+    mean_gap as mean_gap,
+    usable as usable,
+)
+from .servo import servo_actuator as servo_actuator
+from .verdict import (
+    NOWHERE as NOWHERE,
+    SURE as SURE,
+    find_gap as find_gap,
+    growth as growth,
+    take_back as take_back,
+    why_worse as why_worse,
+)

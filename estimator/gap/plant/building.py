@@ -1,0 +1,367 @@
+"""Makes the workflow's plant of a description: checks it, compiles it, integrates its rates."""
+
+from collections import namedtuple
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import ceil
+from typing import Any, Final
+
+import numpy as np
+from numba import njit
+from numba.core.errors import NumbaError
+from numba.extending import is_jitted
+
+from .description import EquationOf, MayLack, PlantDescription, PlantError, Start
+from .description_checks import check_description, check_functions
+from .interface import (
+    DRIVE,
+    READ,
+    STEP,
+    Array,
+    Effect,
+    Equation,
+    Knob,
+    Nuisance,
+    Output,
+    Parameter,
+    Plant,
+    Region,
+    State,
+    begin_held,
+    hold,
+)
+
+PERIOD: Final = 1e-3
+"""s from sample to sample: what `rig.recording` reads."""
+_STEERED_S: Final = 0.5
+"""s within which steering brings a simulation back to its course."""
+_SMALL: Final = 0.01
+"""Of a state's spread: a small change of it, for derivatives by differences."""
+
+
+class Views:
+    """States, inputs and parameters of a description, with their names as attributes."""
+
+    def __init__(self, description: PlantDescription) -> None:
+        self.state = namedtuple("State", [s.name for s in description.states])  # type: ignore[misc]
+        self.inputs = namedtuple("Inputs", [i.channel for i in description.inputs])  # type: ignore[misc]
+        self.parameters: Any = namedtuple(  # type: ignore[misc]
+            "Parameters", [p.name for p in description.parameters]
+        )
+
+    def given(self, values: Mapping[str, float]) -> Any:
+        """Return parameters of values by name."""
+        return self.parameters(**{name: float(values[name]) for name in self.parameters._fields})
+
+
+def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
+    """Return a plant with given values of all its parameters (by name, SI).
+
+    Takes two to three seconds, most of them the compiler's.
+
+    Raises:
+        PlantError: everything that is wrong with the description.
+    """
+    check_description(description)
+    views = Views(description)
+    par = views.given(values)
+    check_functions(description, views, par)
+    drive, step, read = _compiled(description, views)
+    nominal = dict(zip(par._fields, par, strict=True))
+    plant = Plant(
+        name=description.name,
+        states=_states(description, views, par),
+        inputs=tuple(each.channel for each in description.inputs),
+        outputs=tuple(
+            Output(o.channel, o.unit, o.noise, o.resolution, o.lower, o.upper, o.shown)
+            for o in description.outputs
+        ),
+        parameters=description.parameters,
+        nominal=nominal,
+        step=step,
+        read=read,
+        start=_start(description),
+        effects={each.name: effect(description, each, nominal) for each in description.effects},
+        nuisances=nuisances(description.parameters, description.tolerances, nominal),
+        equations=tuple(_equation(each, description, views) for each in description.equations),
+        regions={
+            each.name: Region(
+                each.name, each.unit, _region(each.value, views), each.shown or (each.unit, 1.0)
+            )
+            for each in description.regions
+        },
+        steering=_stated_steering(description),
+        drive=drive,
+        begin=_begin(description),
+        period=PERIOD,
+        not_told_apart=description.not_told_apart,
+    )
+    return plant if description.steering is not None else _steered(plant, description)
+
+
+def probe_of(parameter: Parameter, value: float) -> float:
+    """Return a small but visible change of a parameter."""
+    if parameter.probe > 0.0:
+        return parameter.probe
+    probe = 1e-3 * (parameter.upper - parameter.lower)
+    return min(probe, 1e-2 * abs(value)) if value != 0.0 else probe
+
+
+def nuisances(
+    parameters: tuple[Parameter, ...], tolerances: Mapping[str, float], nominal: Mapping[str, float]
+) -> tuple[Nuisance, ...]:
+    """Return what is refitted first: parameters with a tolerance above zero, about the model's."""
+    return tuple(
+        Nuisance(each.name, probe_of(each, nominal[each.name]), tolerances[each.name],
+                 nominal[each.name])
+        for each in parameters
+        if tolerances.get(each.name, 0.0) > 0.0
+    )  # fmt: skip
+
+
+def effect(description: PlantDescription, told: MayLack, nominal: Mapping[str, float]) -> Effect:
+    """Return an effect of a description with its knobs."""
+    known = {parameter.name: parameter for parameter in description.parameters}
+    knobs = []
+    for key, name in told.parameters.items():
+        each = known[name]
+        knobs.append(Knob(key, name, probe_of(each, nominal[name]), each.lower, each.upper))
+    return Effect(told.name, told.equation, told.where, tuple(knobs), told.starts, told.unseen)
+
+
+# States
+
+
+def _states(description: PlantDescription, views: Views, par: Any) -> tuple[State, ...]:
+    """Return the states, with the error of the equations that drive them in one sample."""
+    rest = views.state(*(np.zeros(1) for _ in description.states))
+    made = []
+    for each in description.states:
+        variance = each.error**2
+        for equation in description.equations:
+            if equation.state == each.name:
+                per = float(np.max(np.abs(equation.per(rest, par))))
+                variance += (equation.error * per * PERIOD) ** 2
+        made.append(State(each.name, each.unit, _SMALL * each.spread, variance**0.5))
+    return tuple(made)
+
+
+def _start(
+    description: PlantDescription,
+) -> Callable[[Array, Array, Mapping[str, float]], tuple[Array, Array]]:
+    channels = [output.channel for output in description.outputs]
+    spread = np.array([each.spread for each in description.states])
+
+    def start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple[Array, Array]:
+        state = np.empty(len(spread))
+        for index, each in enumerate(description.states):
+            if not isinstance(each.start, Start):
+                state[index] = each.start
+                continue
+            read = readings[:, channels.index(each.start.channel)]
+            state[index] = _rate(read) if each.start.rate else read[0]
+        return state, spread
+
+    return start
+
+
+def _rate(values: Array) -> float:
+    """Return the slope of a straight line through samples (m,), by least squares."""
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) < 2:
+        return 0.0
+    time = (known - known.mean()) * PERIOD
+    return float(time @ values[known] / (time @ time))
+
+
+# Equations and regions
+
+
+def _region(value: Callable[[Any, Any], Any], views: Views) -> Callable[[Array, Array], Array]:
+    def of(states: Array, inputs: Array) -> Array:
+        found = value(views.state(*states.T), views.inputs(*inputs.T))
+        return np.ascontiguousarray(np.broadcast_to(found, len(states)), dtype=np.float64)
+
+    return of
+
+
+def _equation(each: EquationOf, description: PlantDescription, views: Views) -> Equation:
+    def rate(states: Array, values: Mapping[str, float]) -> Array:
+        per = each.per(views.state(*states.T), views.given(values))
+        return np.array(np.broadcast_to(np.asarray(per) * PERIOD, len(states)), dtype=np.float64)
+
+    index = [state.name for state in description.states].index(each.state)
+    shown = each.shown or (each.unit, 1.0)
+    return Equation(each.name, each.unit, index, rate, shown, each.of)
+
+
+# Compiled functions
+
+
+_STEP_SOURCE: Final = """
+def step(state, memory, parameters):
+    par = Parameters({par})
+    inputs = Inputs({inputs})
+    {x} = {loaded}
+    for _ in range({substeps}):
+        {a} = rates(State({x}), inputs, par)
+        {b} = rates(State({xa}), inputs, par)
+        {c} = rates(State({xb}), inputs, par)
+        {d} = rates(State({xc}), inputs, par)
+        {advance}
+    {stored}
+"""
+_DRIVE_SOURCE: Final = """
+def drive(inputs, memory, parameters):
+    late = min(max(parameters[{delay}] / {period!r}, 0.0), {most})
+    whole = int(late)
+    part = late - whole
+    for i in range({count}):
+        first = {count} + i * {length}
+        for k in range({length} - 1, 0, -1):
+            memory[first + k] = memory[first + k - 1]
+        memory[first] = inputs[i]
+        memory[i] = (1.0 - part) * memory[first + whole] + part * memory[first + whole + 1]
+"""
+_READ_SOURCE: Final = """
+def read(state, memory, parameters, outputs):
+    {y} = readings(State({loaded}), Inputs({inputs}), Parameters({par}))
+    {stored}
+"""
+
+
+def _compiled(description: PlantDescription, views: Views) -> tuple[Any, Any, Any]:
+    """Return drive, step and read, compiled from sources that unpack arrays into the views.
+
+    The step is that of Runge and Kutta (4th order) for each substep, the inputs held.
+    """
+    states, outputs = range(len(description.states)), range(len(description.outputs))
+    h = PERIOD / description.substeps
+    unpacked = {
+        "par": _listed("parameters[{}]", range(len(description.parameters))),
+        "inputs": _listed("memory[{}]", range(len(description.inputs))),
+        "loaded": _listed("state[{}]", states),
+    }
+    step = _STEP_SOURCE.format(
+        **unpacked, substeps=description.substeps,
+        **{name: _listed(name + "{}", states) for name in "xabcd"},
+        xa=_listed(f"x{{0}} + {0.5 * h!r} * a{{0}}", states),
+        xb=_listed(f"x{{0}} + {0.5 * h!r} * b{{0}}", states),
+        xc=_listed(f"x{{0}} + {h!r} * c{{0}}", states),
+        advance="; ".join(
+            f"x{i} += {h / 6.0!r} * (a{i} + 2.0 * b{i} + 2.0 * c{i} + d{i})" for i in states
+        ),
+        stored="; ".join(f"state[{i}] = x{i}" for i in states),
+    )  # fmt: skip
+    read = _READ_SOURCE.format(
+        **unpacked, y=_listed("y{}", outputs),
+        stored="; ".join(f"outputs[{i}] = y{i}" for i in outputs),
+    )  # fmt: skip
+    names = {
+        "State": views.state, "Inputs": views.inputs, "Parameters": views.parameters,
+        "rates": _jitted(description.rates), "readings": _jitted(description.readings),
+    }  # fmt: skip
+    return (
+        _drive(description),
+        _made("step", step, STEP, names, "rates"),
+        _made("read", read, READ, names, "readings"),
+    )
+
+
+def _longest(description: PlantDescription) -> int:
+    """Return by how many samples inputs may act later at most."""
+    upper = {each.name: each.upper for each in description.parameters}
+    delay = description.input_delay
+    return 0 if delay is None else ceil(upper[delay] / PERIOD - 1e-9)
+
+
+def _drive(description: PlantDescription) -> Any:
+    """Return the drive: inputs as they are, or held, later by any part of a sample."""
+    if description.input_delay is None:
+        return hold
+    most = _longest(description)
+    source = _DRIVE_SOURCE.format(
+        delay=[each.name for each in description.parameters].index(description.input_delay),
+        period=PERIOD, most=float(most), count=len(description.inputs), length=most + 2,
+    )  # fmt: skip
+    return _made("drive", source, DRIVE, {}, "input_delay")
+
+
+def _begin(
+    description: PlantDescription,
+) -> Callable[[Array, Array, Mapping[str, float], float], Array]:
+    """Return what makes the memory: the inputs as they act, and those on their way, if any are."""
+    if description.input_delay is None:
+        return begin_held
+    length = _longest(description) + 2
+
+    def begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
+        return np.concatenate([inputs[0], np.repeat(inputs[0], length)])
+
+    return begin
+
+
+def _listed(pattern: str, indices: range) -> str:
+    # The last comma makes a tuple of a single one too.
+    return "".join(pattern.format(index) + ", " for index in indices)
+
+
+def _jitted(function: Any) -> Any:
+    return function if is_jitted(function) else njit(error_model="numpy")(function)
+
+
+def _made(name: str, source: str, signature: Any, names: dict[str, Any], of: str) -> Any:
+    space = dict(names)
+    exec(compile(source, f"<{name} of a described plant>", "exec"), space)
+    try:
+        return njit(signature, error_model="numpy")(space[name])
+    except NumbaError as error:
+        reason = next((line for line in str(error).splitlines() if line.strip()), "")
+        told = [line.strip() for line in str(error).splitlines() if "Unknown attribute" in line
+                or "Untyped global" in line or "NameError" in line]  # fmt: skip
+        raise PlantError(
+            [
+                f"{of}: numba cannot compile it: {' '.join((told or [reason])[0].split())}; use "
+                "arithmetic, math.sin and the like, and decorate functions of your own that it "
+                "calls with numba.njit"
+            ]
+        ) from error
+
+
+# Steering
+
+
+def _stated_steering(description: PlantDescription) -> tuple[tuple[int, int, float], ...]:
+    inputs = [each.channel for each in description.inputs]
+    outputs = [each.channel for each in description.outputs]
+    return tuple(
+        (inputs.index(pair[0]), outputs.index(pair[1]), gain)
+        for pair, gain in (description.steering or {}).items()
+    )
+
+
+def _steered(plant: Plant, description: PlantDescription) -> Plant:
+    """Return the plant with steering of its first input by the first output that follows it.
+
+    The gain is what brings back within _STEERED_S what the input moves in that time.
+    """
+    par = plant.vector(plant.nominal)
+    ends = []
+    for sign in (1.0, -1.0):
+        state = np.array(
+            [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
+        )
+        memory = np.zeros(len(plant.inputs))
+        memory[0] = sign * description.inputs[0].size
+        for _ in range(round(_STEERED_S / plant.period)):
+            plant.step(state, memory, par)
+        readings = np.empty(len(plant.outputs))
+        plant.read(state, memory, par, readings)
+        ends.append(readings)
+    moved = (ends[0] - ends[1]) / (2.0 * description.inputs[0].size)
+    noises = np.array([output.variance**0.5 for output in plant.outputs])
+    follows = np.abs(moved) * description.inputs[0].size > 10.0 * noises
+    if not np.all(np.isfinite(moved)) or not follows.any():
+        return plant
+    output = int(np.argmax(follows))
+    return replace(plant, steering=((0, output, float(1.0 / moved[output])),))

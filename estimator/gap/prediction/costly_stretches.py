@@ -1,0 +1,70 @@
+"""Which stretches of the records tell most about a disagreement: those that cost most."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.gap.plant import Array, Record
+
+from .linear import slices_of
+
+STRETCH: Final = 8
+"""Blocks that are kept together; one before them lets the filter's answer settle."""
+MOST_BLOCKS: Final = 48
+"""Of all records together: 24 s."""
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """Part of a record.
+
+    Attributes:
+        samples: int64 (m,), of the record, ascending.
+        blocks: the blocks that count, as slices of `samples`.
+        places: int64 (blocks,), of these blocks among all blocks of all records.
+    """
+
+    samples: NDArray[np.int64]
+    blocks: tuple[slice, ...]
+    places: NDArray[np.int64]
+
+
+def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Excerpt]:
+    """Return the costliest stretches of each record, from the cost of each block (blocks,)."""
+    stretches, first = [], 0
+    blocks_of = [slices_of(record, period) for record in records]
+    for index, blocks in enumerate(blocks_of):
+        for begin in range(0, len(blocks), STRETCH):
+            end = min(begin + STRETCH, len(blocks))
+            cost = float(costs[first + begin : first + end].mean())
+            stretches.append((cost, index, begin, end))
+        first += len(blocks)
+    chosen: list[list[int]] = [[] for _ in records]
+    left = MOST_BLOCKS
+    for _, index, begin, end in sorted(stretches, reverse=True):
+        if end - begin <= left:
+            chosen[index] += range(begin, end)
+            left -= end - begin
+    found, first = [], 0
+    for blocks, kept in zip(blocks_of, chosen, strict=True):
+        kept.sort()
+        wanted: set[int] = set()
+        for number in kept:
+            block = blocks[number]
+            lead = block.stop - block.start
+            wanted.update(range(max(block.start - lead, 0), block.stop))
+        samples = np.array(sorted(wanted), dtype=np.int64)
+        starts = [int(np.searchsorted(samples, blocks[number].start)) for number in kept]
+        length = blocks[0].stop - blocks[0].start if blocks else 0
+        found.append(
+            Excerpt(
+                samples,
+                tuple(slice(start, start + length) for start in starts),
+                np.array(kept, dtype=np.int64) + first,
+            )
+        )
+        first += len(blocks)
+    return found

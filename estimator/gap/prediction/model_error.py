@@ -1,0 +1,59 @@
+"""How wrong a model is from sample to sample: the error of an equation that recordings bear out.
+
+The greater the error that a model admits to, the more the filter follows the readings, and the less
+an effect shows. The likelihood of the innovations (Ljung 1999, ch. 7) has its maximum where the
+innovations are as large as the filter says. What the model lacks is in that figure too: it is an
+upper bound for the error to state, and a good one once nothing is missing any more.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import Plant, record_of
+from rig.recording import Recording
+
+from .linear import slices_of
+from .predictor import Predictor
+from .suitability import usable
+from .variables import Values
+
+SHARES: Final = tuple(float(share) for share in 2.0 ** np.arange(-8.0, 8.5, 1.0))
+"""Factors on the stated model error that are tried."""
+
+
+def likely_model_error(
+    recordings: Sequence[Recording], plant: Plant, values: Values | None = None
+) -> tuple[float, tuple[float, ...]]:
+    """Return the factor on the plant's stated model error at which recordings are likeliest.
+
+    Args:
+        recordings: 1 kHz, with the plant's channels.
+        plant: whose states' noise is scaled.
+        values: of its parameters, by default the model's; those of a fit are better.
+
+    Returns:
+        The factor of SHARES, and the log-likelihood of each of them; the first or last of SHARES
+        means that it is beyond.
+    """
+    used = plant.nominal if values is None else values
+    likelihoods = tuple(_likelihood(recordings, plant, used, share) for share in SHARES)
+    return SHARES[int(np.argmax(likelihoods))], likelihoods
+
+
+def _likelihood(
+    recordings: Sequence[Recording], plant: Plant, values: Values, share: float
+) -> float:
+    states = tuple(replace(state, noise=share * state.noise) for state in plant.states)
+    predictor = Predictor(replace(plant, states=states))
+    total = 0.0
+    for record in usable([record_of(recording, plant) for recording in recordings], plant):
+        predictor.filter(record, values)
+        innovations = predictor.innovations(record, values)[0]
+        for block in slices_of(record, plant.period):
+            variances = record.gains.variances[block]
+            used = np.isfinite(variances)
+            total -= 0.5 * float(np.sum(np.log(variances[used]) + innovations[block][used] ** 2))
+    return total if np.isfinite(total) else -np.inf

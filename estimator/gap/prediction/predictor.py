@@ -1,0 +1,210 @@
+"""Predictions of one plant over records, for given values of its parameters."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimator.gap.plant import Array, Gains, Plant, Record, made_of, roughness
+from rig.lanes import LANES, aligned, empty_lanes
+
+from .prediction import predict_ahead, run_filter, run_free, run_frozen, run_tangent
+from .side_by_side import run_filter_in_lanes, run_frozen_in_lanes
+
+Values = Mapping[str, float]
+
+_FIRST = 20
+"""Samples at the start of a record that the state is started from."""
+_FEWEST = 3
+"""Runs that are worth lanes."""
+
+
+def _none() -> tuple[Array, Array]:
+    """Return what tells `run_filter` to keep no derivatives."""
+    return np.empty((0, 0, 0)), np.empty((0, 0, 0))
+
+
+class Predictor:
+    """Filters records with a plant whose parameters have given values (by name, SI)."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        self._functions = (plant.drive, plant.step, plant.remember, plant.read)
+        self._changes = np.array([state.change for state in plant.states])
+        self._noises = np.array([state.noise for state in plant.states]) ** 2
+
+    def _memory(self, start: Array, record: Record, values: Values) -> Array:
+        time_s = record.first * self.plant.period
+        return self.plant.begin(start, record.inputs[:_FIRST], values, time_s)[None, :].copy()
+
+    def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
+        first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
+        first[0] = record.readings[0]
+        return self.plant.start(first, record.inputs[:_FIRST], values)
+
+    def filter(self, record: Record, values: Values) -> None:
+        """Estimate the gains of a record anew."""
+        self._run_filter(record, record.anew(len(self._changes)), values, *_none())
+
+    def _run_filter(
+        self, record: Record, gains: Gains, values: Values, transitions: Array, slopes: Array
+    ) -> None:
+        plant = self.plant
+        start, spread = self._start(record, values)
+        variances = record.variances + roughness(record, plant, values)
+        parameters = plant.vector(values)
+        rest = (gains.states, gains.variances, gains.couplings, transitions, slopes)
+        shares = np.ones((len(plant.outputs), len(plant.states)))
+        if plant.shares is not None:
+            shares = plant.shares(values)
+        known = (
+            start, spread, self._changes, self._noises, shares, self._memory(start, record, values),
+        )  # fmt: skip
+        in_lanes = plant.in_lanes
+        if in_lanes is None or in_lanes.kind(values) is None:
+            run_filter(
+                *self._functions, record.inputs, record.readings, variances, parameters, *known,
+                *rest,
+            )  # fmt: skip
+            return
+        together = np.repeat(start[:, None], LANES, axis=1)
+        memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
+        run_filter_in_lanes(
+            in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read,
+            record.inputs, record.readings, variances,
+            aligned(np.repeat(parameters[:, None], LANES, axis=1)), parameters, *known,
+            aligned(memory), *rest,
+        )  # fmt: skip
+
+    def innovations(
+        self, record: Record, values: Values, kicks: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return innovations (n, outputs) over their standard deviations and filtered states.
+
+        With the gains of the last `filter`. `kicks` (n, states) are added to the state each sample.
+        """
+        count = len(self._changes)
+        start = self._start(record, values)[0]
+        innovations = np.empty_like(record.readings)
+        states = np.empty((len(record), count))
+        gains = record.gains
+        run_frozen(
+            *self._functions, record.inputs, record.readings,
+            gains.variances, gains.states, gains.couplings, self.plant.vector(values), start,
+            self._memory(start, record, values),
+            np.empty((0, count)) if kicks is None else kicks, innovations, states,
+        )  # fmt: skip
+        return innovations, states
+
+    def groups(self, values: Sequence[Values]) -> list[list[int]]:
+        """Return which of some values are to be run together (`innovations_of`).
+
+        Those that a plant can run side by side, one less than there are lanes, the last being for
+        what they are compared with; the others each by itself.
+        """
+        in_lanes = self.plant.in_lanes
+        alike: dict[tuple[float, ...], list[int]] = {}
+        found: list[list[int]] = []
+        for index, each in enumerate(values):
+            kind = None if in_lanes is None else in_lanes.kind(each)
+            if kind is None:
+                found.append([index])
+            else:
+                alike.setdefault(kind, []).append(index)
+        for members in alike.values():
+            rounds = -(-len(members) // (LANES - 1))
+            found += [members[k::rounds] for k in range(rounds)]
+        return found
+
+    def innovations_of(self, record: Record, values: Sequence[Values]) -> list[Array]:
+        """Return innovations (n, outputs) as `innovations` does, with each of a group's values.
+
+        But for the last digits: e^x of lanes rounds otherwise.
+        """
+        plant, in_lanes = self.plant, self.plant.in_lanes
+        if len(values) < _FEWEST or in_lanes is None:
+            return [self.innovations(record, each)[0] for each in values]
+        padded = [*values, *[values[-1]] * (LANES - len(values))]
+        starts = aligned(np.column_stack([self._start(record, each)[0] for each in padded]))
+        parameters = aligned(np.column_stack([plant.vector(each) for each in padded]))
+        innovations = empty_lanes(record.readings.size).reshape((*record.readings.shape, LANES))
+        gains = record.gains
+        run_frozen_in_lanes(
+            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, record.inputs,
+            record.readings, gains.variances, gains.states, gains.couplings, parameters,
+            plant.vector(values[0]), starts,
+            aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded)), innovations,
+        )  # fmt: skip
+        return [innovations[:, :, lane] for lane in range(len(values))]
+
+    def disturbed(self, record: Record, values: Values, kicks: Array) -> Array:
+        """Return what small kicks of the state (n, states, columns) add to innovations.
+
+        They are as of `innovations`, with the same gains (n, outputs, columns), to first order
+        about the filter's own course with `values`.
+        """
+        count, outputs = len(self._changes), record.readings.shape[1]
+        if self.plant.remembers(values):
+            base = self.innovations(record, values)[0]
+            changed = [
+                self.innovations(record, values, np.ascontiguousarray(kicks[:, :, c]))[0] - base
+                for c in range(kicks.shape[2])
+            ]
+            return np.stack(changed, axis=-1)
+        if record.tangent is None or record.tangent[0] != values:
+            transitions = np.empty((len(record), count, count))
+            slopes = np.empty((len(record), outputs, count))
+            unused = Gains.empty(len(record), outputs, count)
+            self._run_filter(record, unused, values, transitions, slopes)
+            record.tangent = (dict(values), transitions, slopes)
+        innovations = np.empty((len(record), outputs, kicks.shape[2]))
+        gains = record.gains
+        run_tangent(
+            gains.variances, gains.states, gains.couplings, *record.tangent[1:],
+            np.ascontiguousarray(kicks), innovations,
+        )  # fmt: skip
+        return innovations
+
+    def ahead(self, record: Record, values: Values, states: Array) -> Array:
+        """Return readings less predictions (n, outputs) over the plant's horizon, NaN at starts."""
+        errors = np.empty_like(record.readings)
+        memory = self._memory(states[0], record, values)
+        predict_ahead(
+            *self._functions, record.inputs, record.readings, states,
+            self.plant.vector(values), memory, memory.copy(),
+            round(self.plant.horizon / self.plant.period), errors,
+        )  # fmt: skip
+        errors[~np.isfinite(record.variances)] = np.nan
+        return errors
+
+    def simulate(self, record: Record, values: Values, *, steered: bool) -> tuple[Array, Array]:
+        """Return inputs (n, inputs) and noise-free readings of a simulation along a record."""
+        steering = np.zeros((len(self.plant.inputs), len(self.plant.outputs)))
+        if steered:
+            for index, output, gain in self.plant.steering:
+                steering[index, output] = gain
+        start = self._start(record, values)[0]
+        driven, simulated = np.empty_like(record.inputs), np.empty_like(record.readings)
+        run_free(
+            *self._functions, record.inputs, record.readings,
+            self.plant.vector(values), start, self._memory(start, record, values), steering,
+            driven, simulated,
+        )  # fmt: skip
+        return driven, simulated
+
+    def twin(self, record: Record, values: Values, seed: int) -> Record:
+        """Return what a rig that is exactly this model would have recorded on the same course.
+
+        Its sensors have the noise and rounding that the plant states; steering keeps it near.
+        """
+        driven, simulated = self.simulate(record, values, steered=True)
+        generator = np.random.default_rng(seed)
+        for index, output in enumerate(self.plant.outputs):
+            noisy = simulated[:, index] + output.noise * generator.standard_normal(len(record))
+            if output.resolution > 0.0:
+                noisy = np.round(noisy / output.resolution) * output.resolution
+            simulated[:, index] = np.clip(noisy, output.lower, output.upper)
+        twin = made_of(f"twin of {record.source}", driven, simulated, self.plant)
+        # What the recording does not tell, its twin must not tell either.
+        twin.variances[~np.isfinite(record.variances)] = np.inf
+        twin.first = record.first
+        return twin

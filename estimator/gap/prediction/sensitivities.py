@@ -1,0 +1,233 @@
+"""How a filter's innovations answer to kicks of states and readings: once linearised, then cheap.
+
+Along the filtered course the filter is a linear system that varies with time. Its matrices are
+taken by differences, once for some stretches of a record (`linearise_course`); after that the
+answer to any disturbance is a few products a sample (`respond`), a hundredth of a run of the plant.
+What the sensors remember (a lag, a play) is taken as it was: readings follow the state at once.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import float64, int64, njit, types, void
+from numpy.typing import NDArray
+
+from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array, Record
+
+from .predictor import Predictor
+from .variables import Values
+
+_FUNCTIONS: Final = tuple(types.FunctionType(kind) for kind in (DRIVE, STEP, REMEMBER, READ))
+_VECTOR: Final = float64[::1]
+_MATRIX: Final = float64[:, ::1]
+_CUBE: Final = float64[:, :, ::1]
+_FIRST: Final = 20
+
+
+@njit(
+    void(*_FUNCTIONS, _MATRIX, _MATRIX, _MATRIX, _MATRIX, _VECTOR, int64[::1], _CUBE, _CUBE, _CUBE),
+    cache=True, error_model="numpy", nogil=True,
+)  # fmt: skip
+def linearise_course(
+    drive, step, remember, read, inputs, states, parameters, memory, changes, places, transitions,
+    slopes, shifts,
+):  # fmt: skip
+    """Linearise step and readings along a filtered course, where asked.
+
+    Args:
+        drive: of the plant, compiled with DRIVE.
+        step: of the plant, compiled with STEP.
+        remember: of the plant, compiled with REMEMBER.
+        read: of the plant, compiled with READ.
+        inputs: float64 (n, inputs).
+        states: float64 (n, k), filtered.
+        parameters: float64 (1 + probes, count): the present ones, then each changed.
+        memory: float64 (1, length), at the first sample.
+        changes: float64 (k,), for derivatives by differences.
+        places: int64 (n,), row of the results for each sample, -1 where none is wanted.
+        transitions: float64 (m, k, k), written: of the step by the state.
+        slopes: float64 (m, outputs, k), written: of the readings by the state.
+        shifts: float64 (m, k + outputs, probes), written: what each probe adds to the state after
+            the step, and to the readings.
+    """
+    count, outputs = states.shape[1], slopes.shape[1]
+    remembered, present = memory[0], parameters[0]
+    point, ahead = np.empty(count), np.empty(count)
+    expected, shifted = np.empty(outputs), np.empty(outputs)
+    for t in range(states.shape[0]):
+        row = places[t]
+        if row >= 0:
+            read(states[t], remembered, present, expected)
+            for j in range(count):
+                point[:] = states[t]
+                point[j] += changes[j]
+                read(point, remembered, present, shifted)
+                for i in range(outputs):
+                    slopes[row, i, j] = (shifted[i] - expected[i]) / changes[j]
+            for p in range(shifts.shape[2]):
+                read(states[t], remembered, parameters[1 + p], shifted)
+                for i in range(outputs):
+                    shifts[row, count + i, p] = shifted[i] - expected[i]
+        drive(inputs[t], remembered, present)
+        ahead[:] = states[t]
+        step(ahead, remembered, present)
+        if row >= 0:
+            for j in range(count):
+                point[:] = states[t]
+                point[j] += changes[j]
+                step(point, remembered, present)
+                for i in range(count):
+                    transitions[row, i, j] = (point[i] - ahead[i]) / changes[j]
+            for p in range(shifts.shape[2]):
+                point[:] = states[t]
+                step(point, remembered, parameters[1 + p])
+                for i in range(count):
+                    shifts[row, i, p] = point[i] - ahead[i]
+            # The last step leaves its mark in the memory: it must be that of the present model.
+            ahead[:] = states[t]
+            step(ahead, remembered, present)
+        remember(states[t], ahead, remembered, present)
+
+
+@njit(
+    void(_CUBE, _CUBE, _CUBE, _MATRIX, int64[::1], int64[::1], _CUBE, _CUBE),
+    cache=True, error_model="numpy", nogil=True,
+)  # fmt: skip
+def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers):
+    """Write what the innovations become by kicks, over their standard deviations.
+
+    Args:
+        transitions: float64 (m, k, k), of `linearise_course`.
+        slopes: float64 (m, outputs, k), likewise.
+        gains: float64 (m, outputs, k), of the filter.
+        variances: float64 (m, outputs), of the innovations; infinite where not used.
+        starts: int64 (m,), 1 where a stretch begins, undisturbed.
+        rows: int64 (r,), what is kicked: a state after the step, or k + output for a reading.
+        kicks: float64 (m, r, columns).
+        answers: float64 (m, outputs, columns), written.
+    """
+    count, outputs, columns = transitions.shape[1], slopes.shape[1], kicks.shape[2]
+    x, ahead = np.zeros((count, columns)), np.zeros((count, columns))
+    error = np.empty(columns)
+    for t in range(transitions.shape[0]):
+        if starts[t] == 1:
+            x[:] = 0.0
+        for i in range(outputs):
+            if not variances[t, i] < np.inf:
+                answers[t, i, :] = 0.0
+                continue
+            error[:] = 0.0
+            for j in range(count):
+                slope = slopes[t, i, j]
+                if slope != 0.0:
+                    for c in range(columns):
+                        error[c] -= slope * x[j, c]
+            for r in range(rows.size):
+                if rows[r] == count + i:
+                    for c in range(columns):
+                        error[c] -= kicks[t, r, c]
+            scale = 1.0 / np.sqrt(variances[t, i])
+            for c in range(columns):
+                answers[t, i, c] = scale * error[c]
+            for j in range(count):
+                gain = gains[t, i, j]
+                for c in range(columns):
+                    x[j, c] += gain * error[c]
+        ahead[:] = 0.0
+        for i in range(count):
+            for j in range(count):
+                slope = transitions[t, i, j]
+                if slope != 0.0:
+                    for c in range(columns):
+                        ahead[i, c] += slope * x[j, c]
+        for r in range(rows.size):
+            if rows[r] < count:
+                for c in range(columns):
+                    ahead[rows[r], c] += kicks[t, r, c]
+        x[:] = ahead
+
+
+@dataclass(frozen=True)
+class Course:
+    """Stretches of a record, linearised.
+
+    Attributes:
+        samples: int64 (m,), of the record.
+        innovations: float64 (m, outputs), over their standard deviations.
+        states: float64 (m, k), filtered.
+        inputs: float64 (m, inputs).
+        transitions: float64 (m, k, k).
+        slopes: float64 (m, outputs, k).
+        gains: float64 (m, outputs, k).
+        variances: float64 (m, outputs), of the innovations.
+        starts: int64 (m,), 1 where a stretch begins.
+        shifts: float64 (m, k + outputs, probes), of the parameters that were probed.
+    """
+
+    samples: NDArray[np.int64]
+    innovations: Array
+    states: Array
+    inputs: Array
+    transitions: Array
+    slopes: Array
+    gains: Array
+    variances: Array
+    starts: NDArray[np.int64]
+    shifts: Array
+
+    def answers(self, rows: Sequence[int], kicks: Array) -> Array:
+        """Return the change of the innovations (m, outputs, columns) by kicks.
+
+        Args:
+            rows: what is kicked: a state, or the number of states plus an output.
+            kicks: float64 (m, rows, columns).
+        """
+        found = np.empty((len(self.samples), self.variances.shape[1], kicks.shape[2]))
+        respond(
+            self.transitions, self.slopes, self.gains, self.variances, self.starts,
+            np.array(rows, dtype=np.int64), np.ascontiguousarray(kicks), found,
+        )  # fmt: skip
+        return found
+
+
+def course_of(
+    predictor: Predictor,
+    record: Record,
+    values: Values,
+    probes: Sequence[Mapping[str, float]],
+    samples: NDArray[np.int64],
+) -> Course:
+    """Return stretches of a record, linearised about `values` with the record's present gains.
+
+    Args:
+        predictor: of the plant.
+        record: filtered before.
+        values: of all parameters.
+        probes: values of all parameters, one of them changed.
+        samples: int64 (m,), of the record, ascending; a stretch begins where one is left out.
+    """
+    plant = predictor.plant
+    innovations, states = predictor.innovations(record, values)
+    count, outputs = states.shape[1], innovations.shape[1]
+    places = np.full(len(record), -1, dtype=np.int64)
+    places[samples] = np.arange(len(samples))
+    transitions = np.empty((len(samples), count, count))
+    slopes = np.empty((len(samples), outputs, count))
+    shifts = np.empty((len(samples), count + outputs, len(probes)))
+    last = int(samples[-1]) + 1
+    time_s = record.first * plant.period
+    memory = plant.begin(states[0], record.inputs[:_FIRST], values, time_s)[None, :].copy()
+    linearise_course(
+        plant.drive, plant.step, plant.remember, plant.read, record.inputs[:last], states[:last],
+        np.stack([plant.vector(v) for v in (values, *probes)]), memory,
+        np.array([state.change for state in plant.states]), places[:last],
+        transitions, slopes, shifts,
+    )  # fmt: skip
+    return Course(
+        samples, innovations[samples], states[samples], record.inputs[samples], transitions,
+        slopes, np.ascontiguousarray(record.gains.states[samples]),
+        np.ascontiguousarray(record.gains.variances[samples]),
+        np.concatenate([[1], (np.diff(samples) != 1).astype(np.int64)]), shifts,
+    )  # fmt: skip

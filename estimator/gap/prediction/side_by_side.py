@@ -1,0 +1,164 @@
+"""Predictions of several runs of a plant side by side in lanes (`rig.lanes`), compiled.
+
+As `prediction` makes them one by one, but for the last digits: one recording with the same gains
+and other parameters in each lane, or one filter whose derivatives by the states are the lanes.
+"""
+
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numba import float64, njit, types, void
+
+from estimator.gap.plant import (
+    DRIVE_IN_LANES,
+    READ,
+    READ_IN_LANES,
+    REMEMBER,
+    REMEMBER_IN_LANES,
+    STEP_IN_LANES,
+)
+from rig.lanes import LANES, align_stack, empty_lanes, load, store
+
+from .prediction import correct, predict_covariance
+
+_VECTOR: Final = float64[::1]
+_MATRIX: Final = float64[:, ::1]
+_CUBE: Final = float64[:, :, ::1]
+_DRIVE: Final = types.FunctionType(DRIVE_IN_LANES)
+_STEP: Final = types.FunctionType(STEP_IN_LANES)
+_REMEMBER: Final = types.FunctionType(REMEMBER_IN_LANES)
+_READ: Final = types.FunctionType(READ_IN_LANES)
+_REMEMBER_ALONE: Final = types.FunctionType(REMEMBER)
+_READ_ALONE: Final = types.FunctionType(READ)
+
+
+@njit(
+    void(_DRIVE, _STEP, _REMEMBER, _READ, _MATRIX, _MATRIX, _MATRIX, _CUBE, _CUBE, _MATRIX, _VECTOR,
+         _MATRIX, _MATRIX, _CUBE),
+    cache=True, error_model="numpy", nogil=True,
+)  # fmt: skip
+def run_frozen_in_lanes(
+    drive, step, remember, read, inputs, readings, innovation_variances, gains, couplings,
+    parameters, first, starts, memory, innovations,
+):  # fmt: skip
+    """Predict a recording one sample ahead with given gains, with other parameters in each lane.
+
+    Args:
+        drive: of `InLanes`.
+        step: likewise.
+        remember: likewise.
+        read: likewise.
+        inputs: float64 (n, inputs).
+        readings: float64 (n, outputs).
+        innovation_variances: float64 (n, outputs), of `run_filter`.
+        gains: float64 (n, outputs, states), of `run_filter`.
+        couplings: float64 (n, outputs, outputs), of `run_filter`.
+        parameters: float64 (parameters, LANES).
+        first: float64 (parameters,), those of the first lane.
+        starts: float64 (states, LANES); the state after the recording is left there.
+        memory: float64 (rows, LANES), of `InLanes.begin`.
+        innovations: float64 (n, outputs, LANES), written: over their standard deviations, 0 if not
+            used.
+    """
+    count, outputs = starts.shape[0], readings.shape[1]
+    align_stack()
+    expected = empty_lanes(outputs)
+    for t in range(inputs.shape[0]):
+        read(starts, memory, parameters, first, expected)
+        written = innovations[t]
+        for i in range(outputs):
+            variance = innovation_variances[t, i]
+            if not variance < np.inf:
+                for lane in range(LANES):
+                    written[i, lane] = 0.0
+                    expected[i, lane] = 0.0
+                continue
+            innovation = readings[t, i] - load(expected, i)
+            for k in range(i):
+                innovation -= couplings[t, i, k] * load(expected, k)
+            store(expected, i, innovation)
+            store(written, i, innovation / sqrt(variance))
+            for j in range(count):
+                store(starts, j, load(starts, j) + gains[t, i, j] * innovation)
+        drive(inputs[t], memory)
+        step(starts, memory, parameters, first)
+        remember(starts, memory, parameters, first)
+
+
+@njit(
+    void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MATRIX, _MATRIX, _MATRIX, _MATRIX,
+         _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _MATRIX, _CUBE, _MATRIX,
+         _CUBE, _CUBE, _CUBE),
+    cache=True, error_model="numpy", nogil=True,
+)  # fmt: skip
+def run_filter_in_lanes(
+    drive, step, remember, keep, read, inputs, readings, variances, parameters, first, start,
+    spread, changes, noises, shares, memory, in_lanes, gains, innovation_variances, couplings,
+    transitions, slopes,
+):  # fmt: skip
+    """Run the filter over a recording as `run_filter` does, the derivatives of its step in lanes.
+
+    Args:
+        drive: of `InLanes`.
+        step: likewise.
+        remember: likewise.
+        keep: as `remember` of `run_filter`.
+        read: as of `run_filter`.
+        inputs: likewise.
+        readings: likewise.
+        variances: likewise.
+        parameters: float64 (parameters, LANES), the same in all lanes.
+        first: float64 (parameters,), those.
+        start: as of `run_filter`.
+        spread: likewise.
+        changes: likewise.
+        noises: likewise.
+        shares: likewise.
+        memory: likewise; of what the sensors keep.
+        in_lanes: float64 (rows, LANES), of `InLanes.begin`; of what reaches the plant.
+        gains: as of `run_filter`.
+        innovation_variances: likewise.
+        couplings: likewise.
+        transitions: likewise.
+        slopes: likewise.
+    """
+    count, outputs = start.size, readings.shape[1]
+    remembered = memory[0]
+    x = start.copy()
+    ahead = np.empty(count)
+    covariance = np.diag(spread * spread)
+    transition, product = np.empty((count, count)), np.empty((count, count))
+    slope = np.empty((outputs, count))
+    kept = transitions.shape[0] > 0
+    # Column 0 is the course itself, column 1 + j that with a change of state j.
+    batches = (count + LANES) // LANES
+    points = empty_lanes(batches * count).reshape((batches, count, LANES))
+    for t in range(inputs.shape[0]):
+        correct(
+            read, remembered, first, changes, shares, readings[t], variances[t], x, covariance,
+            slope, gains[t], innovation_variances[t], couplings[t],
+        )  # fmt: skip
+        drive(inputs[t], in_lanes)
+        for batch in range(batches):
+            for i in range(count):
+                for lane in range(LANES):
+                    points[batch, i, lane] = x[i]
+            for lane in range(LANES):
+                j = batch * LANES + lane - 1
+                if 0 <= j < count:
+                    points[batch, j, lane] += changes[j]
+            step(points[batch], in_lanes, parameters, first)
+        for i in range(count):
+            ahead[i] = points[0, i, 0]
+        for j in range(count):
+            batch, lane = (1 + j) // LANES, (1 + j) % LANES
+            for i in range(count):
+                transition[i, j] = (points[batch, i, lane] - ahead[i]) / changes[j]
+        if kept:
+            transitions[t] = transition
+            slopes[t] = slope
+        predict_covariance(transition, noises, product, covariance)
+        remember(points[0], in_lanes, parameters, first)
+        keep(x, ahead, remembered, first)
+        x[:] = ahead

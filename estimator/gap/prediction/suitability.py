@@ -1,0 +1,174 @@
+"""Whether recordings can support a verdict at all; docs/gap.md derives the limits.
+
+Before anything is fitted: enough of them, motion in every channel, sensors within their ranges and
+no noisier than stated, and readings that have anything to do with the model. Afterwards: what was
+found must predict better than "nothing changes" would.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import Array, Output, Plant, Record, seen_parts
+
+from .fit import Fitter
+from .linear import BLOCK_S, SETTLING_S, mean_squares, slices_of
+from .predictor import Predictor
+from .variables import Values
+
+FITTED_BLOCKS: Final = 8
+"""Blocks of half a second to fit to: the scatter of fewer tells no standard error."""
+JUDGED_BLOCKS: Final = 4
+MOVES: Final = 10.0
+"""Times its noise that a channel must move, with readings averaged over 50 samples: an effect of
+a tenth of that would then be as large as the noise of one reading."""
+SATURATED: Final = 0.5
+"""Share of the readings of a channel that may be at an end of its range."""
+NOISIER: Final = 10.0
+"""Times the stated noise; the oil's oscillation, curved over 3 samples, is read as 4 at most."""
+LOST: Final = 100.0
+"""Standard deviations that one-step predictions miss by in the median: no effect of any plant does
+this, a channel in other units does."""
+WORSE: Final = 4.0
+"""Times the squared error of "nothing changes" that a prediction must miss by, beside the noise: an
+effect that is missing may well cost more than resting, in a slow motion, another rig far more."""
+_AVERAGED: Final = 50
+
+
+def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
+    """Return what of records can be followed and is longer than the filter's settling and a block.
+
+    If no record can be followed for so long anywhere they are given whole: it is to be told what is
+    wrong with their readings.
+    """
+    long = [record for record in records if slices_of(record, plant.period)]
+    parts = [part for record in long for part in seen_parts(record, plant.period)]
+    return [part for part in parts if slices_of(part, plant.period)] or long
+
+
+def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
+    """Return why recordings cannot support a verdict, in words; empty if they can.
+
+    Args:
+        fitter: of the records to fit to; filtered with the model as given, if they come so far.
+        judged: of those held out, likewise.
+    """
+    plant = fitter.predictor.plant
+    reasons = [
+        *_too_short(fitter.records, plant, FITTED_BLOCKS, "to fit to"),
+        *_too_short(judged.records, plant, JUDGED_BLOCKS, "held out"),
+    ]
+    if reasons:
+        return reasons
+    reasons += _commands(fitter.records, plant)
+    for index, output in enumerate(plant.outputs):
+        reasons += _readings(fitter.records, index, output)
+    if reasons:
+        return reasons
+    return [*_lost(fitter), *_lost(judged)]
+
+
+def _too_short(records: Sequence[Record], plant: Plant, least: int, which: str) -> list[str]:
+    blocks = sum(len(slices_of(record, plant.period)) for record in records)
+    if blocks >= least:
+        return []
+    seconds = sum(len(record) for record in records) * plant.period
+    return [
+        f"the recordings {which} are too short: {seconds:.1f} s make {blocks} blocks of "
+        f"{BLOCK_S:g} s once the filter has settled ({SETTLING_S:g} s each), {least} are needed"
+    ]
+
+
+def _commands(records: Sequence[Record], plant: Plant) -> list[str]:
+    changes = [
+        max(float(np.ptp(r.inputs[:, i])) for r in records) for i in range(len(plant.inputs))
+    ]
+    if any(change > 0.0 for change in changes):
+        return []
+    return [f"{', '.join(plant.inputs)} never changes: nothing was asked of the rig"]
+
+
+def _readings(records: Sequence[Record], index: int, output: Output) -> list[str]:
+    """Return what is wrong with the readings of one channel."""
+    usable_samples = np.concatenate([np.isfinite(r.variances[:, index]) for r in records])
+    name = output.channel
+    saturated = 1.0 - float(usable_samples.mean())
+    if saturated > SATURATED:
+        return [
+            f"{name} is missing or at an end of its range for {saturated:.0%} of the samples "
+            f"(range {output.lower:g} to {output.upper:g} {output.unit}; is it in {output.unit}?)"
+        ]
+    noise = output.variance**0.5
+    travel = max(_travel(r.readings[:, index], np.isfinite(r.variances[:, index])) for r in records)
+    if travel < MOVES * noise:
+        return [
+            f"{name} hardly moves: {travel:.3g} {output.unit}, and its noise is {noise:.3g} "
+            f"{output.unit}; {MOVES * noise:.3g} {output.unit} are needed (is it in {output.unit}?)"
+        ]
+    seen = max(_noise(r.readings[:, index]) for r in records)
+    if seen > NOISIER * noise:
+        return [
+            f"{name} is mostly noise: {seen:.3g} {output.unit} from sample to sample, and "
+            f"{noise:.3g} {output.unit} are stated (is it in {output.unit}?)"
+        ]
+    return []
+
+
+def _travel(readings: Array, good: Array) -> float:
+    """Return how far the averages of readings (n,) are apart."""
+    kept = readings[good]
+    whole = len(kept) // _AVERAGED * _AVERAGED
+    return float(np.ptp(kept[:whole].reshape(-1, _AVERAGED).mean(1))) if whole else 0.0
+
+
+def _noise(readings: Array) -> float:
+    """Return the standard deviation of white noise in readings (n,), by second differences."""
+    curved = np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2])
+    return float(np.median(curved)) / (0.6745 * 6.0**0.5)
+
+
+def _lost(fitter: Fitter) -> list[str]:
+    plant = fitter.predictor.plant
+    fitter.refresh(plant.nominal)
+    found = []
+    for record, (innovations, _) in zip(
+        fitter.records, fitter.innovations(plant.nominal), strict=True
+    ):
+        with np.errstate(all="ignore"):
+            missed = np.median(np.abs(innovations), axis=0)
+        found += [
+            f"{record.source}: {output.channel} has nothing to do with the model: predictions one "
+            f"sample ahead miss by {_told(miss)} standard deviations; are its units and columns "
+            "right?"
+            for output, miss in zip(plant.outputs, missed, strict=True)
+            if not miss < LOST
+        ]
+    return found
+
+
+def _told(miss: float) -> str:
+    return f"{miss:.0f}" if np.isfinite(miss) else "no number"
+
+
+def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> list[str]:
+    """Return the channels predicted worse over the horizon than "nothing changes" would be.
+
+    The record's gains are those of these values.
+    """
+    plant = predictor.plant
+    horizon = round(plant.horizon / plant.period)
+    states = predictor.innovations(record, values)[1]
+    errors = predictor.ahead(record, values, states)
+    from_ = np.arange(len(record)) // horizon * horizon
+    resting = record.readings - record.readings[from_]
+    resting[~np.isfinite(errors)] = np.nan
+    settled = slice(round(SETTLING_S / plant.period), None)
+    used = np.isfinite(record.variances[settled]).sum(axis=0) > 0
+    # Of a channel that is not read there is nothing to predict.
+    model, rest = mean_squares(errors[settled]), mean_squares(resting[settled])
+    return [
+        output.channel
+        for output, is_used, a, b in zip(plant.outputs, used, model, rest, strict=True)
+        if is_used and (a > WORSE * b + output.variance or not np.isfinite(a + b))
+    ]

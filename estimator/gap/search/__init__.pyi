@@ -1,0 +1,27 @@
+from .disturbances import (
+    TIME as TIME,
+    Attribution as Attribution,
+    Place as Place,
+    attribution as attribution,
+    places_of as places_of,
+)
+from .drift import drifts as drifts
+from .findings import (
+    CHANCE as CHANCE,
+    FORM as FORM,
+    HELD_OUT as HELD_OUT,
+    MATERIAL as MATERIAL,
+    MOST_EFFECTS as MOST_EFFECTS,
+    Alternative as Alternative,
+    Found as Found,
+    Named as Named,
+    deviate as deviate,
+)
+from .refits import Refits as Refits
+from .search import Search as Search
+from .signatures import (
+    ENDLESS as ENDLESS,
+    absorbed as absorbed,
+    cosines as cosines,
+    limits as limits,
+)

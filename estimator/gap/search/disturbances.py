@@ -1,0 +1,252 @@
+"""Where model and recordings disagree: which disturbance of which equation would explain it.
+
+A disturbance is a sum of hat functions of a region's quantity (velocity, spool opening, time, ...)
+that is added to an equation or to a reading, sample by sample along the filtered course. What the
+innovations make of it follows from the linearised course (`sensitivities`), so that all pairs of
+equation and region together take as long as some runs of the plant. The disturbances share the
+variables of the fit, blocks and error bars with every other column.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import Array, Equation, Plant, Region
+from estimator.gap.prediction import (
+    HUBER,
+    Column,
+    Course,
+    Curve,
+    Excerpt,
+    Fitter,
+    Linear,
+    Values,
+    Variable,
+    course_of,
+    excerpts,
+)
+
+HATS: Final = 9
+"""Hat functions of a curve; the outermost are constant beyond their middles."""
+TIME: Final = Region("time", "s", lambda states, inputs: states[:, 0], ("s", 1.0), "t")
+"""Time since the beginning of a recording: any plant has it, though no state tells it."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a disturbance enters: an equation or a reading.
+
+    Attributes:
+        name: of the equation, or "reading of" a channel.
+        unit: SI.
+        shown: unit shown, and how many of it are one SI unit.
+        rows: states that are kicked, or the number of states plus the output.
+        of: regions, besides time.
+        equation: None for a reading.
+    """
+
+    name: str
+    unit: str
+    shown: tuple[str, float]
+    rows: tuple[int, ...]
+    of: tuple[str, ...]
+    equation: Equation | None = None
+
+    def rates(self, states: Array, values: Values) -> Array:
+        """Return the kicks (n, rows) of one unit of disturbance."""
+        if self.equation is None:
+            return np.ones((len(states), 1))
+        of = (self.equation.rate, *(rate for _, rate in self.equation.also))
+        return np.stack([rate(states, values) for rate in of], axis=1)
+
+
+def places_of(plant: Plant) -> list[Place]:
+    """Return everything of a plant that a disturbance may enter."""
+    found = [
+        Place(e.name, e.unit, e.shown, (e.state, *(state for state, _ in e.also)), e.of, e)
+        for e in plant.equations
+    ]
+    for index, output in enumerate(plant.outputs):
+        found.append(
+            Place(
+                f"reading of {output.channel}", output.unit, output.shown or (output.unit, 1.0),
+                (len(plant.states) + index,), output.of,
+            )
+        )  # fmt: skip
+    return found
+
+
+def hats(values: Array, middles: Array) -> Array:
+    """Return hat functions (n, middles) of values (n,); they add up to one."""
+    width = middles[1] - middles[0]
+    place = np.clip((values - middles[0]) / width, 0.0, len(middles) - 1.0)
+    return np.asarray(np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(middles))), 0.0))
+
+
+class Attribution:
+    """Disturbances of a plant's equations and readings, against a fit of its variables.
+
+    Args:
+        fitter: filtered with `values` (`Fitter.refresh`).
+        values: of all parameters.
+        variables: what was fitted: disturbances must explain what these cannot.
+        parts: of the fitter's records, see `excerpts`.
+    """
+
+    def __init__(
+        self, fitter: Fitter, values: Values, variables: Sequence[Variable],
+        parts: Sequence[Excerpt],
+    ) -> None:  # fmt: skip
+        self.plant = fitter.predictor.plant
+        self.values = values
+        self._period = self.plant.period
+        self._base = fitter.columns(values, variables)
+        kept = [(r, p) for r, p in zip(fitter.records, parts, strict=True) if p.blocks]
+        self._blocks = [part.blocks for _, part in kept]
+        self._first = [record.first for record, _ in kept]
+        self.courses: list[Course] = list(
+            fitter.pool.map(
+                lambda pair: course_of(
+                    fitter.predictor, pair[0], values, [c.values for c in self._base],
+                    pair[1].samples,
+                ),
+                kept,
+            )
+        )  # fmt: skip
+        self._pool = fitter.pool
+        rows = range(len(self.plant.states) + len(self.plant.outputs))
+        sizes = np.array([column.size for column in self._base])
+        self._known = [course.answers(rows, course.shifts / sizes) for course in self.courses]
+
+    def region(self, name: str) -> Region:
+        """Return a region of the plant, or time."""
+        return TIME if name == TIME.name else self.plant.regions[name]
+
+    def along(self, name: str) -> list[Array]:
+        """Return a region's quantity (m,) along each course, SI."""
+        if name == TIME.name:
+            return [
+                np.asarray((first + course.samples) * self._period, np.float64)
+                for first, course in zip(self._first, self.courses, strict=True)
+            ]
+        region = self.plant.regions[name]
+        return [region.value(course.states, course.inputs) for course in self.courses]
+
+    def middles(self, name: str, count: int = HATS) -> Array:
+        """Return the hats' middles (count,), evenly spread over what the motion covers.
+
+        Of a direction they are its two values; empty of what does not change.
+        """
+        values = np.concatenate(self.along(name))
+        low, high = np.quantile(values, (0.01, 0.99))
+        if not high > low:
+            return np.empty(0)
+        if np.all((values == low) | (values == high) | (values == 0.0)):
+            return np.array([low, high])
+        return np.linspace(low, high, count)
+
+    def linear(self, place: Place, shapes: Sequence[Array]) -> Linear:
+        """Return block sums with shapes (m, columns), per course, of a disturbance of a place.
+
+        Its columns are those of the variables, then the shapes ("#0", "#1", ...), in SI units.
+        """
+        changes, residual, used = self.stacked(place, shapes)
+        columns = [
+            *self._base, *(Column(f"#{k}", self.values, 1.0) for k in range(shapes[0].shape[1]))
+        ]  # fmt: skip
+        return Linear(
+            columns, np.matmul(changes.transpose(0, 2, 1), changes),
+            np.matmul(residual[:, None, :], changes)[:, 0], np.square(residual).sum(1),
+            np.zeros(len(columns)), used,
+        )  # fmt: skip
+
+    def stacked(self, place: Place, shapes: Sequence[Array]) -> tuple[Array, Array, int]:
+        """Return what innovations become by the variables and by shapes of a disturbance.
+
+        Args:
+            place: where it enters.
+            shapes: float64 (m, columns), per course, SI.
+
+        Returns:
+            Their changes (blocks, readings, columns), the innovations (blocks, readings), both
+            weighted against outliers, and the number of readings used.
+        """
+
+        def run(index: int) -> tuple[Array, Array, int]:
+            course = self.courses[index]
+            rates = place.rates(course.states, self.values)
+            answers = course.answers(place.rows, rates[:, :, None] * shapes[index][:, None, :])
+            changes = np.concatenate([self._known[index], answers], axis=2)
+            weights = np.minimum(1.0, HUBER / np.maximum(np.abs(course.innovations), 1e-12))
+            rows = np.stack([np.arange(b.start, b.stop) for b in self._blocks[index]])
+            root = np.sqrt(weights)[rows]
+            changed = changes[rows] * root[..., None]
+            count = len(rows)
+            used = int(np.isfinite(course.variances[rows]).sum())
+            return (
+                changed.reshape(count, -1, changes.shape[2]),
+                (course.innovations[rows] * root).reshape(count, -1),
+                used,
+            )
+
+        parts = list(self._pool.map(run, range(len(self.courses))))
+        return (
+            np.concatenate([part[0] for part in parts]),
+            np.concatenate([part[1] for part in parts]),
+            sum(part[2] for part in parts),
+        )
+
+    @property
+    def base(self) -> list[str]:
+        """Names of the variables' columns."""
+        return [column.name for column in self._base]
+
+    def solved(self, linear: Linear) -> tuple[Array, Array, float, float]:
+        """Return a disturbance's coefficients, standard errors, gain, and cost without it."""
+        base = self.base
+        added = [column.name for column in linear.columns[len(base) :]]
+        without = linear.solve(base)[1] if base else 0.0
+        steps, gain = linear.solve([*base, *added])
+        errors = linear.errors([*base, *added], steps)
+        cost = float(linear.squares.sum()) - without
+        return steps[len(base) :], errors[len(base) :], gain - without, cost
+
+    def curve(self, place: Place, name: str, floor: float, count: int = HATS) -> Curve | None:
+        """Return the disturbance of a place against a region; None where that does not change."""
+        middles = self.middles(name, count)
+        if middles.size == 0:
+            return None
+        shapes = [hats(values, middles) for values in self.along(name)]
+        linear = self.linear(place, shapes)
+        steps, errors, gain, cost = self.solved(linear)
+        excess = cost - floor * linear.samples
+        # Where the motion never was, there is nothing to say.
+        errors = np.where(np.sum([s.sum(0) for s in shapes], axis=0) > 0.0, errors, np.inf)
+        region = self.region(name)
+        return Curve(
+            place.name, region.name, middles, steps, errors, place.unit, region.unit, place.shown,
+            region.shown, gain, gain / excess if excess > 0.0 else 0.0,
+        )  # fmt: skip
+
+    def curves(self, floor: float) -> list[Curve]:
+        """Return disturbances that would explain the cost above a floor (per reading)."""
+        found = [
+            self.curve(place, name, floor)
+            for place in places_of(self.plant)
+            for name in (*place.of, TIME.name)
+        ]
+        return sorted((c for c in found if c is not None), key=lambda curve: -curve.gain)
+
+
+def attribution(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> Attribution:
+    """Return the attribution of what the records disagree with `values` by, where it costs most.
+
+    Args:
+        fitter: filtered with `values`.
+        values: of all parameters.
+        variables: that were fitted.
+    """
+    parts = excerpts(fitter.records, fitter.predictor.plant.period, fitter.costs(values))
+    return Attribution(fitter, values, variables, parts)

@@ -1,0 +1,105 @@
+"""Parameters that would have to drift within a recording: oil that warms, a value that wanders.
+
+A disturbance of an equation against time (`disturbances`) cannot tell of it: what a softer oil adds
+to a flow goes with the pressures' rates. A trend of a parameter can: it is the parameter's own
+column, growing with the time since the recording began, and follows from the block sums of the fit
+at no further run (a test of parameter constancy, after Nyblom 1989).
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import Array, Plant
+from estimator.gap.prediction import (
+    Curve,
+    Fitter,
+    Values,
+    Variable,
+    bounded_least_squares,
+    standard_errors,
+)
+
+from .findings import CHANCE
+
+CERTAIN: Final = 4.0
+"""Standard errors that a trend must be, by the scatter of the blocks' scores."""
+
+
+def drifts(
+    fitter: Fitter, values: Values, variables: Sequence[Variable], floor: float
+) -> list[Curve]:
+    """Return the trends of fitted parameters that would explain the cost above a floor.
+
+    Args:
+        fitter: filtered with `values`.
+        values: of all parameters, fitted.
+        variables: that were fitted.
+        floor: cost per reading of a rig that is the model.
+
+    Returns:
+        Of each parameter whose trend is beyond chance its course over the longest recording, best
+        first; `equation` is the parameter's name, `region` the time.
+    """
+    columns = fitter.columns(values, variables)
+    names = [column.name for column in columns]
+    linear = fitter.linearise(values, columns)
+    time_s = _times(fitter)
+    lower = np.array([column.lower for column in columns])
+    upper = np.array([column.upper for column in columns])
+    products, slopes = linear.products, linear.slopes
+    still = bounded_least_squares(products.sum(0), slopes.sum(0), lower, upper)
+    excess = float(linear.squares.sum()) + _change(products, slopes, still).sum()
+    excess -= floor * linear.samples
+    found = []
+    for j, variable in enumerate(variables):
+        wide = np.concatenate([products, time_s[:, None, None] * products[:, :, j : j + 1]], axis=2)
+        trend = time_s[:, None] * products[:, j]
+        last = np.concatenate([trend, (time_s**2 * products[:, j, j])[:, None]], axis=1)
+        wide = np.concatenate([wide, last[:, None, :]], axis=1)
+        sloped = np.concatenate([slopes, (time_s * slopes[:, j])[:, None]], axis=1)
+        steps = bounded_least_squares(
+            wide.sum(0), sloped.sum(0), np.append(lower, -np.inf), np.append(upper, np.inf)
+        )
+        gains = _change(products, slopes, still) - _change(wide, sloped, steps)
+        error = standard_errors(wide, sloped + wide @ steps)[-1]
+        z = abs(float(steps[-1])) / max(float(error), 1e-300)
+        if gains.sum() < CHANCE or z < CERTAIN:
+            continue
+        found.append(_curve(fitter.predictor.plant, values, variable, names[j], steps, j,
+                            float(time_s.max()), float(gains.sum()), z, excess))  # fmt: skip
+    return sorted(found, key=lambda curve: -curve.gain)
+
+
+def _times(fitter: Fitter) -> Array:
+    """Return the middle of each block since its recording began, s (blocks,)."""
+    period = fitter.predictor.plant.period
+    return np.array(
+        [
+            (record.first + 0.5 * (block.start + block.stop)) * period
+            for record, blocks in zip(fitter.records, fitter.blocks, strict=True)
+            for block in blocks
+        ]
+    )
+
+
+def _change(products: Array, slopes: Array, steps: Array) -> Array:
+    """Return the change of the sum of squares in each block by steps (blocks,)."""
+    return np.asarray(2.0 * slopes @ steps + (products @ steps) @ steps)
+
+
+def _curve(
+    plant: Plant, values: Values, variable: Variable, name: str, steps: Array, j: int,
+    last_s: float, gain: float, z: float, excess: float,
+) -> Curve:  # fmt: skip
+    at = np.array([0.0, last_s])
+    course = values[variable.parameter] + np.array(
+        [variable.reach(values, float(steps[j] + t * steps[-1])) for t in at]
+    )
+    error = abs(course[1] - course[0]) / z
+    unit = next(p.unit for p in plant.parameters if p.name == variable.parameter)
+    return Curve(
+        variable.parameter, "time", at, course, np.full(2, error), unit, "s", (unit, 1.0),
+        ("s", 1.0), gain, gain / excess if excess > 0.0 else 0.0,
+    )  # fmt: skip

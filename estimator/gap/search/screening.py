@@ -1,0 +1,93 @@
+"""Which effects of the catalogue a linearisation promises something of, all at once."""
+
+from collections.abc import Collection, Mapping, Sequence
+
+from estimator.gap.plant import Effect, Plant, Trace
+from estimator.gap.prediction import Column, Fitter, Values, Variable, effect_variables, started
+
+from .findings import Screened
+
+
+class Screening:
+    """Looks at all effects of a plant's catalogue, or some of them, in records.
+
+    Args:
+        plant: whose effects these are.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+
+    def screen(
+        self,
+        fitter: Fitter,
+        values: Values,
+        variables: tuple[Variable, ...],
+        effects: Collection[str] | None = None,
+    ) -> list[Screened]:
+        """Return all candidates that a linearisation says gain something, best first."""
+        columns = fitter.columns(values, variables)
+        base = [column.name for column in columns]
+        starts: dict[str, tuple[str, Mapping[str, float], list[str]]] = {}
+        fitted = {variable.parameter for variable in variables if variable.key}
+        for effect in self.plant.effects.values():
+            if all(knob.parameter in fitted for knob in effect.knobs):
+                continue
+            if effects is not None and effect.name not in effects:
+                continue
+            given = self._starts(fitter, values, effect)
+            for number, start in enumerate(given):
+                column = Column(
+                    f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
+                )
+                columns.append(column)
+                starts[column.name] = (effect.name, start, [column.name])
+            if not effect.starts and effect.propose is None:
+                added = fitter.columns(values, effect_variables(effect))
+                columns += added
+                starts[added[0].name] = (effect.name, {}, [column.name for column in added])
+        linear = fitter.linearise(values, columns)
+        without = linear.solve(base)[1]
+        reached = self._reached(fitter, values, [c for c in columns if "#" in c.name])
+        best: dict[str, Screened] = {}
+        for name, (added_effect, start, names) in starts.items():
+            parameters = {v.parameter for v in effect_variables(self.plant.effects[added_effect])}
+            kept = [
+                c for c, v in zip(base, variables, strict=True) if v.parameter not in parameters
+            ]
+            gain = linear.solve([*kept, *names])[1] - without
+            gain = max(gain, reached.get(name, 0.0) - without)
+            index = linear.indices([name])[0]
+            square = float(linear.products[:, index, index].sum())
+            acting = min(
+                1.0, 3.0 * square**2 / max(linear.quartics[index], 1e-300) / linear.samples
+            )
+            if gain > 0.0 and (added_effect not in best or gain > best[added_effect].gain):
+                best[added_effect] = Screened(added_effect, start, gain, acting)
+        return sorted(best.values(), key=lambda candidate: -candidate.gain)
+
+    def _reached(
+        self, fitter: Fitter, values: Values, columns: Sequence[Column]
+    ) -> dict[str, float]:
+        """Return what the cost loses at starts themselves: large effects are far from linear."""
+        before = fitter.costs(values).sum()
+        changes = fitter.changes(values, columns)
+        costs = fitter.pool.map(lambda change: fitter.changed_costs(values, change), changes)
+        return {
+            column.name: float(before - left.sum())
+            for column, left in zip(columns, costs, strict=True)
+        }
+
+    def _starts(
+        self, fitter: Fitter, values: Values, effect: Effect
+    ) -> tuple[Mapping[str, float], ...]:
+        """Return where fits of an effect start: stated ones and those that the records propose."""
+        if effect.propose is None:
+            return effect.starts
+        traces = [
+            Trace(record.inputs, states, innovations, record.readings)
+            for record, (innovations, states) in zip(
+                fitter.records, fitter.innovations(values), strict=True
+            )
+        ]
+        return (*effect.starts, *effect.propose(traces, values))

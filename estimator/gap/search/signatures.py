@@ -1,0 +1,355 @@
+"""What effects look like in the innovations once the nuisances have had their share.
+
+From block sums of one linearisation: how alike two effects are (`cosine`), and the smallest size of
+each that the motion would have shown (`limits`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import Array, Effect, Knob, Plant
+from estimator.gap.prediction import (
+    Changes,
+    Column,
+    DetectionLimit,
+    Fitter,
+    Linear,
+    Values,
+    Variable,
+    assemble,
+    effect_variables,
+    started,
+)
+
+from .findings import CHANCE, FEW_BLOCKS, MATERIAL, Found
+from .search import Search
+
+ABSORBED: Final = 0.1
+"""Part of what an effect changes that the refit of nuisances must leave to be told from it."""
+_REFITTED: Final = 0.01
+"""Of a nuisance's value: a refit that is worth a remark."""
+_TRIES: Final = 4
+_FAR: Final = 30.0
+"""Times a size that the next one tried is at most."""
+_FEW: Final = 2.0
+"""Times a size that shows in a few blocks only."""
+_NEAR: Final = 0.2
+"""Of the logarithm of a size."""
+ENDLESS: Final = 10.0
+"""A neutral value so many times above all that is plausible is a limit that no motion reaches."""
+_LIMITS: Final = 7
+"""Values of such a limit that are tried at once, in lanes."""
+
+
+def left(linear: Linear, names: Sequence[str], nuisances: Sequence[str]) -> Array:
+    """Return the products (names, names) of columns with the nuisances projected out."""
+    total = linear.products.sum(0)
+    own, base = linear.indices(names), linear.indices(nuisances)
+    if not base:
+        return np.asarray(total[np.ix_(own, own)])
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(total)[base], 1e-300))
+    inner = np.linalg.pinv(total[np.ix_(base, base)] * np.outer(scale, scale), rcond=1e-10)
+    cross = total[np.ix_(own, base)] * scale
+    return np.asarray(total[np.ix_(own, own)] - cross @ inner @ cross.T)
+
+
+def cosines(
+    fitter: Fitter, values: Values, variables: Sequence[Variable], changes: Mapping[str, Values]
+) -> Array:
+    """Return the cosine of the first of some changes with each (changes,).
+
+    NaN where the model breaks down without any of them, as beyond a stop that it does not have.
+
+    Args:
+        fitter: of the records, with gains.
+        values: without any of the changes.
+        variables: to be projected out.
+        changes: values of all parameters with a change, by its name.
+    """
+    base = fitter.columns(values, variables)
+    columns = [Column(name, changed, 1.0) for name, changed in changes.items()]
+    linear = fitter.linearise(values, [*base, *columns])
+    if not np.isfinite(linear.products).all():
+        return np.full(len(changes), np.nan)
+    products = left(linear, list(changes), [column.name for column in base])
+    squares = np.maximum(np.diag(products), 1e-300)
+    return np.asarray(products[0] / np.sqrt(squares[0] * squares))
+
+
+def absorbed(search: Search, found: Found) -> list[str]:
+    """Return which effects a refit of a nuisance may be as well, in words.
+
+    Of the pairs that are the same on principle (`Plant.not_told_apart`), those whose effect would
+    change these recordings by hardly more than the nuisances make up for.
+    """
+    plant, fitter, values = search.plant, search.fitter, found.fitted.values
+    named = {each.effect for each in found.named}
+    base = fitter.columns(values, found.variables)
+    said = []
+    for nuisance in plant.nuisances:
+        shift = values[nuisance.parameter] / plant.nominal[nuisance.parameter] - 1.0
+        if nuisance.effect is None or nuisance.effect in named or abs(shift) < _REFITTED:
+            continue
+        for pair, why in plant.not_told_apart.items():
+            others = pair - {nuisance.effect}
+            if len(others) != 1 or others & named or not others <= plant.effects.keys():
+                continue
+            (other,) = others
+            column = fitter.columns(values, effect_variables(plant.effects[other])[:1])[0]
+            linear = fitter.linearise(values, [*base, column])
+            products = left(linear, [column.name], [each.name for each in base])
+            whole = float(linear.products[:, -1, -1].sum())
+            # What size of it the refit would be: air makes no oil stiffer.
+            own = linear.indices([nuisance.parameter + ".", column.name])
+            both = linear.products.sum(0)[np.ix_(own, own)]
+            moved = values[nuisance.parameter] - plant.nominal[nuisance.parameter]
+            size = moved * float(both[0, 1]) / max(float(both[1, 1]), 1e-300)
+            possible = column.lower <= size <= column.upper
+            if possible and float(products[0, 0]) < ABSORBED * whole:
+                said.append(
+                    f"the refit of {nuisance.parameter} by {shift:+.1%} may be {other} as well, "
+                    f"of which these motions show no more: {why}"
+                )
+    return said
+
+
+def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> list[DetectionLimit]:
+    """Return the smallest size of each effect that these motions would show.
+
+    The distance from the value written at which its gain, what it adds to the cost once the
+    nuisances have had their share, reaches the bar (`search`) in more than two blocks; infinite
+    for an effect that no size within its bounds would show. One that is a nuisance within its
+    tolerance shows by what lies beyond. Of a limit that no motion reaches at its neutral value it
+    is the largest value that shows; 0 if none does. Other effects whose starts depend on the motion
+    are left out: they have no first order.
+    """
+    plant = fitter.predictor.plant
+    base = fitter.columns(values, variables)
+    columns = {column.name: column for column in base}
+    tried: dict[str, list[tuple[str, Mapping[str, float]]]] = {}
+    endless = [effect for effect in plant.effects.values() if _is_endless(plant, effect)]
+    for effect in plant.effects.values():
+        tried[effect.name] = []
+        if effect in endless:
+            continue
+        for number, start in enumerate(effect.starts):
+            name = f"{effect.name}#{number}"
+            columns[name] = Column(name, started(plant, values, effect, start), 1.0)
+            tried[effect.name].append((name, start))
+        if not tried[effect.name] and effect.propose is None:
+            knob = effect_variables(effect)[0]
+            column = fitter.columns(values, [knob])[0]
+            columns[column.name] = column
+            tried[effect.name].append((column.name, {}))
+    linear = fitter.linearise(values, list(columns.values()))
+    found: list[DetectionLimit] = []
+    guesses: dict[int, _Guess] = {}
+    for effect in plant.effects.values():
+        own = {variable.parameter for variable in effect_variables(effect)}
+        kept = [
+            column.name
+            for column, variable in zip(base, variables, strict=True)
+            if variable.parameter not in own
+        ]
+        if not tried[effect.name]:
+            continue
+        limit = _limit(plant, values, effect, linear, tried[effect.name], kept)
+        if len(effect.knobs) == 1 and 0.0 < limit.size < np.inf:
+            sign = _direction(values, effect, tried[effect.name])
+            nuisances = tuple(columns[name] for name in kept)
+            variable = effect_variables(effect)[0]
+            guesses[len(found)] = _Guess(variable, nuisances, sign * limit.size)
+        found.append(limit)
+    _check(fitter, values, list(guesses.values()))
+    for place, guess in guesses.items():
+        found[place] = replace(found[place], size=guess.size(values))
+    found = [_beyond_tolerance(plant, values, limit) for limit in found]
+    for effect in endless:
+        limited = effect.knobs[0]
+        # One that was found has no size from which it would have shown.
+        if _far_above(values[limited.parameter], limited):
+            size = _largest_shown(fitter, values, effect_variables(effect)[0], base)
+            found.append(DetectionLimit(effect.name, limited.key, size, _unit(plant, limited)))
+    return found
+
+
+def _far_above(value: float, knob: Knob) -> bool:
+    return knob.lower > 0.0 and value > ENDLESS * knob.upper
+
+
+def _is_endless(plant: Plant, effect: Effect) -> bool:
+    """Tell whether an effect is a limit whose neutral value no motion reaches."""
+    knob = effect.knobs[0]
+    return len(effect.knobs) == 1 and _far_above(plant.nominal[knob.parameter], knob)
+
+
+def _unit(plant: Plant, knob: Knob) -> str:
+    return next(p.unit for p in plant.parameters if p.name == knob.parameter)
+
+
+def _largest_shown(
+    fitter: Fitter, values: Values, variable: Variable, nuisances: Sequence[Column]
+) -> float:
+    """Return the largest value of a limit that shows, to a tenth; 0 if no plausible one does."""
+
+    def largest(tried: Array) -> float:
+        columns = [Column("change", variable.put(values, float(value)), 1.0) for value in tried]
+        shown = [0.0]
+        for value, moved in zip(tried, fitter.changes(values, columns), strict=True):
+            gain, bar, blocks = _shown(fitter, values, moved, nuisances)
+            if gain >= bar and blocks > FEW_BLOCKS:
+                shown.append(float(value))
+        return max(shown)
+
+    tried = np.geomspace(variable.lower, variable.upper, _LIMITS)
+    best = largest(tried)
+    above = tried[tried > best]
+    if best == 0.0 or not len(above):
+        return best
+    return max(best, largest(np.geomspace(best, above[0], _LIMITS + 2)[1:-1]))
+
+
+def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> DetectionLimit:
+    """Return a limit from where its effect is named at all.
+
+    A refit takes a nuisance as far as its tolerance, which is about its nominal value, not the one
+    that is written: only what lies beyond, on the farther side, is left to show.
+    """
+    knob = plant.effects[limit.effect].knobs[0]
+    refitted = [n for n in plant.nuisances if n.effect == limit.effect]
+    if not refitted:
+        return limit
+    present = values[knob.parameter]
+    nuisance = refitted[0]
+    width = nuisance.tolerance * abs(nuisance.nominal)
+    size = limit.size + width + abs(present - nuisance.nominal)
+    reach = max(knob.upper - present, present - knob.lower)
+    return replace(limit, size=size if size <= reach * (1.0 + _NEAR) else float("inf"))
+
+
+def _direction(
+    values: Values, effect: Effect, tried: Sequence[tuple[str, Mapping[str, float]]]
+) -> float:
+    """Return the sign of an effect's first start, or of its probe."""
+    knob, (_, start) = effect.knobs[0], tried[0]
+    if knob.key in start:
+        return float(np.sign(start[knob.key] - values[knob.parameter]))
+    return float(np.sign(effect_variables(effect)[0].column(values).size))
+
+
+@dataclass
+class _Guess:
+    """What change of an effect would show, to be tried.
+
+    Attributes:
+        variable: of the effect.
+        nuisances: that may take their share of it.
+        change: from the value written.
+        settled: whether trying it again would change it little.
+    """
+
+    variable: Variable
+    nuisances: tuple[Column, ...]
+    change: float
+    settled: bool = False
+
+    def tried(self, values: Values) -> float:
+        """Return the value that the change leads to, within the bounds."""
+        return self.variable.within(values[self.variable.parameter] + self.change)
+
+    def size(self, values: Values) -> float:
+        """Return the size from which the effect shows; infinite if none that is plausible does."""
+        present = values[self.variable.parameter]
+        upwards = self.change > 0.0
+        reach = self.variable.upper - present if upwards else present - self.variable.lower
+        return abs(self.change) if abs(self.change) <= reach * (1.0 + _NEAR) else float("inf")
+
+
+def _check(fitter: Fitter, values: Values, guesses: Sequence[_Guess]) -> None:
+    """Try first guesses at what shows, and better them.
+
+    A probe that is large beside it makes a ram stick or slip in a few samples, which say nothing of
+    a small one: effects are run at the size itself, and again where that was far off.
+    """
+    for _ in range(_TRIES):
+        for guess in guesses:
+            if guess.tried(values) == values[guess.variable.parameter]:
+                guess.change, guess.settled = float("inf"), True
+        left = [guess for guess in guesses if not guess.settled]
+        columns = [
+            Column("change", guess.variable.put(values, guess.tried(values)), 1.0) for guess in left
+        ]
+        # All of them first: what runs side by side is run so.
+        for guess, moved in zip(left, fitter.changes(values, columns), strict=True):
+            gain, bar, blocks = _shown(fitter, values, moved, guess.nuisances)
+            factor = np.sqrt(bar / gain) if gain > 0.0 else _FAR
+            if blocks <= FEW_BLOCKS:
+                factor = max(factor, _FEW)
+            present = values[guess.variable.parameter]
+            guess.change = float((guess.tried(values) - present) * min(factor, _FAR))
+            guess.settled = bool(abs(np.log(factor)) < _NEAR)
+
+
+def _shown(
+    fitter: Fitter, values: Values, moved: Changes, nuisances: Sequence[Column]
+) -> tuple[float, float, float]:
+    """Return what a change adds to the cost, the bar that this has to pass, and in how many blocks.
+
+    As the fit would, large innovations count in proportion, and the nuisances take their share.
+    """
+    followed = fitter.changes(values, nuisances)
+    used = [np.isfinite(record.gains.variances) for record in fitter.records]
+    linear = assemble(nuisances, moved, followed, used, fitter.blocks, fitter.pool)
+    steps, _ = linear.solve([column.name for column in nuisances])
+    gains = linear.squares + 2.0 * linear.slopes @ steps + (linear.products @ steps) @ steps
+    gains = np.maximum(gains, 0.0)
+    squares = np.concatenate(
+        [
+            np.square(part[block]).ravel()
+            for part, blocks in zip(moved, fitter.blocks, strict=True)
+            for block in blocks
+        ]
+    )
+    acting = min(1.0, acting_number(squares) / max(linear.samples, 1))
+    bar = max(CHANCE, MATERIAL * acting * linear.samples)
+    return float(gains.sum()), bar, float(gains.sum() ** 2 / max(np.square(gains).sum(), 1e-300))
+
+
+def acting_number(squares: Array) -> float:
+    """Return how many readings a change moves, from the squares (n,) of what it moves each by.
+
+    Of normal ones their number: their fourth moment is three times the square of the second.
+    """
+    return float(3.0 * squares.sum() ** 2 / max(np.square(squares).sum(), 1e-300))
+
+
+def _limit(
+    plant: Plant, values: Values, effect: Effect, linear: Linear,
+    tried: Sequence[tuple[str, Mapping[str, float]]], kept: Sequence[str],
+) -> DetectionLimit:  # fmt: skip
+    knob = effect.knobs[0]
+    present = values[knob.parameter]
+    ratios, sizes = [], []
+    for name, start in tried:
+        gain = float(left(linear, [name], kept)[0, 0])
+        place = linear.indices([name])[0]
+        square = float(linear.products[:, place, place].sum())
+        acting = min(1.0, 3.0 * square**2 / max(linear.quartics[place], 1e-300) / linear.samples)
+        bar = max(CHANCE, MATERIAL * acting * linear.samples)
+        step = abs(effect_variables(effect)[0].reach(values, 1.0))
+        size = abs(start[knob.key] - present) if start else step
+        ratios.append(np.sqrt(bar / gain) if gain > 0.0 else np.inf)
+        sizes.append(size)
+    starts = [start[knob.key] for _, start in tried if start]
+    # The start nearest to the size itself: there the effect is as the linearisation has it.
+    near = int(np.argmin(np.abs(np.log(np.maximum(ratios, 1e-12))))) if starts else 0
+    if len(effect.knobs) > 1 and starts:
+        near = int(np.argmin(np.array(ratios) * sizes))
+    size = float(ratios[near] * sizes[near])
+    reach = max(abs(knob.upper - present), abs(knob.lower - present))
+    return DetectionLimit(
+        effect.name, knob.key, size if size <= reach else np.inf, _unit(plant, knob)
+    )

@@ -1,0 +1,41 @@
+"""Twins: records that a rig exactly like the model would have made on the same course."""
+
+from typing import Final
+
+from estimator.gap.prediction import Fitter, Values
+
+FEW: Final = 2
+"""Twins that effects are looked for in."""
+
+
+class Twins:
+    """Twins of a fitter's records; those of the values asked for last are kept.
+
+    Args:
+        fitter: of the records.
+        seed: of their sensors' noise.
+    """
+
+    def __init__(self, fitter: Fitter, seed: int) -> None:
+        self.fitter, self._seed = fitter, seed
+        self._twins: dict[tuple[float, ...], list[Fitter]] = {}
+
+    def of(self, values: Values, count: int = FEW) -> list[Fitter]:
+        """Return fitters of records that a rig exactly like the model would have made."""
+        key = tuple(values.values())
+        if key not in self._twins:
+            self._twins.clear()
+        made = self._twins.setdefault(key, [])
+        predictor, pool = self.fitter.predictor, self.fitter.pool
+        for twin in range(len(made), count):
+            numbers = range(len(self.fitter.records))
+            records = pool.map(
+                lambda index, first=self._seed + 1000 * twin: predictor.twin(
+                    self.fitter.records[index], values, first + index
+                ),
+                numbers,
+            )
+            fitter = Fitter(predictor, list(records), pool)
+            fitter.refresh(values)
+            made.append(fitter)
+        return made[:count]

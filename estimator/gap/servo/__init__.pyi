@@ -1,0 +1,1 @@
+from .actuator import servo_actuator as servo_actuator

@@ -1,0 +1,330 @@
+"""The rig's own plant as the workflow sees it: `rig.plant`, its transducers and its effects."""
+
+from collections.abc import Mapping
+from math import exp
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from estimator.gap.plant import (
+    DRIVE,
+    READ,
+    REMEMBER,
+    STEP,
+    Array,
+    Equation,
+    Output,
+    Parameter,
+    Plant,
+    Region,
+    State,
+    smoothed,
+)
+from rig.plant import (
+    DATA_SHEET,
+    LITRE_PER_MINUTE,
+    NO_FAULT,
+    PATH_SIZE,
+    SUBSTEPS,
+    TICK,
+    TRANSDUCERS_SIZE,
+    Model,
+    Parameters,
+    SensorParameters,
+    chamber_volumes,
+    command_path,
+    drive,
+    follow,
+    quantities,
+    reading_means,
+    seen_position,
+    total_mass,
+    transducers,
+)
+
+from .effects import EFFECTS, NOT_TOLD_APART, nuisances
+from .lanes import IN_LANES
+from .memory import (
+    BEHIND,
+    COMMAND,
+    CORRECTED,
+    MEMORY,
+    NEXT,
+    PATH,
+    REMEMBERED,
+    SEEN,
+    SEEN_1,
+    SEEN_2,
+    parameters_of,
+)
+from .terms import held_terms, hold_terms
+
+STATES: Final = (
+    "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
+    "friction_state", "supply_pressure", "return_pressure", "seen_pressure_1", "seen_pressure_2",
+)  # fmt: skip
+"""Those of the rig, and both pressures behind the lag of their transducers."""
+_FAULT: Final = tuple(NO_FAULT)
+
+
+@njit(DRIVE, cache=True, error_model="numpy")
+def _drive(inputs, memory, parameters):
+    memory[COMMAND] = inputs[0]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _lagging(seen, before, pressure, par):
+    """Return a pressure in Pa behind its lag, one tick later (`rig.plant.transducer_effects`)."""
+    lag = par.pressure_lag
+    if lag == 0.0:
+        return pressure
+    after = max(pressure, 0.0)
+    behind = (after - before) * (lag / TICK)
+    return after - behind + exp(-TICK / lag) * (seen - before + behind)
+
+
+@njit(STEP, cache=True, error_model="numpy")
+def _step(state, memory, parameters):
+    path = memory[NEXT : NEXT + PATH_SIZE]
+    path[:] = memory[PATH : PATH + PATH_SIZE]
+    par = parameters_of(parameters)
+    before_1, before_2 = max(state[2], 0.0), max(state[3], 0.0)
+    drive(state, path, memory[COMMAND], par, _FAULT, SUBSTEPS)
+    state[SEEN_1] = _lagging(state[SEEN_1], before_1, state[2], par)
+    state[SEEN_2] = _lagging(state[SEEN_2], before_2, state[3], par)
+
+
+@njit(REMEMBER, cache=True, error_model="numpy")
+def _remember(before, state, memory, parameters):
+    """Keep how far the encoder is behind the ram: that much less is read of its position.
+
+    A late reading corrects where the ram was as much as where it is: with a history left as it was,
+    the same error would be corrected again at each sample until the delay is over, and a filter
+    with a delay of many samples would not be stable.
+    """
+    par = parameters_of(parameters)
+    memory[PATH : PATH + PATH_SIZE] = memory[NEXT : NEXT + PATH_SIZE]
+    seen = memory[SEEN : SEEN + TRANSDUCERS_SIZE]
+    position = state[4]
+    if par.position_delay != 0.0:
+        memory[CORRECTED] += before[4] - memory[REMEMBERED]
+        memory[REMEMBERED] = position
+        state[4] = position - memory[CORRECTED]
+    follow(seen, state, par)
+    memory[BEHIND] = state[4] - seen_position(seen, state[4], par)
+    state[4] = position
+
+
+@njit(READ, cache=True, error_model="numpy")
+def _read(state, memory, parameters, readings):
+    means = reading_means(
+        state[4] - memory[BEHIND],
+        state[SEEN_1],
+        state[SEEN_2],
+        state[0],
+        state[7],
+        parameters_of(parameters),
+    )
+    readings[0], readings[1], readings[2] = means.position, means.pressure_1, means.pressure_2
+    readings[3] = means.spool
+
+
+def _begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
+    """Return the memory (length,) of a rig long in `state` under its first command."""
+    par = Parameters(**{name: values[name] for name in Parameters._fields})
+    memory = np.zeros(MEMORY)
+    memory[PATH:NEXT] = command_path(par, spool=state[0], command=inputs[0, 0], time_s=time_s)
+    memory[SEEN:BEHIND] = transducers(par, state[:SEEN_1])
+    memory[REMEMBERED] = state[4]
+    return memory
+
+
+def _start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple[Array, Array]:
+    """Return state and spread at the first sample: as read, the bristles bent by the load."""
+    mean = np.nanmean(readings, axis=0)
+    p1 = max((mean[1] - values["pressure_1_bias"]) / values["pressure_1_gain"], 0.0)
+    p2 = max((mean[2] - values["pressure_2_bias"]) / values["pressure_2_gain"], 0.0)
+    spool = mean[3] if np.isfinite(mean[3]) else values["valve_gain"] * inputs[0, 0]
+    load = values["piston_area"] * (p1 - p2) - values["constant_force"]
+    bend = np.clip(load, -values["stiction"], values["stiction"]) / values["bristle_stiffness"]
+    state = np.array(
+        [spool, 0.0, p1, p2, readings[0, 0] / values["position_gain"], 0.0, bend,
+         values["supply_pressure"], values["return_pressure"], p1, p2]
+    )  # fmt: skip
+    spread = np.array(
+        [1e-6, 1e-3, 3e4, 3e4, 1e-5, 1e-2, values["stiction"] / values["bristle_stiffness"] / 4.0,
+         1.0, 1.0, 3e4, 3e4]
+    )  # fmt: skip
+    return state, spread
+
+
+def _shares(values: Mapping[str, float]) -> Array:
+    """Return how much of its gains the filter uses (outputs, states): less of late positions.
+
+    They tell where the ram was. An error of that is one of where it is; errors of velocity and
+    pressures are those of the ram on its oil, over in a time of 1 / sqrt(4 b A^2 / (V m)) of that
+    mode (Merritt 1967, ch. 6), with the volume V of both chambers.
+    """
+    par = Parameters(**{name: values[name] for name in Parameters._fields})
+    volume = sum(chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par))
+    spring = 4.0 * par.bulk_modulus * par.piston_area**2 / volume
+    shares = np.ones((4, len(STATES)))
+    shares[0] = exp(-par.position_delay * (spring / total_mass(par)) ** 0.5)
+    shares[0, 4] = 1.0
+    return shares
+
+
+_ON_STOP: Final = 2e-4
+"""m. So near a stop a ram at 0.2 m/s meets it within the sample."""
+_EMPTY: Final = 1.5e5
+"""Pa. A chamber that reads less, on the mean of some samples, may be empty."""
+
+
+def _violent(readings: Array, values: Mapping[str, float]) -> NDArray[np.bool_]:
+    """Return where the ram is on a stop or a chamber empty (n,)."""
+    position = readings[:, 0] / values["position_gain"]
+    low = max(values["stroke_min"], values["stop_low"])
+    high = min(values["stroke_max"], values["stop_high"])
+    found = (position < low + _ON_STOP) | (position > high - _ON_STOP)
+    for chamber in (1, 2):
+        bias = values[f"pressure_{chamber}_bias"]
+        found |= smoothed(readings[:, chamber]) - bias < _EMPTY
+    return np.asarray(found)
+
+
+_MOVING: Final = 1e-3
+"""m/s, below which the ram counts as standing."""
+
+
+def _direction(velocity: Array) -> Array:
+    """Return 1 extending, -1 retracting, 0 standing (n,)."""
+    return np.where(np.abs(velocity) < _MOVING, 0.0, np.sign(velocity))
+
+
+_MPA: Final = ("MPa", 1e-6)
+_LITRES: Final = ("L/min", 1.0 / LITRE_PER_MINUTE)
+
+REGIONS: Final = {
+    region.name: region
+    for region in (
+        Region("velocity", "m/s", lambda x, u: x[:, 5], ("mm/s", 1e3), "v"),
+        Region("position", "m", lambda x, u: x[:, 4], ("mm", 1e3), "x", True),
+        Region("spool opening", "m", lambda x, u: x[:, 0], ("um", 1e6), "x_sp"),
+        Region("pressure 1", "Pa", lambda x, u: x[:, 2], _MPA, "p1"),
+        Region("pressure 2", "Pa", lambda x, u: x[:, 3], _MPA, "p2"),
+        Region("pressure difference", "Pa", lambda x, u: x[:, 2] - x[:, 3], _MPA, "(p1 - p2)"),
+        Region("direction", "", lambda x, u: _direction(x[:, 5]), ("", 1.0), "sgn(v)"),
+        Region("command", "V", lambda x, u: u[:, 0], ("V", 1.0), "u"),
+    )
+}
+
+
+def _chamber_rate(states: Array, values: Mapping[str, float], chamber: int) -> Array:
+    par = Parameters(**{name: values[name] for name in Parameters._fields})
+    volumes = chamber_volumes(states[:, 4], par)
+    return np.asarray(par.bulk_modulus * TICK / volumes[chamber])
+
+
+def _leak_rate(states: Array, values: Mapping[str, float], chamber: int) -> Array:
+    """Return the change of a chamber's pressure by an opening to the other (eqs. 5.1, 5.2)."""
+    difference = states[:, 2] - states[:, 3]
+    flow = np.sign(difference) * np.sqrt(np.abs(difference))
+    return (flow if chamber else -flow) * _chamber_rate(states, values, chamber)
+
+
+def _force_rate(states: Array, values: Mapping[str, float]) -> Array:
+    mass = values["moving_mass"] + values["payload_mass"]
+    return np.full(len(states), -TICK / mass)
+
+
+def _spool_rate(states: Array, values: Mapping[str, float]) -> Array:
+    return np.full(len(states), values["valve_natural_frequency"] ** 2 * TICK)
+
+
+EQUATIONS: Final = (
+    Equation(
+        "force balance", "N", 5, _force_rate, ("N", 1.0),
+        ("velocity", "position", "pressure difference", "pressure 1", "direction"),
+    ),
+    Equation(
+        "flow, chamber 1", "m^3/s", 2, lambda x, v: _chamber_rate(x, v, 0), _LITRES,
+        ("spool opening", "pressure 1", "velocity", "position"),
+    ),
+    Equation(
+        "flow, chamber 2", "m^3/s", 3, lambda x, v: _chamber_rate(x, v, 1), _LITRES,
+        ("spool opening", "pressure 2", "velocity", "position"),
+    ),
+    # An opening rather than a flow: what leaks at one place of the stroke turns with the pressures.
+    Equation(
+        "leak across the piston", "m^3/(s Pa^0.5)", 2, lambda x, v: _leak_rate(x, v, 0),
+        ("L/min/MPa^0.5", 1e3 / LITRE_PER_MINUTE), ("position", "pressure difference"),
+        ((3, lambda x, v: _leak_rate(x, v, 1)),),
+    ),
+    Equation("spool", "m", 1, _spool_rate, ("um", 1e6), ("command", "spool opening")),
+)  # fmt: skip
+
+
+def _states(par: Parameters) -> tuple[State, ...]:
+    """Return the states and the filter's stated model error (docs/gap.md)."""
+    middle = par.line_volume_1 + 0.5 * par.piston_area * (par.stroke_max - par.stroke_min)
+    flow_error = 0.07 * LITRE_PER_MINUTE * par.bulk_modulus / middle * TICK
+    return (
+        State("spool", "m", 1e-7, 1e-9),
+        State("spool velocity", "m/s", 1e-4, 3e-4),
+        State("pressure 1", "Pa", 1e3, flow_error),
+        State("pressure 2", "Pa", 1e3, flow_error),
+        State("position", "m", 1e-6, 1e-9),
+        State("velocity", "m/s", 1e-5, 20.0 * TICK / par.moving_mass),
+        State("bristle deflection", "m", 1e-7, 0.0),
+        State("supply pressure", "Pa", 1e3, 0.0),
+        State("return pressure", "Pa", 1e3, 0.0),
+        State("pressure 1 behind its lag", "Pa", 1e3, 0.0),
+        State("pressure 2 behind its lag", "Pa", 1e3, 0.0),
+    )
+
+
+def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plant:
+    """Return the rig with a model as the workflow sees it."""
+    known = quantities()
+    return Plant(
+        name=model.name,
+        states=_states(model.parameters),
+        inputs=("command_V",),
+        outputs=(
+            Output("position_m", "m", 1e-7, sensors.position_resolution, shown=("um", 1e6),
+                   of=("position", "velocity", "direction")),
+            Output("pressure_1_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
+                   sensors.pressure_max, ("kPa", 1e-3), ("pressure 1", "velocity")),
+            Output("pressure_2_Pa", "Pa", sensors.pressure_noise, 0.0, sensors.pressure_min,
+                   sensors.pressure_max, ("kPa", 1e-3), ("pressure 2", "velocity")),
+            Output("spool_m", "m", sensors.spool_noise, 0.0, -sensors.spool_range,
+                   sensors.spool_range, ("um", 1e6), ("spool opening",)),
+        ),
+        parameters=tuple(
+            Parameter(name, known[name].unit, known[name].lower, known[name].upper)
+            if name in known
+            else Parameter(name, "", -np.inf, np.inf, 0.0)
+            for name in Parameters._fields
+        ),
+        nominal=model.parameters._asdict(),
+        step=_step,
+        read=_read,
+        start=_start,
+        effects=EFFECTS,
+        nuisances=nuisances(model.parameters),
+        equations=EQUATIONS,
+        regions=REGIONS,
+        steering=((0, 0, 200.0),),
+        drive=_drive,
+        remember=_remember,
+        begin=_begin,
+        violent=_violent,
+        shares=_shares,
+        memories=("position_delay", "position_backlash"),
+        not_told_apart=NOT_TOLD_APART,
+        hold_terms=hold_terms,
+        held_terms=held_terms,
+        in_lanes=IN_LANES,
+    )  # fmt: skip

@@ -1,0 +1,171 @@
+"""Where fits of some effects start: read from the motion and from what it left unexplained."""
+
+from collections.abc import Mapping, Sequence
+from math import pi
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import Array, Trace
+from rig.plant import TICK
+
+Starts = tuple[Mapping[str, float], ...]
+
+_SPOOL, _SPOOL_VELOCITY, _PRESSURES, _POSITION, _SUPPLY = 0, 1, (2, 3), 4, 7
+"""States that proposals look at."""
+_PRESSURE_READINGS: Final = (1, 2)
+
+_STIFFNESS: Final = 1e4
+"""N/m of springs that are tried: the force is in proportion, and a fit finds the proportion."""
+_NEAR_STOP: Final = 6e-3
+"""m from the farthest position: within these a stop of 2 MN/m has given way to all the pistons'
+force."""
+_CONTACTS: Final = 5e-5
+"""m between places that are tried for a contact."""
+_RISES: Final = 300.0
+"""N by which a force has to grow towards the farthest position to look like a stop."""
+_STIFFER: Final = (0.6, 1.0, 1.8)
+"""Times the stiffness that the force's growth shows: friction blurs it."""
+_RIPPLE: Final = 3e4
+"""Pa: a ripple as large as the noise of a reading."""
+_SLOWEST, _FASTEST = 5.0, 400.0
+"""Hz, of a pump's ripple."""
+_FINER: Final = 4
+"""Times finer than the resolution of the longest recording, so that a phase keeps to its end."""
+_LATEST: Final = 20
+"""Ticks that a position may be late by."""
+_MOVED: Final = 20
+"""Ticks over which a motion is compared: many counts of the encoder at any usual speed."""
+_BAND: Final = 20.0
+"""Hz. A line whose reach comes and goes with the opening spreads over some Hz."""
+_OVER_NOISE: Final = 20.0
+"""Of a line in a spectrum over its median; the highest of 1e5 chance lines is at 17."""
+
+
+def propose_spring(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
+    """Return springs that the ram meets at places spread over its motion."""
+    position = np.concatenate([trace.states[:, _POSITION] for trace in traces])
+    places = np.quantile(position, (0.02, 0.25, 0.5, 0.75, 0.9))
+    return tuple({"stiffness": _STIFFNESS, "contact": float(place)} for place in places)
+
+
+def propose_end_stop(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
+    """Return stops where the pistons' force begins to grow towards the farthest positions."""
+    area = values["piston_area"]
+    # As read: on a stop that the model has not, the filter's states are of no use.
+    readings = np.concatenate([trace.readings for trace in traces])
+    position = readings[:, 0] / values["position_gain"]
+    p1, p2 = (
+        (readings[:, i] - values[f"pressure_{i}_bias"]) / values[f"pressure_{i}_gain"]
+        for i in _PRESSURE_READINGS
+    )
+    starts: list[Mapping[str, float]] = []
+    for key, sign in (("low", -1.0), ("high", 1.0)):
+        contact = _contact(sign * position, sign * area * (p1 - p2))
+        if contact is not None:
+            place, stiffness = contact
+            starts += [
+                {"stiffness": float(np.clip(share * stiffness, 1e6, 6e7)), key: sign * place}
+                for share in _STIFFER
+            ]
+    return tuple(starts)
+
+
+def _contact(depth: Array, force: Array) -> tuple[float, float] | None:
+    """Return where a force (n,) begins to grow with the depth (n,), and how steeply.
+
+    The hinge f + K max(0, depth - c) that comes nearest to the force by least squares, over places
+    c; None if the force does not grow.
+    """
+    near = depth > depth.max() - _NEAR_STOP
+    depth, force = depth[near], force[near]
+    best: tuple[float, float, float] | None = None
+    for place in np.arange(depth.max() - _NEAR_STOP, depth.max() - _CONTACTS, _CONTACTS):
+        into = np.maximum(depth - place, 0.0)
+        away, level = into - into.mean(), force - force.mean()
+        spread = float(away @ away)
+        slope = float(away @ level) / max(spread, 1e-300)
+        rest = float(level @ level) - slope * slope * spread
+        if slope * into.max() > _RISES and (best is None or rest < best[0]):
+            best = (rest, float(place), slope)
+    return None if best is None else (best[1], best[2])
+
+
+def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
+    """Return limits just below the spool's greatest speeds: one that acts is hardly passed."""
+    speed = np.abs(np.concatenate([trace.states[:, _SPOOL_VELOCITY] for trace in traces]))
+    return tuple(
+        {"value": max(float(limit), 5e-3)}
+        for limit in (0.95 * np.quantile(speed, 0.999), 0.5 * np.quantile(speed, 0.999))
+    )
+
+
+def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
+    """Return the time by which the encoder follows what the valve's oil makes the ram do.
+
+    Of all delays the one at which K_1 y sqrt(p_s - sgn(y) p_L) + K_2 dp_L/dt, the flow of a valve
+    into compressible oil (Merritt 1967, ch. 6), is the nearest to the speed as read, whatever K_1
+    and K_2 are; p_L is the load pressure p_1 - p_2 as read.
+    """
+    left = np.ones(_LATEST + 1)
+    for trace in traces:
+        position, p1, p2, spool = trace.readings.T[:4]
+        load, opening = p1 - p2, spool + values["spool_null_bias"]
+        drop = np.maximum(values["supply_pressure"] - np.sign(opening) * load, 0.0)
+        oil = np.cumsum(opening * np.sqrt(drop))
+        moves = np.column_stack([each[_MOVED:] - each[:-_MOVED] for each in (oil, load)])
+        largest = np.abs(moves).max(0)
+        if not (np.isfinite(largest) & (largest > 0.0)).all():
+            continue
+        moves = np.column_stack([moves / largest, np.ones(len(moves))])
+        moved = position[_MOVED:] - position[:-_MOVED]
+        for late in range(_LATEST + 1):
+            # The same stretch for every delay.
+            known, wanted = moves[: len(moves) - _LATEST], moved[late : len(moved) - _LATEST + late]
+            fitted = np.linalg.lstsq(known, wanted, rcond=None)
+            left[late] += float(fitted[1].sum())
+    best = int(left[1:-1].argmin()) + 1
+    before, at, after = left[best - 1 : best + 2]
+    curved = before - 2.0 * at + after
+    delay = best + (0.5 * (before - after) / curved if curved > 0.0 else 0.0)
+    return ({"value": float(np.clip(delay, 0.0, _LATEST)) * TICK},)
+
+
+def _unexplained(trace: Trace, values: Mapping[str, float]) -> Array:
+    """Return what of pressures (n,) is unexplained, by how much of the supply reaches chambers."""
+    opening = trace.states[:, _SPOOL] + values["spool_null_bias"]
+    total = np.zeros(len(opening))
+    for sign, state, reading in zip((1.0, -1.0), _PRESSURES, _PRESSURE_READINGS, strict=True):
+        drop = np.abs(trace.states[:, _SUPPLY] - trace.states[:, state])
+        # Slope of the flow by the supply pressure, eq. 2.1.
+        reach = np.maximum(sign * opening, 0.0) / np.sqrt(np.maximum(drop, 1e5))
+        total += reach * np.clip(trace.innovations[:, reading], -5.0, 5.0)
+    return np.asarray(total / max(float(np.std(total)), 1e-300))
+
+
+def propose_ripple(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
+    """Return ripples at the strongest line of what the pressures leave unexplained, if any.
+
+    The pump's phase is taken to be the same at the first sample of every recording.
+    """
+    length = _FINER * max(len(trace.inputs) for trace in traces)
+    spectrum = sum(np.fft.rfft(_unexplained(trace, values), length) for trace in traces)
+    power = np.abs(np.asarray(spectrum)) ** 2
+    frequency = np.fft.rfftfreq(length, TICK)
+    band = (frequency >= _SLOWEST) & (frequency <= _FASTEST)
+    # Against the lines around: other effects raise whole bands.
+    wide = max(int(_BAND / (frequency[1] - frequency[0])), 1)
+    levels = np.array([np.median(part) for part in np.array_split(power, len(power) // wide or 1)])
+    around = np.interp(np.arange(len(power)), (np.arange(len(levels)) + 0.5) * wide, levels)
+    ratio = np.where(band, power / np.maximum(around, 1e-300), 0.0)
+    best = int(ratio.argmax())
+    if ratio[best] < _OVER_NOISE:
+        return ()
+    return tuple(
+        {
+            "amplitude": values["supply_ripple"] or _RIPPLE,
+            "frequency": float(frequency[best]),
+            "phase": phase,
+        }
+        for phase in (0.0, 0.5 * pi, pi, 1.5 * pi)
+    )

@@ -1,0 +1,3 @@
+from .judging import NOWHERE as NOWHERE, SURE as SURE
+from .keeping import growth as growth, take_back as take_back, why_worse as why_worse
+from .workflow import find_gap as find_gap

@@ -1,0 +1,170 @@
+"""Whether a model that was fitted is kept: it must not predict worse than the model as given.
+
+What is compared are predictions over the horizon, those that the gap is told in. A refit claims
+nothing, so that it must not raise the gap held out at all. A name has evidence of its own, and a
+motion held out that hardly shows it may raise the gap by a trifle. Names fall if errors grow by
+more than chance.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimator.gap.plant import Array, Plant, Record
+from estimator.gap.prediction import (
+    GapResult,
+    Predictor,
+    Values,
+    Variable,
+    filtered_errors,
+    mean_squares,
+    slices_of,
+)
+
+from .judging import PINNED, SURE
+
+TRIFLE: Final = 0.1
+"""Noise variances of growth that are not worth a name: ten times what matters to a prediction."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """By how much squared errors over the horizon are larger with one model than with another.
+
+    Attributes:
+        mean: over half-second blocks and channels, in noise variances; infinite where the one
+            predicts nothing finite and the other does.
+        error: its standard error, by the scatter of the blocks.
+    """
+
+    mean: float
+    error: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether the errors have grown by more than a trifle, and by more than chance."""
+        return self.mean > max(TRIFLE, SURE * self.error)
+
+
+def growth(
+    predictor: Predictor, records: Sequence[Record], given: Values, fitted: Values,
+    pool: ThreadPoolExecutor,
+) -> Growth:  # fmt: skip
+    """Return how squared errors over the horizon grow from the model as given to one fitted.
+
+    Each model filters the records with gains of its own.
+    """
+    variances = np.array([output.variance for output in predictor.plant.outputs])
+
+    def squares(task: tuple[Record, Values]) -> Array:
+        record, values = task
+        errors, _ = filtered_errors(predictor, record.unfiltered(), values)
+        blocks = slices_of(record, predictor.plant.period)
+        return np.array([mean_squares(errors[block]) for block in blocks]) / variances
+
+    tasks = [(record, values) for values in (given, fitted) for record in records]
+    found = list(pool.map(squares, tasks))
+    before, after = (
+        np.concatenate(part) for part in (found[: len(records)], found[len(records) :])
+    )
+    known = np.isfinite(before)
+    if not np.isfinite(after[known]).all():
+        return Growth(np.inf, 0.0)
+    known &= np.isfinite(after)
+    changes = np.where(known, after, 0.0) - np.where(known, before, 0.0)
+    used = known.any(axis=1)
+    of_blocks = changes[used].sum(axis=1) / known[used].sum(axis=1)
+    if len(of_blocks) < 2:
+        return Growth(0.0, 0.0)
+    return Growth(float(of_blocks.mean()), float(of_blocks.std(ddof=1) / np.sqrt(len(of_blocks))))
+
+
+@dataclass(frozen=True)
+class Worse:
+    """Why a model that was fitted is worse than the one given.
+
+    Attributes:
+        words: by what.
+        beyond_chance: whether it is worse by more than chance; names do not survive that.
+    """
+
+    words: str
+    beyond_chance: bool
+
+
+def why_worse(
+    held_out: Growth, gap: tuple[float, float], fitted_to: Growth | None = None, *, named: bool
+) -> Worse | None:
+    """Return why a model is worse than the one given; None if it is not.
+
+    Args:
+        held_out: growth of its errors on the recordings held out.
+        gap: held out, of the model as given and of this one, above the floor of this one.
+        fitted_to: as `held_out`, on the recordings fitted to.
+        named: whether it has effects that were named: then a trifle does not count.
+    """
+    given, left = gap
+    if held_out.matters or left > given + (TRIFLE if named else 0.0):
+        if not np.isfinite(held_out.mean):
+            return Worse("the recordings held out could not be predicted at all", True)
+        grown = f"by {held_out.mean:.3g} noise variances over the horizon"
+        if left > given:
+            grown = f"{left:.3g} noise variances above the floor instead of {given:.3g}"
+        return Worse(
+            f"the recordings held out would be predicted worse than by the model as given: {grown}",
+            held_out.matters,
+        )
+    if fitted_to is not None and fitted_to.matters:
+        return Worse(
+            "over the horizon even the recordings fitted to would be predicted worse than by the "
+            f"model as given, by {fitted_to.mean:.2g} noise variances",
+            True,
+        )
+    return None
+
+
+def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> None:
+    """Write the model as given, and say why; its gap is to be measured anew.
+
+    Effects that were named stay named where it may be chance that the model with them is worse;
+    else what they explain is unknown.
+
+    Args:
+        result: changed.
+        plant: with the model as given.
+        fitted: what is not written, in words.
+        worse: why.
+    """
+    chance = "" if worse.beyond_chance else ", though it may be by chance"
+    result.reasons.append(f"with {fitted}, {worse.words}{chance}; the model is written as given")
+    if result.effects and worse.beyond_chance:
+        result.verdict, result.effects, result.experiments = "unknown_effect", [], []
+        result.rest, result.explained = result.where, float("nan")
+    result.values, result.names, result.as_given = dict(plant.nominal), (), True
+    result.channels = []
+
+
+def at_an_end(variable: Variable, values: Values) -> bool:
+    """Tell whether a refitted parameter has come to an end of its tolerance."""
+    near = PINNED * (variable.upper - variable.lower)
+    value = values[variable.parameter]
+    return bool(min(value - variable.lower, variable.upper - value) <= near)
+
+
+def ends_in_words(variables: Sequence[Variable], values: Values) -> list[str]:
+    """Return a warning of refitted parameters that have come to an end of their tolerances."""
+    names = [v.parameter for v in variables if not v.key and at_an_end(v, values)]
+    if not names:
+        return []
+    were, end = (
+        ("was", "an end of its tolerance")
+        if len(names) == 1
+        else ("were", "the ends of their tolerances")
+    )
+    return [
+        f"{' and '.join(names)} {were} refitted to {end}: something else is wrong that this makes "
+        "up for in part, or the rig is farther from its model than that"
+    ]

@@ -1,0 +1,88 @@
+"""Adds an unknown disturbance in symbols to the model: refitted, and shown to predict better.
+
+The terms are found on the linearised course, to first order. Here they become parameters of the
+plant, whose filter and simulation then have them, and are fitted together with the nuisances.
+"""
+
+from typing import Final
+
+from estimator.gap.plant import Effect, Plant
+from estimator.gap.prediction import AddedTerm, Estimate, Fitted, Values, effect_variables, freed
+from estimator.gap.search import TIME, Found, Refits
+
+from .unknown import Unknown
+
+EFFECT: Final = "unknown_term"
+_NORMAL_95: Final = 1.96
+_UNITS: Final = {"phase": "rad"}
+
+
+def with_term(refits: Refits, found: Found, unknown: Unknown) -> tuple[AddedTerm | None, list[str]]:
+    """Return an unknown disturbance as the model holds it, and what is to be said of it, in words.
+
+    Args:
+        refits: of the records.
+        found: with nuisances refitted, and no more.
+        unknown: to first order.
+    """
+    plant = refits.plant
+    if plant.hold_terms is None or plant.held_terms is None:
+        return None, ["the model of this plant cannot hold terms in symbols: none was added"]
+    held = plant.hold_terms(
+        unknown.place.name, unknown.terms, unknown.coefficients, found.refitted.values
+    )
+    said = [
+        f"the term {unknown.terms_text(plant)[index]} cannot be added to the model: {why}"
+        for index, why in held.refused
+    ]
+    if not held.values:
+        return None, said
+    effect = Effect(EFFECT, unknown.text(plant), unknown.place.name, held.knobs)
+    variables = freed(refits.nuisances, effect)
+    fitter = refits.fitter
+    fitter.refresh(found.refitted.values)
+    before = found.refitted
+    values = {name: float(held.values[name]) for name in before.values}
+    fitted = refits.settled(Fitted(values, fitter.costs(values)), variables)
+    if not fitted.cost < before.cost:
+        fitter.refresh(before.values)
+        return None, [*said, "refitted in the model it predicts no better: it was not added"]
+    columns = fitter.columns(fitted.values, variables)
+    names = [column.name for column in columns]
+    linear = fitter.linearise(fitted.values, columns)
+    errors = linear.errors(names, linear.solve(names)[0])
+    own = effect_variables(effect)
+    estimates = tuple(
+        _estimate(plant, fitted.values, variable.key, variable.parameter, float(error))
+        for variable, error in zip(variables, errors, strict=True)
+        if variable in own
+    )
+    excess = [cost / found.samples - found.floor for cost in (before.cost, fitted.cost)]
+    explained = 1.0 - excess[1] / excess[0] if excess[0] > 0.0 else float("nan")
+    fitter.refresh(before.values)
+    text = terms_in_words(plant, fitted.values)
+    return AddedTerm(unknown.place.name, text, estimates, dict(fitted.values), explained), said
+
+
+def terms_in_words(plant: Plant, values: Values) -> str:
+    """Return the terms that values of all parameters hold, in symbols with units."""
+    assert plant.held_terms is not None
+    place, terms = plant.held_terms(values)
+    regions = {**plant.regions, TIME.name: TIME}
+    unit = next(equation.unit for equation in plant.equations if equation.name == place)
+    return " ".join(term.text(own, unit, regions) for term, own in terms)
+
+
+def _estimate(plant: Plant, values: Values, key: str, parameter: str, error: float) -> Estimate:
+    value, reach = values[parameter], _NORMAL_95 * error
+    assert plant.held_terms is not None
+    place, terms = plant.held_terms(values)
+    regions = {**plant.regions, TIME.name: TIME}
+    term, _ = terms[int(key.split("_")[1]) - 1]
+    part = key.split("_")[2]
+    if part == "size":
+        unit = next(equation.unit for equation in plant.equations if equation.name == place)
+        unit = term.unit(unit, regions)
+    else:
+        unit = _UNITS.get(part) or regions[term.region].unit
+    return Estimate(key, parameter, value, value - reach, value + reach, unit, 0.0)

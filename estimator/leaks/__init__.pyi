@@ -1,0 +1,42 @@
+from .baseline import (
+    Baseline as Baseline,
+    BaselineError as BaselineError,
+    learn_baseline as learn_baseline,
+)
+from .baseline_file import (
+    baseline_of as baseline_of,
+    content_of as content_of,
+    load_baseline as load_baseline,
+    write_baseline as write_baseline,
+)
+from .confirmation import CONFIRMED_AFTER_S as CONFIRMED_AFTER_S
+from .detection import (
+    LEAKS as LEAKS,
+    SETTLED_AFTER_S as SETTLED_AFTER_S,
+    Decision as Decision,
+    Detector as Detector,
+    OilAccountDetector as OilAccountDetector,
+    Samples as Samples,
+    is_of as is_of,
+    leak_flow as leak_flow,
+)
+from .found import Found as Found, found_in as found_in
+from .pattern import (
+    LEARNING_S as LEARNING_S,
+    PATTERNS as PATTERNS,
+    STARTED_S as STARTED_S,
+    HealthyLevel as HealthyLevel,
+    PatternBaseline as PatternBaseline,
+    PatternDetector as PatternDetector,
+    learn_pattern as learn_pattern,
+    pattern_of as pattern_of,
+)
+from .replaying import (
+    DetectorFactory as DetectorFactory,
+    detector_for as detector_for,
+    filter_recording as filter_recording,
+    first_held as first_held,
+    judged as judged,
+    replay as replay,
+    samples_of as samples_of,
+)

@@ -1,0 +1,127 @@
+"""What a detector may assume of one rig, learnt from healthy recordings of it.
+
+For the default detector that is what the recordings say of the nuisances (null bias, valve edges,
+pressures, oil), so that a leak that is there from the first sample is told from them. For the
+thesis filters it is the healthy level of the innovations' moving averages.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.accounts import DRIFT, NUISANCES, NuisanceBelief
+from estimator.filters import DEFAULT_FILTER, FILTERS
+from rig.plant import Model
+from rig.recording import Recording
+
+from .detection import Decision, Detector, OilAccountDetector, draw_up
+from .leak_test import LeakTest
+from .oil_account import OilAccount
+from .pattern import STARTED_S, HealthyLevel, PatternDetector, healthy_level
+from .replaying import filter_recording, replay, samples_of
+
+Array = NDArray[np.float64]
+
+PATTERN_FILTERS: Final = tuple(name for name in FILTERS if name != DEFAULT_FILTER)
+"""Filters whose detector takes levels of innovations."""
+LEVEL: Final = 100.0
+"""False alarms a day at which recordings are checked for leaks before they may be a baseline: a
+recording is minutes long, so that one in ten days' worth of them would be refused without cause."""
+
+
+GREATEST_SEAL_LEAKAGE: Final = 4.0
+"""Tolerances: a seal that lets more through is leaking, however long it has been (a sound one does
+so by chance once in 30 000)."""
+
+
+class BaselineError(ValueError):
+    """A baseline cannot be learnt or read; `problems` lists why, one line each."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = list(problems)
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What healthy recordings of a rig say of it.
+
+    Attributes:
+        nuisances: mean and covariance, in units of each nuisance's tolerance; drift included.
+        levels: healthy level of the innovations of both pressures, by thesis filter.
+        recordings: content hashes of the recordings, by name.
+        model: name of the model that was assumed.
+        model_error: factor on what the detector allows for errors of the model beside this rig.
+    """
+
+    nuisances: NuisanceBelief
+    levels: Mapping[str, HealthyLevel]
+    recordings: Mapping[str, str] = field(default_factory=dict)
+    model: str = ""
+    model_error: float = 1.0
+
+    def detector(self, filter_name: str, model: Model, false_alarms_per_day: float) -> Detector:
+        """Return a filter's detector that assumes this baseline."""
+        if filter_name == DEFAULT_FILTER:
+            return OilAccountDetector(model, false_alarms_per_day, self.nuisances, self.model_error)
+        level = self.levels[filter_name]
+        return PatternDetector(false_alarms_per_day, level.baseline(false_alarms_per_day))
+
+
+def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
+    """Learn a baseline from healthy recordings of one rig.
+
+    Raises:
+        BaselineError: there is no recording, one does not look healthy, or they all have a fault.
+    """
+    if not recordings:
+        raise BaselineError(["baseline: no recording; give healthy recordings of the rig"])
+    test = LeakTest(LEVEL)
+    innovations: dict[str, list[Array]] = {name: [] for name in PATTERN_FILTERS}
+    problems = []
+    for recording in recordings:
+        result = replay(recording, model, false_alarms_per_day=LEVEL)
+        if result.decision.verdict != "healthy":
+            problems.append(_not_healthy(recording.source, result.decision))
+        account = OilAccount(model.parameters, test)
+        for _ in draw_up(account, samples_of(recording), result.run):
+            pass
+        for name, series in innovations.items():
+            run = filter_recording(recording, model, name)
+            started = run.time_s - run.time_s[0] > STARTED_S
+            series.append(run.innovation[started, 1:3])
+    if problems:
+        raise BaselineError(problems)
+    learnt = test.nuisances()
+    if problems := list(_always_leaking(learnt.mean)):
+        raise BaselineError(problems)
+    drift = DRIFT**2 * np.eye(len(NUISANCES))
+    return Baseline(
+        NuisanceBelief(learnt.mean, learnt.covariance + drift),
+        {name: healthy_level(series) for name, series in innovations.items()},
+        {recording.source: recording.content_hash() for recording in recordings},
+        model.name,
+    )
+
+
+def _not_healthy(source: str, decision: Decision) -> str:
+    remedy = "leave it out, or find the fault first"
+    if decision.suspected is not None:
+        remedy = f"{decision.suspected} is likely: find the leak, or record for longer"
+    elif decision.verdict == "inconclusive":
+        remedy = "record a motion of centimetres for some 20 s"
+    return f"{source}: the recording is {decision.verdict}, a baseline needs healthy ones; {remedy}"
+
+
+def _always_leaking(mean: Array) -> Iterator[str]:
+    """Yield a problem for each seal past which more leaks than a healthy rig's lets through."""
+    for nuisance, value in zip(NUISANCES, mean, strict=True):
+        if nuisance.name.startswith("seal_leakage") and value > GREATEST_SEAL_LEAKAGE:
+            yield (
+                f"baseline: {nuisance.name}: the recordings say {nuisance.sigma * value:.2g} "
+                f"{nuisance.unit}, {value:.1f} times its tolerance (at most "
+                f"{GREATEST_SEAL_LEAKAGE:g}); they leak from the first sample on: find the leak"
+            )

@@ -1,0 +1,118 @@
+"""Baselines as JSON: files that `rig baseline` writes, and what recordings tell of theirs."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from estimator.accounts import NUISANCES, NuisanceBelief, checked_model_error
+
+from .baseline import PATTERN_FILTERS, Baseline, BaselineError
+from .pattern import HealthyLevel
+
+VERSION: Final = 1
+_NAMES: Final = [nuisance.name for nuisance in NUISANCES]
+
+
+def content_of(baseline: Baseline) -> dict[str, Any]:
+    """Return a baseline as JSON holds it, in SI; `baseline_of` makes the same of it again."""
+    belief = baseline.nuisances
+    deviations = np.sqrt(np.diag(belief.covariance))
+    return {
+        "baseline_version": VERSION,
+        "model": baseline.model,
+        "model_error": baseline.model_error,
+        "recordings": dict(baseline.recordings),
+        "nuisances": {
+            nuisance.name: {
+                "unit": nuisance.unit,
+                "value": nuisance.sigma * float(mean),
+                "deviation": nuisance.sigma * float(deviation),
+            }
+            for nuisance, mean, deviation in zip(NUISANCES, belief.mean, deviations, strict=True)
+        },
+        "tolerance_mean": belief.mean.tolist(),
+        "tolerance_covariance": belief.covariance.tolist(),
+        "innovation_levels_Pa": {
+            name: {
+                "mean": level.mean.tolist(),
+                "deviation": level.deviation.tolist(),
+                "looks": level.looks,
+            }
+            for name, level in baseline.levels.items()
+        },
+    }
+
+
+def baseline_of(content: Mapping[str, Any]) -> Baseline:
+    """Return the baseline in what `content_of` made.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError, numpy.linalg.LinAlgError: it is none of
+            this version.
+    """
+    if content["baseline_version"] != VERSION:
+        raise ValueError(f"its version is {content['baseline_version']}, not {VERSION}")
+    if list(content["nuisances"]) != _NAMES:
+        raise ValueError("it tells of other weaknesses of the model than this version knows")
+    count = len(NUISANCES)
+    belief = NuisanceBelief(
+        np.array(content["tolerance_mean"], dtype=np.float64).reshape(count),
+        np.array(content["tolerance_covariance"], dtype=np.float64).reshape(count, count),
+    )
+    np.linalg.cholesky(belief.covariance)
+    levels = {
+        name: HealthyLevel(
+            np.array(level["mean"], dtype=np.float64).reshape(2),
+            np.array(level["deviation"], dtype=np.float64).reshape(2),
+            int(level["looks"]),
+        )
+        for name, level in content["innovation_levels_Pa"].items()
+    }
+    if set(levels) != set(PATTERN_FILTERS):
+        raise ValueError(f"it has levels of {sorted(levels)}, not {list(PATTERN_FILTERS)}")
+    # Files from before there was this setting do not have it.
+    model_error = checked_model_error(float(content.get("model_error", 1.0)))
+    recordings = dict(content["recordings"])
+    return Baseline(belief, levels, recordings, str(content["model"]), model_error)
+
+
+def write_baseline(baseline: Baseline, path: Path) -> None:
+    """Write a baseline as JSON, whole or not at all."""
+    text = json.dumps(content_of(baseline), indent=1, allow_nan=False)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def load_baseline(path: Path, model: str) -> Baseline:
+    """Read a baseline that `write_baseline` wrote.
+
+    Args:
+        path: the file.
+        model: name of the model beside which the baseline is to be used.
+
+    Raises:
+        BaselineError: there is no such file, it is not a baseline of this version, or it tells what
+            is normal beside another model.
+    """
+    try:
+        baseline = baseline_of(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise BaselineError([f"{path}: {error.strerror}; make one with rig baseline"]) from None
+    except KeyError as error:
+        raise BaselineError([_none(path, f"there is no {error} in it")]) from None
+    except (ValueError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
+        raise BaselineError([_none(path, str(error))]) from None
+    if baseline.model != model:
+        remedy = f"make it anew with rig baseline --model {model}"
+        raise BaselineError(
+            [f"{path}: learnt beside the model {baseline.model}, not {model}; {remedy}"]
+        )
+    return baseline
+
+
+def _none(path: Path, reason: str) -> str:
+    return f"{path}: not a baseline: {reason}; make it anew with rig baseline"

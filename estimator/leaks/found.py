@@ -1,0 +1,75 @@
+"""What was found in the course of a recording: which fault, from when to when, how large."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .confirmation import Hold
+from .detection import Decision, is_of
+
+
+@dataclass(frozen=True)
+class Found:
+    """A fault that a detector named for some time.
+
+    Attributes:
+        decision: on it, as it stood out most.
+        detected_at_s: sample time at which it was first named.
+        ended_s: when it was gone again, to half a second or so; where the accounts do not tell, the
+            last time at which it was named; None while it may be there.
+        confirmed: whether it was named for 5 s, pauses of up to as long aside.
+    """
+
+    decision: Decision
+    detected_at_s: float
+    ended_s: float | None
+    confirmed: bool
+
+    @property
+    def active(self) -> bool:
+        """Whether it may be there still."""
+        return self.ended_s is None
+
+    @property
+    def stays(self) -> bool:
+        """Whether it stays on record: it was confirmed, or is named to the end."""
+        return self.confirmed or self.active
+
+
+@dataclass
+class _Course:
+    """A fault while decisions are looked through."""
+
+    strongest: Decision
+    latest: Decision
+    first_s: float
+    last_s: float
+    hold: Hold
+    confirmed: bool = False
+
+
+def found_in(history: Sequence[tuple[float, Decision]]) -> tuple[Found, ...]:
+    """Return all faults that a detector named, in the order in which it did.
+
+    Args:
+        history: time in s and decision, as of `estimator.leaks.replaying.ReplayResult`.
+    """
+    courses: list[_Course] = []
+    for time_s, decision in history:
+        if not decision.names_a_fault:
+            continue
+        of = next((each for each in reversed(courses) if is_of(decision, each.latest)), None)
+        if of is None:
+            of = _Course(decision, decision, time_s, time_s, Hold())
+            courses.append(of)
+        if decision.statistic > of.strongest.statistic:
+            of.strongest = decision
+        of.latest, of.last_s = decision, time_s
+        of.confirmed |= of.hold.found(time_s)
+    return tuple(_found(each, *history[-1]) for each in courses)
+
+
+def _found(course: _Course, time_s: float, final: Decision) -> Found:
+    ended_s = course.latest.ended_s
+    if ended_s is None and course.latest is not final:
+        ended_s = course.last_s
+    return Found(course.strongest, course.first_s, ended_s, course.confirmed)

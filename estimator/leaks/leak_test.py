@@ -1,0 +1,303 @@
+"""The sequential test for faults in the oil accounts: what is found, at a stated false-alarm rate.
+
+At the end of every block the missing flows of all blocks so far are explained by
+
+    missing = nuisances + coefficient x fault signature from an onset on + noise,
+
+for each fault and each onset (generalised likelihood ratio over the onset, Basseville and Nikiforov
+1993, ch. 7). A fault is claimed for what its flow exceeds a dead zone by, the flow that a wandering
+spool null could feign: that surplus over its standard error follows Student's t. docs/detection.md
+has the formulae.
+"""
+
+from dataclasses import replace
+from math import sqrt
+from typing import Final
+
+import numpy as np
+
+from estimator.accounts import (
+    BLOCK_S,
+    FAULT_COUNT,
+    NUISANCE_COUNT,
+    NUISANCES,
+    RELATIVE_DEAD_ZONE,
+    SUPPLY_LEAKAGE,
+    UNINFORMED,
+    AccountBlock,
+    AccountSums,
+    NuisanceBelief,
+    RecentBlocks,
+    between,
+    checked_model_error,
+    dead_zones,
+    lasting_noise,
+    least_variance,
+    noise_limit,
+    nuisance_index,
+    student_quantile,
+    whitening,
+)
+
+from .fault_scores import WITNESSES, Candidates, score_faults
+from .fault_size import FaultSizes
+from .finding import Finding
+from .growth import LEAST_BLOCKS
+
+MINIMUM_BLOCKS: Final = 16
+"""Before that many nobody is accused, 8 s of motion: their 32 values outnumber the nuisances and a
+fault, so that some are left to tell the noise by."""
+GROWTH_BLOCKS: Final = 8
+"""Blocks, 4 s, from one search for leaks that grow slowly to the next."""
+SHARES: Final = FAULT_COUNT + 1
+"""What shares the stated rate where the supply pressure is measured: the faults, and the test of
+that pressure (`supply_test`)."""
+DIRECTIONS: Final = 2.0
+"""Faults that noise could be taken for, in effect: 0.8 to 1.6 by simulation, rounded up
+(`tools/alarm_threshold.py`)."""
+LEFT_OUT: Final = 0.3
+"""What the statistic is lower by for leaving out the block that speaks most: likewise."""
+RIVAL_GAIN: Final = 20.0
+"""Twice the log likelihood by which a rival cause must win to be preferred: odds of e^10."""
+_NULL_BIAS: Final = nuisance_index("spool_null_bias")
+
+
+class LeakTest:
+    """Tests the blocks it is given, one at a time, at a stated false-alarm rate.
+
+    Time and memory of a test do not grow with the number of blocks (`estimator.accounts.sums`).
+
+    Args:
+        false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
+        expected: what is believed of the nuisances before any block.
+        model_error: factor on what is allowed for errors of the model: the dead zones, noise beyond
+            the sensors' own, noise that lasts, doubts of an account, a null that shifts, a limit
+            as if all looks were independent. 1: what rigs unlike the model were found to need;
+            0: the model is exact.
+
+    Raises:
+        ValueError: the rate is not above 0 and at most 10000, or the factor not within 0 to 10.
+
+    Attributes:
+        sums: the blocks taken.
+        dead_zone: flow in L/min that no fault is claimed for, by fault, float64 (5,).
+        relative_dead_zone: part of a fault's flow that another one beside it must exceed.
+    """
+
+    def __init__(
+        self,
+        false_alarms_per_day: float,
+        expected: NuisanceBelief = UNINFORMED,
+        model_error: float = 1.0,
+    ) -> None:
+        if not 0.0 < false_alarms_per_day <= 1e4:
+            raise ValueError(
+                f"false_alarms_per_day: {false_alarms_per_day} is outside 0 to 10000 per day"
+            )
+        self.false_alarms_per_day = false_alarms_per_day
+        self.model_error = checked_model_error(model_error)
+        self.dead_zone = dead_zones(model_error)
+        self.relative_dead_zone = model_error * RELATIVE_DEAD_ZONE
+        self._least_variance = least_variance(model_error)
+        self.sums = AccountSums()
+        self._expected = expected
+        self._root = np.linalg.cholesky(expected.covariance)
+        self._recent = RecentBlocks()
+        self._kept: frozenset[int] = frozenset()
+        self._growing: Finding | None = None
+        # As of the last block: by the fault (and its onset) beside which others are looked for.
+        self._scored: dict[tuple[int, int] | None, Candidates] = {}
+        self._findings: list[Finding] | None = None
+        self._healthy_noise: float | None = None
+
+    @property
+    def blocks(self) -> int:
+        """How many complete blocks were tested."""
+        return self.sums.blocks
+
+    def threshold(self, freedom: float) -> float:
+        """Return the value of the statistic that a healthy rig exceeds at the stated rate.
+
+        Where the model is exact the rate is shared out over the faults, as many of them as count,
+        and over all onsets (`estimator.accounts.crossings`), less what leaving out a block takes
+        from a statistic. By default it is shared out as if all were independent (Bonferroni's
+        bound, so the true rate is lower).
+        """
+        per_block = self.false_alarms_per_day * BLOCK_S / 86400.0
+        shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
+        looks = shares * max(self.sums.marks, 1)
+        bound = student_quantile(min(per_block / looks, 0.25), freedom)
+        rate = per_block * FAULT_COUNT / shares / DIRECTIONS
+        most = max(self.blocks, MINIMUM_BLOCKS)
+        exact = noise_limit(rate, WITNESSES, most, freedom) - LEFT_OUT
+        return between(exact, bound, self.model_error)
+
+    def limit(self) -> float:
+        """Return what the statistic of a first fault has to exceed as of the last block."""
+        return self.threshold(self.candidates().regression.freedom)
+
+    def add(self, block: AccountBlock) -> None:
+        """Take one more block; incomplete blocks only pass the time."""
+        if not block.complete:
+            return
+        white = whitening(block, self.model_error)
+        nuisances = white @ block.nuisances
+        missing = white @ block.missing - nuisances @ self._expected.mean
+        # A null that shifts may begin like a fault: a fault has to explain more than that.
+        shift = self.model_error * block.nuisances[:, _NULL_BIAS]
+        shapes = white @ np.column_stack([block.faults, shift])
+        rows = missing, nuisances @ self._root, shapes
+        self._recent.add(*rows)
+        self.sums.add(block, rows, self._kept)
+        self._scored.clear()
+        self._findings = self._healthy_noise = None
+
+    def search(self) -> list[Finding]:
+        """Return the faults found in all blocks so far: none, one, or two at once."""
+        if self._findings is None:
+            self._findings = self._search() if self.blocks >= MINIMUM_BLOCKS else []
+            # Onsets stay as sharp as they were found; 4 blocks on, the flow is averaged.
+            self._kept = frozenset(f.onset + k for f in self._findings for k in range(-1, 6))
+        return self._findings
+
+    def _search(self) -> list[Finding]:
+        first = self.best()
+        if first is None:
+            return self._pair() or self._slow()
+        second = self.best(first)
+        if second is not None:
+            return [self.beside(first, second), second]
+        # Two leaks at once may pass for one fault of the lines, which explains both a little.
+        pair = self._pair() if first.fault >= SUPPLY_LEAKAGE else []
+        if pair and self._explained(*pair) > first.likelihood + RIVAL_GAIN:
+            return pair
+        return [first]
+
+    def _explained(self, first: Finding, second: Finding) -> float:
+        """Return the gain in twice the log likelihood of two faults together."""
+        alone = self.candidates().gain[self.mark(first), first.fault]
+        return float(alone) + second.likelihood
+
+    def _pair(self) -> list[Finding]:
+        """Return two faults neither of which stands out while the other passes for noise."""
+        pairs = []
+        for likely in self.likely():
+            second = self.best(likely)
+            first = None if second is None else self.best(second)
+            if first is not None and second is not None:
+                pairs.append([first, second])
+        return max(pairs, key=lambda pair: sum(f.likelihood for f in pair), default=[])
+
+    def _slow(self) -> list[Finding]:
+        """Return a leak that grows over minutes; looked for at some blocks, held in between."""
+        if self.blocks >= LEAST_BLOCKS and self.blocks % GROWTH_BLOCKS == 0:
+            variance = self.candidates().regression.variance
+            limit = self.limit()
+            grown = self._sizes().grown(variance, self.dead_zone, limit)
+            self._growing = grown and replace(grown, limit=limit)
+        return [] if self._growing is None else [self._growing]
+
+    def likely(self) -> list[Finding]:
+        """Return each fault that explains much, likeliest first, whether it may be noise or not."""
+        candidates = self.candidates()
+        found = []
+        for fault in np.argsort(-candidates.gain.max(axis=0)):
+            mark = int(np.argmax(candidates.gain[:, fault]))
+            if candidates.gain[mark, fault] < RIVAL_GAIN:
+                break
+            variance = float(candidates.scores.variance[mark, fault])
+            dead = self.dead_zone[fault]
+            found.append(self._sizes().sudden(int(fault), mark, None, dead, variance))
+        return found
+
+    def beside(self, first: Finding, second: Finding) -> Finding:
+        """Return a fault fitted anew beside another, or a change of its own, found after it."""
+        at = self.mark(second), second.fault
+        variance = float(self.candidates(first).scores.variance[at])
+        dead = self.dead_zone[first.fault]
+        again = self._sizes().sudden(first.fault, self.mark(first), second, dead, variance)
+        return replace(again, likelihood=first.likelihood, limit=first.limit)
+
+    def nuisances(self) -> NuisanceBelief:
+        """Return what the blocks so far say of the nuisances, beside the first fault in them."""
+        if not self.blocks:
+            return self._expected
+        n = NUISANCE_COUNT
+        first = next(iter(self.search()), None)
+        mean, covariance = self.candidates(first).regression.nuisances()
+        return NuisanceBelief(
+            self._expected.mean + self._root @ mean[:n],
+            self._root @ covariance[:n, :n] @ self._root.T,
+        )
+
+    def null_bias(self) -> tuple[float, float]:
+        """Return the spool's null bias beside the model's, and its standard deviation, m."""
+        sigma, belief = NUISANCES[_NULL_BIAS].sigma, self.nuisances()
+        spread = sqrt(belief.covariance[_NULL_BIAS, _NULL_BIAS])
+        return sigma * float(belief.mean[_NULL_BIAS]), sigma * spread
+
+    def healthy_noise(self) -> float:
+        """Return by how much noise that lasts raises a variance if there is no fault."""
+        if self._healthy_noise is None:
+            residuals = self._recent.residuals(self.candidates().regression.nuisances()[0])
+            self._healthy_noise = lasting_noise(residuals, self.model_error)
+        return self._healthy_noise
+
+    def candidates(self, beside: Finding | None = None) -> Candidates:
+        """Score every fault from every mark on, beside one that was found."""
+        key = None if beside is None else (beside.fault, beside.onset)
+        if key not in self._scored:
+            self._scored[key] = score_faults(self.sums, self._least_variance, beside)
+        return self._scored[key]
+
+    def best(self, beside: Finding | None = None) -> Finding | None:
+        """Return the fault that explains most, beside one found, if a healthy rig would not."""
+        candidates = self.candidates(beside)
+        scores, sizes, usable = candidates.scores, candidates.products.sizes, candidates.usable
+        dead_zone = self.dead_zone
+        if beside is not None:
+            flow = beside.coefficient * sizes[self.mark(beside), beside.fault]
+            dead_zone = np.maximum(dead_zone, self.relative_dead_zone * flow)
+        limit = self.threshold(candidates.regression.freedom)
+        error = scores.variance / np.where(usable, scores.information, 1.0)
+        dead = dead_zone / np.where(usable, sizes, 1.0)
+        sure = scores.coefficient > limit * np.sqrt(error) + dead
+        # What another cause explains far better is not this one, even if that is below its limit;
+        # a change of the fault that was found is such a cause.
+        best = max(candidates.gain.max(), candidates.change.max())
+        likely = candidates.gain >= best - RIVAL_GAIN
+        gain = np.where(sure & likely, candidates.gain, 0.0)
+        for fault in np.argsort(-gain.max(axis=0)):
+            mark = int(np.argmax(gain[:, fault]))
+            if gain[mark, fault] <= 0.0:
+                return None
+            variance = float(scores.variance[mark, fault])
+            finding = self._sizes().sudden(int(fault), mark, beside, dead_zone[fault], variance)
+            if finding.statistic > limit:
+                return replace(finding, likelihood=float(gain[mark, fault]), limit=limit)
+        return None
+
+    def likeliest(self) -> Finding | None:
+        """Return the fault that explains most, whether it may be noise or not; None if none does.
+
+        It would be claimed if its statistic exceeded its limit.
+        """
+        candidates = self.candidates()
+        if self.blocks < MINIMUM_BLOCKS or not candidates.gain.max() > 0.0:
+            return None
+        scores, limit = candidates.scores, self.limit()
+        mark, fault = np.unravel_index(int(np.argmax(candidates.gain)), candidates.gain.shape)
+        variance = float(scores.variance[mark, fault])
+        dead = self.dead_zone[fault]
+        likeliest = self._sizes().sudden(int(fault), int(mark), None, dead, variance)
+        error = sqrt(variance / float(scores.information[mark, fault]))
+        surplus = scores.coefficient[mark, fault] - dead / candidates.products.sizes[mark, fault]
+        statistic = min(likeliest.statistic, float(surplus) / error)
+        return replace(likeliest, statistic=statistic, limit=limit)
+
+    def mark(self, finding: Finding) -> int:
+        """Return the mark from which on a fault was found."""
+        return self.sums.mark_of(finding.onset)
+
+    def _sizes(self) -> FaultSizes:
+        return FaultSizes(self.sums, self.candidates().products, self._recent, self.model_error)

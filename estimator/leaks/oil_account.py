@@ -1,0 +1,59 @@
+"""The oil account and its test together: each block is accounted with what those before it told."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.accounts import AccountBlock, FlowAccount
+from rig.plant import Parameters
+
+from .leak_test import LeakTest
+
+Array = NDArray[np.float64]
+
+
+class OilAccount:
+    """Keeps the account of both chambers and hands every block to a test.
+
+    Which edges of the valve are open depends on the spool's null bias. The filter's estimate of it
+    starts from nothing and gives way to leaks; that of the test is a constant fitted to all blocks
+    so far, and its uncertainty is known. How samples are batched makes no difference.
+
+    Args:
+        parameters: what is assumed of the rig.
+        test: takes every complete block.
+    """
+
+    def __init__(self, parameters: Parameters, test: LeakTest) -> None:
+        self.test = test
+        self._account = FlowAccount(parameters)
+        self._assumed_bias = parameters.spool_null_bias
+        self._further_bias = test.null_bias()
+
+    def add(
+        self,
+        time_s: Array,
+        spool: Array,
+        p1: Array,
+        p2: Array,
+        position: Array,
+        fresh: Array,
+        supply: Array,
+    ) -> Iterator[AccountBlock]:
+        """Add samples (arguments as of `FlowAccount.add`); yield each block when it is tested."""
+        first = 0
+        while first < time_s.size:
+            part = slice(first, first + self._account.samples_left)
+            further_bias, spread = self._further_bias
+            blocks = self._account.add(
+                time_s[part], spool[part], p1[part], p2[part], position[part], fresh[part],
+                supply=supply[part],
+                null_bias=self._assumed_bias + further_bias,
+                null_spread=spread,
+            )  # fmt: skip
+            for block in blocks:
+                self.test.add(block)
+                self._further_bias = self.test.null_bias()
+                yield block
+            first = part.stop

@@ -1,0 +1,142 @@
+"""Runs a filter and a detector over a recording, causally, as they would have run in the loop."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.accounts import BLOCK_TICKS
+from estimator.filters import DEFAULT_FILTER, FilterRun, run_filter
+from rig.plant import DATA_SHEET, Model, SensorParameters
+from rig.recording import Recording
+
+from .detection import SILENT, Decision, Detector, OilAccountDetector, Samples
+from .found import Found, found_in
+from .pattern import PatternDetector
+
+DetectorFactory = Callable[[Model], Detector]
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """A recording's estimates and verdict.
+
+    Attributes:
+        run: the filter's estimates.
+        decision: the final decision.
+        detected_at_s: the sample time at which the detector, having read only the past, first held
+            the final verdict; None when that is healthy or inconclusive.
+        history: (time, decision) after every half second.
+    """
+
+    run: FilterRun
+    decision: Decision
+    detected_at_s: float | None
+    history: tuple[tuple[float, Decision], ...]
+
+    @property
+    def found(self) -> tuple[Found, ...]:
+        """All faults that were named, those that went again among them."""
+        return found_in(self.history)
+
+
+def samples_of(recording: Recording) -> Samples:
+    """Return the channels of a recording that filters and detectors take; absent ones as NaN."""
+    missing = np.full(recording.time_s.size, np.nan)
+    channels = recording.channels
+    return Samples(
+        recording.time_s,
+        channels["command_V"],
+        channels["position_m"],
+        channels["pressure_1_Pa"],
+        channels["pressure_2_Pa"],
+        channels.get("spool_m", missing),
+        channels.get("supply_pressure_Pa", missing),
+    )
+
+
+def detector_for(name: str, model: Model, false_alarms_per_day: float) -> Detector:
+    """Return the detector that belongs to a filter: the oil accounts, or the thesis's pattern."""
+    if name == DEFAULT_FILTER:
+        return OilAccountDetector(model, false_alarms_per_day)
+    return PatternDetector(false_alarms_per_day)
+
+
+def replay(
+    recording: Recording,
+    model: Model,
+    *,
+    filter_name: str = DEFAULT_FILTER,
+    false_alarms_per_day: float = 1.0,
+    detector: Detector | None = None,
+    sensors: SensorParameters = DATA_SHEET,
+) -> ReplayResult:
+    """Run a filter and its detector over a recording.
+
+    Args:
+        recording: 1 kHz, with command, position and both pressures.
+        model: what filter and detector assume of the rig.
+        filter_name: a name in `estimator.filters.registry.FILTERS`.
+        false_alarms_per_day: false-alarm rate of the built-in detectors.
+        detector: your own detector instead of the filter's.
+        sensors: data sheet of the transducers.
+
+    Raises:
+        ValueError: no filter of that name.
+    """
+    run = filter_recording(recording, model, filter_name, sensors)
+    judge = detector or detector_for(filter_name, model, false_alarms_per_day)
+    history = list(judged(samples_of(recording), run, judge))
+    final = history[-1][1]
+    return ReplayResult(run, final, first_held(history), tuple(history))
+
+
+def judged(
+    samples: Samples, run: FilterRun, detector: Detector
+) -> Iterator[tuple[float, Decision]]:
+    """Show samples and estimates to a detector; yield time in s and decision each half second."""
+    for start in range(0, samples.time_s.size, BLOCK_TICKS):
+        # The first block takes one sample more: an account runs from sample to sample.
+        part = slice(start + 1 if start else 0, start + BLOCK_TICKS + 1)
+        piece = stretch(samples, part)
+        if piece.time_s.size == 0:
+            break
+        detector.update(piece, part_of(run, part))
+        yield float(piece.time_s[-1]), detector.decide()
+
+
+def filter_recording(
+    recording: Recording,
+    model: Model,
+    filter_name: str = DEFAULT_FILTER,
+    sensors: SensorParameters = DATA_SHEET,
+) -> FilterRun:
+    """Run a filter over a recording.
+
+    Raises:
+        ValueError: no filter of that name.
+    """
+    samples = samples_of(recording)
+    measured = np.column_stack(
+        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool,
+         samples.supply_pressure]
+    )  # fmt: skip
+    return run_filter(samples.time_s, samples.command, measured, model, filter_name, sensors)
+
+
+def stretch(samples: Samples, part: slice) -> Samples:
+    """Return a stretch of samples."""
+    return Samples(*(getattr(samples, name)[part] for name in samples.__dataclass_fields__))
+
+
+def part_of(run: FilterRun, part: slice) -> FilterRun:
+    """Return a stretch of a filter's estimates."""
+    return replace(run, time_s=run.time_s[part], states=run.states[part], outputs=run.outputs[part])
+
+
+def first_held(history: list[tuple[float, Decision]]) -> float | None:
+    """Return the time at which the last verdict of a history was first held, None if no fault."""
+    final = history[-1][1].verdict
+    if final in SILENT:
+        return None
+    return next(time for time, decision in history if decision.verdict == final)

@@ -1,0 +1,238 @@
+"""The sequential test for a drop of the measured supply pressure, which tells supply leakage.
+
+A leak of the supply line passes no chamber: the accounts see it only through the valve's flow,
+which falls with the root of the supply pressure. Where that pressure is measured it tells directly.
+The mean supply pressure of a block of the account is explained by
+
+    p_s = p_0 - R mean(q |q|) - r mean(q) - [since an onset] (d + e mean(q)) + noise,
+
+with the flow q that the valve draws from a supply that droops by R q^2 (Merritt 1967, ch. 3). What
+else flows into a sound rig's valve makes r, and a leak q_L of the line makes d = R q_L^2 and
+e = 2 R q_L. The drop at the valve's mean flow since the onset, less a dead zone, over its standard
+error follows Student's t. A leak of a chamber is no drop: the valve draws it. A pump that was
+turned down is one, and looks the same.
+"""
+
+from dataclasses import dataclass, replace
+from math import exp, log, pi, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.accounts import (
+    BLOCK_S,
+    SUPPLY_LEAKAGE,
+    AccountBlock,
+    between,
+    lasting_noise,
+    noise_limit,
+    student_quantile,
+)
+from rig.plant import LITRE_PER_MINUTE, Parameters
+
+from .fault_scores import WITNESSES
+from .finding import Finding
+from .leak_test import MINIMUM_BLOCKS, SHARES
+from .leak_verdicts import PRIOR
+
+Array = NDArray[np.float64]
+
+ONSETS: Final = 240
+"""Onsets that are looked at, the last two minutes; what was before them only counts in sums."""
+NOISE: Final = 1.5e3
+"""Expected noise of a block's mean supply pressure, Pa: 30 kPa a sample over 500 of them, rounded
+up. Counts for as many values as `_NOISE_WEIGHT`."""
+_NOISE_WEIGHT: Final = 8.0
+WANDER: Final = 2e-3
+"""Dead zone, part of the supply pressure that a regulator's hysteresis and drift take up."""
+DROOP_ERROR: Final = 0.1
+"""Dead zone, part of the change of the droop from before to after the onset: the squared flow is
+off by 10 % where the valve's flow is by 5 % (`NUISANCES`), and not alike in every motion."""
+SUPPLY_SIGMA: Final = 0.05
+"""Prior of the supply pressure, one standard deviation, part of itself."""
+DROOP_SIGMA: Final = 2e12
+"""Pa/(m^3/s)^2. Prior of the droop, one standard deviation."""
+_OTHER_FLOW: Final = 1.0 * LITRE_PER_MINUTE
+"""Prior of what else a sound rig draws, through lands and valve edges that are ajar."""
+_LEAK_FLOW: Final = 20.0 * LITRE_PER_MINUTE
+"""Prior of a leak of the supply line, for how its drop goes with the valve's flow."""
+_SIGNS: Final = np.array([-1.0, _LEAK_FLOW / _OTHER_FLOW])
+"""What a drop does, in what the same columns do before it: it takes from the pressure what the
+first unknown adds, and draws flow by the leak's own prior."""
+_ROUNDS: Final = 4
+"""Fits at most, each with the noise that the one before it left."""
+_CONVERGED: Final = 0.01
+"""Part of the noise's variance that another fit may change it by."""
+_GREATEST_LOG_ODDS: Final = 700.0
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Fits of all unknowns, each with a drop from another onset on, in units of their priors.
+
+    Attributes:
+        estimate, covariance: float64 (onsets, 5) and (onsets, 5, 5).
+        explained: weighted sum of squares that each explains, float64 (onsets,).
+    """
+
+    estimate: Array
+    covariance: Array
+    explained: Array
+
+
+class SupplyTest:
+    """Tests the supply pressure of the blocks it is given, one at a time, in bounded memory.
+
+    Args:
+        parameters: what is assumed of the rig.
+        false_alarms_per_day: alarms that all tests together may raise on a healthy rig in a day of
+            continuous running; this one has one of `SHARES` of them.
+        model_error: factor on both parts of the dead zone, and on what is allowed for noise that
+            may last from block to block; 0: the model is exact.
+    """
+
+    def __init__(
+        self, parameters: Parameters, false_alarms_per_day: float, model_error: float = 1.0
+    ) -> None:
+        self._model_error = model_error
+        self._assumed = parameters.supply_pressure, parameters.supply_droop
+        self._share = false_alarms_per_day * BLOCK_S / 86400.0 / SHARES
+        # One row each: 1, mean(q), mean(q |q|) in units of their priors' pressure, and p_s - p_0.
+        unit = 2.0 * DROOP_SIGMA
+        self._scale = np.array(
+            [SUPPLY_SIGMA * parameters.supply_pressure, unit * _OTHER_FLOW, DROOP_SIGMA]
+        )
+        self._blocks = 0
+        self._rows = np.zeros((ONSETS, 4))
+        self._starts = np.zeros(ONSETS)
+        # Products of the rows that have left: those before, and those since a drop that was found.
+        self._before = np.zeros((4, 4))
+        self._since = np.zeros((4, 4))
+        self._likeliest: Finding | None = None
+        self._tested = 0
+
+    def add(self, block: AccountBlock) -> None:
+        """Take one more block; incomplete ones and those without a supply pressure tell nothing."""
+        if not block.complete or np.isnan(block.supply_pressure):
+            return
+        at = self._blocks % ONSETS
+        found = self.search()
+        dropped = found is not None and found.onset <= self._blocks - ONSETS
+        if not dropped:
+            self._before += self._since
+            self._since[:] = 0.0
+        leaving = self._since if dropped else self._before
+        leaving += np.outer(self._rows[at], self._rows[at])
+        supply, droop = self._assumed
+        flow, square = block.supply_flow
+        self._rows[at, :3] = self._scale * (1.0, -flow, -square)
+        self._rows[at, 3] = block.supply_pressure - supply + droop * square
+        self._starts[at] = block.start_s
+        self._blocks += 1
+
+    def limit(self) -> float:
+        """Return what the statistic of a sound rig exceeds at the stated rate (`LeakTest`)."""
+        freedom = _NOISE_WEIGHT + self._blocks
+        onsets = min(max(self._blocks, 1), ONSETS)
+        bound = student_quantile(min(self._share / onsets, 0.25), freedom)
+        exact = noise_limit(self._share, WITNESSES, max(onsets, MINIMUM_BLOCKS), freedom)
+        return between(exact, bound, self._model_error)
+
+    def search(self) -> Finding | None:
+        """Return a drop that a sound supply does not show, as supply leakage; coefficient in Pa."""
+        likeliest, limit = self._best(), self.limit()
+        if likeliest is None or not likeliest.statistic > limit:
+            return None
+        return replace(likeliest, limit=limit)
+
+    def odds(self) -> float:
+        """Return the odds that the supply pressure dropped, with leaks of the line as prior."""
+        likeliest = self._best()
+        if likeliest is None:
+            return 0.0
+        # Before any data a drop may be anything up to the tolerance of the supply pressure.
+        width = min(sqrt(2.0 * pi) * likeliest.deviation / self._scale[0], 1.0)
+        log_odds = 0.5 * max(likeliest.statistic, 0.0) ** 2 + log(PRIOR * width)
+        return exp(min(log_odds, _GREATEST_LOG_ODDS))
+
+    def _best(self) -> Finding | None:
+        """Return the likeliest drop, whether it stands out or not; None if nothing dropped."""
+        if self._tested != self._blocks:
+            self._tested = self._blocks
+            self._likeliest = self._searched() if self._blocks >= MINIMUM_BLOCKS else None
+        return self._likeliest
+
+    def _searched(self) -> Finding | None:
+        rows = self._rows[np.arange(max(self._blocks - ONSETS, 0), self._blocks) % ONSETS]
+        # Products since each onset, and of all blocks. A drop older than the rows keeps its onset.
+        since = np.cumsum((rows[:, :, None] * rows[:, None, :])[::-1], axis=0)[::-1]
+        total = self._before + self._since + since[0]
+        held = self._since[0, 0] > 0.0
+        first = 0 if self._blocks > ONSETS else WITNESSES
+        onsets = np.arange(first, 1 if held else rows.shape[0] - WITNESSES + 1)
+        since = since[onsets] + self._since
+        contrasts = self._contrasts(since)
+        variance = NOISE**2
+        for _ in range(_ROUNDS):
+            fit = self._fitted(since, total, variance)
+            falls = (contrasts * fit.estimate).sum(axis=1) > 0.0
+            best = int(np.argmax(np.where(falls, fit.explained, -np.inf)))
+            left = _NOISE_WEIGHT * NOISE**2 + total[3, 3] - fit.explained[best] * variance
+            before, variance = variance, float(left) / (_NOISE_WEIGHT + self._blocks)
+            if abs(variance - before) < _CONVERGED * variance:
+                break
+        if not falls[best]:
+            return None
+        estimate, contrast = fit.estimate[best], contrasts[best]
+        drop = float(contrast @ estimate)
+        spread = self._spread(rows, estimate, onsets[best], variance)
+        deviation = sqrt(float(contrast @ fit.covariance[best] @ contrast) * spread)
+        dead = WANDER * self._assumed[0]
+        dead += DROOP_ERROR * abs(self._droop_change(since[best], total)) * abs(float(estimate[2]))
+        statistic = (drop - self._model_error * dead) / deviation
+        onset = self._blocks - rows.shape[0] + int(onsets[best])
+        if held and self._likeliest is not None:
+            onset, onset_s = self._likeliest.onset, self._likeliest.onset_s
+        else:
+            onset_s = float(self._starts[onset % ONSETS])
+        return Finding(
+            SUPPLY_LEAKAGE, onset, 0.0, drop, deviation, statistic, statistic**2, onset_s, spread
+        )  # fmt: skip
+
+    def _droop_change(self, since: Array, total: Array) -> float:
+        """Return what the mean droop changes by at an onset, Pa per unit of the third unknown."""
+        before, scale = total - since, self._scale[0]
+        return float(since[0, 2] / since[0, 0] - before[0, 2] / before[0, 0]) * scale
+
+    def _fitted(self, since: Array, total: Array, variance: float) -> _Fit:
+        """Fit drops from onsets with these products since, the noise variance (Pa^2) given."""
+        squares = np.empty((since.shape[0], 5, 5))
+        squares[:, :3, :3] = total[:3, :3]
+        squares[:, :3, 3:] = since[:, :3, :2] * _SIGNS
+        squares[:, 3:, :3] = squares[:, :3, 3:].transpose(0, 2, 1)
+        squares[:, 3:, 3:] = since[:, :2, :2] * np.outer(_SIGNS, _SIGNS)
+        products = np.empty((since.shape[0], 5))
+        products[:, :3] = total[:3, 3]
+        products[:, 3:] = since[:, :2, 3] * _SIGNS
+        # A drop may be as great as the supply pressure itself: next to no prior.
+        prior = np.diag([1.0, 1.0, 1.0, SUPPLY_SIGMA**2, 1.0])
+        covariance = np.linalg.inv(squares / variance + prior)
+        estimate = (covariance @ products[:, :, None])[:, :, 0] / variance
+        explained = (estimate * products).sum(axis=1) / variance
+        return _Fit(np.asarray(estimate), np.asarray(covariance), explained)
+
+    def _contrasts(self, since: Array) -> Array:
+        """Return what adds up to the mean drop in Pa since each onset, by unknown: (onsets, 5)."""
+        contrasts = np.zeros((since.shape[0], 5))
+        contrasts[:, 3] = self._scale[0]
+        contrasts[:, 4] = -_SIGNS[1] * self._scale[0] * since[:, 0, 1] / since[:, 0, 0]
+        return contrasts
+
+    def _spread(self, rows: Array, estimate: Array, onset: int, variance: float) -> float:
+        """Return by how much noise that is uneven or lasts raises the variance of a drop."""
+        left = rows[:, 3] - rows[:, :3] @ estimate[:3]
+        left[onset:] -= rows[onset:, :2] @ (_SIGNS * estimate[3:])
+        # Two unknowns are fitted to the blocks since the onset alone.
+        uneven = float((left[onset:] ** 2).sum()) / (left[onset:].size - 2) / variance
+        return max(uneven, 1.0) * lasting_noise(left[:, None], self._model_error)

@@ -1,0 +1,26 @@
+from .bypass import BypassValve as BypassValve, NeedleCharacteristic as NeedleCharacteristic
+from .campaign import (
+    Campaign as Campaign,
+    CampaignTest as CampaignTest,
+    OnFault as OnFault,
+    SpringLoad as SpringLoad,
+)
+from .conditions import Condition as Condition, WhenUnmet as WhenUnmet
+from .leakage import (
+    linear_flow as linear_flow,
+    square_root_flow as square_root_flow,
+    to_litres_per_minute as to_litres_per_minute,
+)
+from .needle_calibration import (
+    CalibratedPoint as CalibratedPoint,
+    CalibrationError as CalibrationError,
+    Estimate as Estimate,
+    Measurement as Measurement,
+    NeedleCalibration as NeedleCalibration,
+    UnsettledError as UnsettledError,
+    calibrated_needle as calibrated_needle,
+    measured_coefficient as measured_coefficient,
+    meter_zero as meter_zero,
+)
+from .schedule import Fault as Fault, FaultSchedule as FaultSchedule
+from .verdict import FAULT_KINDS as FAULT_KINDS, LEAK_KINDS as LEAK_KINDS, Verdict as Verdict

@@ -1,0 +1,5 @@
+"""Commands that run campaigns, steer them, check them, schedule them and list their runs."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,0 +1,2 @@
+from .progress import CampaignProgress as CampaignProgress
+from .verdicts import leak as leak

@@ -1,0 +1,43 @@
+"""`rig control`: asks something of a running campaign."""
+
+import json
+from pathlib import Path
+
+import click
+
+from rig.cli.application import EXIT_BAD_INPUT
+from rig.cli.texts import TEXT
+from rig.control_socket import ask
+from rig.runner.campaign import Request
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("request", type=click.Choice([str(each) for each in Request]))
+@click.argument("text", nargs=-1, type=TEXT)
+@click.option("--test", default="", type=TEXT, metavar="NAME", help="The test to skip or to retry.")
+def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> int:
+    """Ask the campaign that runs in the folder DIR for something.
+
+    \b
+    pause        wait once the present test has come to its end
+    resume       go on after a pause
+    abort        end the campaign now, as Ctrl-C does
+    skip         do not run a test, or end it: --test, else the present one
+    retry        run a test again: --test, else the present one, else the last
+    note TEXT    keep a text in journal, recording and report
+    acknowledge  say that all that wants attention was seen; TEXT may say more
+    status       tell how it goes on, as JSON
+
+    Whoever may write to the folder as its campaign's user may ask. A text may go with any request,
+    and is kept. Exit code: 0, or 2 if no campaign runs there or it refuses, with the reason.
+    """  # noqa: D301 (click wants the character)
+    if test and request not in (Request.SKIP, Request.RETRY):
+        click.echo(f"--test {test}: goes with skip or retry; leave it out", err=True)
+        return EXIT_BAD_INPUT
+    answer = ask(directory, Request(request), " ".join(text), test)
+    if "status" in answer:
+        click.echo(json.dumps(answer["status"], indent=1, ensure_ascii=False))
+    else:
+        click.echo(answer["reply"])
+    return 0

@@ -1,0 +1,124 @@
+"""Shows a campaign while it runs: live lines on a terminal, a line a test in a log."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
+from rich.table import Column
+from rich.text import Text
+
+from estimator.leaks import Decision
+from faults import Campaign, CampaignTest
+from rig.cli.screen import Screen
+from rig.runner import Observer, Status, TestOutcome
+from rig.runner.outcomes import chance
+
+STYLES: Final = {
+    Status.PASSED: "green",
+    Status.FAILED: "red",
+    Status.ERROR: "bold red",
+    Status.ABORTED: "yellow",
+    Status.TRIPPED: "bold red",
+    Status.SKIPPED: "dim",
+    Status.INTERRUPTED: "yellow",
+    Status.NOT_RUN: "dim",
+}
+
+
+class CampaignProgress(Observer):
+    """A line a test, written when the test ends; on a terminal, a bar with the live verdict before.
+
+    A context manager, which gives the terminal back.
+
+    Args:
+        screen: where to.
+        paced: tests take their time: a log says when one begins, too.
+    """
+
+    def __init__(self, screen: Screen, *, paced: bool) -> None:
+        self._screen = screen
+        self._paced = paced
+        self._bars = Progress(
+            TextColumn("{task.description}", table_column=Column(no_wrap=True), markup=False),
+            BarColumn(bar_width=30),
+            _RigTime(),
+            TextColumn("{task.fields[verdict]}", markup=False),
+            console=screen,
+            disable=not screen.is_terminal,
+            transient=True,
+        )
+        self._bar: TaskID | None = None
+        self._count = 0
+        self._number = 0
+
+    def __enter__(self) -> "CampaignProgress":
+        self._bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bars.stop()
+
+    def campaign_begins(
+        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+    ) -> None:
+        """Write what is going to be run, and what has been."""
+        self._count = len(campaign.tests)
+        minutes, seconds = divmod(round(campaign.rig_time_s), 60)
+        self._screen.print(
+            f"{campaign.name}: {self._count} tests, {minutes} min {seconds} s of rig time, "
+            f"on the rig {campaign.rig_name}, judged by {campaign.filter_name}"
+        )
+        if finished:
+            done = "1 of them is" if len(finished) == 1 else f"{len(finished)} of them are"
+            self._screen.print(f"{done} finished, and not run again")
+
+    def rig_tells(self, text: str) -> None:
+        """Write what the rig tells."""
+        self._screen.print(text, soft_wrap=True)
+
+    def test_begins(self, number: int, test: CampaignTest) -> None:
+        """Start the test's bar."""
+        self._number = number
+        if self._screen.is_terminal:
+            self._bar = self._bars.add_task(
+                f"{self._place} {test.name}", total=test.duration_s, verdict="preparing"
+            )
+        elif self._paced:
+            self._screen.print(f"{self._place} {test.name}: begun")
+
+    def test_advances(self, time_s: float, decision: Decision | None) -> None:
+        """Move the test's bar."""
+        if self._bar is not None:
+            verdict = f"{decision.verdict} {chance(decision)}" if decision else ""
+            self._bars.update(self._bar, completed=time_s, verdict=verdict)
+
+    def test_ends(self, outcome: TestOutcome) -> None:
+        """Write the test's line in place of its bar."""
+        if self._bar is not None:
+            self._bars.remove_task(self._bar)
+            self._bar = None
+        line = Text.assemble(
+            f"{self._place} {outcome.name}: ",
+            (str(outcome.status), STYLES[outcome.status]),
+            f", {outcome.decision.verdict}" if outcome.decision else "",
+            f" after {outcome.recorded_s:g} s",
+            f"; {outcome.message}" if outcome.message else "",
+        )
+        self._screen.print(line)
+
+    def test_skipped(self, outcome: TestOutcome) -> None:
+        """Write that a test is not run."""
+        self._screen.print(f"{outcome.name}: {outcome.status}; {outcome.message}")
+
+    @property
+    def _place(self) -> str:
+        width = len(str(self._count))
+        return f"[{self._number:{width}}/{self._count}]"
+
+
+class _RigTime(ProgressColumn):
+    """Seconds of rig time, of how many."""
+
+    def render(self, task: Task) -> Text:
+        return Text(f"{task.completed:6.1f} of {task.total or 0.0:g} s")

@@ -1,0 +1,148 @@
+"""`rig run`: runs a campaign, shows it, and reports it."""
+
+import os
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, one_line
+from rig.cli.screen import Screen
+from rig.configuration import load_campaign
+from rig.io import DriverError
+from rig.runner import CampaignOutcome, StopFlag, run_campaign, stop_on_signals
+from rig.runner.campaign import Desk, Pace
+from rig.runner.run_folder import begun_in, default_directory, log_error, unfinished_run
+
+from .progress import CampaignProgress
+from .streaming import stream_of, streamed
+from .verdicts import summary, verdict_table
+
+
+@click.command()
+@click.argument("campaign")
+@click.option("--rig", "rig_reference", metavar="RIG", help="Run on this rig, not the campaign's.")
+@click.option(
+    "--pace",
+    type=click.Choice(["real", "fast"]),
+    help="At the wall clock, or as fast as it can; the rig's own if not given. Same results.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the results: new, empty, or of an earlier run, which is replaced. "
+    "Default: runs/CAMPAIGN-TIME.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the run in --out (else the newest unfinished one below runs): no test that "
+    "it finished is run again. CAMPAIGN may then be the run's folder itself.",
+)
+@click.option(
+    "--stream",
+    "profile",
+    metavar="PROFILE",
+    help="Live stream by this profile, a file or a shipped name, or off. Default: loopback at the "
+    "wall clock, off otherwise.",
+)
+def command(
+    campaign: str,
+    rig_reference: str | None,
+    pace: Pace | None,
+    out: Path | None,
+    resume: bool,
+    profile: str | None,
+) -> int:
+    """Run the fault-injection campaign CAMPAIGN, a file or a shipped name.
+
+    Writes report.html, results.json, junit.xml, a journal and a recording a test. Ctrl-C ends it
+    with what there is, `rig control` asks it for a pause and more; stopped or killed, it goes on
+    with --resume. Exit code: 0 all as expected, 1 a test failed or was skipped, 2 bad input or a
+    device that is not there, 3 tripped, not ready, stopped, or its disk full.
+    """
+    given: dict[str, str | None] = {
+        "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd()),
+        "stream": profile,
+    }  # fmt: skip
+    if resume and Path(campaign).is_dir():
+        out = out or Path(campaign)
+        given |= begun_in(Path(campaign))["given"] or {}
+        pace = pace or ("fast" if given["pace"] == "fast" else None)
+    reference = str(given["reference"])
+    loaded, rig = load_campaign(
+        reference, rig_reference or given["rig"], Path(str(given["folder"]))
+    )
+    if rig.backend == "hardware" and pace == "fast":
+        limit = f"the rig {rig.name} is hardware, which runs at the wall clock"
+        click.echo(f"--pace fast: {limit}; leave the option out", err=True)
+        return EXIT_BAD_INPUT
+    if resume and out is None:
+        out = unfinished_run(loaded.name, Path("runs"))
+    paced = (pace or rig.pace) == "real"
+    settings = stream_of(profile or given.get("stream"), paced=paced)
+    desk = Desk()
+    directory = out or default_directory(loaded.name, datetime.now(UTC))
+    stop = StopFlag()
+    screen = Screen(on_closed=lambda: stop.request("the end of its output"))
+    with stop_on_signals(stop):
+        started = time.perf_counter()
+        with (
+            CampaignProgress(screen, paced=paced) as progress,
+            streamed(progress, settings, rig, directory, desk, paced=paced) as observer,
+        ):
+            try:
+                outcome = run_campaign(
+                    loaded,
+                    rig,
+                    directory,
+                    pace=pace,
+                    observer=observer,
+                    stop=stop,
+                    command=_again(reference, rig_reference or given["rig"]),
+                    resume=resume,
+                    overdue=_give_up,
+                    given=given,
+                    desk=desk,
+                )
+            except DriverError as error:
+                click.echo(str(error), err=True)
+                return EXIT_BAD_INPUT
+            except OSError as error:
+                state = f"results cannot be written to {directory}: {error.strerror or error}"
+                click.echo(f"rig: {state}; free space, or give another --out", err=True)
+                return EXIT_STOPPED
+        wall_s = time.perf_counter() - started
+        screen.print(verdict_table(outcome, plain=not screen.is_terminal))
+        for line in summary(outcome, wall_s, live=paced):
+            screen.print(line, soft_wrap=True)
+        report = _report(outcome, directory)
+    if report is not None:
+        screen.print(f"report: {report}", soft_wrap=True)
+    return outcome.exit_code if report is not None else max(outcome.exit_code, EXIT_CRASHED)
+
+
+def _give_up() -> None:
+    """End at once: this process hangs, and who hears no more of it makes the rig safe."""
+    os.write(2, b"rig: cleaning up takes too long; ended. Go on with rig run --resume\n")
+    os._exit(EXIT_STOPPED)
+
+
+def _again(campaign: str, rig_reference: str | None) -> list[str]:
+    """Return the command that runs a campaign again: on the same rig, into a new folder."""
+    on_rig = [] if rig_reference is None else ["--rig", rig_reference]
+    return ["rig", "run", campaign, *on_rig]
+
+
+def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
+    """Return the report; None, with a message, if it cannot be made: the results are there."""
+    try:
+        from rig.report import write_report
+
+        return write_report(outcome, directory)
+    except Exception as error:
+        log = log_error(directory, "report")
+        click.echo(f"rig: no report: {one_line(error)}; traceback in {log}", err=True)
+        return None

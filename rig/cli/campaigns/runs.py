@@ -1,0 +1,271 @@
+"""`rig runs`: past runs, found, shown, compared and pruned; files only."""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Final
+
+import click
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from rig.cli.screen import Screen
+from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
+
+_AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
+_UNITS: Final = {"min": "minutes", "h": "hours", "d": "days", "w": "weeks"}
+
+_below = click.option(
+    "--runs",
+    "below",
+    type=click.Path(path_type=Path),
+    default=RUNS,
+    show_default=True,
+    metavar="DIR",
+    help="Where the runs are.",
+)
+
+
+def _date(ctx: click.Context, param: click.Parameter, value: str | None) -> datetime | None:
+    """Return a date, or date and time (UTC unless it says otherwise); or an age, `7 d`, as one."""
+    age = _AGE.fullmatch(value or "")
+    if value is None:
+        return None
+    if age is not None:
+        return datetime.now(UTC) - timedelta(**{_UNITS[age[2]]: int(age[1])})
+    try:
+        given = datetime.fromisoformat(value)
+    except ValueError:
+        write = "write 2026-11-22, 2026-11-22T14:30, or 7 d (ago)"
+        raise click.BadParameter(f"{value!r} is no date: {write}") from None
+    return given if given.tzinfo else given.replace(tzinfo=UTC)
+
+
+def _span(ctx: click.Context, param: click.Parameter, value: str | None) -> timedelta | None:
+    """Return a time span."""
+    if value is None:
+        return None
+    age = _AGE.fullmatch(value)
+    if age is None:
+        raise click.BadParameter(f"{value!r} is no time span: write 30 d, 12 h or 6 w")
+    return timedelta(**{_UNITS[age[2]]: int(age[1])})
+
+
+@click.group()
+def command() -> None:
+    """Find, show, compare and prune past runs: folders, and no server.
+
+    A RUN is the name of a folder below --runs, or a path.
+    """
+
+
+@command.command("list")
+@_below
+@click.option("--since", callback=_date, help="Begun then or later: 2026-11-22, or 7 d (ago).")
+@click.option("--until", callback=_date, help="Begun before then.")
+@click.option("--campaign", help="Of the campaign of this name.")
+@click.option("--rig", help="On the rig of this name.")
+@click.option("--verdict", help="In which some test came to this verdict.")
+@click.option("--state", type=click.Choice(["ended", "running", "unfinished"]))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
+    """List runs, oldest first."""
+    found = [run for run in runs_below(below) if _is_wanted(run, **wanted)]
+    if as_json:
+        for run in found:
+            click.echo(json.dumps(_told(run), ensure_ascii=False))
+        return 0
+    screen = Screen()
+    table = Table(box=box.ROUNDED if screen.is_terminal else box.ASCII2)
+    for heading in ("run", "begun (UTC)", "campaign", "rig", "state", "tests", "found"):
+        table.add_column(heading, overflow="fold")
+    for run in found:
+        counts = ", ".join(f"{count} {status}" for status, count in run.counts.items())
+        table.add_row(
+            *map(Text, (
+                str(run.folder.relative_to(below)), f"{run.started:%Y-%m-%d %H:%M}", run.campaign,
+                run.rig, run.state, counts.replace("_", " "), ", ".join(sorted(run.verdicts)),
+            ))
+        )  # fmt: skip
+    screen.print(table)
+    screen.print(f"{len(found)} runs below {below}")
+    return 0
+
+
+@command.command()
+@click.argument("run")
+@_below
+@click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
+def show(run: str, below: Path, as_json: bool) -> int:
+    """Show a run: its tests, what happened, where its files are."""
+    found = _run(run, below)
+    if as_json:
+        click.echo(json.dumps(_told(found) | {"results": found.results}, ensure_ascii=False))
+        return 0
+    screen = Screen()
+    for line in _lines(found):
+        screen.print(Text(line), soft_wrap=True)
+    return 0
+
+
+@command.command()
+@click.argument("reference")
+@click.argument("candidate")
+@_below
+@click.option(
+    "--tolerances",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="YAML: figure to {absolute, relative, sigmas} or ignore; others keep their defaults.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="FILE.html", help="Write the page there."
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a figure.")
+def compare(
+    reference: str, candidate: str, below: Path, tolerances: Path | None, out: Path | None,
+    as_json: bool,
+) -> int:  # fmt: skip
+    """Compare the run CANDIDATE with the run REFERENCE, figure by figure.
+
+    Exit code: 0 if every figure is within its tolerance, 1 if one moved beyond it, or a test or
+    figure is gone, 2 on bad input. As a gate of a CI: docs/ci.md.
+    """
+    from rig.configuration import load_tolerances
+    from rig.runner.run_folder import ANYTHING, Change, Tolerance, compare as compared
+
+    given = load_tolerances(tolerances) if tolerances is not None else {}
+    told = {
+        name: ANYTHING if file is None else Tolerance(**file.model_dump())
+        for name, file in given.items()
+    }
+    comparison = compared(_run(reference, below), _run(candidate, below), told)
+    if out is not None:
+        from rig.report.campaign import write_comparison
+
+        _written(lambda: write_comparison(comparison, out), out)
+    if as_json:
+        for each in comparison.figures:
+            click.echo(json.dumps(asdict(each) | {"difference": each.difference}))
+    else:
+        screen = Screen()
+        table = Table(box=box.ROUNDED if screen.is_terminal else box.ASCII2)
+        for heading in ("test", "figure", "reference", "candidate", "tolerated", "unit"):
+            table.add_column(heading, overflow="fold")
+        for each in comparison.moved:
+            table.add_row(
+                *map(Text, (
+                    each.test, each.figure, _number(each.reference), _number(each.candidate),
+                    _number(each.tolerated), each.unit,
+                ))
+            )  # fmt: skip
+        if comparison.moved:
+            screen.print(table)
+        for line in comparison.changed:
+            screen.print(Text(f"not the same: {line}"), soft_wrap=True)
+        new = sum(each.standing is Change.NEW for each in comparison.figures)
+        counts = f"{len(comparison.moved)} of {len(comparison.figures)} figures moved, {new} new"
+        screen.print(counts)
+        if out is not None:
+            screen.print(Text(f"page: {out}"), soft_wrap=True)
+    return 1 if comparison.moved else 0
+
+
+@command.command()
+@_below
+@click.option("--keep", type=click.IntRange(0), default=10, show_default=True, metavar="N",
+              help="Of each campaign on each rig, the newest N stay.")  # fmt: skip
+@click.option("--older-than", callback=_span, metavar="AGE", help="Younger ones stay: 30 d, 12 h.")
+@click.option("--campaign", help="Only runs of this campaign.")
+@click.option("--delete", is_flag=True, help="Do it; without, it is only told what would go.")
+def prune(
+    below: Path, keep: int, older_than: timedelta | None, campaign: str | None, delete: bool
+) -> int:
+    """Remove old runs; without --delete, only tell which.
+
+    Only files that a run wrote are removed. Runs that go on, or could be resumed, stay.
+    """
+    from rig.runner.run_folder import prunable, remove
+
+    runs = (run for run in runs_below(below) if campaign in (None, run.campaign))
+    going = prunable(runs, keep=keep, older_than=older_than, now=datetime.now(UTC))
+    size = 0
+    for run in going:
+        size += run.size
+        click.echo(f"{'removed' if delete else 'would remove'} {run.folder}: {run.campaign}, "
+                   f"{run.started:%Y-%m-%d %H:%M}, {run.size / 1e6:.1f} MB")  # fmt: skip
+        left: list[str] = []
+        if delete:
+            left = _written(lambda run=run: remove(run), run.folder)
+        if left:
+            click.echo(f"{run.folder}: left what no run wrote: {', '.join(left)}", err=True)
+    word = "removed" if delete else "would be removed; with --delete they are"
+    click.echo(f"{len(going)} runs, {size / 1e6:.1f} MB, {word}")
+    return 0
+
+
+def _run(given: str, below: Path) -> Run:
+    if is_plain(given) and (below / given).is_dir():
+        return run_named(given, below)
+    return read_run(Path(given))
+
+
+def _written(write: Any, path: Path) -> Any:
+    try:
+        return write()
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _is_wanted(
+    run: Run, since: datetime | None, until: datetime | None, campaign: str | None,
+    rig: str | None, verdict: str | None, state: str | None,
+) -> bool:  # fmt: skip
+    return (
+        (since is None or run.started >= since)
+        and (until is None or run.started < until)
+        and campaign in (None, run.campaign)
+        and rig in (None, run.rig)
+        and (verdict is None or verdict in run.verdicts)
+        and state in (None, run.state)
+    )
+
+
+def _told(run: Run) -> dict[str, Any]:
+    return {
+        "folder": str(run.folder),
+        "campaign": run.campaign,
+        "rig": run.rig,
+        "started": run.started.isoformat(),
+        "state": run.state,
+        "exit_code": run.results.get("exit_code"),
+        "counts": dict(run.counts),
+        "verdicts": sorted(run.verdicts),
+    }
+
+
+def _lines(run: Run) -> Iterator[str]:
+    yield f"{run.folder}: {run.campaign} on the rig {run.rig}, {run.state}"
+    yield f"begun {run.started:%Y-%m-%d %H:%M:%S} UTC, {run.size / 1e6:.1f} MB"
+    if run.state == "unfinished":
+        yield f"go on: rig run --resume {run.folder}"
+    for test in run.tests:
+        found = test["found"]
+        verdict = f", {found['verdict']}" if found else ""
+        leak = (found or {}).get("leak_L_per_min")
+        flow = "" if leak is None else f" {leak:.3f} L/min"
+        again = f"; attempts before: {len(test['attempts'])}" if test.get("attempts") else ""
+        why = f"; {test['message']}" if test.get("message") else ""
+        yield f"  {test['name']}: {test['status']}{verdict}{flow}{again}{why}"
+    for each in run.results.get("history") or []:
+        yield f"  {each['at'][:19]} {each['who']}: {each['what']}"
+
+
+def _number(value: float | str | None) -> str:
+    if value is None:
+        return "-"
+    return value if isinstance(value, str) else f"{value:.5g}"

@@ -1,0 +1,243 @@
+"""`rig schedule`: campaigns at their times, in the foreground or under systemd."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rig.configuration import Entry, Schedule, load_campaign, load_schedule
+from rig.runner.campaign import StopFlag, stop_on_signals
+from rig.runner.run_folder import Journal, RunError, is_written, read_journal, read_run, runs_below
+from rig.runner.schedule import (
+    JOURNAL,
+    Job,
+    Scheduler,
+    ScheduleState,
+    add as add_request,
+    run_hook,
+    state_of,
+)
+
+_POLL_S = 0.5
+_SHOWN = 20
+
+_path = click.argument("schedule", type=click.Path(path_type=Path), metavar="SCHEDULE.yaml")
+
+
+@click.group()
+def command() -> None:
+    """Run campaigns at times or intervals, one after another.
+
+    The schedule's folder (`runs` in its file) holds the runs, a journal by which it goes on after a
+    crash, and trend.html over all of them (docs/schedules.md).
+    """
+
+
+@command.command()
+@_path
+@click.option("--until-idle", is_flag=True, help="End once nothing waits, instead of waiting on.")
+def run(schedule: Path, until_idle: bool) -> int:
+    """Run the schedule in the foreground; a service does the same.
+
+    SIGINT and SIGTERM end the run that is under way, and the next start goes on with it.
+    """
+    loaded = load_schedule(schedule)
+    stop = StopFlag()
+    try:
+        loaded.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f"{loaded.folder}: cannot be made: {error.strerror}") from None
+    busy = f"{loaded.folder}: the schedule is running; end it first, or give another `runs`"
+    journal = Journal(loaded.folder, resume=True, name=JOURNAL, busy=busy)
+    with stop_on_signals(stop), journal:
+        hands = _Hands(loaded, stop)
+        scheduler = Scheduler(loaded, journal, hands)
+        hands.say(f"{loaded.name}: {len(loaded.entries)} entries, runs in {loaded.folder}")
+        if scheduler.state.halted:
+            hands.say(f"halted: {scheduler.state.halted}; rig schedule resume {schedule}")
+        scheduler.run(lambda: stop.requested, until_idle=until_idle)
+    return 0
+
+
+@command.command()
+@_path
+@click.argument("campaign")
+@click.option("--rig", metavar="RIG", help="Run on this rig, not the campaign's.")
+@click.option("--name", help="Name of the entry; the campaign's if not given.")
+def add(schedule: Path, campaign: str, rig: str | None, name: str | None) -> int:
+    """Have CAMPAIGN run once, as soon as the schedule comes to it."""
+    loaded = load_schedule(schedule)
+    checked, _ = load_campaign(campaign, rig)
+    told = {"campaign": _absolute(campaign), "rig": None if rig is None else _absolute(rig)}
+    _ask(loaded, name=name or checked.name, **told)
+    click.echo(f"{checked.name}: waits in {loaded.folder}")
+    return 0
+
+
+@command.command()
+@_path
+def resume(schedule: Path) -> int:
+    """Go on after a run tripped or was stopped; look at the rig first."""
+    loaded = load_schedule(schedule)
+    state = _state(loaded)
+    if not state.halted:
+        raise RunError(f"{schedule}: is not halted")
+    _ask(loaded, resume=True)
+    click.echo(f"goes on; it was halted as {state.halted}")
+    return 0
+
+
+@command.command("list")
+@_path
+@click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
+def list_entries(schedule: Path, as_json: bool) -> int:
+    """Show when what is run next, what waits, and what ran."""
+    loaded = load_schedule(schedule)
+    told = _told(loaded, _state(loaded))
+    if as_json:
+        click.echo(json.dumps(told, ensure_ascii=False))
+        return 0
+    if told["halted"]:
+        click.echo(f"halted: {told['halted']}; rig schedule resume {schedule}")
+    for entry in told["entries"]:
+        missed = f"; missed {entry['missed']}" if entry["missed"] else ""
+        click.echo(f"{entry['name']}: next {entry['next'] or 'never'}, {entry['campaign']}{missed}")
+    if told["present"]:
+        click.echo(f"running: {told['present']['entry']} in {told['present']['folder']}")
+    for job in told["queue"]:
+        click.echo(f"waits: {job['entry']}, due {job['due']}, attempt {job['attempt']}")
+    for ended in told["history"]:
+        click.echo(f"{ended['at']} {ended['entry']}: exit code {ended['exit_code']}, "
+                   f"{ended['folder']}")  # fmt: skip
+    return 0
+
+
+def _told(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
+    now = datetime.now(UTC)
+    times = {entry.name: schedule.next_time(entry, now) for entry in schedule.entries}
+    return {
+        "name": schedule.name,
+        "runs": str(schedule.folder),
+        "halted": state.halted,
+        "entries": [
+            {
+                "name": entry.name,
+                "campaign": entry.campaign,
+                "next": None if times[entry.name] is None else f"{times[entry.name]:%FT%TZ}",
+                "missed": state.missed.get(entry.name, 0),
+            }
+            for entry in schedule.entries
+        ],
+        "present": None if state.present is None else _job(state.present),
+        "queue": [_job(job) for job in state.queue],
+        "history": [
+            _job(ended.job) | {"exit_code": ended.exit_code, "at": f"{ended.at:%FT%TZ}"}
+            for ended in state.history[-_SHOWN:]
+        ],
+    }
+
+
+def _job(job: Job) -> dict[str, Any]:
+    due = f"{job.due:%FT%TZ}"
+    return {"entry": job.entry, "due": due, "attempt": job.attempt, "folder": job.folder}
+
+
+def _state(schedule: Schedule) -> ScheduleState:
+    path = schedule.folder / JOURNAL
+    return state_of(read_journal(path)) if path.exists() else ScheduleState()
+
+
+def _ask(schedule: Schedule, **asked: Any) -> None:
+    try:
+        add_request(schedule.folder, **asked)
+    except OSError as error:
+        raise RunError(f"{schedule.folder}: cannot be written: {error.strerror}") from None
+
+
+def _absolute(reference: str) -> str:
+    """Return a path that means the same from anywhere; a name stays a name."""
+    return str(Path(reference).resolve()) if Path(reference).is_file() else reference
+
+
+class _Hands:
+    """What a schedule has done for it in earnest."""
+
+    def __init__(self, schedule: Schedule, stop: StopFlag) -> None:
+        self._schedule = schedule
+        self._stop = stop
+
+    def now(self) -> datetime:
+        return datetime.now(UTC)
+
+    def sleep(self, seconds: float) -> None:
+        until = time.monotonic() + seconds
+        while time.monotonic() < until and not self._stop.requested:
+            time.sleep(min(_POLL_S, max(0.0, until - time.monotonic())))
+
+    def say(self, text: str) -> None:
+        click.echo(f"{self.now():%FT%TZ} {text}")
+
+    def run(self, job: Job, entry: Entry | None) -> int:
+        """Run a campaign in a process of its own, so that no crash of it is one of the schedule."""
+        assert job.folder is not None
+        folder = Path(job.folder)
+        # The process of a scheduler that was killed goes on: its run is waited for.
+        while is_written(folder) and not self._stop.requested:
+            self.sleep(_POLL_S)
+        arguments = ["run", job.campaign, "--out", job.folder, "--resume"]
+        arguments += ["--rig", job.rig] if job.rig is not None else []
+        arguments += ["--pace", entry.pace] if entry is not None and entry.pace else []
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rig.cli", *arguments],
+            stdin=subprocess.DEVNULL,
+            cwd=self._schedule.path.parent,
+        )
+        passing_on = threading.Thread(target=self._pass_on, args=(process,), daemon=True)
+        passing_on.start()
+        return process.wait()
+
+    def _pass_on(self, process: subprocess.Popen[bytes]) -> None:
+        """End the run once the schedule is to end; from a terminal it has the signal already."""
+        while process.poll() is None:
+            if self._stop.requested:
+                # One that has ended meanwhile is left alone.
+                process.terminate()
+                return
+            time.sleep(_POLL_S)
+
+    def after(self, job: Job, exit_code: int) -> str:
+        from rig.report.campaign import TREND, write_trend
+        from rig.runner.run_folder import trends_of
+
+        problems = []
+        page = self._schedule.folder / TREND
+        try:
+            write_trend(trends_of(runs_below(self._schedule.folder)), page, self._schedule.name)
+        except Exception as error:  # a page that cannot be made ends no schedule
+            problems.append(f"no trend page: {type(error).__name__}: {error}")
+        if self._schedule.hook:
+            problems.append(run_hook(self._schedule.hook, self._places(job, exit_code, page)))
+        return "; ".join(problem for problem in problems if problem)
+
+    def _places(self, job: Job, exit_code: int, page: Path) -> dict[str, str]:
+        folder = Path(job.folder or "")
+        try:
+            verdicts = ",".join(sorted(read_run(folder).verdicts))
+        except RunError:
+            verdicts = ""
+        return {
+            "schedule": self._schedule.name,
+            "entry": job.entry,
+            "campaign": job.campaign,
+            "run": str(folder),
+            "exit_code": str(exit_code),
+            "verdicts": verdicts,
+            "report": str(folder / "report.html"),
+            "trend": str(page),
+        }

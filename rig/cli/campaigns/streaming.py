@@ -1,0 +1,77 @@
+"""The live stream of a run: which profile, and what is done about commands that come by it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from rig.configuration import DEFAULT, OFF, ConfigError, Problem, Rig, load_stream
+from rig.runner import Observer
+from rig.runner.campaign import LONGEST_TEXT, Desk, RefusedError, Request
+from rig.stream import StreamSettings
+
+REQUESTS: Final = {
+    "abort": Request.ABORT,
+    "hold": Request.PAUSE,
+    "resume": Request.RESUME,
+    "skip": Request.SKIP,
+    "retry": Request.RETRY,
+    "note": Request.NOTE,
+    "acknowledge": Request.ACKNOWLEDGE,
+}
+"""What the desk is asked for by each command of the stream."""
+
+
+def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
+    """Return the settings of a run's stream; None for no stream.
+
+    Raises:
+        ConfigError: the profile, or a file that it names, cannot be used.
+    """
+    profile = profile or (DEFAULT if paced else OFF)
+    if profile == OFF:
+        return None
+    settings = load_stream(profile)
+    from rig.stream import KeyFileError, StreamError, check_files, credentials_of
+
+    try:
+        check_files(settings)
+        for operator in settings.operators:
+            credentials_of(operator)
+    except (KeyFileError, StreamError) as error:
+        raise ConfigError([Problem(profile, 0, 0, "stream", "", str(error), "")]) from None
+    return settings
+
+
+@contextmanager
+def streamed(
+    observer: Observer,
+    settings: StreamSettings | None,
+    rig: Rig,
+    directory: Path,
+    desk: Desk,
+    *,
+    paced: bool,
+) -> Iterator[Observer]:
+    """Give an observer that shows a run on its live stream as well, if it is to have one."""
+    if settings is None:
+        yield observer
+        return
+    from rig.runner.campaign import StreamedRun
+    from rig.stream import Command, rig_id
+    from rig.supervisor import LOG, Stream
+
+    def obey(command: Command) -> str:
+        """Hand a command to the desk; return why it is not obeyed, if not."""
+        try:
+            desk.ask(REQUESTS[command.name], command.by, command.text[:LONGEST_TEXT], command.test)
+        except RefusedError as error:
+            return str(error)
+        return ""
+
+    stream = Stream(settings, rig_id(rig.name), directory / LOG, observer.rig_tells, obey)
+    run = StreamedRun(stream, observer, simulated=rig.backend == "simulated", live=paced)
+    try:
+        yield run
+    finally:
+        run.ends()

@@ -1,0 +1,95 @@
+"""The verdict table of a campaign, injected against found, and its summary in lines."""
+
+from collections.abc import Iterator
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from estimator.leaks import Decision
+from faults import to_litres_per_minute
+from rig.runner import CampaignOutcome, InjectedFault, Status, TestOutcome
+from rig.runner.outcomes import chance, in_passing, reaction
+from rig.runner.run_folder import coefficient_unit
+
+from .progress import STYLES
+
+
+def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
+    """Return the table of a campaign's verdicts; `plain` draws it with ASCII."""
+    table = Table(box=box.ASCII2 if plain else box.ROUNDED)
+    for heading in ("test", "injected", "found", "onset", "latency", "result"):
+        right = heading in ("onset", "latency")
+        table.add_column(heading, justify="right" if right else "left")
+    for test in outcome.tests:
+        table.add_row(
+            Text(test.name),
+            Text("\n".join(injected(fault) for fault in test.injected) or "-"),
+            Text("\n".join((found(test.decision), *_passing(test)))),
+            Text(_onset(test)),
+            Text("" if test.latency_s is None else f"{test.latency_s:.1f} s"),
+            Text(_result(test), STYLES[test.status]),
+        )
+    return table
+
+
+def injected(fault: InjectedFault) -> str:
+    """Return what was injected: kind, mean flow (else the coefficient), and when."""
+    size = f"{fault.coefficient:.3g} {coefficient_unit(fault)}"
+    if fault.mean_flow_m3_per_s is not None:
+        size = f"{to_litres_per_minute(fault.mean_flow_m3_per_s):.3f} L/min"
+    return f"{fault.kind} {size} at {fault.at_s:g} s"
+
+
+def found(decision: Decision | None) -> str:
+    """Return what was found: verdict, its probability, and mean flow with its 95 % interval."""
+    if decision is None:
+        return "-"
+    told = (str(decision.verdict), chance(decision), leak(decision))
+    return " ".join(part for part in told if part)
+
+
+def _passing(test: TestOutcome) -> list[str]:
+    return [] if test.decision is None else in_passing(test.decision, test.found)
+
+
+def leak(decision: Decision) -> str:
+    """Return a decision's mean leak flow with its 95 % interval, empty where there is none."""
+    if decision.leak_m3_per_s is None:
+        return ""
+    flow = f"{to_litres_per_minute(decision.leak_m3_per_s):.3f}"
+    interval = decision.interval_m3_per_s
+    if interval is None:
+        return f"{flow} L/min"
+    # The lower end stops at no leak, so the upper one tells how wide the interval is.
+    half = to_litres_per_minute(interval[1] - decision.leak_m3_per_s)
+    return f"{flow} ± {half:.3f} L/min"
+
+
+def summary(outcome: CampaignOutcome, wall_s: float, *, live: bool) -> Iterator[str]:
+    """Yield what there is to say below the table: what crashed, counts, and speed.
+
+    The speed of a run at the wall clock (`live`) tells nothing.
+    """
+    for test in outcome.tests:
+        if test.status == Status.ERROR:
+            yield f"{test.name}: {test.message}"
+    counts = ", ".join(f"{count} {status.value}" for status, count in outcome.counts.items())
+    yield f"{len(outcome.tests)} tests: {counts}".replace("_", " ")
+    recorded_s = sum(test.recorded_s for test in outcome.tests)
+    took = f"{recorded_s:.0f} s of rig time in {wall_s:.1f} s"
+    yield took if live else f"{took}: {recorded_s / wall_s:.0f} rig-seconds per second"
+
+
+def _onset(test: TestOutcome) -> str:
+    if test.decision is None or test.decision.onset_s is None:
+        return ""
+    return f"{test.decision.onset_s:.2f} s"
+
+
+def _result(test: TestOutcome) -> str:
+    ended = test.status.value.replace("_", " ")
+    if test.status == Status.FAILED:
+        ended += f", expected {test.expect}"
+    done = reaction(test)
+    return f"{ended}, {done}" if done else ended

@@ -1,0 +1,1 @@
+"""Commands about the rig itself: home, calibrate, doctor, and the emulated rig."""

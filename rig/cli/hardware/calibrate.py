@@ -1,0 +1,157 @@
+"""`rig calibrate`: measures what a rig file otherwise has from data sheets."""
+
+import csv
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import click
+import numpy as np
+from rich import box
+from rich.table import Table
+
+from control import RequestError
+from estimator.filters import DEFAULT_FILTER
+from faults import CalibratedPoint, Measurement, NeedleCalibration, to_litres_per_minute
+from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED
+from rig.cli.screen import Screen
+from rig.configuration import dump_calibration, load_model, load_rig
+from rig.io import BYPASSES, DriverError
+from rig.loop import TripError
+from rig.runner import StopFlag, stop_on_signals
+from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
+from rig.runner.run_folder import file_stem
+from rig.supervisor import Session, Strokes, calibratable, calibrate
+
+_FOLDER: Final = Path("calibrations")
+_UNIT: Final = "m^3/(s Pa^0.5)"
+_RAW: Final = (
+    "bypass", "opening", "direction", "feedback", "flow_m3_per_s", "flow_error_m3_per_s", "drop_Pa",
+    "coefficient", "coefficient_error",
+)  # fmt: skip
+"""Columns of the raw measurements: SI; of ball and needle in series; errors are standard errors."""
+
+
+@click.group()
+def command() -> None:
+    """Measure what a rig file otherwise has from data sheets."""
+
+
+@command.command()
+@click.option("--rig", "reference", metavar="RIG", required=True, help="A hardware rig.")
+@click.option(
+    "--valve",
+    "asked",
+    type=click.Choice(BYPASSES),
+    multiple=True,
+    metavar="KIND",
+    help="The bypass that makes this fault; may be repeated. All with a flow meter if not given.",
+)
+@click.option(
+    "--points",
+    type=click.IntRange(2, 101),
+    default=11,
+    show_default=True,
+    help="Openings of the needle, each measured on the way up and down.",
+)
+@click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="A new file for the table. Default: calibrations/RIG-TIME.yaml.",
+)
+def valves(
+    reference: str, asked: tuple[str, ...], points: int, model: str, out: Path | None
+) -> int:
+    """Measure needle opening against leakage coefficient with the flow meters.
+
+    The rig is armed and homed; the ram then makes a slow stroke for each point, some 9 s. Writes a
+    dated file for `needle: {calibration: FILE}` in the rig file, and what was measured beside it,
+    as CSV. Exit code: 0 done, 2 bad input or no calibration, 3 stopped or tripped.
+    """
+    rig, assumed = load_rig(reference), load_model(model)
+    wanted = calibratable(rig, asked)
+    started = datetime.now(UTC)
+    path = out or _FOLDER / f"{file_stem(rig.name)}-{started:%Y%m%dT%H%M%SZ}.yaml"
+    raw = path.with_suffix(".csv")
+    for file in (path, raw):
+        if file.exists():
+            raise click.BadParameter(f"{file} exists; name a new file", param_hint="--out")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    screen, stop = Screen(), StopFlag()
+
+    def on_measured(kind: str, measurement: Measurement) -> None:
+        _keep(raw, kind, measurement)
+        screen.print(_line(kind, measurement), soft_wrap=True)
+
+    openings = [round(float(opening), 4) for opening in np.linspace(0.0, 1.0, points)]
+    session = Session(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
+    try:
+        with stop_on_signals(stop):
+            compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
+            with session:
+                needles = calibrate(
+                    Strokes(session.rig), wanted, openings, assumed.parameters.return_pressure,
+                    started.date(), on_measured,
+                )  # fmt: skip
+    except DriverError as error:
+        click.echo(str(error), err=True)
+        return EXIT_BAD_INPUT
+    except TripError as error:
+        click.echo(f"rig: {error}", err=True)
+        return EXIT_STOPPED
+    except RequestError as error:
+        click.echo(f"{error}\nno calibration; what was measured: {raw}", err=True)
+        return EXIT_BAD_INPUT
+    dump_calibration(path, rig.name, started.date(), needles)
+    screen.print(_table(needles, plain=not screen.is_terminal))
+    screen.print(f"calibration: {path}\nmeasurements: {raw}", soft_wrap=True)
+    return 0
+
+
+def _keep(path: Path, kind: str, measurement: Measurement) -> None:
+    """Add a measurement to a file at once: what was measured before a trip is kept."""
+    new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        if new:
+            writer.writerow(_RAW)
+        writer.writerow(
+            (kind, measurement.opening, _direction(measurement), measurement.feedback,
+             *measurement.flow, measurement.drop_Pa, *measurement.coefficient)
+        )  # fmt: skip
+
+
+def _direction(measurement: Measurement) -> str:
+    return "up" if measurement.upwards else "down"
+
+
+def _line(kind: str, measurement: Measurement) -> str:
+    flow, error = (to_litres_per_minute(value) for value in measurement.flow)
+    return (
+        f"{kind} {measurement.opening:g} {_direction(measurement)}: {flow:.3f} ± {error:.3f} L/min "
+        f"at {1e-6 * measurement.drop_Pa:.2f} MPa"
+    )
+
+
+def _table(needles: Mapping[str, NeedleCalibration], *, plain: bool) -> Table:
+    """Return the needles' points as a table; `plain` draws it with ASCII."""
+    table = Table(box=box.ASCII2 if plain else box.ROUNDED, title=f"Coefficients in {_UNIT}")
+    table.add_column("bypass")
+    for heading in ("opening", "coefficient", "± standard error", "up - down"):
+        table.add_column(heading, justify="right")
+    for kind, calibration in needles.items():
+        for point in calibration.points:
+            table.add_row(kind, *_cells(point))
+        table.add_section()
+    return table
+
+
+def _cells(point: CalibratedPoint) -> tuple[str, ...]:
+    value, error = point.coefficient
+    if not point.coefficient.is_resolved:
+        return f"{point.opening:g}", f"at most {point.bound:.1e}", "", ""
+    hysteresis = f"{point.hysteresis:+.1e}"
+    return f"{point.opening:g}", f"{value:.4g}", f"{error:.1e}", hysteresis

@@ -1,0 +1,110 @@
+"""`rig doctor`: what this machine grants to a rig, with the remedy for what it does not."""
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from rig.cli.application import EXIT_CRASHED
+from rig.cli.ranges import Range
+from rig.cli.screen import Screen
+from rig.configuration import Rig, load_rig
+from rig.io import LoopSettings
+from rig.loop import Grant, RealTime, StageTimes, wakeup_lateness
+
+from .machine import Finding, machine
+from .probing import probe
+
+STYLES: Final = {"good": "green", "weak": "yellow", "bad": "bold red"}
+
+_LATE: Final = 2e-4
+"""Wake-up lateness in s, 99th percentile, from which on a 1 kHz loop has little room left."""
+_MISSED: Final = 5e-3
+"""Share of missed ticks above which recordings have gaps that matter."""
+
+
+@click.command()
+@click.option("--rig", "reference", metavar="RIG", help="Probe this rig's drivers too: open only.")
+@click.option(
+    "--seconds",
+    type=Range(0.01, 3600.0),
+    default=5.0,
+    show_default=True,
+    help="How long the idle loop is measured.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object instead of the table.")
+def command(reference: str | None, seconds: float, as_json: bool) -> int:
+    """Tell what this machine grants to a rig's loop, and the remedy for what it does not.
+
+    Nothing moves; devices that another program on this machine drives are left alone. Exit code:
+    0 the loop would run, 1 something it needs is bad, 2 bad input.
+    """
+    rig = load_rig(reference) if reference is not None else None
+    loop = rig.loop if rig is not None else LoopSettings()
+    # The compiler must not run at the loop's priority: it would hold up every other loop.
+    wakeup_lateness(1.0 / loop.rate, 1)
+    with RealTime(loop.cpu, loop.priority) as real_time:
+        lateness = wakeup_lateness(1.0 / loop.rate, max(1, round(seconds * loop.rate)))
+    timing = _timing(lateness)
+    findings = list(_findings(real_time.grants, timing, loop, rig))
+    if as_json:
+        told = [finding._asdict() for finding in findings]
+        click.echo(json.dumps({"findings": told, "loop": timing}))
+    else:
+        screen = Screen()
+        screen.print(_table(findings, plain=not screen.is_terminal))
+    return EXIT_CRASHED if any(finding.grade == "bad" for finding in findings) else 0
+
+
+def _findings(
+    grants: Sequence[Grant], timing: dict[str, Any], loop: LoopSettings, rig: Rig | None
+) -> Iterator[Finding]:
+    for grant in grants:
+        yield _granted(grant)
+    yield from machine(Path.cwd())
+    if rig is not None:
+        yield from probe(rig.drivers)
+    yield _judged(timing, loop)
+
+
+def _granted(grant: Grant) -> Finding:
+    if grant.granted:
+        return Finding(grant.name, f"granted: {grant.why}")
+    return Finding(grant.name, f"refused: {grant.why}", "weak", grant.remedy)
+
+
+def _timing(lateness: NDArray[np.float64]) -> dict[str, Any]:
+    """Return ticks, missed ones, and percentiles of the lateness in s."""
+    stage = StageTimes()
+    stage.take(lateness)
+    return {"ticks": lateness.size, "missed": lateness.size - stage.count, **stage.summary()}
+
+
+def _judged(timing: dict[str, Any], loop: LoopSettings) -> Finding:
+    missed = timing["missed"] / timing["ticks"]
+    p50, p99, worst = (1e6 * timing[key] for key in ("p50_s", "p99_s", "max_s"))
+    found = (
+        f"{timing['ticks']} ticks at {loop.rate:g} Hz: wakes {p50:.0f} us late (p50), {p99:.0f} us "
+        f"(p99), {worst:.0f} us at most; {missed:.2%} missed"
+    )
+    if timing["p99_s"] <= _LATE and missed <= _MISSED:
+        return Finding("idle loop", found)
+    remedy = "heed the remedies above; close other programs, or use another machine"
+    return Finding("idle loop", found, "weak", remedy)
+
+
+def _table(findings: Sequence[Finding], *, plain: bool) -> Table:
+    """Return the findings as a table; `plain` draws it with ASCII."""
+    table = Table(box=box.ASCII2 if plain else box.ROUNDED)
+    for heading in ("", "found", "remedy"):
+        table.add_column(heading)
+    for subject, found, grade, remedy in findings:
+        table.add_row(Text(subject), Text(found, STYLES[grade]), Text(remedy))
+    return table

@@ -1,0 +1,1 @@
+"""Commands that watch rigs which run: monitor, console, router."""

@@ -1,0 +1,163 @@
+"""A rig's stream as text: what `rig monitor` shows on a terminal, in a log, and to a program."""
+
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from typing import Any, Final
+
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from rig.stream import Snapshot
+
+EVENTS: Final = 6
+STYLES: Final = {"live": "green", "ended": "dim", "dead": "bold red", "unheard": "dim"}
+_MPA: Final = 1e-6
+_MM: Final = 1e3
+_US: Final = 1e6
+_L_PER_MIN: Final = 6e4
+
+
+def document(snapshot: Snapshot) -> dict[str, Any]:
+    """Return a snapshot for a program: SI, None for what is not known."""
+    return {
+        "rig": snapshot.rig,
+        "alive": snapshot.alive,
+        "life": snapshot.life,
+        "age_s": snapshot.age_s,
+        "session": snapshot.session,
+        "restarts": snapshot.restarts,
+        "rate_hz": snapshot.rate_hz,
+        "time_s": _known(snapshot.time_s),
+        "latest": {name: _known(value) for name, value in snapshot.latest.items()},
+        "units": dict(zip(snapshot.names, snapshot.units, strict=True)),
+        "missing": dict(snapshot.missing),
+        "refused": snapshot.refused,
+        **{
+            kind: _told(getattr(snapshot, kind))
+            for kind in ("state", "campaign", "progress", "decision", "health")
+        },
+        "events": [_told(event) for event in snapshot.events],
+    }
+
+
+def line(snapshot: Snapshot) -> str:
+    """Return a snapshot on one line, for a log."""
+    progress = snapshot.progress
+    parts = [f"{snapshot.rig}: {_life(snapshot)}"]
+    if progress:
+        number, count = (_number(progress.get(key), "g") for key in ("number", "count"))
+        parts.append(f"[{number}/{count}] {progress.get('name', '')}")
+    if isfinite(snapshot.time_s):
+        parts.append(f"{snapshot.time_s:.1f} s")
+    parts += [f"{name} {value}" for name, value in _figures(snapshot)]
+    return ", ".join(parts)
+
+
+def screen(snapshot: Snapshot) -> RenderableType:
+    """Return a snapshot for a terminal."""
+    figures = Table.grid(padding=(0, 2))
+    for name, value in _figures(snapshot):
+        figures.add_row(Text(name, style="dim"), Text(value))
+    events = [Text(_event(event), style=_style(event)) for event in snapshot.events[-EVENTS:]]
+    style = STYLES[snapshot.life]
+    title = Text(f"{snapshot.rig}: {_life(snapshot)}", style=style)
+    return Panel(Group(_progress(snapshot), figures, Text(), *events), title=title)
+
+
+def _life(snapshot: Snapshot) -> str:
+    if snapshot.age_s is None:
+        return "nothing heard yet"
+    if snapshot.life == "ended":
+        return f"ended {snapshot.age_s:.1f} s ago; what is shown is what was"
+    if not snapshot.alive:
+        return f"DEAD for {snapshot.age_s:.1f} s; what is shown is what was"
+    return f"live, {snapshot.rate_hz:.0f} samples a second"
+
+
+def _progress(snapshot: Snapshot) -> Text:
+    progress, campaign = snapshot.progress, snapshot.campaign
+    if not progress:
+        return Text("no campaign")
+    return Text(
+        f"{campaign.get('name', '')} {campaign.get('status', '')}: "
+        f"test {_number(progress.get('number'), 'g')} of {_number(progress.get('count'), 'g')}, "
+        f"{progress.get('name', '')}, {_number(progress.get('time_s'), '.1f')} of "
+        f"{_number(progress.get('duration_s'), 'g')} s"
+    )
+
+
+def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
+    """Yield what is shown, names and values, as far as it is known."""
+    latest, health, decision = snapshot.latest, snapshot.health, snapshot.decision
+    if snapshot.state:
+        yield "state", str(snapshot.state.get("state", ""))
+    for name, channel, factor, unit in (
+        ("position", "position_m", _MM, "mm"),
+        ("setpoint", "setpoint_m", _MM, "mm"),
+        ("command", "command_V", 1.0, "V"),
+        ("pressure 1", "pressure_1_Pa", _MPA, "MPa"),
+        ("pressure 2", "pressure_2_Pa", _MPA, "MPa"),
+        ("supply", "supply_pressure_Pa", _MPA, "MPa"),
+    ):
+        value = latest.get(channel, float("nan"))
+        if isfinite(value):
+            yield name, f"{factor * value:.2f} {unit}"
+    if decision:
+        yield "verdict", _verdict(decision)
+        statistic, threshold = decision.get("statistic"), decision.get("threshold")
+        yield "residual", f"{_number(statistic, '.2f')} of {_number(threshold, '.2f')}"
+    for stage, words in (("wakeup", "lateness"), ("exchange", "exchange")):
+        timed = health.get("timing", {}).get(stage)
+        if timed:
+            yield (
+                words,
+                ", ".join(
+                    f"{name} {_number(timed.get(key), '.0f', _US)} us"
+                    for name, key in (("p50", "p50_s"), ("p99", "p99_s"), ("most", "max_s"))
+                ),
+            )
+    if health.get("missed") or health.get("exchange_errors"):
+        missed, failed = (_number(health.get(key), "g") for key in ("missed", "exchange_errors"))
+        yield "ticks missed", f"{missed}, exchanges failed {failed}"
+    if health.get("sentence"):
+        yield str(health.get("action", "")), str(health["sentence"])
+    for trip in health.get("trips", {}).get("first_out", [])[:1]:
+        by, sentence, remedy = (trip.get(key, "") for key in ("by", "sentence", "remedy"))
+        yield "TRIPPED", f"by {by}: {sentence}; {remedy}"
+    if snapshot.missing:
+        yield "missing", ", ".join(f"{n} {kind}" for kind, n in sorted(snapshot.missing.items()))
+    if snapshot.refused:
+        yield "refused", f"{snapshot.refused} that are no messages, the last: {snapshot.refusal}"
+
+
+def _verdict(decision: Mapping[str, Any]) -> str:
+    text = str(decision.get("verdict", ""))
+    chance = decision.get("probabilities", {}).get(text)
+    flow = decision.get("leak_m3_per_s")
+    text += "" if chance is None else f" {100.0 * chance:.0f} %"
+    return text if flow is None else f"{text}, {_L_PER_MIN * flow:.3f} L/min"
+
+
+def _event(event: Mapping[str, Any]) -> str:
+    at = event.get("time_s")
+    return f"{'' if at is None else f'{at:.1f} s '}{event.get('kind', '')}: {event.get('text', '')}"
+
+
+def _style(event: Mapping[str, Any]) -> str:
+    return "bold red" if event.get("kind") in ("trip", "error", "refused") else "dim"
+
+
+def _number(value: Any, form: str, factor: float = 1.0) -> str:
+    return format(factor * value, form) if isinstance(value, int | float) else "-"
+
+
+def _known(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def _told(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a message tells, without its header."""
+    header = ("version", "session", "sequence")
+    return {name: value for name, value in content.items() if name not in header}

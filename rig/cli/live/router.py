@@ -1,0 +1,33 @@
+"""`rig router`: passes the live streams of many rigs on to those who follow them."""
+
+import threading
+
+import click
+
+from rig.cli.application import EXIT_BAD_INPUT
+from rig.configuration import load_stream
+from rig.runner import StopFlag, stop_on_signals
+
+
+@click.command()
+@click.argument("profile", default="router")
+def command(profile: str) -> int:
+    """Route streams by PROFILE, a file or a shipped name, until Ctrl-C.
+
+    Rigs connect to it by the profile `fleet`, and so do those who follow them. Eclipse's zenohd
+    with the same addresses, certificates and access control does the same.
+    """
+    settings = load_stream(profile)
+    from rig.stream import StreamError, check_files, publisher_session
+
+    stop = StopFlag()
+    try:
+        check_files(settings)
+        with publisher_session(settings), stop_on_signals(stop):
+            click.echo(f"routes on {', '.join(map(str, settings.listen))}")
+            while not stop.requested:
+                threading.Event().wait(0.2)
+    except StreamError as error:
+        click.echo(str(error), err=True)
+        return EXIT_BAD_INPUT
+    return 0

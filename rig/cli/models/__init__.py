@@ -1,0 +1,1 @@
+"""Commands that find out about models: gap, identify, sweep."""

@@ -1,0 +1,209 @@
+"""What `rig gap` does once its options are read: recordings in, finding, page and model out."""
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import click
+
+from estimator.gap import GapResult, Plant, find_gap
+from rig.cli.application import EXIT_STOPPED
+from rig.cli.problems import Problems
+from rig.cli.screen import Screen
+from rig.configuration import PlantModel, load_model, load_plant, load_rig
+from rig.recording import Recording, read_recording, replacing
+from rig.report.gap import gap_page
+from rig.runner.campaign import Pace
+from rig.runner.experiments import (
+    CHANNELS,
+    ROUNDS,
+    answer,
+    gap_figures,
+    provenance_of,
+    rig_plant,
+    room_of,
+)
+from rig.runner.outcomes import sensors_of
+
+from .gap_live import close_on_rig, experiment_file, show_motions
+from .gap_table import gap_lines, gap_table
+
+MODEL_FILE: Final = "model.yaml"
+REPORT_FILE: Final = "report.html"
+FIGURES_FILE: Final = "gap.json"
+EXPERIMENT_FILE: Final = "experiment.yaml"
+WITH_TERM_FILE: Final = "model_with_term.yaml"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the command line asks for; see `rig gap --help`."""
+
+    recordings: tuple[str, ...]
+    holdout: tuple[str, ...]
+    live: bool
+    rig: str | None
+    pace: Pace | None
+    rounds: int | None
+    dry_run: bool
+    model: str
+    outside: str | None
+    out: Path | None
+    as_json: bool
+
+
+def found_by(asked: Asked) -> int:
+    """Find what is asked for, write and tell it; return the exit code."""
+    problems = Problems()
+    own: PlantModel | None = None
+    with problems.collected():
+        if asked.outside is None:
+            tested = load_model(asked.model)
+        else:
+            own = load_plant(asked.outside, asked.model)
+    if asked.outside is not None and own is None:
+        # Which channels a recording must have, the plant would have told.
+        return problems.report()
+    if asked.live:
+        if asked.recordings or asked.holdout or asked.outside or asked.rig is None:
+            limit = "makes its own recordings, on a hydraulic rig"
+            problems.add(f"--live: {limit}; give --rig, no recordings and no --plant")
+        else:
+            with problems.collected():
+                rig = load_rig(asked.rig)
+        if asked.dry_run and not problems.found:
+            return show_motions(rig, tested)
+    else:
+        if not asked.recordings or not asked.holdout:
+            problems.add("give recordings to fit to, and some to judge with after --holdout")
+        if asked.rig or asked.pace or asked.dry_run or asked.rounds:
+            problems.add("--rig, --pace, --rounds, --dry-run: are of motions on a rig; give --live")
+    out = asked.out
+    if out is None or (out.exists() and not out.is_dir()):
+        what = (
+            "name a folder for what is found" if out is None else f"{out} is a file; name a folder"
+        )
+        problems.add(f"--out: {what}")
+    read = own.read if own is not None else _read_of_rig
+    fitted, judged = _read(asked.recordings, read, problems), _read(asked.holdout, read, problems)
+    _refuse_repeated(fitted, judged, problems)
+    if problems.found or out is None:
+        return problems.report()
+    if asked.live:
+        found = close_on_rig(
+            rig, tested, asked.pace, asked.rounds or ROUNDS, out, as_json=asked.as_json
+        )
+        if isinstance(found, int):
+            return found
+        plant, name, result = rig_plant(tested, rig.sensors, room_of(rig)), tested.name, found
+    else:
+        if own is not None:
+            plant, name = own.plant, own.name
+        else:
+            plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
+        result = find_gap(fitted, judged, plant)
+    told = ("rig", *sys.argv[1:])
+    _write(result, plant, name, told, out, (asked.rig or "simulated", asked.model))
+    if asked.as_json:
+        click.echo(json.dumps(answer(result), allow_nan=False))
+        return _code(result)
+    screen = Screen()
+    for line in gap_lines(result):
+        screen.print(line)
+    screen.print(gap_table(result, plain=not screen.is_terminal))
+    screen.print(f"report: {out / REPORT_FILE}")
+    screen.print(f"model: {out / MODEL_FILE}")
+    if (out / WITH_TERM_FILE).is_file():
+        screen.print(f"model with the unknown term: {out / WITH_TERM_FILE}")
+    if (out / EXPERIMENT_FILE).is_file():
+        screen.print(f"experiment: {out / EXPERIMENT_FILE}")
+    return _code(result)
+
+
+def _code(result: GapResult) -> int:
+    """Return the exit code of a finding; on a rig that tripped it is written, and told."""
+    if not result.ended_by:
+        return 0
+    click.echo(f"rig: {result.ended_by}", err=True)
+    return EXIT_STOPPED
+
+
+def _read_of_rig(name: str) -> Recording:
+    return read_recording(name, required=CHANNELS)
+
+
+def _read(
+    names: Sequence[str], read: Callable[[str], Recording], problems: Problems
+) -> list[Recording]:
+    """Return the recordings that can be read; what is wrong with others goes to the problems."""
+    found = []
+    for name in names:
+        with problems.collected():
+            found.append(read(name))
+    return found
+
+
+def _refuse_repeated(
+    fitted: Sequence[Recording], judged: Sequence[Recording], problems: Problems
+) -> None:
+    """Take note of recordings with the same content: evidence must not be counted twice."""
+    seen: dict[str, tuple[str, bool]] = {}
+    for recording, held in [*((r, False) for r in fitted), *((r, True) for r in judged)]:
+        content = recording.content_hash()
+        if content not in seen:
+            seen[content] = (recording.source, held)
+            continue
+        first, first_held = seen[content]
+        if held != first_held:
+            problems.add(
+                f"--holdout: {recording.source} holds the same samples as {first}, which is fitted "
+                "to; hold out a recording of its own"
+            )
+        else:
+            problems.add(f"{recording.source}: holds the same samples as {first}; give it once")
+
+
+def _write(
+    result: GapResult,
+    plant: Plant,
+    model: str,
+    told: tuple[str, ...],
+    out: Path,
+    references: tuple[str, str],
+) -> None:
+    """Write model, report, figures and experiment: all of them, or, if one fails, none.
+
+    Args:
+        result: of the workflow.
+        plant: that was looked at.
+        model: name of the model that was tested.
+        told: the command line.
+        out: folder; made if missing.
+        references: rig and model of the experiment's campaign.
+    """
+    page = gap_page(result, plant, model, told)
+    figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
+    campaign = next((each.campaign for each in result.experiments if each.campaign), None)
+    out.mkdir(parents=True, exist_ok=True)
+    if campaign is None:
+        (out / EXPERIMENT_FILE).unlink(missing_ok=True)
+    if result.added is None:
+        (out / WITH_TERM_FILE).unlink(missing_ok=True)
+    with ExitStack() as stack:
+        written, drawn, told_of = (
+            stack.enter_context(replacing(out / name))
+            for name in (MODEL_FILE, REPORT_FILE, FIGURES_FILE)
+        )
+        plant.write(result.values, result.names, provenance_of(result, told), written)
+        if result.added is not None:
+            also = stack.enter_context(replacing(out / WITH_TERM_FILE))
+            plant.write(result.added.values, (), provenance_of(result, told, with_term=True), also)
+        drawn.write_text(page, encoding="utf-8")
+        told_of.write_text(figures + "\n", encoding="utf-8")
+        if campaign is not None:
+            to_run = stack.enter_context(replacing(out / EXPERIMENT_FILE))
+            to_run.write_text(experiment_file(campaign, *references), encoding="utf-8")

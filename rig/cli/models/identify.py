@@ -1,0 +1,165 @@
+"""`rig identify`: learns from recordings, or an experiment, what a rig's friction is."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import click
+
+from estimator.friction import Spring, identify_recording
+from rig.cli.problems import Problems
+from rig.cli.screen import Screen
+from rig.configuration import Physical, QuantityError, load_model, load_rig
+from rig.plant import Model, quantities
+from rig.recording import Recording, read_recording, replacing
+from rig.report.friction import FrictionRun, changes_in_words, friction_page, needs_in_words
+from rig.runner.campaign import Pace
+from rig.runner.outcomes import (
+    change_figures,
+    friction_figures,
+    model_spring,
+    sensors_of,
+    spring_of,
+)
+
+from .friction_table import friction_table
+from .identify_rig import run_on_rig, show_motions
+
+_PAGE: Final = Path("friction.html")
+
+
+@click.group()
+def command() -> None:
+    """Learn from recordings, or from an experiment, what a rig's parameters are."""
+
+
+@command.command()
+@click.argument("recordings", nargs=-1, metavar="[RECORDING...]")
+@click.option("--rig", "rig_reference", metavar="RIG", help="Run the experiment on this rig.")
+@click.option(
+    "--pace",
+    type=click.Choice(["real", "fast"]),
+    help="Of the experiment: at the wall clock, or as fast as it can; the rig's own if not given.",
+)
+@click.option("--dry-run", is_flag=True, help="Tell the experiment's motions, and move nothing.")
+@click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
+@click.option("--spring", metavar="STIFFNESS", help="Spring that was there, such as '2e4 N/m'.")
+@click.option("--contact", metavar="POSITION", help="Where the ram meets it, such as '0.22 m'.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="Of recordings: the page with the plots, friction.html if not given. Of an experiment: a "
+    "new or empty folder; runs/friction-RIG-TIME if not given.",
+)
+@click.option("--json", "as_json", is_flag=True, help="One object a line instead of a table.")
+def friction(
+    recordings: tuple[str, ...],
+    rig_reference: str | None,
+    pace: Pace | None,
+    dry_run: bool,
+    model: str,
+    spring: str | None,
+    contact: str | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Identify friction from recordings, oldest first, or by an experiment on a rig.
+
+    Stiction, Coulomb level, Stribeck velocity, viscous friction and asymmetry with 95 % intervals.
+
+    From recordings (.mcap, .csv, .csv.gz, .parquet): also the change from the first to the last,
+    and a page with plots. The spring is the one of the options, else of the recorded test, else of
+    the model. What a motion cannot show is said, with the motion that would. Exit code 0 whatever
+    is found, 2 if any input is bad.
+
+    With --rig: the ram, unloaded, slows down from fast strokes, goes at constant speeds, and breaks
+    away at ten places of the stroke under a slow ramp, 9 minutes in all, within the rig's limits.
+    Writes model.yaml, friction.html, friction.json and the recordings. Exit code 0 identified, 1
+    not, 2 bad input, 3 stopped or tripped.
+    """
+    problems = Problems()
+    if bool(recordings) == (rig_reference is not None):
+        problems.add("give either recordings or --rig, whose friction to identify")
+    if rig_reference is None and (pace or dry_run):
+        problems.add("--pace, --dry-run: are of the experiment on a rig; give --rig")
+    with problems.collected():
+        assumed = load_model(model)
+    told = _spring(spring, contact, problems)
+    if rig_reference is not None:
+        with problems.collected():
+            rig = load_rig(rig_reference)
+        if problems.found:
+            return problems.report()
+        if dry_run:
+            return show_motions(rig, assumed)
+        return run_on_rig(rig, assumed, told or model_spring(assumed), pace, out, as_json=as_json)
+    out = out or _PAGE
+    if out.is_dir():
+        problems.add(f"--out: {out} is a folder; name the page's file")
+    if not out.parent.is_dir():
+        problems.add(f"--out: {out.parent} is no folder; make it first")
+    runs = []
+    for recording in recordings:
+        with problems.collected():
+            content = read_recording(recording)
+            # With bad input nothing else is told: the rest is read for its own problems only.
+            if not problems.found:
+                runs.append(_run(recording, content, assumed, told))
+    if problems.found:
+        return problems.report()
+    with replacing(out) as partial:
+        partial.write_text(friction_page(runs, assumed), encoding="utf-8")
+    if as_json:
+        for run in runs:
+            changes = change_figures(runs[0].curve, run.curve) if run is not runs[0] else {}
+            told_of = {"recording": run.recording, "name": run.name, "started": run.started}
+            figures = told_of | friction_figures(run.curve) | {"change_from_first": changes}
+            click.echo(json.dumps(figures, allow_nan=False))
+        return 0
+    screen = Screen()
+    screen.print(friction_table(runs, plain=not screen.is_terminal))
+    for line in changes_in_words(runs):
+        screen.print(line)
+    for run in runs:
+        for need in needs_in_words(run.curve):
+            screen.print(f"{run.recording}: {need}")
+    screen.print(f"plots: {out}")
+    return 0
+
+
+def _run(name: str, recording: Recording, model: Model, told: Spring | None) -> FrictionRun:
+    spring = told or spring_of(recording) or model_spring(model)
+    curve = identify_recording(recording, model, spring, sensors_of(recording))
+    test = recording.metadata.get("test")
+    start_ns = recording.metadata.get("start_ns")
+    return FrictionRun(
+        name,
+        str(test["name"]) if isinstance(test, dict) and "name" in test else Path(name).name,
+        f"{datetime.fromtimestamp(start_ns / 1e9, UTC):%Y-%m-%d %H:%M}"
+        if isinstance(start_ns, int) and start_ns > 0
+        else None,
+        curve,
+    )
+
+
+def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spring | None:
+    """Return the spring of the options, None where they are not given."""
+    if spring is None and contact is None:
+        return None
+    values = []
+    known = quantities()
+    for option, text, parameter, lower in (
+        ("--spring", spring, "spring_stiffness", 0.0),
+        ("--contact", contact, "spring_contact", known["spring_contact"].lower),
+    ):
+        limits = known[parameter]
+        if text is None:
+            problems.add(f"{option}: a spring has a stiffness and a contact; give both")
+            continue
+        try:
+            values.append(Physical(limits.unit, lower, limits.upper).parse(text))
+        except QuantityError as error:
+            problems.add(f"{option}: {text} {error}")
+    return Spring(*values) if len(values) == 2 else None

@@ -1,0 +1,186 @@
+"""`rig sweep`: thousands of cases drawn at random, on all cores or on a cluster."""
+
+import json
+import os
+import shlex
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, one_line
+from rig.cli.screen import Screen
+from rig.configuration import Sweep, load_sweep
+from rig.recording import replacing
+from rig.runner.campaign import StopFlag, stop_on_signals
+from rig.sweep import (
+    PAGE,
+    SUMMARY,
+    TABLE,
+    Runner,
+    SweepError,
+    SweepFolder,
+    Timing,
+    chunks_of,
+    default_folder,
+    read_identity,
+    run_sweep,
+    unfinished_folder,
+)
+
+
+@click.command()
+@click.argument("sweep")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the results: new, empty, or of an earlier sweep, which is replaced. "
+    "Default: runs/SWEEP-TIME.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    help="Processes. Default: one for each core; 1 runs all in this one.",
+)
+@click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Run on the Dask cluster whose scheduler is there, such as tcp://127.0.0.1:8786.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the sweep in --out (else the newest unfinished one below runs): no case that "
+    "it finished is run again. SWEEP may then be its folder.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
+def command(
+    sweep: str,
+    out: Path | None,
+    jobs: int | None,
+    cluster: str | None,
+    resume: bool,
+    as_json: bool,
+) -> int:
+    """Run the Monte-Carlo sweep SWEEP, a file or a shipped name.
+
+    Writes sweep.parquet, a row a case, sweep.html with ROC, confusion and the smallest leak found,
+    and summary.json. The table is the same wherever and by however many processes it was run.
+    Ctrl-C ends it with what there is; stopped or killed, it goes on with --resume. Exit code: 0
+    done, 1 a case could not be run, 2 bad input, 3 stopped before the end.
+    """
+    if resume and Path(sweep).is_dir():
+        out = out or Path(sweep)
+        sweep = str((read_identity(Path(sweep)) or {}).get("file", sweep))
+    loaded = load_sweep(sweep)
+    if resume and out is None:
+        out = unfinished_folder(loaded, Path("runs"))
+    path = out or default_folder(loaded, datetime.now(UTC))
+    stop = StopFlag()
+    screen = Screen(on_closed=lambda: stop.request("the end of its output"))
+    say: Callable[[str], Any] = partial(screen.print, soft_wrap=True)
+    if as_json:
+        say = partial(click.echo, err=True)
+    with stop_on_signals(stop), ExitStack() as stack:
+        runner = _runner(jobs or os.cpu_count() or 1, cluster, stack, say)
+        folder = stack.enter_context(SweepFolder(path, loaded, resume=resume))
+        say(f"{loaded.name}: {loaded.cases} cases of {loaded.duration_s:g} s, judged by "
+            f"{loaded.filter_name}, in {path}")  # fmt: skip
+        try:
+            timing = _run(loaded, folder, runner, stop, screen, as_json=as_json)
+            done = sum(folder.done(chunks_of(loaded)).values())
+            if done < loaded.cases:
+                again = shlex.join(["rig", "sweep", str(path), "--resume"])
+                say(f"stopped by {stop.reason}: {done} of {loaded.cases} cases are done; {again}")
+                return EXIT_STOPPED
+            return _finish(loaded, folder, timing, say, as_json=as_json)
+        except SweepError as error:
+            click.echo(f"rig: {error}", err=True)
+        except OSError as error:
+            state = f"results cannot be written to {path}: {error.strerror or error}"
+            click.echo(f"rig: {state}; free space, and go on with --resume", err=True)
+        return EXIT_CRASHED
+
+
+def _runner(jobs: int, cluster: str | None, stack: ExitStack, tell: Callable[[str], Any]) -> Runner:
+    if cluster is not None:
+        from rig.sweep import connect, run_cluster
+
+        client = stack.enter_context(connect(cluster))
+        return lambda chunks, setting, stopped: run_cluster(chunks, setting, client, stopped, tell)
+    from rig.sweep import run_here, run_pool
+
+    if jobs == 1:
+        return run_here
+    return lambda chunks, setting, stopped: run_pool(chunks, setting, jobs, stopped)
+
+
+def _run(
+    sweep: Sweep,
+    folder: SweepFolder,
+    runner: Runner,
+    stop: StopFlag,
+    screen: Screen,
+    *,
+    as_json: bool,
+) -> Timing:
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} cases"),
+        TimeRemainingColumn(),
+        console=screen,
+        disable=as_json or not screen.is_terminal,
+        transient=True,
+    ) as progress:
+        bar = progress.add_task("starting", total=sweep.cases)
+        begun = False
+
+        def advanced(cases: int) -> None:
+            nonlocal begun
+            progress.update(bar, advance=cases, description="running" if begun else "starting")
+            begun = True
+
+        return run_sweep(sweep, folder, runner, lambda: stop.requested, advanced)
+
+
+def _finish(
+    sweep: Sweep, folder: SweepFolder, timing: Timing, say: Callable[[str], Any], *, as_json: bool
+) -> int:
+    """Write table, summary and page; tell what came out."""
+    from rig.report.sweep import lines_of
+    from rig.sweep import study_of
+
+    table = folder.finish()
+    study = study_of(table)
+    summary = {
+        "name": sweep.name,
+        "filter": sweep.filter_name,
+        "false_alarms_per_day": sweep.false_alarms_per_day,
+        "table": str(folder.path / TABLE),
+        **study.told(),
+        "timing": timing.told(),
+    }
+    with replacing(folder.path / SUMMARY) as partial_file:
+        partial_file.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    for line in lines_of(sweep.filter_name, study, timing):
+        say(line)
+    page = folder.path / PAGE
+    code = 0
+    try:
+        from rig.report.sweep import write_sweep_page
+
+        write_sweep_page(sweep, table, study, page)
+        say(f"report: {page}")
+    except Exception as error:  # a page that cannot be made costs no result
+        click.echo(f"rig: no report: {one_line(error)}", err=True)
+        code = EXIT_CRASHED
+    if as_json:
+        click.echo(json.dumps(summary, ensure_ascii=False))
+    return code

@@ -1,0 +1,80 @@
+"""`rig export`: writes a recording, or all of a run, to another format."""
+
+from pathlib import Path
+from typing import Final
+
+import click
+
+from rig.recording import Problem, Recording, RecordingError, export, read_recording
+
+_FORMATS: Final = ("mf4", "parquet", "csv", "csv.gz", "mcap")
+
+
+@click.command()
+@click.argument("source", metavar="RECORDING|RUN")
+@click.argument("out")
+@click.option(
+    "--format",
+    "extension",
+    type=click.Choice(_FORMATS),
+    help="Of a run's recordings; Parquet if not given.",
+)
+def command(source: str, out: str, extension: str | None) -> int:
+    """Write RECORDING to OUT: .mf4, .csv, .csv.gz, .parquet or .mcap, lossless; OUT is replaced.
+
+    With the folder of a RUN, every recording of its tests is written to the folder OUT. Units,
+    metadata and events go along: inside MF4, Parquet and MCAP, beside a CSV in OUT.json. MF4 needs
+    asammdf: pip install 'hydraulic-rig[mf4]'.
+    """
+    if Path(source).is_dir():
+        return _export_run(Path(source), Path(out), extension or "parquet")
+    if extension is not None and not out.lower().endswith(f".{extension}"):
+        limit = f"does not end with .{extension}"
+        raise RecordingError([Problem(out, None, "file", "", limit, "leave --format out")])
+    content = read_recording(source, required=())
+    _export(content, out)
+    click.echo(_line(out, content))
+    return 0
+
+
+def _export_run(run: Path, out: Path, extension: str) -> int:
+    from rig.runner.run_folder import read_run
+
+    recordings = read_run(run).recordings
+    if not recordings:
+        raise RecordingError([Problem(str(run), None, "run", "has no recording", "", "")])
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(str(out), error) from error
+    problems: list[Problem] = []
+    for recording in recordings:
+        target = str(out / f"{recording.stem}.{extension}")
+        try:
+            content = read_recording(recording, required=())
+        except RecordingError as error:
+            # One that a kill has cut is no reason to keep the others.
+            problems += error.problems
+            continue
+        _export(content, target)
+        click.echo(_line(target, content))
+    if problems:
+        raise RecordingError(problems)
+    return 0
+
+
+def _export(content: Recording, out: str) -> None:
+    try:
+        export(content, out)
+    except OSError as error:
+        raise _unwritable(out, error) from error
+
+
+def _unwritable(out: str, error: OSError) -> RecordingError:
+    reason = error.strerror or str(error)
+    remedy = "choose another folder"
+    return RecordingError([Problem(out, None, "file", reason, "cannot be written", remedy)])
+
+
+def _line(out: str, content: Recording) -> str:
+    return f"{out}: {len(content)} samples of {len(content.channels)} channels"

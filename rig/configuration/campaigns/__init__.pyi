@@ -1,0 +1,19 @@
+from .campaign import (
+    CampaignFile as CampaignFile,
+    load_campaign as load_campaign,
+    plain as plain,
+    read_campaign as read_campaign,
+)
+from .dry_run import (
+    PlannedTest as PlannedTest,
+    plan_campaign as plan_campaign,
+    valve_speed as valve_speed,
+)
+from .faults import TYPICAL_PRESSURE as TYPICAL_PRESSURE
+from .schedule import (
+    ScheduleFile as ScheduleFile,
+    load_schedule as load_schedule,
+    read_schedule as read_schedule,
+)
+from .setpoints import Level as Level, LevelField as LevelField
+from .timetable import Entry as Entry, Missed as Missed, Schedule as Schedule

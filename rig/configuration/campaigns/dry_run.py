@@ -1,0 +1,239 @@
+"""What a campaign would do to its rig, worked out before anything moves."""
+
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.filters import DEFAULT_FILTER
+from faults import (
+    Campaign,
+    CampaignTest,
+    Fault,
+    FaultSchedule,
+    OnFault,
+    Verdict,
+    linear_flow,
+    square_root_flow,
+)
+from rig.configuration.reading import show
+from rig.configuration.rigs import Rig
+from rig.plant import TICK, Parameters, quantities
+
+from .faults import TYPICAL_PRESSURE
+
+
+@dataclass(frozen=True)
+class PlannedFault:
+    """A fault as it will be injected.
+
+    Attributes:
+        coefficient: SI, in `unit`.
+        needle_opening: 0 to 1; None where no needle makes the fault.
+        flow_m3_per_s: flow at 6.9 MPa across the leak; None for a blockage.
+    """
+
+    kind: str
+    at_s: float
+    until_s: float | None
+    ramp_s: float
+    coefficient: float
+    unit: str
+    needle_opening: float | None
+    flow_m3_per_s: float | None
+
+    def __str__(self) -> str:
+        """Return the fault in one line."""
+        end = "" if self.until_s is None else f" until {self.until_s:g} s"
+        ramp = f", growing over {self.ramp_s:g} s" if self.ramp_s else ""
+        text = f"{self.kind} at {self.at_s:g} s{end}{ramp}: {self.coefficient:.4g} {self.unit}"
+        if self.needle_opening is not None:
+            text += f", needle at {self.needle_opening:.1%}"
+        if self.flow_m3_per_s is not None:
+            flow, pressure = show(self.flow_m3_per_s, "m^3/s"), show(TYPICAL_PRESSURE, "Pa")
+            text += f", {flow} at {pressure}"
+        return text
+
+
+@dataclass(frozen=True)
+class PlannedTest:
+    """A test as it will run.
+
+    Attributes:
+        command_range_V: lowest and highest command; None in closed loop.
+        position_range_m: lowest and highest setpoint in closed loop; in open loop the simulated
+            motion of the ram, faults included.
+        peak_speed_m_per_s: greatest speed of the setpoint, inf where it jumps, or of the ram.
+        valve_speed_m_per_s: what the fully open valve delivers to an unloaded ram.
+        on_fault: what is done about a confirmed fault.
+        warnings: what will not go as commanded, and what to do about it.
+    """
+
+    name: str
+    duration_s: float
+    settle_s: float
+    command_range_V: tuple[float, float] | None  # noqa: N815
+    position_range_m: tuple[float, float]
+    peak_speed_m_per_s: float
+    valve_speed_m_per_s: float
+    faults: tuple[PlannedFault, ...]
+    expect: Verdict
+    on_fault: OnFault
+    warnings: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Return the test as text, the name first."""
+        low, high = self.position_range_m
+        speed = f"at most {self.peak_speed_m_per_s:.2g} m/s"
+        if not isfinite(self.peak_speed_m_per_s):
+            speed = "in jumps"
+        motion = f"{low:.3f} to {high:.3f} m, {speed} (valve: {self.valve_speed_m_per_s:.2g} m/s)"
+        if self.command_range_V is not None:
+            least, most = self.command_range_V
+            motion = f"{least:.3g} to {most:.3g} V, simulated: {motion}"
+        head = f"{self.name}: {self.duration_s:g} s after {self.settle_s:g} s of settling"
+        lines = [head, f"  motion {motion}", f"  expect {self.expect}"]
+        lines += [f"  fault {fault}" for fault in self.faults]
+        if self.on_fault != OnFault.IGNORE:
+            lines.append(f"  on a confirmed fault: {self.on_fault}")
+        return lines + [f"  warning: {warning}" for warning in self.warnings]
+
+
+def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
+    """Return every test of a campaign as it will run on the rig."""
+    return tuple(_plan(test, rig, campaign.filter_name) for test in campaign.tests)
+
+
+def valve_speed(par: Parameters, command_V: float) -> float:  # noqa: N803
+    """Return the speed in m/s of an unloaded ram at a steady command (eqs. 2.1 and 2.2).
+
+    Each port of the symmetric valve takes half the supply pressure, so
+    v = C_d w k_sp |u| sqrt((p_s - p_e) / rho) / A.
+    """
+    opening = par.valve_gain * abs(command_V)
+    root = sqrt((par.supply_pressure - par.return_pressure) / par.density)
+    return par.discharge_coefficient * par.area_gradient * opening * root / par.piston_area
+
+
+def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
+    times = np.arange(round(test.duration_s / TICK)) * TICK
+    setpoint = test.setpoint.sample(times)
+    commanded = None
+    if test.setpoint.quantity == "position":
+        position = (float(setpoint.min()), float(setpoint.max()))
+        speed = test.setpoint.peak_rate(test.duration_s)
+    else:
+        commanded = (float(setpoint.min()), float(setpoint.max()))
+        position, speed = _simulated_motion(test, rig, setpoint)
+    fastest = valve_speed(rig.plant.parameters, rig.limits.command_V)
+    return PlannedTest(
+        name=test.name,
+        duration_s=test.duration_s,
+        settle_s=test.settle_s,
+        command_range_V=commanded,
+        position_range_m=position,
+        peak_speed_m_per_s=speed,
+        valve_speed_m_per_s=fastest,
+        faults=tuple(_plan_fault(fault, rig) for fault in test.faults),
+        expect=test.expect,
+        on_fault=test.on_fault,
+        warnings=(
+            *_warnings(test, rig, position, speed, fastest),
+            *_detector_warnings(test, rig, filter_name),
+        ),
+    )
+
+
+def _simulated_motion(
+    test: CampaignTest, rig: Rig, command: NDArray[np.float64]
+) -> tuple[tuple[float, float], float]:
+    # Imported here: closed-loop campaigns are checked without waiting for the compiler.
+    from rig.plant import simulate
+
+    plant = rig.plant
+    if test.load is not None:
+        plant = plant.with_effect(
+            "spring_load", stiffness=test.load.stiffness, contact=test.load.contact
+        )
+    table = FaultSchedule(test.faults).table(command.size, TICK)
+    motion = simulate(plant, command, position=test.start_position_m, faults=table)
+    position, velocity = motion["position"], motion["velocity"]
+    return (float(position.min()), float(position.max())), float(np.abs(velocity).max())
+
+
+def _warnings(
+    test: CampaignTest, rig: Rig, position: tuple[float, float], speed: float, fastest: float
+) -> list[str]:
+    warnings = []
+    limits, par = rig.limits, rig.plant.parameters
+    closed_loop = test.setpoint.quantity == "position"
+    if not closed_loop and not (
+        limits.position_min_m <= position[0] and position[1] <= limits.position_max_m
+    ):
+        warnings.append(
+            f"the ram drifts beyond the limits of {show(limits.position_min_m, 'm')} to "
+            f"{show(limits.position_max_m, 'm')}; start elsewhere or shorten the test"
+        )
+    if closed_loop and isfinite(speed) and speed > fastest:
+        warnings.append(
+            f"the setpoint moves at up to {speed:.2g} m/s, the valve delivers {fastest:.2g} m/s; "
+            "the ram will lag"
+        )
+    if test.load is not None and closed_loop:
+        force = test.load.stiffness * max(0.0, position[1] - test.load.contact)
+        stall = (par.supply_pressure - par.return_pressure) * par.piston_area
+        if force > stall:
+            warnings.append(
+                f"the spring pushes back with {show(force, 'N')}, the ram stalls at "
+                f"{show(stall, 'N')}; reduce the motion beyond {show(test.load.contact, 'm')}"
+            )
+    return warnings
+
+
+def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> list[str]:
+    """Return what the detector will not see, or not say."""
+    warnings = []
+    if test.on_fault == OnFault.TOLERATE and filter_name != DEFAULT_FILTER:
+        warnings.append(
+            f"the detector of {filter_name} does not say how large a leak is, so that none is "
+            f"tolerated; judge by {DEFAULT_FILTER}"
+        )
+    if any(fault.kind == Verdict.SUPPLY_LEAKAGE for fault in test.faults):
+        droops = rig.plant.parameters.supply_droop > 0.0
+        if not droops and (rig.backend == "simulated" or not rig.has_supply_pressure_sensor):
+            warnings.append(
+                f"the supply of the model {rig.plant.name} does not droop, so that a leak of its "
+                "line changes nothing that is measured; give it a supply_droop"
+            )
+        elif not rig.has_supply_pressure_sensor:
+            warnings.append(
+                "without a transducer for the supply pressure a supply leak is an unknown_fault "
+                "at best; expect that"
+            )
+    return warnings
+
+
+def _plan_fault(fault: Fault, rig: Rig) -> PlannedFault:
+    opening, flow = None, None
+    unit = "Pa/(m^3/s)^2"
+    if fault.kind != Verdict.RETURN_BLOCKAGE:
+        unit = quantities()[fault.column].unit
+        law = linear_flow if fault.linear else square_root_flow
+        flow = float(law(fault.coefficient, TYPICAL_PRESSURE))
+        opening = None if fault.linear else _needle_opening(fault, rig)
+    return PlannedFault(
+        kind=str(fault.kind),
+        at_s=fault.at_s,
+        until_s=None if fault.until_s == inf else fault.until_s,
+        ramp_s=fault.ramp_s,
+        coefficient=fault.coefficient,
+        unit=unit,
+        needle_opening=opening,
+        flow_m3_per_s=flow,
+    )
+
+
+def _needle_opening(fault: Fault, rig: Rig) -> float | None:
+    valve = rig.bypass_valves.get(fault.kind)
+    return valve.needle_opening_for(fault.coefficient) if valve else None

@@ -1,0 +1,12 @@
+from .model import (
+    BELONGS_TO_EFFECT as BELONGS_TO_EFFECT,
+    PARAMETERS as PARAMETERS,
+    ModelFile as ModelFile,
+    load_model as load_model,
+    override as override,
+    physical as physical,
+    read_model as read_model,
+)
+from .model_writing import dump_model as dump_model
+from .plant_file import PlantModel as PlantModel
+from .plant_loading import load_plant as load_plant

@@ -1,0 +1,287 @@
+"""Model files: parameters with units, the effects switched on, and where the model comes from."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import create_model
+
+from rig.configuration.reading import (
+    Adjustable,
+    Located,
+    Physical,
+    Relative,
+    Schema,
+    Sources,
+    read_mapping,
+    reference_in,
+    resolve,
+    show,
+    shown,
+)
+from rig.plant import CATALOGUE, FRICTION_LAWS, NOMINAL, Model, quantities
+
+from .unknown_term import KEY, read_terms
+
+MAX_ANCESTORS: Final = 16
+
+_QUANTITIES: Final = quantities()
+_EFFECT_OF: Final = {
+    parameter.field: (effect.name, parameter.name)
+    for effect in CATALOGUE.values()
+    for parameter in effect.parameters
+}
+
+
+SHIFTABLE: Final = frozenset(
+    parameter.field
+    for effect in CATALOGUE.values()
+    for parameter in effect.parameters
+    if parameter.shift
+)
+"""Parameters that every rig has and an effect shifts: they may be given as either."""
+PARAMETERS: Final = tuple(
+    name
+    for name in _QUANTITIES
+    if name != "friction_law" and (name not in _EFFECT_OF or name in SHIFTABLE)
+)
+
+
+def physical(field: str) -> Physical:
+    """Return unit, limits and usual value of a parameter of the plant."""
+    quantity = _QUANTITIES[field]
+    usual = getattr(NOMINAL, field) or None
+    return Physical(quantity.unit, quantity.lower, quantity.upper, usual)
+
+
+def _create(name: str, definitions: dict[str, Any]) -> type[Schema]:
+    return create_model(name, __base__=Schema, **definitions)
+
+
+def _schema(name: str, fields: dict[str, str]) -> type[Schema]:
+    return _create(
+        name,
+        {key: (Annotated[Any, Adjustable(physical(f))], None) for key, f in fields.items()},
+    )
+
+
+class ModelFile(Schema):
+    """Keys of a model file."""
+
+    name: str
+    description: str = ""
+    parent: str | None = None
+    parameters: Any = None
+    friction_law: Literal["bristle", "karnopp"] | None = None
+    effects: Any = None
+    unknown_term: Any = None
+    provenance: Any = None
+
+
+_PARAMETERS_SCHEMA: Final = _schema("ParametersFile", {name: name for name in PARAMETERS})
+_EFFECTS_SCHEMA: Final = _create("EffectsFile", dict.fromkeys(CATALOGUE, (Any, None)))
+_EFFECT_SCHEMAS: Final = {
+    effect.name: _schema(effect.name, {p.name: p.field for p in effect.parameters})
+    for effect in CATALOGUE.values()
+}
+BELONGS_TO_EFFECT: Final = {
+    field: f"set it under effects: {{{effect}: ...}}"
+    if key == "value"
+    else f"set it under effects: {{{effect}: {{{key}: ...}}}}"
+    for field, (effect, key) in _EFFECT_OF.items()
+    if field not in SHIFTABLE
+}
+
+
+def read_model(path: Path, sources: Sources, ancestors: tuple[Path, ...] = ()) -> Model | None:
+    """Return the model in a file, with its parents; problems are added to the sources'."""
+    root = sources.read_yaml(path)
+    if root is None:
+        return None
+    return model_from(root, sources, (*ancestors, path))
+
+
+def model_from(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Model | None:
+    """Return the model described by a mapping read from the last of `ancestors`."""
+    file = read_mapping(ModelFile, root, sources.problems)
+    parent = _parent(root, sources, ancestors)
+    base = parent or Model()
+    model = override(base, root, sources)
+    if file is None or (parent is None and root.get("parent") is not None):
+        return None
+    provenance = root.get("provenance")
+    given = provenance.plain() if provenance else {}
+    if not isinstance(given, dict):
+        sources.problems.add(
+            root.find(("provenance",)).place, "provenance", given, "is not a mapping", "give keys"
+        )
+        return None
+    return Model(file.name, model.parameters, model.effects, given)
+
+
+def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Model | None:
+    entry = root.get("parent")
+    reference = reference_in(entry)
+    if entry is None or reference is None:
+        return None
+    path = resolve("model", reference, ancestors[-1].parent, sources.problems, entry)
+    if path is None:
+        return None
+    if path in ancestors or len(ancestors) > MAX_ANCESTORS:
+        sources.problems.add(
+            entry.place, "parent", reference, "descends from this model", "name another parent"
+        )
+        return None
+    return read_model(path, sources, ancestors)
+
+
+def override(base: Model, item: Located, sources: Sources) -> Model:
+    """Return a model with `parameters`, `friction_law`, `effects`, `unknown_term` applied.
+
+    Values that are wrong leave the base's in place; the problems are recorded.
+    """
+    changes = _Overrides(base, sources)
+    parameters, effects, law = (item.get(key) for key in ("parameters", "effects", "friction_law"))
+    if parameters is not None:
+        changes.apply_parameters(parameters)
+    if law is not None and isinstance(law.value, str) and law.value in FRICTION_LAWS:
+        changes.values["friction_law"] = FRICTION_LAWS[law.value]
+    if effects is not None:
+        changes.apply_effects(effects)
+        changes.let_follow(effects)
+    terms = item.get(KEY)
+    if terms is not None:
+        changes.values |= read_terms(terms, sources)
+    model = Model(
+        base.name,
+        base.parameters._replace(**changes.values),
+        tuple(changes.effects),
+        base.provenance,
+    )
+    _check_together(model, item, set(changes.values), sources)
+    return model
+
+
+@dataclass
+class _Overrides:
+    """Collects the changed parameter fields and effects of one model."""
+
+    base: Model
+    sources: Sources
+
+    def __post_init__(self) -> None:
+        self.values: dict[str, float] = {}
+        self.effects: list[str] = list(self.base.effects)
+
+    def apply_parameters(self, item: Located) -> None:
+        file = read_mapping(_PARAMETERS_SCHEMA, item, self.sources.problems, BELONGS_TO_EFFECT)
+        for field in PARAMETERS:
+            self._set(field, getattr(file, field, None), item.find((field,)))
+
+    def apply_effects(self, item: Located) -> None:
+        read_mapping(_EFFECTS_SCHEMA, item, self.sources.problems)
+        for name, entry in item.items():
+            if name not in CATALOGUE:
+                continue
+            if entry.value in (None, "none"):
+                self._switch_off(name)
+            else:
+                self._switch_on(name, entry)
+
+    def _switch_on(self, name: str, entry: Located) -> None:
+        fields = {parameter.name: parameter.field for parameter in CATALOGUE[name].parameters}
+        if not isinstance(entry.value, dict) and "value" in fields:
+            entry = Located({"value": entry}, entry.place, entry.name)
+        elif not isinstance(entry.value, dict) or not entry.value:
+            keys = ", ".join(fields)
+            self.sources.problems.add(
+                entry.place, name, shown(entry), "lacks its parameters", f"give {{{keys}}}"
+            )
+            return
+        file = read_mapping(_EFFECT_SCHEMAS[name], entry, self.sources.problems)
+        for key, field in fields.items():
+            self._set(field, getattr(file, key, None), entry.find((key,)))
+        if name not in self.effects:
+            self.effects.append(name)
+
+    def let_follow(self, item: Located) -> None:
+        """Keep what follows a parameter that an effect shifts, unless the file gives it too."""
+        for name in item.value if isinstance(item.value, dict) else ():
+            for parameter in CATALOGUE[name].parameters if name in CATALOGUE else ():
+                follower, base = parameter.followed_by, self.base.parameters
+                value = self.values.get(parameter.field)
+                if follower and follower not in self.values and value is not None:
+                    followed = CATALOGUE[name].applied(base, **{parameter.name: value})
+                    self.values[follower] = getattr(followed, follower)
+
+    def _switch_off(self, name: str) -> None:
+        for parameter in CATALOGUE[name].parameters:
+            self.values[parameter.field] = getattr(NOMINAL, parameter.field)
+        self.effects = [effect for effect in self.effects if effect != name]
+
+    def _set(self, field: str, value: float | Relative | None, item: Located) -> None:
+        if isinstance(value, Relative):
+            value = self._deviated(field, value, item)
+        if value is None:
+            return
+        if field in self.values and field in SHIFTABLE:
+            self.sources.problems.add(
+                item.place, field, shown(item), "is given as a parameter too", "keep one of them"
+            )
+            return
+        self.values[field] = value
+
+    def _deviated(self, field: str, deviation: Relative, item: Located) -> float | None:
+        quantity, base = _QUANTITIES[field], getattr(self.base.parameters, field)
+        value = base * (1.0 + deviation.fraction)
+        problems = self.sources.problems
+        if base == 0.0:
+            example = show(quantity.upper, quantity.unit)
+            remedy = f"give the value itself, at most {example}"
+            problems.add(item.place, item.name, shown(item), "is a share of zero", remedy)
+            return None
+        for limit, beyond in ((quantity.upper, "above"), (quantity.lower, "below")):
+            if (value - limit) * (1.0 if beyond == "above" else -1.0) > 0.0:
+                text = f"gives {show(value, quantity.unit)}, {beyond} {show(limit, quantity.unit)}"
+                remedy = f"deviate less from {show(base, quantity.unit)}"
+                problems.add(item.place, item.name, shown(item), text, remedy)
+                return None
+        return float(value)
+
+
+def _check_together(model: Model, item: Located, changed: set[str], sources: Sources) -> None:
+    """Record parameters that contradict each other, where one of them was changed here."""
+    par = model.parameters
+    rules = (
+        ("stroke_max", "stroke_min", "m", par.stroke_max > par.stroke_min),
+        ("supply_pressure", "return_pressure", "Pa", par.supply_pressure > par.return_pressure),
+        ("stiction", "coulomb", "N", par.stiction >= par.coulomb),
+    )
+    for larger, smaller, unit, holds in rules:
+        if holds or not changed & {larger, smaller}:
+            continue
+        field, other = (larger, smaller) if larger in changed else (smaller, larger)
+        section = "parameters" if item.find(("parameters", field)).name == field else "effects"
+        value, limit = (show(getattr(par, name), unit) for name in (field, other))
+        relation = "is below" if field == larger else "is above"
+        sources.problems.add(
+            item.find((section, field)).place,
+            field,
+            value,
+            f"{relation} {other} ({limit})",
+            f"correct {field} or {other}",
+        )
+
+
+def load_model(reference: str | Path, base: Path | None = None) -> Model:
+    """Return the model of a file or name, with its parents' parameters.
+
+    Raises:
+        ConfigError: every problem of the file and its parents.
+    """
+    sources = Sources()
+    path = resolve("model", str(reference), base or Path.cwd(), sources.problems)
+    model = read_model(path, sources) if path else None
+    sources.problems.raise_if_any()
+    assert model is not None
+    return model

@@ -1,0 +1,141 @@
+"""Writes a model file that reads back to the identical floats, each with its symbol and source."""
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from rig.configuration.reading import ConfigError, Problem, QuantityError, display_path
+from rig.plant import CATALOGUE, FRICTION_LAWS, NOMINAL, Model, quantities
+
+from .model import PARAMETERS, SHIFTABLE, physical
+from .unknown_term import written_terms
+
+_QUANTITIES: Final = quantities()
+_COMMENT_COLUMN: Final = 48
+
+
+def dump_model(model: Model, path: Path) -> None:
+    """Write a model file that loads back to the identical model, in one step or not at all.
+
+    An effect that acts without being switched on is written as switched on.
+
+    Raises:
+        ConfigError: a parameter is outside the range that a model file may hold.
+        OSError: the file cannot be written.
+    """
+    _require_loadable(model, path)
+    parts = (_header, _parameters, _effects, written_terms, _provenance)
+    text = "\n".join(line for part in parts for line in part(model))
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes files that only their owner may read; a model is for everyone on the rig.
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _quantity(field: str, value: float) -> str:
+    return f"{float(value)!r} {_QUANTITIES[field].unit}".strip()
+
+
+def _require_loadable(model: Model, path: Path) -> None:
+    problems = []
+    for field in _QUANTITIES:
+        value = getattr(model.parameters, field)
+        if field == "friction_law":
+            if value not in FRICTION_LAWS.values():
+                choices = ", ".join(FRICTION_LAWS)
+                problems.append((field, str(value), "is no friction law", f"use {choices}"))
+            continue
+        try:
+            physical(field).parse(_quantity(field, value))
+        except QuantityError as error:
+            problems.append((field, _quantity(field, value), error.limit, error.remedy))
+    if problems:
+        raise ConfigError(Problem(display_path(path), 0, 0, *problem) for problem in problems)
+
+
+def _header(model: Model) -> Iterator[str]:
+    yield yaml.safe_dump({"name": model.name}).strip()
+    law = next(name for name, v in FRICTION_LAWS.items() if v == model.parameters.friction_law)
+    yield f"friction_law: {law}"
+
+
+def _line(indent: str, key: str, field: str, value: float) -> str:
+    quantity = _QUANTITIES[field]
+    text = f"{indent}{key}: {_quantity(field, value)}"
+    comment = ", ".join(part for part in (quantity.symbol, quantity.source) if part)
+    return f"{text:<{_COMMENT_COLUMN}} # {comment}"
+
+
+def _parameters(model: Model) -> Iterator[str]:
+    under_effects = {
+        parameter.field
+        for name in _switched_on(model)
+        for parameter in CATALOGUE[name].parameters
+        if parameter.field in SHIFTABLE
+    }
+    yield "parameters:"
+    for field in PARAMETERS:
+        if field not in under_effects:
+            yield _line("  ", field, field, getattr(model.parameters, field))
+
+
+def _switched_on(model: Model) -> list[str]:
+    """Return the model's effects, and those that act without being switched on."""
+    acting = [
+        effect.name
+        for effect in CATALOGUE.values()
+        if effect.name not in model.effects
+        and any(
+            getattr(model.parameters, p.field) != getattr(NOMINAL, p.field)
+            for p in effect.parameters
+            if not p.shift
+        )
+    ]
+    return [*model.effects, *acting]
+
+
+def _effects(model: Model) -> Iterator[str]:
+    names = _switched_on(model)
+    if not names:
+        return
+    yield "effects:"
+    for name in names:
+        knobs = CATALOGUE[name].parameters
+        if len(knobs) == 1 and knobs[0].name == "value":
+            yield _line("  ", name, knobs[0].field, getattr(model.parameters, knobs[0].field))
+            continue
+        yield f"  {name}:"
+        for knob in knobs:
+            yield _line("    ", knob.name, knob.field, getattr(model.parameters, knob.field))
+
+
+def _provenance(model: Model) -> Iterator[str]:
+    if model.provenance:
+        plain = {"provenance": plain_provenance(model.provenance)}
+        yield yaml.safe_dump(plain, sort_keys=False).rstrip()
+
+
+def plain_provenance(value: Any) -> Any:
+    """Return provenance as YAML can hold it."""
+    if isinstance(value, Mapping):
+        return {str(key): plain_provenance(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain_provenance(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain_provenance(item) for item in value]
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    return str(value)

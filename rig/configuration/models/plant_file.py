@@ -1,0 +1,369 @@
+"""Model files of plants from outside this package: values, channels and what may be off.
+
+The plant itself, its equations and effects, is a Python module (`plant_loading`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import inf, isfinite
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import create_model
+
+from estimator.gap import (
+    Parameter,
+    Plant,
+    PlantDescription,
+    build,
+    check_course,
+    check_description,
+    nuisances,
+)
+from rig.configuration.reading import (
+    Located,
+    Physical,
+    QuantityError,
+    Schema,
+    Sources,
+    read_mapping,
+    shown,
+    unit_factor,
+)
+from rig.recording import Column, Recording, read_recording
+
+TIME: Final = "time_s"
+
+
+@dataclass(frozen=True)
+class PlantModel:
+    """A plant with the values of its model file, and how its recordings are read.
+
+    Attributes:
+        name: of the model.
+        plant: as the workflow sees it.
+        columns: channel -> column of a recording, where it has another name or unit.
+        effects: names of those switched on in the model file.
+        told: the model file as read.
+    """
+
+    name: str
+    plant: Plant
+    columns: Mapping[str, Column]
+    effects: tuple[str, ...]
+    told: Mapping[str, Any] = field(repr=False)
+
+    def read(self, path: str | Path) -> Recording:
+        """Read a recording, its columns under the plant's names and in SI.
+
+        Raises:
+            RecordingError: everything that is wrong with the file.
+            PlantError: the plant has no finite course along it.
+        """
+        needed = (*self.plant.inputs, *(output.channel for output in self.plant.outputs))
+        recording = read_recording(path, required=needed, columns=self.columns, of_rig=False)
+        check_course(recording, self.plant)
+        return recording
+
+
+class _File(Schema):
+    name: str
+    description: str = ""
+    parameters: Any
+    effects: Any = None
+    channels: Any = None
+    tolerances: Any = None
+    model_error: Any = None
+    steering: Any = None
+    provenance: Any = None
+
+
+class _Times(Schema):
+    column: str = TIME
+    unit: str | None = None
+
+
+def catalogue(thing: PlantDescription | Plant) -> dict[str, dict[str, str]]:
+    """Return what a plant may lack: effect -> key in a model file -> parameter."""
+    if isinstance(thing, Plant):
+        return {
+            effect.name: {knob.key: knob.parameter for knob in effect.knobs}
+            for effect in thing.effects.values()
+        }
+    return {effect.name: dict(effect.parameters) for effect in thing.effects}
+
+
+def own_parameters(thing: PlantDescription | Plant) -> list[Parameter]:
+    """Return the parameters that every plant has, and those that no effect moves."""
+    moved = {name for keys in catalogue(thing).values() for name in keys.values()}
+    return [p for p in thing.parameters if p.neutral is None or p.name not in moved]
+
+
+def read_plant_file(path: Path, thing: PlantDescription | Plant) -> PlantModel:
+    """Return a plant with the values of a model file.
+
+    Raises:
+        ConfigError: every problem of the file.
+        PlantError: every problem of the description.
+    """
+    if isinstance(thing, PlantDescription):
+        check_description(thing)
+    sources = Sources()
+    root = sources.read_yaml(path.resolve())
+    sources.problems.raise_if_any()
+    assert root is not None
+    reading = _Reading(thing, sources)
+    file = read_mapping(_File, root, sources.problems)
+    values = reading.values(root)
+    columns, outputs = reading.channels(root)
+    tolerances = reading.shares(root, "tolerances", [p.name for p in thing.parameters])
+    errors = reading.errors(root)
+    steering = reading.steering(root)
+    sources.problems.raise_if_any()
+    assert file is not None
+    if isinstance(thing, Plant):
+        changed: Any = {"nuisances": nuisances(thing.parameters, tolerances, values)}
+        plant = replace(
+            thing, nominal=values, outputs=outputs, **(changed if tolerances else {}),
+            steering=thing.steering if steering is None else tuple(
+                (thing.inputs.index(pair[0]), [o.channel for o in outputs].index(pair[1]), gain)
+                for pair, gain in steering.items()
+            ),
+        )  # fmt: skip
+    else:
+        described = replace(
+            thing,
+            outputs=outputs,
+            tolerances=thing.tolerances if root.get("tolerances") is None else tolerances,
+            equations=tuple(
+                replace(each, error=errors.get(each.name, each.error)) for each in thing.equations
+            ),
+            steering=thing.steering if steering is None else steering,
+        )
+        plant = build(described, values)
+    effects = tuple(name for name, _ in reading.switched_on(root))
+    return PlantModel(file.name, plant, columns, effects, root.plain())
+
+
+class _Reading:
+    """Reads the sections of one file; what is wrong goes to the sources' problems."""
+
+    def __init__(self, thing: PlantDescription | Plant, sources: Sources) -> None:
+        self.thing, self.problems = thing, sources.problems
+        self.known = {parameter.name: parameter for parameter in thing.parameters}
+        self.effects = catalogue(thing)
+
+    def _checked(self, item: Located, fields: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of a mapping with these keys, None for those absent or wrong."""
+        definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
+        made = create_model("Section", __base__=Schema, **definitions)
+        file = read_mapping(made, item, self.problems)
+        return {key: getattr(file, key, None) for key in fields}
+
+    def _physical(self, name: str) -> Any:
+        each = self.known[name]
+        return Annotated[Any, Physical(each.unit, each.lower, each.upper)]
+
+    # Values
+
+    def values(self, root: Located) -> dict[str, float]:
+        """Return the values of all parameters, NaN for those that are missing."""
+        neutral = {p.name: p.neutral for p in self.thing.parameters}
+        values: dict[str, float] = {k: v for k, v in neutral.items() if v is not None}
+        own = own_parameters(self.thing)
+        section = root.get("parameters")
+        under_effects = self._effect_values(root)
+        if section is not None:
+            hints = {
+                name: f"set it under effects: {{{effect}: ...}}"
+                for effect, keys in self.effects.items()
+                for name in keys.values()
+            }
+            found = self._section(section, own, hints)
+            for name, value in found.items():
+                if name in under_effects:
+                    self.problems.add(
+                        section.find((name,)).place, name, shown(section.find((name,))),
+                        "is given under effects too", "keep one of them",
+                    )  # fmt: skip
+                values[name] = value
+            for each in own:
+                if each.neutral is None and each.name not in {*found, *under_effects}:
+                    self._lacking(section, each)
+        values.update(under_effects)
+        return {name: values.get(name, float("nan")) for name in self.known}
+
+    def _section(
+        self, section: Located, own: list[Parameter], hints: dict[str, str]
+    ) -> dict[str, float]:
+        definitions: dict[str, Any] = {p.name: (self._physical(p.name), None) for p in own}
+        made = create_model("Parameters", __base__=Schema, **definitions)
+        file = read_mapping(made, section, self.problems, hints)
+        found = {p.name: getattr(file, p.name, None) for p in own}
+        return {name: float(value) for name, value in found.items() if value is not None}
+
+    def _lacking(self, section: Located, each: Parameter) -> None:
+        entry = section.find((each.name,))
+        if self.problems.has_at(entry.place) and entry is not section:
+            return
+        about = f" ({each.about})" if each.about else ""
+        example = f"{each.name}: ... {each.unit}".rstrip()
+        remedy = f"add `{example}`{about}"
+        self.problems.add(section.place, "parameters", "", f"lacks {each.name}", remedy)
+
+    def switched_on(self, root: Located) -> list[tuple[str, Located]]:
+        """Return the effects that are on, with what is given of them."""
+        section = root.get("effects")
+        if section is None:
+            return []
+        return [
+            (name, entry)
+            for name, entry in section.items()
+            if name in self.effects and entry.value not in (None, "none")
+        ]
+
+    def _effect_values(self, root: Located) -> dict[str, float]:
+        section = root.get("effects")
+        if section is not None:
+            self._checked(section, dict.fromkeys(self.effects, Any))
+        values: dict[str, float] = {}
+        for name, entry in self.switched_on(root):
+            keys = self.effects[name]
+            if not isinstance(entry.value, dict) and "value" in keys:
+                entry = Located({"value": entry}, entry.place, entry.name)
+            found = self._checked(entry, {k: self._physical(p) for k, p in keys.items()})
+            values |= {keys[key]: float(v) for key, v in found.items() if v is not None}
+        return values
+
+    # Recordings
+
+    def channels(self, root: Located) -> tuple[dict[str, Column], Any]:
+        """Return columns by channel, and the outputs as the file has them."""
+        section = root.get("channels")
+        outputs = {output.channel: output for output in self.thing.outputs}
+        if section is None:
+            return {}, self.thing.outputs
+        inputs = {
+            each if isinstance(each, str) else each.channel: "" if isinstance(each, str)
+            else each.unit for each in self.thing.inputs
+        }  # fmt: skip
+        self._checked(section, dict.fromkeys((TIME, *inputs, *outputs), Any))
+        columns: dict[str, Column] = {}
+        for name, entry in section.items():
+            if isinstance(entry.value, str):
+                columns[name] = Column(entry.value)
+            elif name in outputs:
+                unit = outputs[name].unit
+                kinds = {
+                    key: Annotated[Any, Physical(unit, lower)]
+                    for key, lower in (("noise", 1e-300), ("resolution", 0.0), ("lower", -inf),
+                                       ("upper", -inf))
+                }  # fmt: skip
+                found = self._column(columns, name, entry, unit, kinds)
+                given = {key: found[key] for key in kinds if found.get(key) is not None}
+                outputs[name] = replace(outputs[name], **given)
+            elif name == TIME or name in inputs:
+                unit = "s" if name == TIME else inputs[name]
+                self._column(columns, name, entry, unit, {})
+        return columns, tuple(outputs.values())
+
+    def _column(
+        self, columns: dict[str, Column], name: str, entry: Located, unit: str,
+        kinds: dict[str, Any],
+    ) -> dict[str, Any]:  # fmt: skip
+        fields = {"column": str | None, "unit": str | None, "scale": float | None} | kinds
+        found = self._checked(entry, fields)
+        factor = 1.0
+        if found["unit"] is not None and found["scale"] is not None:
+            place = entry.find(("scale",)).place
+            self.problems.add(place, "scale", found["scale"], "is given beside unit", "keep one")
+        elif found["unit"] is not None:
+            try:
+                factor = float(unit_factor(found["unit"], unit))
+            except QuantityError as error:
+                item = entry.find(("unit",))
+                self.problems.add(item.place, "unit", shown(item), error.limit, error.remedy)
+        elif found["scale"] is not None:
+            factor = found["scale"]
+            if not isfinite(factor) or factor == 0.0:
+                item = entry.find(("scale",))
+                limit = f"must be how many {unit or 'SI units'} one unit of the column is"
+                self.problems.add(item.place, "scale", shown(item), limit, "give a number")
+        columns[name] = Column(found["column"] or name, factor)
+        return found
+
+    # What may be off
+
+    def shares(self, root: Located, key: str, names: list[str]) -> dict[str, float]:
+        """Return fractions by name."""
+        section = root.get(key)
+        if section is None:
+            return {}
+        found = self._checked(section, dict.fromkeys(names, Annotated[Any, Physical("", 0.0)]))
+        return {name: float(value) for name, value in found.items() if value is not None}
+
+    def errors(self, root: Located) -> dict[str, float]:
+        """Return the model error of each equation in its unit."""
+        section = root.get("model_error")
+        if section is None:
+            return {}
+        if isinstance(self.thing, Plant):
+            self.problems.add(
+                section.place, "model_error", shown(section), "is not for a plant made in full",
+                "set the noise of its states in the module",
+            )  # fmt: skip
+            return {}
+        found: dict[str, float] = {}
+        equations = {each.name: each for each in self.thing.equations}
+        self._known_keys(section, list(equations))
+        for name, entry in section.items():
+            if name in equations:
+                value = self._quantity(entry, Physical(equations[name].unit, 0.0))
+                if value is not None:
+                    found[name] = value
+        return found
+
+    def _known_keys(self, section: Located, names: list[str]) -> None:
+        # Names with spaces are no fields of a schema.
+        from rig.configuration.reading import suggestion
+
+        if not isinstance(section.value, dict):
+            self.problems.add(section.place, section.name, shown(section), "is not a mapping",
+                              f"keys: {', '.join(names)}")  # fmt: skip
+        for name, entry in section.items():
+            if name not in names:
+                self.problems.add(entry.place, name, "", "is not a known key",
+                                  suggestion(name, names, "keys"))  # fmt: skip
+
+    def _quantity(self, entry: Located, physical: Physical) -> float | None:
+        try:
+            return physical.parse(entry.value)
+        except QuantityError as error:
+            self.problems.add(entry.place, entry.name, shown(entry), error.limit, error.remedy)
+            return None
+
+    def steering(self, root: Located) -> dict[tuple[str, str], float] | None:
+        """Return gains by input and output; None if the file does not say."""
+        section = root.get("steering")
+        if section is None:
+            return None
+        if section.value == "none":
+            return {}
+        units = {
+            each if isinstance(each, str) else each.channel: "" if isinstance(each, str)
+            else each.unit for each in self.thing.inputs
+        }  # fmt: skip
+        outputs = {output.channel: output.unit for output in self.thing.outputs}
+        self._known_keys(section, list(units))
+        gains: dict[tuple[str, str], float] = {}
+        for name, entry in section.items():
+            if name not in units:
+                continue
+            self._known_keys(entry, list(outputs))
+            for channel, gain in entry.items():
+                if channel in outputs:
+                    unit = f"{units[name]}/{outputs[channel]}" if units[name] else ""
+                    value = self._quantity(gain, Physical(unit))
+                    if value is not None:
+                        gains[name, channel] = value
+        return gains

@@ -1,0 +1,126 @@
+"""Loads a plant from outside this package: `--plant MODULE:OBJECT` and its model file."""
+
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from estimator.gap import Plant, PlantDescription, PlantError
+from rig.configuration.reading import ConfigError, Problem, display_path, suggestion
+
+from .plant_file import PlantModel, read_plant_file
+from .plant_writing import write_plant_file
+
+_EXAMPLE = "give a module and an object of it, as in axis:axis (docs/another_plant.md)"
+
+
+def load_plant(reference: str, model: str | Path | None) -> PlantModel:
+    """Return a plant from outside this package with the values of a model file.
+
+    The plant's `write` writes such files; `PlantModel.read` reads its recordings.
+
+    Args:
+        reference: `module:object`, looked for in the working folder first, or `path.py:object`.
+        model: path of the model file.
+
+    Raises:
+        PlantError: the module or what it describes cannot be used.
+        ConfigError: every problem of the model file.
+    """
+    thing = _object(reference)
+    path = Path(model) if model is not None else None
+    if path is None or not path.is_file():
+        told = display_path(path) if path else "none given"
+        remedy = "give the YAML file with this plant's parameters"
+        limit = "" if path is None else "is not a file" if path.exists() else "does not exist"
+        raise ConfigError([Problem("--model", 0, 0, told, "", limit, remedy)])
+    try:
+        read = read_plant_file(path, thing)
+    except PlantError as error:
+        raise PlantError([f"--plant {reference}: {each}" for each in error.problems]) from None
+
+    def write(values: Any, effects: tuple[str, ...], provenance: Any, target: Any) -> None:
+        write_plant_file(read, values, effects, provenance, Path(target))
+
+    return replace(read, plant=replace(read.plant, write=write))
+
+
+def _object(reference: str) -> PlantDescription | Plant:
+    """Return the plant or description that a reference names."""
+    source, _, name = reference.rpartition(":")
+    if not source or not name:
+        raise PlantError([f"--plant {reference}: names no object of a module; {_EXAMPLE}"])
+    module = _module(source, reference)
+    thing = getattr(module, name, None)
+    if isinstance(thing, PlantDescription | Plant):
+        return thing
+    plants = [
+        key for key, value in vars(module).items() if isinstance(value, PlantDescription | Plant)
+    ]
+    if thing is None:
+        remedy = suggestion(name, plants, "plants in it")
+        raise PlantError([f"--plant {reference}: {source} has no {name}; {remedy}"])
+    raise PlantError(
+        [
+            f"--plant {reference}: {name} is a {type(thing).__name__}, must be a PlantDescription "
+            "(docs/another_plant.md)"
+        ]
+    )
+
+
+@contextmanager
+def _found_from(folder: Path) -> Iterator[None]:
+    """Let modules be found in a folder first; the `rig` command does not look there by itself."""
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+
+
+def _module(source: str, reference: str) -> ModuleType:
+    path = Path(source)
+    by_path = source.endswith(".py")
+    if by_path and not path.is_file():
+        raise PlantError([f"--plant {reference}: {source} does not exist; check the path"])
+    folder = path.resolve().parent if by_path else Path.cwd()
+    try:
+        with _found_from(folder):
+            return _from_path(path) if by_path else importlib.import_module(source)
+    except ModuleNotFoundError as error:
+        if error.name is not None and error.name in (source, source.split(".")[0]):
+            raise PlantError(
+                [
+                    f"--plant {reference}: there is no module {error.name} in {folder} or on "
+                    "PYTHONPATH; go to its folder, or give its path, as in plants/axis.py:axis"
+                ]
+            ) from None
+        raise PlantError([_broken(reference, error)]) from error
+    except Exception as error:
+        raise PlantError([_broken(reference, error)]) from error
+
+
+def _from_path(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _broken(reference: str, error: Exception) -> str:
+    """Return what stopped a module's import, with file and line."""
+    if isinstance(error, SyntaxError):
+        where = f"{error.filename}:{error.lineno}"
+    else:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{frame.filename}:{frame.lineno}"
+    return f"--plant {reference}: {where}: {type(error).__name__}: {error}"

@@ -1,0 +1,132 @@
+"""The key `unknown_term` of a model file: a disturbance in symbols, found or given.
+
+unknown_term:
+  - {to: force balance, of: position, form: wave, size: 180 N, pitch: 42 mm, phase: 0.4 rad}
+  - {to: force balance, of: velocity, form: x |x|, size: 9.1e3 N/(m/s)^2}
+  - {to: force balance, of: position, form: bump, against_motion: true, size: 600 N,
+     middle: 0.3 m, width: 20 mm}
+"""
+
+from collections.abc import Iterator
+from typing import Any, Final, Literal
+
+from rig.configuration.reading import (
+    Located,
+    Physical,
+    Problems,
+    QuantityError,
+    Schema,
+    Sources,
+    read_mapping,
+    shown,
+)
+from rig.plant import (
+    FORMS,
+    MOST_TERMS,
+    PLACES,
+    QUANTITIES,
+    AddedTerm,
+    Model,
+    fields_of,
+    size_unit,
+    terms_of,
+)
+
+KEY: Final = "unknown_term"
+_CONSTANT: Final = "constant"
+_LEAST: Final = 1e-9
+"""Of a pitch or a width, SI."""
+_FORMS: Final = {_CONSTANT if form == "1" else form: form for form in FORMS}
+_EXAMPLE: Final = "write `- {to: force balance, form: constant, size: 100 N}`"
+
+
+class _Term(Schema):
+    """Keys of a term."""
+
+    to: Literal[tuple(PLACES)]  # type: ignore[valid-type]
+    of: Literal[tuple(QUANTITIES)[1:]] | None = None  # type: ignore[valid-type]
+    form: Literal[tuple(_FORMS)]  # type: ignore[valid-type]
+    against_motion: bool = False
+    size: Any
+    pitch: Any = None
+    phase: Any = None
+    middle: Any = None
+    width: Any = None
+
+
+_OF_FORMS: Final = ("pitch", "phase", "middle", "width")
+
+
+def _places(form: str, of: str) -> dict[str, Physical]:
+    """Return the keys of a form's places, in the order in which parameters hold them."""
+    if form == "wave":
+        return {"pitch": Physical(QUANTITIES[of], _LEAST), "phase": Physical("rad")}
+    if form == "bump":
+        return {"middle": Physical(QUANTITIES[of]), "width": Physical(QUANTITIES[of], _LEAST)}
+    return {}
+
+
+def read_terms(section: Located, sources: Sources) -> dict[str, float]:
+    """Return the fields of `Parameters` that a model file's terms set; problems are recorded."""
+    if section.value == "none":
+        return fields_of(())
+    if not isinstance(section.value, list) or len(section.value) > MOST_TERMS:
+        limit = f"is not a list of at most {MOST_TERMS} terms"
+        sources.problems.add(section.place, KEY, shown(section), limit, _EXAMPLE)
+        return {}
+    found = [_term(entry, sources.problems) for entry in section.elements()]
+    return fields_of(tuple(term for term in found if term is not None))
+
+
+def _term(entry: Located, problems: Problems) -> AddedTerm | None:
+    told = read_mapping(_Term, entry, problems)
+    if told is None:
+        return None
+    form, of = _FORMS[told.form], told.of or ""
+    if (form == "1") != (of == ""):
+        limit = f"does not go with form {told.form}" if of else f"is what form {form} is of"
+        remedy = "leave it out" if of else f"name one of {', '.join(tuple(QUANTITIES)[1:])}"
+        problems.add(entry.find(("of",)).place, "of", of, limit, remedy)
+        return None
+    wanted = {"size": Physical(size_unit(told.to, of, form)), **_places(form, of)}
+    for key in _OF_FORMS:
+        if entry.get(key) is not None and key not in wanted:
+            place = entry.find((key,)).place
+            problems.add(place, key, "", f"is not of form {told.form}", "leave it out")
+    numbers = [_number(entry, key, kind, problems) for key, kind in wanted.items()]
+    known = [number for number in numbers if number is not None]
+    if len(known) < len(numbers):
+        return None
+    return AddedTerm(told.to, of, form, told.against_motion, *known)
+
+
+def _number(entry: Located, key: str, kind: Physical, problems: Problems) -> float | None:
+    item = entry.get(key)
+    if item is None:
+        if key != "size":  # of that, the schema has told
+            problems.add(entry.place, entry.name, "", f"lacks the key {key}", f"add `{key}: ...`")
+        return None
+    try:
+        return kind.parse(item.plain())
+    except QuantityError as error:
+        problems.add(item.place, key, shown(item), error.limit, error.remedy)
+        return None
+
+
+def written_terms(model: Model) -> Iterator[str]:
+    """Yield the lines of a model file that tell its terms; none where it has none."""
+    terms = terms_of(model.parameters)
+    if not terms:
+        return
+    yield f"{KEY}:"
+    for term in terms:
+        yield f"  - to: {term.place}"
+        if term.of:
+            yield f"    of: {term.of}"
+        yield f"    form: {_CONSTANT if term.form == '1' else repr(term.form)}"
+        if term.turned:
+            yield "    against_motion: true"
+        yield f"    size: {float(term.size)!r} {term.size_unit}"
+        numbers = (term.at, term.by)
+        for (key, kind), value in zip(_places(term.form, term.of).items(), numbers, strict=False):
+            yield f"    {key}: {float(value)!r} {kind.unit}".rstrip()

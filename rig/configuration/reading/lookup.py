@@ -1,0 +1,120 @@
+"""Where configurations are found: by path, beside the file that refers to them, or as shipped."""
+
+import shutil
+from pathlib import Path
+from typing import Final, Literal
+
+from .document import Located
+from .problems import ConfigError, Place, Problem, Problems, display_path, nearest
+
+Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream", "schedule", "sweep"]
+
+FOLDERS: Final[dict[Kind, str]] = {
+    "model": "models",
+    "rig": "rigs",
+    "campaign": "campaigns",
+    "schedule": "schedules",
+    "sweep": "sweeps",
+    "map": "maps",
+    "dbc": "dbc",
+    "stream": "stream",
+}
+SUFFIXES: Final = (".yaml", ".yml", ".dbc")
+
+
+def shipped_config_dir() -> Path:
+    """Return the folder of the shipped configurations: in the wheel or the checkout.
+
+    Raises:
+        FileNotFoundError: the installation is damaged.
+    """
+    here = Path(__file__).resolve()
+    for folder in (here.parents[2] / "shipped_config", here.parents[3] / "config"):
+        if (folder / "models" / "nominal.yaml").is_file():
+            return folder
+    raise FileNotFoundError(f"no shipped configurations beside {here.parents[2]}; reinstall")
+
+
+def copy_shipped(destination: Path) -> list[Path]:
+    """Copy the shipped configurations into a new or empty folder, to edit; return the files.
+
+    Raises:
+        ConfigError: the folder holds something already, or cannot be written.
+    """
+    try:
+        if destination.exists() and (not destination.is_dir() or any(destination.iterdir())):
+            raise _refusal(destination, "is not empty", "give a new or empty folder")
+        shutil.copytree(shipped_config_dir(), destination, dirs_exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise _refusal(destination, f"cannot be written: {reason}", "give another") from error
+    return sorted(path for path in destination.rglob("*") if path.is_file())
+
+
+def _refusal(path: Path, limit: str, remedy: str) -> ConfigError:
+    return ConfigError([Problem(display_path(path), 0, 0, "folder", "", limit, remedy)])
+
+
+def is_path(reference: str) -> bool:
+    """Tell a path from a name: a path has a separator or the suffix of a configuration."""
+    return "/" in reference or "\\" in reference or reference.endswith(SUFFIXES)
+
+
+def reference_in(item: Located | None) -> str | None:
+    """Return the name or path a value gives; a number is a name too (`rig: 7`)."""
+    if item is None or isinstance(item.value, bool):
+        return None
+    return str(item.value) if isinstance(item.value, str | int | float) else None
+
+
+def resolve(
+    kind: Kind, reference: str, base: Path, problems: Problems, referrer: Located | None = None
+) -> Path | None:
+    """Return the file a reference means; None, with a problem, where there is none.
+
+    A path counts from `base`, the folder of the referring file or the working directory. A name
+    is looked for in the folder of its kind within or beside `base` (so that an edited copy made
+    by `rig init` wins), in `base` itself, and then among the shipped configurations.
+    """
+    place = referrer.place if referrer else Place(Path(reference), 0, 0)
+    name = referrer.name if referrer else kind
+    if is_path(reference):
+        path = (base / Path(reference).expanduser()).resolve()
+        if path.is_file():
+            return path
+        limit = "is not a file" if path.exists() else "does not exist"
+        problems.add(place, name, reference, limit, _alternatives(kind, path.stem, path.parent))
+        return None
+    for folder in _folders(kind, base, beside=referrer is not None):
+        for suffix in SUFFIXES:
+            path = (folder / f"{reference}{suffix}").resolve()
+            if path.is_file() and not (referrer and path == referrer.place.path):
+                return path
+    remedy = _alternatives(kind, reference, base)
+    problems.add(place, name, reference, f"is not a known {kind}", remedy)
+    return None
+
+
+def available(kind: Kind, base: Path | None = None) -> list[str]:
+    """Return the names of the shipped configurations of a kind, and of those next to `base`."""
+    folders = [shipped_config_dir() / FOLDERS[kind]]
+    folders += [base / FOLDERS[kind], base.parent / FOLDERS[kind]] if base else []
+    files = (path for folder in folders for path in folder.glob("*"))
+    return sorted({path.stem for path in files if path.suffix in SUFFIXES})
+
+
+def _folders(kind: Kind, base: Path, beside: bool) -> list[Path]:
+    folders = [base / FOLDERS[kind]]
+    if beside:
+        folders.append(base.parent / FOLDERS[kind])
+    # In rigs/, the model `thesis` is not the rig of that name.
+    if base.name not in FOLDERS.values():
+        folders.append(base)
+    return [*folders, shipped_config_dir() / FOLDERS[kind]]
+
+
+def _alternatives(kind: Kind, stem: str, base: Path) -> str:
+    names = available(kind, base)
+    near = nearest(stem, names)
+    listing = f"available {FOLDERS[kind]}: {', '.join(names)}; or give the path of a file"
+    return f"did you mean {near}? ({listing})" if near else listing

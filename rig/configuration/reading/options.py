@@ -1,0 +1,171 @@
+"""Sections of a file that are read into a dataclass of a lower layer, by the types of its fields.
+
+The options of a driver, register maps, the settings of the loop and of homing, and the transducers'
+data sheet are such: the class says what may be written, in what unit and within which limits, and
+nothing repeats it.
+"""
+
+from collections.abc import Callable
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+
+from pydantic import Field as SchemaField, create_model
+
+from rig.io import RegisterMapError
+from rig.plant import Quantity
+
+from .document import Located, Sources
+from .fields import Physical
+from .lookup import FOLDERS, reference_in, resolve
+from .validation import Schema, read_mapping, shown
+
+T = TypeVar("T")
+
+
+class Option(NamedTuple):
+    """A field of a class of options.
+
+    Attributes:
+        hint: its type.
+        quantity: its unit and limits, if it has any.
+        default: `...` where there is none.
+    """
+
+    hint: Any
+    quantity: Quantity | None
+    default: Any
+
+
+def read_options(options: type[T], item: Located | None, sources: Sources) -> T | None:
+    """Return a dataclass or named tuple from a mapping with its fields as keys.
+
+    None, with problems, where it cannot be made. No mapping at all is one without keys.
+    """
+    if item is None:
+        return options()
+    before = sources.problems.reported
+    file = read_mapping(options_schema(options), item, sources.problems)
+    # Not model_dump, which would take dataclasses apart.
+    values = {key: getattr(file, key) for key in options_of(options)} if file is not None else {}
+    for name, option in options_of(options).items():
+        entry, reader = item.get(name), _reader(option)
+        if reader is not None and entry is not None:
+            values[name] = reader(entry, sources)
+    if sources.problems.reported > before:
+        return None
+    try:
+        return options(**values)
+    except RegisterMapError as error:
+        for problem in error.problems:
+            found = item.find(problem.path)
+            sources.problems.add(
+                found.place, found.name, problem.value, problem.limit, problem.remedy
+            )
+    except ValueError as error:
+        sources.problems.add(item.place, item.name, "", f"cannot be used: {error}")
+    return None
+
+
+def options_schema(options: type) -> type[Schema]:
+    """Return the schema of a mapping that has the fields of a dataclass or named tuple as keys."""
+    definitions: dict[str, Any] = {
+        name: (_written(option), option.default) for name, option in options_of(options).items()
+    }
+    return create_model(f"{options.__qualname__}File", __base__=Schema, **definitions)
+
+
+def options_of(options: type) -> dict[str, Option]:
+    """Return the fields of a dataclass or named tuple that a file may give, in their order."""
+    hints = get_type_hints(options, include_extras=True)
+    if is_dataclass(options):
+        usual = {f.name: _default(f) for f in fields(options) if f.init}
+    else:
+        given = getattr(options, "_field_defaults", {})
+        usual = {name: given.get(name, ...) for name in hints}
+    return {name: _option(hints[name], default) for name, default in usual.items()}
+
+
+def _default(field: Field[Any]) -> Any:
+    """Return a field's default, `...` if it has none."""
+    if field.default_factory is not MISSING:
+        return field.default_factory()
+    return ... if field.default is MISSING else field.default
+
+
+def _option(hint: Any, default: Any) -> Option:
+    quantity = None
+    if get_origin(hint) is Annotated:
+        hint, *extras = get_args(hint)
+        quantity = next((extra for extra in extras if isinstance(extra, Quantity)), None)
+    return Option(hint, quantity, default)
+
+
+def kind_of(option: Option) -> Any:
+    """Return the type of an option, without the None of one that may be left out."""
+    kinds = get_args(option.hint)
+    if len(kinds) == 2 and type(None) in kinds:
+        return next(kind for kind in kinds if kind is not type(None))
+    return option.hint
+
+
+def _written(option: Option) -> Any:
+    """Return the type of an option as its schema checks it; what has a reader is left to that."""
+    kind, quantity = kind_of(option), option.quantity
+    if _reader(option) is not None:
+        return Any
+    if quantity is None:
+        return option.hint
+    if kind is int:
+        return Annotated[option.hint, SchemaField(ge=quantity.lower, le=quantity.upper)]
+    usual = option.default if isinstance(option.default, float) and option.default else None
+    limits = Physical(quantity.unit, quantity.lower, quantity.upper, usual)
+    return Annotated[option.hint, limits]
+
+
+def _reader(option: Option) -> Callable[[Located, Sources], Any] | None:
+    """Return what reads an option that is no plain value of YAML."""
+    kind = kind_of(option)
+    if kind is Path:
+        return _read_path
+    if _is_section(kind):
+        return lambda item, sources: _read_dataclass(kind, item, sources)
+    element: Any = get_args(kind)[0] if get_origin(kind) is tuple else None
+    if _is_section(element):
+        return lambda item, sources: _read_list(element, item, sources)
+    return None
+
+
+def _is_section(kind: Any) -> bool:
+    return isinstance(kind, type) and is_dataclass(kind)
+
+
+def _read_path(item: Located, sources: Sources) -> Path | None:
+    """Return a path, which counts from the folder of the file that gives it.
+
+    An option named after a kind of shipped file (`dbc`) is found by name too, as these are.
+    """
+    folder, reference = item.place.path.parent, reference_in(item)
+    if reference is None:
+        sources.problems.add(item.place, item.name, shown(item), "is not a path", "write one")
+        return None
+    if item.name in FOLDERS:
+        return resolve(item.name, reference, folder, sources.problems, item)
+    return folder / Path(reference).expanduser()
+
+
+def _read_dataclass(kind: type[T], item: Located, sources: Sources) -> T | None:
+    """Return a nested section, or one from a file of its own in `maps`, by path or name."""
+    reference = reference_in(item)
+    if reference is None:
+        return read_options(kind, item, sources)
+    path = resolve("map", reference, item.place.path.parent, sources.problems, item)
+    root = sources.read_yaml(path, item) if path is not None else None
+    return read_options(kind, root, sources) if root is not None else None
+
+
+def _read_list(kind: type[T], item: Located, sources: Sources) -> tuple[T | None, ...]:
+    if not isinstance(item.value, list):
+        remedy = "write a list: - {...}"
+        sources.problems.add(item.place, item.name, shown(item), "is not a list", remedy)
+    return tuple(read_options(kind, element, sources) for element in item.elements())

@@ -1,0 +1,101 @@
+"""Validates located YAML with pydantic, every complaint placed at its line and column."""
+
+from enum import Enum
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from .document import Located
+from .problems import Problems, nearest, suggestion
+
+LONGEST_VALUE = 60
+
+
+class Schema(BaseModel):
+    """One mapping of a configuration file; nested mappings are checked by their own schema."""
+
+    model_config = ConfigDict(coerce_numbers_to_str=True, arbitrary_types_allowed=True)
+
+
+S = TypeVar("S", bound=Schema)
+
+
+def read_mapping(
+    schema: type[S], item: Located, problems: Problems, hints: dict[str, str] | None = None
+) -> S | None:
+    """Return the mapping read by its schema, as far as possible: a bad key counts as absent.
+
+    Unknown keys, wrong values and missing keys are recorded; None means that a required key is
+    among them. `hints` gives the remedy for keys that belong somewhere else.
+    """
+    if not isinstance(item.value, dict):
+        keys = ", ".join(schema.model_fields)
+        problems.add(item.place, item.name, shown(item), "is not a mapping", f"keys: {keys}")
+        return None
+    data = {}
+    for key, entry in item.items():
+        if key not in schema.model_fields:
+            _add_unknown_key(key, entry, list(schema.model_fields), problems, hints or {})
+        elif entry.value is not None:
+            data[key] = entry.plain()
+    try:
+        return schema.model_validate(data)
+    except ValidationError as error:
+        bad = {str(detail["loc"][0]) for detail in error.errors() if detail["loc"]}
+        for detail in error.errors():
+            _add(schema, item, dict(detail), problems)
+    try:
+        return schema.model_validate({key: data[key] for key in data if key not in bad})
+    except ValidationError:
+        return None
+
+
+def shown(item: Located) -> str:
+    """Return a value as short text for a message."""
+    if isinstance(item.value, dict):
+        return "a mapping"
+    if isinstance(item.value, list):
+        text = f"[{', '.join(shown(element) for element in item.value)}]"
+        return text if len(text) <= LONGEST_VALUE else "a list"
+    text = "nothing" if item.value is None else str(item.value)
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+def _add_unknown_key(
+    key: str, entry: Located, known: list[str], problems: Problems, hints: dict[str, str]
+) -> None:
+    remedy = hints.get(key) or suggestion(key, known, "keys")
+    problems.add(entry.place, key, "", "is not a known key", remedy)
+
+
+def _add(schema: type[Schema], item: Located, detail: dict[str, Any], problems: Problems) -> None:
+    location = tuple(step for step in detail["loc"] if isinstance(step, str | int))
+    name = str(location[0]) if location else item.name
+    if detail["type"] == "missing":
+        unknown = [key for key, _ in item.items() if key not in schema.model_fields]
+        # The misspelt key was reported already, with this one as what it should be.
+        if nearest(name, unknown) is None:
+            remedy = f"add `{name}: ...`"
+            problems.add(item.place, item.name, "", f"lacks the key {name}", remedy)
+        return
+    found = item.find(location)
+    context = detail.get("ctx", {})
+    if detail["type"] == "quantity":
+        problems.add(found.place, found.name, shown(found), context["limit"], context["remedy"])
+        return
+    choices = _choices(schema.model_fields[name].annotation) if name in schema.model_fields else []
+    if detail["type"] in ("literal_error", "enum") and choices:
+        near = nearest(str(found.value), choices)
+        remedy = f"did you mean {near}?" if near else f"choose one of {', '.join(choices)}"
+        problems.add(found.place, found.name, shown(found), "is not a choice here", remedy)
+        return
+    message = str(detail["msg"]).removeprefix("Input ").removeprefix("Value error, ")
+    problems.add(found.place, found.name, shown(found), message[0].lower() + message[1:])
+
+
+def _choices(annotation: object) -> list[str]:
+    if get_origin(annotation) is Literal:
+        return [str(choice) for choice in get_args(annotation)]
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return [str(choice.value) for choice in annotation]
+    return [choice for part in get_args(annotation) for choice in _choices(part)]

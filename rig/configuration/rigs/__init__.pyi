@@ -1,0 +1,15 @@
+from .calibration_file import dump_calibration as dump_calibration
+from .hardware import valves_of as valves_of
+from .limits import Limits as Limits
+from .register_maps import MAPS as MAPS, Map as Map, read_dbc as read_dbc, read_map as read_map
+from .rig import Rig as Rig, RigFile as RigFile, load_rig as load_rig, read_rig as read_rig
+from .stream import (
+    DEFAULT as DEFAULT,
+    OFF as OFF,
+    StreamFile as StreamFile,
+    load_stream as load_stream,
+    read_stream as read_stream,
+    stream_lines as stream_lines,
+)
+from .tolerances import load_tolerances as load_tolerances
+from .valves import LEAKAGE as LEAKAGE, RESISTANCE as RESISTANCE

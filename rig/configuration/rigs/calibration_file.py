@@ -1,0 +1,94 @@
+"""Calibration files: needle valves as `rig calibrate valves` measured them, for rig files."""
+
+import datetime
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from faults import NeedleCalibration
+from rig.configuration.reading import Located, Schema, Sources, display_path, read_mapping
+from rig.recording import replacing
+
+_UNIT: Final = "m^3/(s Pa^0.5)"
+
+
+class CalibrationFile(Schema):
+    """Keys of a calibration file."""
+
+    rig: str
+    date: datetime.date
+    needles: Any
+
+
+class NeedleReference(Schema):
+    """Keys of a needle whose points are in a calibration file."""
+
+    calibration: str
+
+
+def find_needle(kind: str, item: Located, sources: Sources) -> Located | None:
+    """Return a bypass's needle in the calibration file that the rig file names; None if amiss.
+
+    The path counts from the folder of the file that names it.
+    """
+    problems = sources.problems
+    reference = read_mapping(NeedleReference, item, problems)
+    if reference is None:
+        return None
+    named = item.find(("calibration",))
+    path = (named.place.path.parent / Path(reference.calibration).expanduser()).resolve()
+    root = sources.read_yaml(path, named)
+    if root is None or read_mapping(CalibrationFile, root, problems) is None:
+        return None
+    needle = root.find(("needles",)).get(kind)
+    if needle is None:
+        there = ", ".join(name for name, _ in root.find(("needles",)).items()) or "none"
+        remedy = f"needles there: {there}; measure it by `rig calibrate valves --valve {kind}`"
+        shown = display_path(path)
+        problems.add(named.place, named.name, shown, f"has no needle of {kind}", remedy)
+    return needle
+
+
+def dump_calibration(
+    path: Path, rig: str, date: datetime.date, needles: Mapping[str, NeedleCalibration]
+) -> None:
+    """Write a calibration file, in one step or not at all.
+
+    Args:
+        path: of the file.
+        rig: name of the rig.
+        date: day of the calibration.
+        needles: by the fault that each one's bypass makes.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    lines = [
+        "# Needle valves as `rig calibrate valves` measured them. In a rig file, of each bypass:",
+        f"# `needle: {{calibration: {path.name}}}`; the path counts from the rig file's folder.",
+        f"rig: {json.dumps(rig)}",
+        f"date: {date.isoformat()}",
+        "needles:",
+    ]
+    for kind, calibration in needles.items():
+        lines += [f"  {kind}:", *(f"    {line}" for line in _needle(calibration))]
+    with replacing(path) as partial:
+        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _needle(calibration: NeedleCalibration) -> Iterator[str]:
+    needle = calibration.needle
+    yield f"id: {json.dumps(needle.id)}"
+    if needle.date is not None:
+        yield f"date: {needle.date.isoformat()}"
+    yield "points:  # of the needle alone; +- one standard error; by how much more on the way up"
+    table = dict(zip(needle.openings, needle.coefficients, strict=True))
+    for point in calibration.points:
+        told = f"+- {point.coefficient.standard_error:.1e}, {point.hysteresis:+.1e}"
+        if not point.coefficient.is_resolved:
+            told = f"below what the meter resolves: {point.bound:.1e} at most"
+        if point.opening in table:
+            yield f"  - [{point.opening:g}, {table[point.opening]:.6g} {_UNIT}]  # {told}"
+        else:
+            yield f"  # {point.opening:g}: {told}"

@@ -1,0 +1,163 @@
+"""Whether drivers, sensors, valves and limits of a hardware rig fit together, before it is opened.
+
+What only the device can tell (no such port, another identity) its driver finds out when opened.
+"""
+
+from typing import Final
+
+from faults import FAULT_KINDS, Verdict
+from rig.configuration.reading import Located, Problems, show
+from rig.io import ChannelLimit, DriverSpec, LoopSettings, connection_of
+from rig.plant import TICK
+
+from .drivers import PlacedDriver
+
+NEEDED_INPUTS: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
+"""What every filter consumes: no campaign can be judged without."""
+
+SENSORS: Final = {
+    "supply_pressure_sensor": ("supply_pressure_Pa",),
+    "load_cell": ("load_N",),
+    "spool_sensor": ("spool_m", "drive_spool_m"),
+}
+"""Signals that mean a sensor of a rig file: one of them must come from a driver."""
+
+
+def moved_faults(drivers: tuple[DriverSpec, ...]) -> tuple[str, ...]:
+    """Return the kinds of fault whose valves the drivers move: ball and needle of a bypass.
+
+    The throttle in the return line has no ball.
+    """
+    outputs = {output for spec in drivers for output in spec.outputs}
+    return tuple(kind for kind in map(str, FAULT_KINDS) if outputs.issuperset(valves_of(kind)))
+
+
+def valves_of(kind: str) -> tuple[str, ...]:
+    """Return the outputs that make a kind of fault."""
+    needle = f"{kind}_needle"
+    return (needle,) if kind == Verdict.RETURN_BLOCKAGE else (f"{kind}_ball", needle)
+
+
+def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
+    """Verify that drivers supply what a rig file needs, each channel and each device once."""
+    section = root.find(("drivers",))
+    _check_fast(section, drivers, problems)
+    _check_channels(drivers, problems)
+    _check_devices(drivers, problems)
+    supplied = {signal for driver in drivers for signal in driver.spec.inputs}
+    for signal in NEEDED_INPUTS:
+        if signal not in supplied:
+            remedy = "configure the fast driver, or its register map, to read it"
+            problems.add(section.place, section.name, signal, "is read by no driver", remedy)
+    for key, signals in SENSORS.items():
+        entry = root.get(key)
+        if entry is not None and entry.value is True and supplied.isdisjoint(signals):
+            limit = f"needs a driver that reads {' or '.join(signals)}"
+            remedy = f"configure one, or write `{key}: false`"
+            problems.add(entry.place, key, "true", limit, remedy)
+
+
+def check_rates(
+    root: Located, loop: LoopSettings, drivers: tuple[DriverSpec, ...], problems: Problems
+) -> None:
+    """Verify that loop, filters and fast device agree on how often a sample comes."""
+    if loop.exchange_timeout >= loop.stale_limit:
+        timeout = root.find(("loop", "exchange_timeout"))
+        limit = f"is not below the stale_limit of {show(loop.stale_limit, 's')}"
+        remedy = "a late reply must not be old when it is given up: write less"
+        value = show(loop.exchange_timeout, "s")
+        problems.add(timeout.place, "exchange_timeout", value, limit, remedy)
+    rate = root.find(("loop", "rate"))
+    if abs(loop.rate * TICK - 1.0) > 1e-9:
+        limit = f"is not the {show(1.0 / TICK, 'Hz')} of filters and recordings"
+        remedy = "leave it out; for a slower device write `slower_device: hold`"
+        problems.add(rate.place, "rate", show(loop.rate, "Hz"), limit, remedy)
+        return
+    for spec in drivers:
+        if spec.kind == "fast" and spec.rate_hz < loop.rate:
+            _check_slower(root, loop, spec, problems)
+
+
+def check_rungs(
+    item: Located | None,
+    rungs: tuple[ChannelLimit, ...],
+    drivers: tuple[DriverSpec, ...],
+    problems: Problems,
+) -> None:
+    """Verify that every channel with a limit of its own is read in the loop."""
+    supplied = {signal for spec in drivers if spec.kind == "fast" for signal in spec.inputs}
+    for rung in rungs:
+        if item is not None and rung.channel not in supplied:
+            limit = "has a limit and is not read by the fast driver"
+            remedy = "add it to the driver's register map, or remove the limit"
+            problems.add(item.find(("channels",)).place, "channels", rung.channel, limit, remedy)
+
+
+def _check_fast(section: Located, drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
+    fast = [driver for driver in drivers if driver.spec.kind == "fast"]
+    if not fast:
+        remedy = "add one that exchanges samples with the loop, such as modbus_daq"
+        problems.add(section.place, section.name, "", "have no fast driver", remedy)
+    for second in fast[1:]:
+        limit = f"is a second fast driver beside {fast[0].spec.name}"
+        problems.add(second.item.place, second.spec.name, "", limit, "the loop has one: remove one")
+    for driver in fast:
+        if "command_V" not in driver.spec.outputs:
+            remedy = "give it a register or output for the valve command"
+            problems.add(
+                driver.item.place, driver.spec.name, "", "does not write command_V", remedy
+            )
+
+
+def _check_channels(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
+    """Verify that no two drivers read, or write, the same signal."""
+    for verb, signals_of in (("read", _inputs), ("written", _outputs)):
+        first: dict[str, str] = {}
+        for driver in drivers:
+            taken: dict[str, list[str]] = {}
+            for signal in signals_of(driver.spec):
+                other = first.setdefault(signal, driver.spec.name)
+                if other != driver.spec.name:
+                    taken.setdefault(other, []).append(signal)
+            for other, signals in taken.items():
+                limit = f"is {verb} by the driver {other} too"
+                remedy = "leave it out of one of them"
+                value = ", ".join(signals)
+                problems.add(driver.item.place, driver.spec.name, value, limit, remedy)
+
+
+def _inputs(spec: DriverSpec) -> tuple[str, ...]:
+    return spec.inputs
+
+
+def _outputs(spec: DriverSpec) -> tuple[str, ...]:
+    return spec.outputs
+
+
+def _check_devices(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
+    """Verify that no two drivers share a connection that only one can have."""
+    first: dict[str, str] = {}
+    for driver in drivers:
+        device = connection_of(driver.spec.options)
+        if device is None:
+            continue
+        other = first.setdefault(device, driver.spec.name)
+        if other != driver.spec.name:
+            limit = f"is the connection of the driver {other} too"
+            remedy = "give each driver its own device"
+            problems.add(driver.item.place, driver.spec.name, device, limit, remedy)
+
+
+def _check_slower(root: Located, loop: LoopSettings, spec: DriverSpec, problems: Problems) -> None:
+    """Verify that a fast device slower than the loop is meant to be, and its values may age."""
+    entry = root.find(("drivers", spec.name))
+    rate, period = show(spec.rate_hz, "Hz"), 1.0 / spec.rate_hz
+    if loop.slower_device == "refuse":
+        limit = f"is below the loop's {show(loop.rate, 'Hz')}"
+        remedy = "choose a faster device, or hold its values: `loop: {slower_device: hold}`"
+        problems.add(entry.place, spec.name, rate, limit, remedy)
+    elif loop.stale_limit < 2.0 * period:
+        found = root.find(("loop", "stale_limit"))
+        limit = f"is below two periods of {spec.name} at {rate}"
+        remedy = f"write {show(2.0 * period, 's')} or more"
+        problems.add(found.place, "stale_limit", show(loop.stale_limit, "s"), limit, remedy)

@@ -1,0 +1,151 @@
+"""The `limits` of a rig file: what a test may ask of a rig, and what is done beyond.
+
+Position and pressure make the ladder that every rig has; `channels` adds rungs for whatever the
+loop reads.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+from typing import Annotated, Any, Final
+
+from pydantic import create_model
+
+from control import COMMAND_LIMIT
+from rig.configuration.reading import (
+    Interval,
+    Located,
+    Physical,
+    Problems,
+    Schema,
+    read_mapping,
+    show,
+    shown,
+    suggestion,
+)
+from rig.io import FAST_INPUTS, ChannelLimit, Response
+from rig.plant import Model, Parameters
+from rig.recording import unit_of
+
+_GLITCH: Final = 3e-3
+"""Three samples in s: one or two beyond a limit may be a glitch of the wire."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a test may ask of a rig: position, command of either sign, chamber pressure."""
+
+    position_min_m: float
+    position_max_m: float
+    command_V: float  # noqa: N815
+    pressure_max_Pa: float  # noqa: N815
+
+
+class LimitsFile(Schema):
+    """Keys of a rig's limits."""
+
+    position: Annotated[tuple[float, float], Interval(Physical("m", -1.0, 6.0, 0.3))]
+    command: Annotated[float, Physical("V", 0.1, 100.0, COMMAND_LIMIT)] = COMMAND_LIMIT
+    pressure: Annotated[float, Physical("Pa", 1e6, 1e8, 2e7)]
+    channels: Any = None
+
+
+def read_limits(item: Located | None, plant: Model | None, problems: Problems) -> Limits | None:
+    """Return a rig's limits, checked against its plant; None, with problems, if unusable."""
+    file = read_mapping(LimitsFile, item, problems) if item is not None else None
+    if item is None or file is None:
+        return None
+    lower, upper = file.position
+    if plant is not None:
+        par = plant.parameters
+        entry = item.find(("position",))
+        if lower < par.stroke_min or upper > par.stroke_max:
+            stroke = f"{show(par.stroke_min, 'm')} to {show(par.stroke_max, 'm')}"
+            problems.add(
+                entry.place,
+                "position",
+                f"{show(lower, 'm')} to {show(upper, 'm')}",
+                f"reaches beyond the stroke of {stroke}",
+                "keep the limits within the stroke",
+            )
+        if file.pressure <= par.supply_pressure:
+            problems.add(
+                item.find(("pressure",)).place,
+                "pressure",
+                shown(item.find(("pressure",))),
+                f"is not above the supply pressure of {show(par.supply_pressure, 'Pa')}",
+                "give the pressure at which the rig must trip",
+            )
+    return Limits(lower, upper, file.command, file.pressure)
+
+
+def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
+    """Return the ladder that follows from a rig's limits.
+
+    A chamber above its pressure trips. A ram beyond its positions is held there, and trips halfway
+    to the end of the stroke, where holding it has failed.
+    """
+    low, high = limits.position_min_m, limits.position_max_m
+    far_low, far_high = 0.5 * (low + par.stroke_min), 0.5 * (high + par.stroke_max)
+    return (
+        ChannelLimit("position_m", low, high, "hold", _GLITCH),
+        ChannelLimit("position_m", far_low, far_high, "trip", _GLITCH),
+        ChannelLimit("pressure_1_Pa", -inf, limits.pressure_max_Pa, "trip", _GLITCH),
+        ChannelLimit("pressure_2_Pa", -inf, limits.pressure_max_Pa, "trip", _GLITCH),
+    )
+
+
+def read_ladder(item: Located | None, problems: Problems) -> tuple[ChannelLimit, ...]:
+    """Return the rungs that a rig file gives itself, under `limits: {channels: [...]}`."""
+    channels = item.get("channels") if item is not None else None
+    if channels is None:
+        return ()
+    if not isinstance(channels.value, list):
+        remedy = "write a list: - {channel: ..., high: ..., action: ...}"
+        problems.add(channels.place, channels.name, shown(channels), "is not a list", remedy)
+        return ()
+    return tuple(_read_rungs(channels.elements(), problems))
+
+
+def _read_rungs(elements: list[Located], problems: Problems) -> Iterator[ChannelLimit]:
+    for element in elements:
+        entry = element.get("channel")
+        channel = str(entry.value) if entry is not None else ""
+        before = problems.reported
+        file = read_mapping(_rung_schema(channel), element, problems)
+        if entry is not None and channel not in FAST_INPUTS:
+            remedy = suggestion(channel, FAST_INPUTS, "channels")
+            problems.add(entry.place, "channel", channel, "is not a known channel", remedy)
+        elif file is not None and problems.reported == before:
+            keys = file.model_dump()
+            rung = ChannelLimit(for_s=keys.pop("for"), **keys)
+            if _is_sound(rung, element, problems):
+                yield rung
+
+
+def _rung_schema(channel: str) -> type[Schema]:
+    """Return the keys of one rung; its limits are in the channel's unit."""
+    # Of an unknown channel no unit is known: that alone is what is wrong with it.
+    bound = Annotated[float, Physical(unit_of(channel))] if channel in FAST_INPUTS else Any
+    keys: dict[str, Any] = {
+        "channel": (str, ...),
+        "low": (bound, -inf),
+        "high": (bound, inf),
+        "action": (Response, ...),
+        "hysteresis": (bound, 0.0),
+        "for": (Annotated[float, Physical("s", 0.0, 600.0, 1.0)], 0.0),
+    }
+    return create_model("ChannelLimitFile", __base__=Schema, **keys)
+
+
+def _is_sound(rung: ChannelLimit, element: Located, problems: Problems) -> bool:
+    if rung.low == -inf and rung.high == inf:
+        remedy = "add `low: ...`, `high: ...` or both"
+        problems.add(element.place, rung.channel, "", "has no limit", remedy)
+        return False
+    if rung.low >= rung.high:
+        entry, unit = element.find(("low",)), unit_of(rung.channel)
+        limit = f"is not below high ({show(rung.high, unit)})"
+        problems.add(entry.place, "low", shown(entry), limit, "swap them")
+        return False
+    return True

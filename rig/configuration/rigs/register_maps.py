@@ -1,0 +1,47 @@
+"""What devices call their signals: register maps of Modbus devices, DBC files of CAN ones."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rig.configuration.reading import Place, Sources, options_of, read_options
+from rig.io import BypassRegisters, RegisterMap
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database
+
+Map = RegisterMap | BypassRegisters
+MAPS: Final[tuple[type[Map], ...]] = (RegisterMap, BypassRegisters)
+
+
+def read_map(path: Path, sources: Sources) -> Map | None:
+    """Return the map in a YAML file, of the device whose keys it has most of.
+
+    None, with problems, if it is unusable.
+    """
+    root = sources.read_yaml(path)
+    if root is None:
+        return None
+    keys = {key for key, _ in root.items()}
+    best = max(MAPS, key=lambda kind: len(keys & set(options_of(kind))))
+    return read_options(best, root, sources)
+
+
+def read_dbc(path: Path, sources: Sources) -> "Database | None":
+    """Return the CAN messages in a DBC file; None, with a problem, if it is none."""
+    # Imported here: cantools costs a tenth of a second, and few configurations are DBC files.
+    from cantools.database import load_string
+    from cantools.database.can import Database
+    from cantools.database.errors import Error
+
+    content = sources.read_bytes(path)
+    if content is None:
+        return None
+    try:
+        database = load_string(content.decode("cp1252"), database_format="dbc")
+    except (Error, ValueError) as error:
+        reason = " ".join(str(error).split())
+        start = Place(path, 1, 1)
+        sources.problems.add(start, "DBC", "", f"cannot be parsed: {reason}", "correct the file")
+        return None
+    assert isinstance(database, Database)
+    return database

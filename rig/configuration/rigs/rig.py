@@ -1,0 +1,244 @@
+"""Rig files: what a rig is made of, what it can measure and inject, and what it must not exceed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from control import POSITION_GAIN
+from faults import BypassValve
+from rig.configuration.models import override, read_model
+from rig.configuration.reading import (
+    Located,
+    Physical,
+    Schema,
+    Sources,
+    read_mapping,
+    read_options,
+    reference_in,
+    resolve,
+    show,
+)
+from rig.io import ChannelLimit, DriverSpec, HomingSettings, LoopSettings
+from rig.plant import Model, SensorParameters
+
+from .drivers import read_drivers
+from .hardware import check_hardware, check_rates, check_rungs, moved_faults
+from .limits import Limits, read_ladder, read_limits, usual_ladder
+from .valves import ReturnValve, read_bypass_valves, read_return_valve
+
+Backend = Literal["simulated", "hardware"]
+Pace = Literal["real", "fast"]
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A rig as its file describes it.
+
+    Attributes:
+        plant: the truth of a simulated rig, not what a detector knows of it; of a hardware rig,
+            what `rig check` reckons with and the emulator serves.
+        bypass_valves: the valves that make leaks, by the kind of fault each makes.
+        return_valve: the valve that blocks the return line, if there is one.
+        gain_V_per_m: gain of the proportional position loop.
+        pace: whether its campaigns run at the wall clock or as fast as they can, unless told; a
+            hardware rig knows the wall clock only.
+        ladder: what is done when a channel leaves its limits.
+        drivers: of a hardware rig, one of them fast; a simulated one has none.
+        loop: how the loop of a hardware rig is paced and watched.
+        homing: how its encoder finds its zero; None: it always knows where it is.
+    """
+
+    name: str
+    description: str
+    backend: Backend
+    plant: Model
+    sensors: SensorParameters
+    has_supply_pressure_sensor: bool
+    has_load_cell: bool
+    has_spool_sensor: bool
+    bypass_valves: Mapping[str, BypassValve]
+    return_valve: ReturnValve | None
+    limits: Limits
+    gain_V_per_m: float  # noqa: N815
+    pace: Pace
+    ladder: tuple[ChannelLimit, ...] = ()
+    drivers: tuple[DriverSpec, ...] = ()
+    loop: LoopSettings = field(default_factory=LoopSettings)
+    homing: HomingSettings | None = None
+
+    @property
+    def injectable(self) -> tuple[str, ...]:
+        """The kinds of fault whose valves it has, and can move."""
+        fitted = (*self.bypass_valves, *(["return_blockage"] if self.return_valve else []))
+        if self.backend == "simulated":
+            return fitted
+        moved = moved_faults(self.drivers)
+        return tuple(kind for kind in fitted if kind in moved)
+
+
+class RigFile(Schema):
+    """Keys of a rig file; nested mappings have their own schemas."""
+
+    name: str
+    description: str = ""
+    parent: str | None = None
+    backend: Backend = "simulated"
+    plant: Any
+    sensors: Any = None
+    supply_pressure_sensor: bool = False
+    load_cell: bool = False
+    spool_sensor: bool = False
+    bypass_valves: Any = None
+    return_valve: Any = None
+    limits: Any
+    position_gain: Annotated[float, Physical("V/m", 0.1, 1e4, POSITION_GAIN)] = POSITION_GAIN
+    pace: Pace = "fast"
+    drivers: Any = None
+    loop: Any = None
+    homing: Any = None
+
+
+class PlantFile(Schema):
+    """Keys of a rig's plant: a model, and in what the rig differs from it."""
+
+    model: str
+    parameters: Any = None
+    friction_law: Literal["bristle", "karnopp"] | None = None
+    effects: Any = None
+
+
+def read_rig(path: Path, sources: Sources) -> Rig | None:
+    """Return the rig in a file; None, with problems added to the sources', if it cannot be made."""
+    root = _with_parents(path, sources, ())
+    if root is None:
+        return None
+    problems = sources.problems
+    file = read_mapping(RigFile, root, problems)
+    plant = _read_plant(root, sources)
+    sensors = _read_sensors(root, sources)
+    bypass_valves = read_bypass_valves(root.get("bypass_valves"), sources)
+    return_valve = read_return_valve(root.get("return_valve"), problems)
+    limits = read_limits(root.get("limits"), plant, problems)
+    rungs = read_ladder(root.get("limits"), problems)
+    loop = read_options(LoopSettings, root.get("loop"), sources)
+    homing = root.get("homing")
+    settings = read_options(HomingSettings, homing, sources) if homing is not None else None
+    drivers = _read_drivers(root, file, loop, rungs, sources)
+    if file is None or plant is None or sensors is None or limits is None or loop is None:
+        return None
+    return Rig(
+        name=file.name,
+        description=file.description.strip(),
+        backend=file.backend,
+        plant=plant,
+        sensors=sensors,
+        has_supply_pressure_sensor=file.supply_pressure_sensor,
+        has_load_cell=file.load_cell,
+        has_spool_sensor=file.spool_sensor,
+        bypass_valves=bypass_valves,
+        return_valve=return_valve,
+        limits=limits,
+        gain_V_per_m=file.position_gain,
+        pace="real" if file.backend == "hardware" else file.pace,
+        ladder=(*usual_ladder(limits, plant.parameters), *rungs),
+        drivers=drivers,
+        loop=loop,
+        homing=settings,
+    )
+
+
+def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
+    """Return the rig of a file or name; relative paths count from `base`, else from here.
+
+    Raises:
+        ConfigError: every problem of the file, its parents and its models.
+    """
+    sources = Sources()
+    path = resolve("rig", str(reference), base or Path.cwd(), sources.problems)
+    rig = read_rig(path, sources) if path else None
+    sources.problems.raise_if_any()
+    assert rig is not None
+    return rig
+
+
+def _with_parents(
+    path: Path, sources: Sources, children: tuple[Path, ...], referrer: Located | None = None
+) -> Located | None:
+    """Return the keys of a rig file, and of its parents where it does not give them itself."""
+    if path in children:
+        assert referrer is not None
+        remedy = "name another parent"
+        sources.problems.add(referrer.place, "parent", path.stem, "descends from this rig", remedy)
+        return None
+    root = sources.read_yaml(path, referrer)
+    entry = root.get("parent") if root is not None else None
+    reference = reference_in(entry)
+    if root is None or entry is None or reference is None:
+        return root
+    found = resolve("rig", reference, path.parent, sources.problems, entry)
+    parent = _with_parents(found, sources, (*children, path), entry) if found else None
+    if parent is None:
+        return None
+    inherited = {key: item for key, item in parent.items() if key not in ("name", "description")}
+    return Located({**inherited, **dict(root.items())}, root.place, root.name)
+
+
+def _read_plant(root: Located, sources: Sources) -> Model | None:
+    item = root.get("plant")
+    if item is None:
+        return None
+    if reference_in(item) is not None:
+        item = Located({"model": item}, item.place, item.name)
+    file = read_mapping(PlantFile, item, sources.problems)
+    base = None
+    if file is not None:
+        entry = item.find(("model",))
+        found = resolve("model", file.model, entry.place.path.parent, sources.problems, entry)
+        base = read_model(found, sources) if found else None
+    model = override(base or Model(), item, sources)
+    return model if base else None
+
+
+def _read_drivers(
+    root: Located,
+    file: RigFile | None,
+    loop: LoopSettings | None,
+    rungs: tuple[ChannelLimit, ...],
+    sources: Sources,
+) -> tuple[DriverSpec, ...]:
+    """Return the drivers of a hardware rig; a simulated one may inherit some, and has no use."""
+    item = root.get("drivers")
+    hardware = file is not None and file.backend == "hardware"
+    if not hardware and item is not None and item.place.path == root.place.path:
+        remedy = "add `backend: hardware`, or remove them"
+        sources.problems.add(item.place, "drivers", "", "drive a simulated rig", remedy)
+    if not hardware:
+        return ()
+    if item is None:
+        remedy = "add `drivers: {...}`, one of them fast"
+        sources.problems.add(root.place, "drivers", "", "are missing", remedy)
+        return ()
+    placed = read_drivers(item, sources)
+    if placed is None:
+        return ()
+    specs = tuple(driver.spec for driver in placed)
+    check_hardware(root, placed, sources.problems)
+    check_rungs(root.get("limits"), rungs, specs, sources.problems)
+    if loop is not None:
+        check_rates(root, loop, specs, sources.problems)
+    return specs
+
+
+def _read_sensors(root: Located, sources: Sources) -> SensorParameters | None:
+    item = root.get("sensors")
+    sensors = read_options(SensorParameters, item, sources)
+    if item is not None and sensors is not None and sensors.pressure_min >= sensors.pressure_max:
+        sources.problems.add(
+            item.find(("pressure_max",)).place,
+            "pressure_max",
+            show(sensors.pressure_max, "Pa"),
+            f"is not above pressure_min ({show(sensors.pressure_min, 'Pa')})",
+            "correct the transducer's range",
+        )
+    return sensors

@@ -1,0 +1,47 @@
+"""Tolerances of figures, by which two runs are compared: a YAML file of a mapping a figure."""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field as SchemaField
+
+from rig.configuration.reading import Schema, Sources, read_mapping, shown, suggestion
+
+KNOWN = (
+    "status", "verdict", "onset", "latency", "leak", "residual", "friction", "bulk_modulus", "loop",
+)  # fmt: skip
+"""Beginnings of the figures' names."""
+
+
+class ToleranceFile(Schema):
+    """Keys of one figure's tolerance."""
+
+    absolute: Annotated[float, SchemaField(ge=0.0, allow_inf_nan=False)] = 0.0
+    relative: Annotated[float, SchemaField(ge=0.0, allow_inf_nan=False)] = 0.0
+    sigmas: Annotated[float, SchemaField(ge=0.0, allow_inf_nan=False)] = 0.0
+
+
+def load_tolerances(path: Path) -> dict[str, ToleranceFile | None]:
+    """Return tolerances by figure; None for one that is to be ignored.
+
+    Raises:
+        ConfigError: every problem of the file.
+    """
+    sources = Sources()
+    found: dict[str, ToleranceFile | None] = {}
+    root = sources.read_yaml(path)
+    for name, item in root.items() if root is not None else ():
+        if not any(name == known or name.startswith(f"{known}_") for known in KNOWN):
+            remedy = suggestion(name, KNOWN, "figures begin with")
+            sources.problems.add(item.place, name, "", "is not a figure", remedy)
+        elif item.value == "ignore":
+            found[name] = None
+        elif not isinstance(item.value, dict):
+            remedy = "write `ignore`, or `{absolute: ..., relative: ..., sigmas: ...}`"
+            sources.problems.add(item.place, name, shown(item), "is no tolerance", remedy)
+        else:
+            file = read_mapping(ToleranceFile, item, sources.problems)
+            if file is not None:
+                found[name] = file
+    sources.problems.raise_if_any()
+    return found

@@ -1,0 +1,152 @@
+"""The valves of a rig file that make its faults: bypasses for leaks, one for the return line."""
+
+import datetime
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
+
+from control import RequestError
+from faults import FAULT_KINDS, BypassValve, NeedleCharacteristic, Verdict
+from rig.configuration.reading import (
+    Field,
+    Located,
+    Physical,
+    Problems,
+    QuantityError,
+    Schema,
+    Sources,
+    read_mapping,
+    suggestion,
+)
+
+from .calibration_file import find_needle
+
+BYPASS_KINDS: Final = tuple(str(kind) for kind in FAULT_KINDS if kind != Verdict.RETURN_BLOCKAGE)
+
+# Far more than any valve of a rig: these only catch slips of unit and decimal point.
+LEAKAGE: Final = Physical("m^3/(s Pa^0.5)", 0.0, 1e-6, 1e-8)
+RESISTANCE: Final = Physical("Pa/(m^3/s)^2", 1e9, 1e14, 1e13)
+TRAVEL: Final = Physical("s", 0.0, 60.0, 0.5)
+
+
+@dataclass(frozen=True)
+class ReturnValve:
+    """A valve in the return line that shuts partly, as a clogged filter would.
+
+    Attributes:
+        name: what the rig calls it.
+        travel_s: time in s from open to its shut position.
+        maximum: greatest resistance in Pa/(m^3/s)^2 (turbulent, dp = R q^2).
+    """
+
+    name: str
+    travel_s: float
+    maximum: float
+
+
+class BypassFile(Schema):
+    """Keys of one bypass valve."""
+
+    name: str = ""
+    travel: Annotated[float, TRAVEL] = 0.5
+    bore: Annotated[float, Physical("m", 5e-4, 0.1, 6e-3)] = 6e-3
+    needle: Any
+
+
+class NeedleFile(Schema):
+    """Keys of a needle valve with the equal-percentage law."""
+
+    maximum: Annotated[float, LEAKAGE]
+    rangeability: Annotated[float, Physical("", 1.001, 1000.0, 50.0)] = 50.0
+
+
+class _Points(Field):
+    """Annotates the table of a calibration, [[opening, coefficient], ...]."""
+
+    def parse(self, raw: object) -> list[tuple[float, float]]:
+        if not isinstance(raw, list) or not all(isinstance(p, list) and len(p) == 2 for p in raw):
+            example = "[[0, 0 m^3/(s Pa^0.5)], [1, 2e-8 m^3/(s Pa^0.5)]]"
+            raise QuantityError("is not a list of [opening, coefficient]", f"write {example}")
+        return list(self._pairs(raw))
+
+    def _pairs(self, raw: list[list[object]]) -> Iterator[tuple[float, float]]:
+        for opening, coefficient in raw:
+            yield Physical("", 0.0, 1.0, 0.5).parse(opening), LEAKAGE.parse(coefficient)
+
+
+class CalibratedNeedleFile(Schema):
+    """Keys of a needle valve as calibrated, with the day and name of the calibration."""
+
+    points: Annotated[list[tuple[float, float]], _Points()]
+    date: datetime.date | None = None
+    id: str = "needle"
+
+
+class ReturnValveFile(Schema):
+    """Keys of the valve in the return line."""
+
+    name: str = "return valve"
+    travel: Annotated[float, TRAVEL] = 0.5
+    maximum: Annotated[float, RESISTANCE]
+
+
+def read_bypass_valves(item: Located | None, sources: Sources) -> dict[str, BypassValve]:
+    """Return the usable bypass valves of a rig file by the fault each makes."""
+    if item is None:
+        return {}
+    problems = sources.problems
+    if not isinstance(item.value, dict):
+        keys = ", ".join(BYPASS_KINDS)
+        problems.add(item.place, item.name, "", "is not a mapping", f"keys: {keys}")
+        return {}
+    valves = {}
+    for kind, entry in item.items():
+        if kind not in BYPASS_KINDS:
+            remedy = suggestion(kind, BYPASS_KINDS, "bypasses")
+            if kind == Verdict.RETURN_BLOCKAGE:
+                remedy = "describe the valve of the return line as `return_valve: ...`"
+            problems.add(entry.place, kind, "", "has no bypass", remedy)
+            continue
+        valve = _read_bypass(kind, entry, sources)
+        if valve is not None:
+            valves[kind] = valve
+    return valves
+
+
+def read_return_valve(item: Located | None, problems: Problems) -> ReturnValve | None:
+    """Return the valve of the return line, if the rig file describes a usable one."""
+    if item is None:
+        return None
+    file = read_mapping(ReturnValveFile, item, problems)
+    return ReturnValve(file.name, file.travel, file.maximum) if file else None
+
+
+def _read_bypass(kind: str, item: Located, sources: Sources) -> BypassValve | None:
+    file = read_mapping(BypassFile, item, sources.problems)
+    entry = item.get("needle")
+    if file is None or entry is None:
+        return None
+    if entry.get("calibration") is not None:
+        entry = find_needle(kind, entry, sources)
+        if entry is None:
+            return None
+    try:
+        needle = _read_needle(entry, sources.problems)
+        name = file.name or f"bypass {kind}"
+        return BypassValve(name, file.travel, needle, file.bore) if needle else None
+    except RequestError as error:
+        for each in error.problems:
+            sources.problems.add(entry.place, each.field, each.value, each.limit, each.remedy)
+        return None
+
+
+def _read_needle(item: Located, problems: Problems) -> NeedleCharacteristic | None:
+    if item.get("points") is not None:
+        table = read_mapping(CalibratedNeedleFile, item, problems)
+        return (
+            NeedleCharacteristic.from_table(table.points, table.date, table.id) if table else None
+        )
+    law = read_mapping(NeedleFile, item, problems)
+    if law is None:
+        return None
+    return NeedleCharacteristic.equal_percentage(law.maximum, law.rangeability)

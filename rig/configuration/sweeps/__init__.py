@@ -1,0 +1,5 @@
+"""Sweep files: distributions, motions and what a sweep runs."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

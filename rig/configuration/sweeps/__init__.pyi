@@ -1,0 +1,13 @@
+from .distributions import Distribution as Distribution
+from .sweep import (
+    SweepFile as SweepFile,
+    load_sweep as load_sweep,
+    read_sweep as read_sweep,
+    sweep_lines as sweep_lines,
+)
+from .sweep_plan import (
+    HEALTHY as HEALTHY,
+    Sweep as Sweep,
+    SweepFilter as SweepFilter,
+    SweptMotion as SweptMotion,
+)

@@ -1,0 +1,218 @@
+"""Quantities that are drawn anew for each case of a sweep: `{uniform: [-15 %, +15 %]}`."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.configuration.reading import (
+    LONGEST_VALUE,
+    Adjustable,
+    Field,
+    Physical,
+    QuantityError,
+    Relative,
+    WrongDimensionError,
+    read,
+)
+
+Array = NDArray[np.float64]
+Kind = Literal["fixed", "uniform", "log_uniform", "normal", "choice"]
+
+KINDS: Final[tuple[Kind, ...]] = ("fixed", "uniform", "log_uniform", "normal", "choice")
+_EXAMPLE: Final = "write a quantity, or one of {uniform: [from, to]}, {log_uniform: [from, to]}, "
+_REMEDY: Final = _EXAMPLE + "{normal: [mean, deviation]} and {choice: [one, another]}"
+# Beyond this many standard deviations no float64 is drawn.
+_TAIL: Final = 2.0**-53
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """What a quantity's values are drawn from.
+
+    Attributes:
+        kind: `fixed` (1 value), `uniform` and `log_uniform` (both ends), `normal` (mean and
+            standard deviation) or `choice` (each as likely).
+        values: of that kind, SI.
+        low, high: a normal quantity is drawn from between them.
+    """
+
+    kind: Kind
+    values: tuple[float, ...]
+    low: float = -math.inf
+    high: float = math.inf
+
+    def at(self, uniform: Array) -> Array:
+        """Return the values (n,) below which the parts `uniform` (n,) in [0, 1) of all are."""
+        first, second = self.values[0], self.values[-1]
+        if self.kind == "uniform":
+            return np.clip(first + (second - first) * uniform, first, second)
+        if self.kind == "log_uniform":
+            return np.clip(first * np.exp(uniform * math.log(second / first)), first, second)
+        if self.kind == "normal":
+            return self._normal(uniform)
+        if self.kind == "choice":
+            return np.array(self.values)[(uniform * len(self.values)).astype(np.intp)]
+        return np.full(uniform.shape, first)
+
+    def _normal(self, uniform: Array) -> Array:
+        law = NormalDist(*self.values)
+        lowest, highest = law.cdf(self.low), law.cdf(self.high)
+        parts = np.clip(lowest + (highest - lowest) * uniform, _TAIL, 1.0 - _TAIL)
+        return np.clip([law.inv_cdf(float(part)) for part in parts], self.low, self.high)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """The least and the greatest value that may be drawn."""
+        if self.kind == "normal":
+            return self.low, self.high
+        return min(self.values), max(self.values)
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether the values differ from case to case."""
+        low, high = self.support
+        return low != high
+
+
+class Drawn(NamedTuple):
+    """A distribution as written: values may be `Relative`, or levels in metres or volts."""
+
+    kind: Kind
+    values: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Random(Field):
+    """Annotates a quantity that may be drawn; each value is read by `inner`.
+
+    Attributes:
+        inner: reads a value.
+        unit: SI unit of a standard deviation; of a level, metres or volts.
+    """
+
+    inner: Field
+    unit: str | None = None
+
+    def parse(self, raw: object) -> Drawn:
+        """Return what is written.
+
+        Raises:
+            QuantityError: no quantity and no distribution, or of values beyond the limits.
+        """
+        if not isinstance(raw, dict):
+            return Drawn("fixed", (self.inner.parse(raw),))
+        if len(raw) != 1 or next(iter(raw)) not in KINDS:
+            shown = ", ".join(str(key) for key in raw)[:LONGEST_VALUE] or "an empty mapping"
+            raise QuantityError(f"is no distribution ({shown})", _REMEDY)
+        kind, given = next(iter(raw.items()))
+        if kind == "fixed":
+            return Drawn("fixed", (self.inner.parse(given),))
+        if not isinstance(given, list) or not given:
+            raise QuantityError(f"lacks the list of {kind}", _REMEDY)
+        if kind == "normal":
+            return self._normal(given)
+        values = tuple(self.inner.parse(each) for each in given)
+        if kind != "choice":
+            _check_ends(kind, values)
+        return Drawn(kind, values)
+
+    def _normal(self, given: list[Any]) -> Drawn:
+        if len(given) != 2:
+            raise QuantityError("is no normal distribution", "write {normal: [mean, deviation]}")
+        mean, deviation = self.inner.parse(given[0]), self._deviation(given[1])
+        if isinstance(mean, Relative) is not isinstance(deviation, Relative):
+            raise QuantityError(
+                "mixes a share and a quantity", "give mean and deviation both in %, or neither"
+            )
+        return Drawn("normal", (mean, deviation))
+
+    def _deviation(self, raw: object) -> Any:
+        relative = isinstance(raw, str) and raw.strip().endswith("%")
+        if relative and isinstance(self.inner, Adjustable):
+            value: Any = Relative(read(raw, "").value)
+            size = value.fraction
+        else:
+            value = size = _first(lambda unit: read(raw, unit).value, self._units)
+        if not 0.0 < size < math.inf:
+            raise QuantityError("deviates by no amount above 0", "write {normal: [mean, 3 %]}")
+        return value
+
+    @property
+    def _units(self) -> tuple[str, ...]:
+        if self.unit is not None:
+            return (self.unit,)
+        if isinstance(self.inner, Adjustable):
+            return (self.inner.physical.unit,)
+        return (self.inner.unit,) if isinstance(self.inner, Physical) else ("m", "V")
+
+
+def _first(reading: Callable[[str], float], units: tuple[str, ...]) -> float:
+    for unit in units[:-1]:
+        try:
+            return reading(unit)
+        except WrongDimensionError:
+            continue
+    return reading(units[-1])
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, Relative):
+        return value.fraction
+    return float(value.value) if hasattr(value, "value") else float(value)
+
+
+def _check_ends(kind: str, values: tuple[Any, ...]) -> None:
+    if len(values) != 2:
+        raise QuantityError(f"gives {kind} {len(values)} values", f"write {{{kind}: [from, to]}}")
+    low, high = (_number(value) for value in values)
+    if isinstance(values[0], Relative) is not isinstance(values[1], Relative):
+        raise QuantityError("mixes a share and a quantity", "give both ends in %, or neither")
+    if low > high:
+        raise QuantityError("ends before it begins", "write the lower value first")
+    if kind == "log_uniform" and not isinstance(values[0], Relative) and low <= 0.0:
+        raise QuantityError("starts at zero or below", "a log-uniform quantity is above 0")
+
+
+def resolved(drawn: Drawn, base: float = 0.0, limits: Physical | None = None) -> Distribution:
+    """Return a distribution in SI.
+
+    Args:
+        drawn: as written; `Relative` values deviate from `base`.
+        base: what deviations count from.
+        limits: a normal quantity is drawn from between them.
+
+    Raises:
+        QuantityError: a deviation leads beyond the limits, or is one of zero.
+    """
+    relative = [isinstance(value, Relative) for value in drawn.values]
+    if any(relative) and base == 0.0:
+        raise QuantityError("is a share of zero", "give the values themselves")
+    at = drawn.kind == "normal"
+    values = []
+    for index, value in enumerate(drawn.values):
+        number = _number(value)
+        if relative[index]:
+            deviates = at and index == 1
+            number = abs(base) * number if deviates else base * (1.0 + number)
+        values.append(number)
+    low, high = (-math.inf, math.inf) if limits is None else (limits.lower, limits.upper)
+    bounded = values[:1] if at else values
+    if any(not low <= value <= high for value in bounded):
+        beyond = next(value for value in bounded if not low <= value <= high)
+        unit = limits.unit if limits else ""
+        raise QuantityError(
+            f"gives {beyond:.6g} {unit}, outside {low:.6g} to {high:.6g} {unit}",
+            f"deviate less from {base:.6g} {unit}",
+        )
+    if drawn.kind in ("uniform", "log_uniform") and values[0] > values[1]:
+        raise QuantityError("ends before it begins", "write the lower value first")
+    if drawn.kind == "log_uniform" and values[0] <= 0.0:
+        raise QuantityError("starts at zero or below", "a log-uniform quantity is above 0")
+    if not at:
+        return Distribution(drawn.kind, tuple(values))
+    return Distribution("normal", tuple(values), low, high)

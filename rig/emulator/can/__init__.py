@@ -1,0 +1,5 @@
+"""The emulated CAN nodes: the servovalve's electronics and the pump unit."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

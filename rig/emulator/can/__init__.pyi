@@ -1,0 +1,1 @@
+from .devices import CanDevices as CanDevices, ValvePath as ValvePath

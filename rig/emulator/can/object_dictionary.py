@@ -1,0 +1,73 @@
+"""The object dictionary of an emulated CANopen node, and its SDO server."""
+
+import struct
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from rig.io import (
+    NO_OBJECT,
+    READ_ONLY,
+    WRONG_LENGTH,
+    Entry,
+    SdoError,
+    abort_reply,
+    parse_request,
+    read_reply,
+    write_reply,
+)
+
+_WHOLE_REQUEST: Final = 8
+
+
+class ObjectDictionary:
+    """Entries with their values.
+
+    Args:
+        values: entries that can be read and written, with their values at power-up.
+        live: entries that are computed when they are read, and read only.
+        changed: called after a write from the bus.
+    """
+
+    def __init__(
+        self,
+        values: Iterable[tuple[Entry, int]],
+        live: Iterable[tuple[Entry, Callable[[], int]]],
+        changed: Callable[[Entry, int], None],
+    ) -> None:
+        self._values = dict(values)
+        self._live = dict(live)
+        self._entries = {
+            (entry.index, entry.subindex): entry for entry in (*self._values, *self._live)
+        }
+        self._changed = changed
+
+    def __getitem__(self, entry: Entry) -> int:
+        return self._live[entry]() if entry in self._live else self._values[entry]
+
+    def __setitem__(self, entry: Entry, value: int) -> None:
+        self._values[entry] = value
+
+    def answer(self, data: bytes) -> bytes | None:
+        """Return the reply to an SDO request; None to what is none."""
+        if len(data) != _WHOLE_REQUEST:
+            return None
+        index, subindex = struct.unpack_from("<HB", data, 1)
+        try:
+            request = parse_request(data)
+            entry = self._entries.get((index, subindex))
+            if entry is None:
+                raise SdoError(NO_OBJECT)
+            if request.value is None:
+                return read_reply(entry, self[entry])
+            self._write(entry, request.value)
+            return write_reply(entry)
+        except SdoError as refusal:
+            return abort_reply(index, subindex, refusal.code)
+
+    def _write(self, entry: Entry, data: bytes) -> None:
+        if entry in self._live:
+            raise SdoError(READ_ONLY)
+        if len(data) != struct.calcsize(entry.layout):
+            raise SdoError(WRONG_LENGTH)
+        self._values[entry] = int(struct.unpack(entry.layout, data)[0])
+        self._changed(entry, self._values[entry])

@@ -1,0 +1,249 @@
+"""The emulated digital servovalve: CANopen, device profile CiA 408, and its faults.
+
+It is driven by two calls, `receive` for every frame and `cycle` for the time, so that a test can
+step it; `rig.emulator.can.nodes.serve` does it on a bus.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import can
+
+from rig.io import (
+    ACTUAL,
+    COMMAND_LAYOUT,
+    CONSUMER_HEARTBEAT,
+    CONTROL_MODE,
+    CONTROL_WORD,
+    DEVICE_MODE,
+    DEVICE_PROFILE,
+    DEVICE_TYPE,
+    EMERGENCY,
+    FULL_SCALE,
+    HEARTBEAT,
+    HOLD_SETPOINT,
+    MODE_ANALOG,
+    MODE_BUS,
+    NMT,
+    PRODUCER_HEARTBEAT,
+    RPDO1,
+    SDO_REPLY,
+    SDO_REQUEST,
+    SETPOINT,
+    SPOOL_CLOSED_LOOP,
+    STATUS_LAYOUT,
+    STATUS_WORD,
+    TPDO1,
+    TPDO1_PERIOD,
+    DriveState,
+    Entry,
+    NmtCommand,
+    NmtState,
+    after_fault,
+    after_word,
+    set_up,
+    to_share,
+)
+
+from .nodes import Note, Send
+from .object_dictionary import ObjectDictionary
+
+HOST_HEARTBEAT_LOST: Final = 0x8130
+"""Emergency of a node that misses its host (CiA 301, section 7.2.7)."""
+
+_GARBAGE: Final = (b"", b"\xff\xff", b"\x05\x00\x00\x00", bytes(range(8)))
+"""Data that no TPDO1 has: wrong lengths, and a state that there is not."""
+
+
+@dataclass
+class ValveFaults:
+    """What is wrong with the emulated valve, besides a fault that it knows of itself.
+
+    Attributes:
+        silent: it sends nothing at all.
+        heartbeat_lost: it sends no heartbeat.
+        stuck: its state follows no control word.
+        frozen_actual: its actual value stands still.
+        garbage: between its status messages it sends nonsense under the same identifier.
+    """
+
+    silent: bool = False
+    heartbeat_lost: bool = False
+    stuck: bool = False
+    frozen_actual: bool = False
+    garbage: bool = False
+
+
+class ValveNode:
+    """A digital servovalve.
+
+    Args:
+        send: puts a frame on the bus.
+        spool: tells where the spool is, m.
+        full_stroke: travel of the spool at 100 %, m.
+        node: its node id.
+        note: takes note of what it receives and does; a repeated command is noted once.
+
+    Attributes:
+        faults: what is wrong with it.
+        state: state of its electronics.
+    """
+
+    def __init__(
+        self, send: Send, spool: Callable[[], float], full_stroke: float, node: int, note: Note
+    ) -> None:
+        self.faults = ValveFaults()
+        self.state = DriveState.INIT
+        self._send_frame = send
+        self._spool = spool
+        self._full_stroke = full_stroke
+        self._node = node
+        self._note = note
+        self._now = 0.0
+        self._frozen_at = 0
+        self._switch_on()
+
+    def _switch_on(self) -> None:
+        self._nmt = NmtState.BOOT_UP
+        self._objects = ObjectDictionary(
+            (
+                (CONTROL_WORD, 0),
+                (DEVICE_MODE, MODE_BUS),
+                (CONTROL_MODE, SPOOL_CLOSED_LOOP),
+                (SETPOINT, 0),
+                (HOLD_SETPOINT, 0),
+                (CONSUMER_HEARTBEAT, 0),
+                *set_up(self._node, rate_hz=20.0, silence=0.4),
+            ),
+            (
+                (DEVICE_TYPE, lambda: DEVICE_PROFILE),
+                (STATUS_WORD, lambda: int(self.state)),
+                (ACTUAL, self._actual),
+            ),
+            self._object_set,
+        )
+        self._word = 0
+        self._host_at: float | None = None
+        self._beat_at = self._status_at = self._now
+        self._become(DriveState.INIT)
+
+    def acting_command(self, analog: float) -> float:
+        """Return what moves the spool, as a share of full stroke, given the analog input's.
+
+        A spool that nothing controls goes to null: that is this valve's fail-safe position.
+        """
+        if self.state.disabled:
+            return 0.0
+        if self.state is not DriveState.ACTIVE:
+            return to_share(self._objects[HOLD_SETPOINT])
+        if self._objects[DEVICE_MODE] == MODE_ANALOG:
+            return analog
+        return to_share(self._objects[SETPOINT])
+
+    def fail(self, code: int) -> None:
+        """Meet a fault: send its emergency and leave for a fault state."""
+        self._note("drive_fault", code=f"0x{code:04X}")
+        self._send(EMERGENCY, struct.pack("<HB5x", code, 1))
+        self._become(after_fault(self.state))
+
+    def receive(self, frame: can.Message) -> None:
+        """Take in a frame."""
+        data = bytes(frame.data)
+        if frame.is_extended_id:
+            return
+        if frame.arbitration_id == NMT and len(data) == 2 and data[1] in (0, self._node):
+            self._obey(data[0])
+        elif frame.arbitration_id == SDO_REQUEST + self._node:
+            reply = self._objects.answer(data)
+            if reply is not None:
+                self._send(SDO_REPLY, reply)
+        elif frame.arbitration_id == RPDO1 + self._node and self._nmt is NmtState.OPERATIONAL:
+            self._take_command(data)
+        elif frame.arbitration_id == HEARTBEAT + (self._objects[CONSUMER_HEARTBEAT] >> 16):
+            self._host_at = self._now
+
+    def _obey(self, command: int) -> None:
+        self._note("drive_nmt", command=command)
+        match command:
+            case NmtCommand.START:
+                self._nmt = NmtState.OPERATIONAL
+            case NmtCommand.STOP:
+                self._nmt = NmtState.STOPPED
+            case NmtCommand.PRE_OPERATIONAL:
+                self._nmt = NmtState.PRE_OPERATIONAL
+            case NmtCommand.RESET_NODE | NmtCommand.RESET_COMMUNICATION:
+                self._switch_on()
+
+    def _take_command(self, data: bytes) -> None:
+        if len(data) != struct.calcsize(COMMAND_LAYOUT):
+            return
+        word, setpoint = struct.unpack(COMMAND_LAYOUT, data)
+        if (word, setpoint) != (self._word, self._objects[SETPOINT]):
+            self._note("drive_command", word=word, setpoint=to_share(setpoint))
+        self._objects[SETPOINT] = setpoint
+        self._take_word(word)
+
+    def _object_set(self, entry: Entry, value: int) -> None:
+        self._note("drive_object_set", object=str(entry), value=value)
+        if entry == CONTROL_WORD:
+            self._take_word(value)
+        elif entry == CONSUMER_HEARTBEAT:
+            # It is watched for from the first that comes (CiA 301, section 7.2.8).
+            self._host_at = None
+
+    def _take_word(self, word: int) -> None:
+        previous, self._word = self._word, word
+        self._objects[CONTROL_WORD] = word
+        self._follow(previous)
+
+    def _follow(self, previous_word: int) -> None:
+        """Make one transition at most: the next follows in the next cycle."""
+        if not self.faults.stuck:
+            self._become(after_word(self.state, self._word, previous_word))
+
+    def _become(self, state: DriveState) -> None:
+        if state is self.state:
+            return
+        reset = state.ready and not self.state.ready
+        self.state = state
+        self._note("drive_state", state=state.name)
+        if reset:
+            self._send(EMERGENCY, bytes(8))
+
+    def cycle(self, now: float) -> None:
+        """Make a transition, watch the host, send what is due."""
+        self._now = now
+        self._follow(self._word)
+        self._watch_host()
+        if now >= self._beat_at:
+            self._beat_at = now + 1e-3 * self._objects[PRODUCER_HEARTBEAT]
+            if not self.faults.heartbeat_lost:
+                self._send(HEARTBEAT, bytes((self._nmt,)))
+            if self._nmt is NmtState.BOOT_UP:
+                self._nmt = NmtState.PRE_OPERATIONAL
+        if self._nmt is NmtState.OPERATIONAL and now >= self._status_at:
+            self._status_at = now + 1e-3 * self._objects[TPDO1_PERIOD]
+            for data in _GARBAGE if self.faults.garbage else ():
+                self._send(TPDO1, data)
+            self._send(TPDO1, struct.pack(STATUS_LAYOUT, self.state, self._actual()))
+
+    def _watch_host(self) -> None:
+        allowed = 1e-3 * (self._objects[CONSUMER_HEARTBEAT] & 0xFFFF)
+        if self._host_at is not None and allowed and self._now - self._host_at > allowed:
+            self._host_at = None
+            self.fail(HOST_HEARTBEAT_LOST)
+
+    def _actual(self) -> int:
+        if not self.faults.frozen_actual:
+            share = self._spool() / self._full_stroke
+            self._frozen_at = round(FULL_SCALE * min(max(share, -2.0), 1.999))
+        return self._frozen_at
+
+    def _send(self, base: int, data: bytes) -> None:
+        if not self.faults.silent:
+            identifier = base + self._node
+            self._send_frame(
+                can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+            )

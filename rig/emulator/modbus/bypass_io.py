@@ -1,0 +1,234 @@
+"""The bypass valves' I/O as a Modbus device, served by pymodbus over TCP or a serial line.
+
+Its registers are those of `rig.io.bypass_valves.registers`; any unit number reaches it.
+"""
+
+import asyncio
+import random
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from rig.emulator.addresses import AddressError
+from rig.emulator.pseudo_terminal import PseudoTerminal
+from rig.emulator.record import Record
+from rig.io import BYPASSES, IDENTITY, NEEDLE_FULL_SCALE, STANDARD_REGISTERS, THROTTLE
+
+from .rtu_line import RtuLine
+from .server import Wire
+from .valve_bank import SWITCHES, ValveBank
+
+_COILS: Final = (1, 5, 15)
+_DISCRETE_INPUTS: Final = (2,)
+_INPUT_REGISTERS: Final = (4,)
+_NEITHER: Final = (False, False)
+_BOTH: Final = (True, True)
+
+
+class BypassIo:
+    """Valves behind Modbus registers.
+
+    Args:
+        record: takes note of what happens.
+        clock: tells the time in ns.
+        ball_travel_s: time of a ball from shut to open.
+        needle_travel_s: time of a needle over its whole range.
+
+    Attributes:
+        valves: the valves; jam one by its `stick`.
+        wire: what is wrong with its line; change it as you like.
+        shorted: bypasses whose ball has both switches on, as by a broken cable.
+        identity: what its identity register holds.
+        requests: how many it was asked.
+    """
+
+    name: Final = "bypass"
+
+    def __init__(
+        self,
+        record: Record,
+        clock: Callable[[], int] = time.monotonic_ns,
+        ball_travel_s: float = 0.5,
+        needle_travel_s: float = 2.0,
+    ) -> None:
+        self.valves = ValveBank(record, clock, ball_travel_s, needle_travel_s)
+        self.wire = Wire()
+        self.shorted: set[str] = set()
+        self.identity = IDENTITY
+        self.requests = 0
+        self._record = record
+        self._noise = random.Random(0)
+        self._servers: list[ModbusTcpServer] = []
+        self._lines: list[RtuLine] = []
+
+    async def open(self, host: str, port: int) -> int:
+        """Begin to serve over TCP; return the port, which the system chooses if 0 is asked for.
+
+        Raises:
+            AddressError: the port is in use, or not to be had.
+        """
+        server = ModbusTcpServer(
+            self._device(),
+            address=(host, port),
+            trace_packet=self._through_wire,
+            trace_connect=self._note_connection,
+        )
+        try:
+            # What pymodbus's `listen` does, which swallows the reason for a failure.
+            server.is_listener = True
+            listener = server.transport = await server.call_create()
+        except OSError as error:
+            raise AddressError(self.name, host, port, error) from error
+        self._servers.append(server)
+        found: int = listener.sockets[0].getsockname()[1]
+        return found
+
+    async def open_serial(self, path: Path) -> None:
+        """Begin to serve in Modbus RTU on a serial line whose near end is `path`.
+
+        Raises:
+            LinkError: there can be no such line.
+        """
+        line = PseudoTerminal(path)
+        line.plug_in()
+        server = ModbusSerialServer(self._device(), port=str(path), trace_packet=self._through_wire)
+        self._lines.append(RtuLine(line, server.callback_new_connection()))
+
+    def close(self) -> None:
+        """Let go of ports, lines and clients; harmless when repeated."""
+        for server in self._servers:
+            server.close()
+        for line in self._lines:
+            line.close()
+        self._servers, self._lines = [], []
+
+    def disconnect(self) -> None:
+        """Break off all TCP connections."""
+        for server in self._servers:
+            for connection in tuple(server.active_connections.values()):
+                connection.close()
+
+    def positions(self) -> dict[str, tuple[float, float]]:
+        """Return where ball and needle of each bypass are now, 0 shut to 1 open."""
+        return self.valves.positions()
+
+    def state(self) -> dict[str, object]:
+        """Return how it stands, for the control port and the record."""
+        return {
+            "requests": self.requests,
+            "watchdog_ms": self.valves.watchdog_ms,
+            "positions": self.valves.positions(),
+        }
+
+    def _device(self) -> SimDevice:
+        at = STANDARD_REGISTERS
+        return SimDevice(
+            id=0,  # whichever is asked for
+            simdata=(
+                [SimData(at.coils, count=len(BYPASSES), values=False, datatype=DataType.BITS)],
+                [
+                    SimData(
+                        at.switches, count=2 * len(BYPASSES), values=False, datatype=DataType.BITS
+                    )
+                ],
+                [
+                    SimData(at.setpoints, count=len(BYPASSES), datatype=DataType.REGISTERS),
+                    SimData(at.identity, datatype=DataType.REGISTERS, readonly=True),
+                    SimData(at.watchdog, datatype=DataType.REGISTERS),
+                ],
+                [SimData(at.positions, count=len(BYPASSES), datatype=DataType.REGISTERS)],
+            ),
+            action=self._serve,
+        )
+
+    async def _serve(
+        self,
+        function: int,
+        start: int,
+        address: int,
+        count: int,
+        registers: list[int],
+        values: list[int] | list[bool] | None,
+    ) -> ExcCodes | None:
+        """Take what is written, or bring what is read up to date; pymodbus does the rest."""
+        if self.wire.delay_s > 0.0:
+            await asyncio.sleep(self.wire.delay_s)
+        if self.wire.requests_lost:
+            return ExcCodes.DEVICE_BUSY  # which is lost as well
+        if self.wire.exception:
+            return ExcCodes(self.wire.exception)
+        self.requests += 1
+        self.valves.hear()
+        if values is not None:
+            return self._take(function, address, values)
+        for place, value in self._current(function).items():
+            registers[place - start] = value
+        return None
+
+    def _take(self, function: int, address: int, values: list[int] | list[bool]) -> ExcCodes | None:
+        at = STANDARD_REGISTERS
+        if function in _COILS:
+            return self._take_coils(address - at.coils, values)
+        if address == at.watchdog:
+            self.valves.watch(values[0])
+            return None
+        return self._take_setpoints(address - at.setpoints, values)
+
+    def _take_coils(self, first: int, values: Sequence[int]) -> ExcCodes | None:
+        if first + len(values) > len(BYPASSES):
+            return ExcCodes.ILLEGAL_ADDRESS
+        for bypass, opened in zip(BYPASSES[first:], values, strict=False):
+            if bypass != THROTTLE:
+                self.valves.order_ball(bypass, bool(opened))
+        return None
+
+    def _take_setpoints(self, first: int, values: Sequence[int]) -> ExcCodes | None:
+        if max(values) > NEEDLE_FULL_SCALE:
+            return ExcCodes.ILLEGAL_VALUE
+        for bypass, setpoint in zip(BYPASSES[first:], values, strict=False):
+            self.valves.order_needle(bypass, setpoint / NEEDLE_FULL_SCALE)
+        return None
+
+    def _current(self, function: int) -> Mapping[int, int]:
+        """Return the registers that a function reads, by address; of bits, 16 in each."""
+        at, valves = STANDARD_REGISTERS, self.valves
+        if function in _COILS:
+            return {at.coils // 16: _packed(opened for opened, _ in valves.orders().values())}
+        if function in _DISCRETE_INPUTS:
+            pairs = (
+                _BOTH if bypass in self.shorted else SWITCHES.get(ball, _NEITHER)
+                for bypass, (ball, _) in valves.positions().items()
+            )
+            return {at.switches // 16: _packed(switch for pair in pairs for switch in pair)}
+        if function in _INPUT_REGISTERS:
+            return _registers(at.positions, (needle for _, needle in valves.positions().values()))
+        setpoints = _registers(at.setpoints, (needle for _, needle in valves.orders().values()))
+        return {**setpoints, at.identity: self.identity, at.watchdog: valves.watchdog_ms}
+
+    def _through_wire(self, sending: bool, data: bytes) -> bytes:
+        """Return what becomes of a frame on a wire that may not be sound."""
+        if not sending:
+            return data
+        if self.wire.requests_lost or self.wire.replies_lost:
+            return b""
+        if self.wire.wrong_transaction:
+            data = (int.from_bytes(data[:2], "big") ^ 0x5555).to_bytes(2, "big") + data[2:]
+        return self._noise.randbytes(len(data)) if self.wire.garbage else data
+
+    def _note_connection(self, connected: bool) -> None:
+        self._record.note("connected" if connected else "disconnected", device=self.name)
+        if connected and self.wire.refuses:
+            asyncio.get_running_loop().call_soon(self.disconnect)
+
+
+def _packed(bits: Iterable[bool]) -> int:
+    return sum(bit << place for place, bit in enumerate(bits))
+
+
+def _registers(first: int, shares: Iterable[float]) -> dict[int, int]:
+    return {first + i: round(share * NEEDLE_FULL_SCALE) for i, share in enumerate(shares)}

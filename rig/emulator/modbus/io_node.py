@@ -1,0 +1,321 @@
+"""The generic I/O node of docs/io_node.md as a Modbus device, around the emulated plant.
+
+It samples whenever its read block is read. Its watchdog acts at its deadline, also when nobody
+looks until later.
+"""
+
+import secrets
+from collections.abc import Callable
+from enum import IntFlag
+from math import isfinite, isnan
+from struct import Struct
+from typing import Final
+
+from rig.emulator.instruments import Instruments
+from rig.emulator.plant import COMMAND_RANGE
+from rig.emulator.record import Record
+
+from .functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
+
+WRITE_BLOCK: Final = 0
+READ_BLOCK: Final = 256
+SETUP_BLOCK: Final = 512
+NULL_REQUEST: Final = 768
+_WATCHDOG: Final = SETUP_BLOCK + 2
+
+IDENTITY: Final = 0x5249
+MAP_VERSION: Final = 1
+GREATEST_RATE_HZ: Final = 1000
+WATCHDOG_MS: Final = 100
+WATCHDOG_LIMIT_MS: Final = 1000
+
+_WRITTEN: Final = Struct(">HHf")
+_READ: Final = Struct(">HHHHIiffffff")
+_SETUP: Final = Struct(">HHHHHH")
+_BLOCKS: Final = {
+    WRITE_BLOCK: _WRITTEN.size // 2,
+    READ_BLOCK: _READ.size // 2,
+    SETUP_BLOCK: _SETUP.size // 2,
+    NULL_REQUEST: 1,
+}
+"""Registers of each block, by its first address."""
+
+
+class Control(IntFlag):
+    """Bits that the host writes."""
+
+    VALVE_ENABLE = 1
+    REARM = 2
+    RESET_LAMP = 4
+
+
+class Status(IntFlag):
+    """Bits that the node reports."""
+
+    ESTOP_CLOSED = 1
+    RESET_BUTTON = 2
+    VALVE_ENABLED = 4
+    WATCHDOG_TRIPPED = 8
+    ENCODER_FAULT = 16
+
+
+class IoNode:
+    """Registers, enable sequence and watchdog of the node.
+
+    Args:
+        instruments: the transducers wired to it.
+        valve: takes the voltage of its output and the moment in ns from which it stands there.
+        record: takes note of what happens.
+        power_up_id: its register 516; random if None.
+
+    Attributes:
+        functions: Modbus functions it serves.
+        connections: how many clients it has.
+        frozen: its converters hang: it returns its last sample for ever.
+        exchanges: how often its host has written.
+    """
+
+    functions: Final = frozenset((3, 4, 6, 16, 23, 76))
+
+    def __init__(
+        self,
+        instruments: Instruments,
+        valve: Callable[[float, int], None],
+        record: Record,
+        power_up_id: int | None = None,
+    ) -> None:
+        self.connections = 0
+        self.frozen = False
+        self._instruments = instruments
+        self._clock = instruments.plant.clock
+        self._valve = valve
+        self._record = record
+        self._power_up_id = power_up_id or 1 + secrets.randbelow(0xFFFF)
+        self._power_up_ns = self._clock()
+        self._resolution = instruments.plant.sensors.position_resolution
+        self._zero = instruments.plant.encoder_counts()
+        self._encoder_fault = False
+        self._image = bytearray(_WRITTEN.size)
+        self._sample = bytes(_READ.size)
+        self._samples = 0
+        self._watchdog_ms = WATCHDOG_MS
+        self._host_counter = 0
+        self._counted_ns = self._fed_ns = self._power_up_ns
+        self._control = Control(0)
+        self._command = 0.0
+        self._output = 0.0
+        self._estop_closed = True
+        self._button = False
+        self._latched = True
+        self._null_requested = False
+        self._tripped = False
+        self._enabled = False
+        self.exchanges = 0
+
+    def has(self, address: int, count: int) -> bool:
+        """Return whether there are registers to read there, all of one block."""
+        return self._block(address, count) is not None
+
+    def _block(self, address: int, count: int) -> int | None:
+        """Return the first address of the block that holds registers; None: none does."""
+        for start, size in _BLOCKS.items():
+            if start <= address and address + count <= start + size:
+                return start
+        return None
+
+    def read(self, address: int, count: int) -> bytes:
+        """Return registers, high byte first; samples if they are of the read block.
+
+        Raises:
+            ModbusException: there are no such registers.
+        """
+        start = self._block(address, count)
+        if start is None:
+            raise ModbusException(ILLEGAL_ADDRESS)
+        if start == READ_BLOCK:
+            block = self._sampled()
+        elif start == WRITE_BLOCK:
+            block = bytes(self._image)
+        elif start == SETUP_BLOCK:
+            block = self._setup()
+        else:
+            block = self._null_requested.to_bytes(2, "big")
+        offset = 2 * (address - start)
+        return block[offset : offset + 2 * count]
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write registers, high byte first; all of them or, with an exception, none.
+
+        Raises:
+            ModbusException: there are no such registers to write, or a value is refused.
+        """
+        offset = 2 * address
+        if offset >= 0 and offset + len(data) <= _WRITTEN.size:
+            self._take(offset, data)
+        elif address == _WATCHDOG and len(data) == 2:
+            self._set_watchdog(int.from_bytes(data, "big"))
+        elif address == NULL_REQUEST and len(data) == 2:
+            self._request_null(int.from_bytes(data, "big"))
+        else:
+            raise ModbusException(ILLEGAL_ADDRESS)
+
+    def _take(self, offset: int, data: bytes) -> None:
+        """Take what the host wrote, and act on it."""
+        image = self._image.copy()
+        image[offset : offset + len(data)] = data
+        counter, bits, command = _WRITTEN.unpack(image)
+        if not isfinite(command):
+            raise ModbusException(ILLEGAL_VALUE)
+        now = self._clock()
+        self.tend(now)
+        control = Control(bits & 7)
+        risen = control & ~self._control
+        if counter != self._host_counter:
+            self._counted_ns = self._fed_ns = now
+        if Control.VALVE_ENABLE in risen:
+            self._fed_ns = now
+        self._image, self._host_counter = image, counter
+        self._control, self._command = control, command
+        if Control.REARM in risen and self._tripped and now - self._counted_ns < self._watchdog_ns:
+            self._tripped = False
+            self._record.note("watchdog_rearmed", now)
+        self.exchanges += 1
+        self._settle("host", now)
+        self._record.command(now, command, self._output, self._enabled)
+
+    @property
+    def _watchdog_ns(self) -> int:
+        return self._watchdog_ms * 1_000_000
+
+    def tend(self, now: int | None = None) -> None:
+        """Let the watchdog trip if its time has come."""
+        now = self._clock() if now is None else now
+        armed = Control.VALVE_ENABLE in self._control and not self._tripped
+        deadline = self._fed_ns + self._watchdog_ns
+        if armed and now >= deadline:
+            self._tripped = self._latched = True
+            self._record.note("watchdog_trip", deadline, host_counter=self._host_counter)
+            self._settle("watchdog", deadline)
+
+    def _settle(self, cause: str, at_ns: int) -> None:
+        """Bring relay and output to what host, e-stop chain and latches allow."""
+        asked = Control.VALVE_ENABLE in self._control
+        enabled = asked and self._estop_closed and not self._latched and not self._tripped
+        if enabled != self._enabled:
+            self._enabled = enabled
+            if enabled:
+                self._record.note("valve_enabled", at_ns, command_V=self._command)
+            else:
+                self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
+        output = min(max(self._command, -COMMAND_RANGE), COMMAND_RANGE) if enabled else 0.0
+        if output != self._output:
+            self._output = output
+            self._valve(output, at_ns)
+
+    def _set_watchdog(self, watchdog_ms: int) -> None:
+        if not 0 < watchdog_ms <= WATCHDOG_LIMIT_MS:
+            raise ModbusException(ILLEGAL_VALUE)
+        self.tend()
+        self._watchdog_ms = watchdog_ms
+        self._record.note("watchdog_set", watchdog_ms=watchdog_ms)
+
+    def _request_null(self, value: int) -> None:
+        if value != 1:
+            raise ModbusException(ILLEGAL_VALUE)
+        now = self._clock()
+        self.tend(now)
+        self._null_requested = self._latched = True
+        self._record.note("null_request", now)
+        self._settle("null_request", now)
+
+    def press_estop(self, pressed: bool) -> None:
+        """Open the emergency stop's chain, or close it again; it latches the node."""
+        now = self._clock()
+        self.tend(now)
+        self._estop_closed = not pressed
+        self._latched = self._latched or pressed
+        self._record.note("estop_opened" if pressed else "estop_closed", now)
+        self._settle("estop", now)
+
+    def press_reset(self, pressed: bool) -> None:
+        """Press the reset button, or let it go; its rising edge counts while the lamp is on."""
+        now = self._clock()
+        self.tend(now)
+        rising = pressed and not self._button
+        self._button = pressed
+        if rising and self.lamp and self._estop_closed and self._latched:
+            self._latched = self._null_requested = False
+            self._record.note("reset", now)
+            self._settle("reset", now)
+
+    def lose_counts(self, counts: int, flagged: bool) -> None:
+        """Let the encoder lose counts; `flagged` if its interface notices."""
+        self._zero += counts
+        self._encoder_fault = self._encoder_fault or flagged
+        self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)
+
+    @property
+    def lamp(self) -> bool:
+        """Whether the reset lamp is lit."""
+        return Control.RESET_LAMP in self._control
+
+    @property
+    def estop_closed(self) -> bool:
+        """Whether the emergency stop's chain is closed."""
+        return self._estop_closed
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the valve's relay is closed."""
+        return self._enabled
+
+    def state(self) -> dict[str, object]:
+        """Return how it stands, for the control port and the record."""
+        return {
+            "exchanges": self.exchanges,
+            "host_counter": self._host_counter,
+            "command_V": self._command,
+            "output_V": self._output,
+            "valve_enabled": self._enabled,
+            "estop_closed": self._estop_closed,
+            "watchdog_tripped": self._tripped,
+            "watchdog_ms": self._watchdog_ms,
+            "null_requested": self._null_requested,
+            "latched": self._latched,
+            "reset_lamp": self.lamp,
+            "connections": self.connections,
+            "power_up_id": self._power_up_id,
+        }
+
+    def _status(self, encoder_lost: bool) -> int:
+        return (
+            Status.ESTOP_CLOSED * self._estop_closed
+            | Status.RESET_BUTTON * self._button
+            | Status.VALVE_ENABLED * self._enabled
+            | Status.WATCHDOG_TRIPPED * self._tripped
+            | Status.ENCODER_FAULT * (self._encoder_fault or encoder_lost)
+        )
+
+    def _sampled(self) -> bytes:
+        """Return the read block with a new sample in it."""
+        if self.frozen:
+            return self._sample
+        now = self._clock()
+        self.tend(now)
+        reading = self._instruments.read()
+        self._samples = (self._samples + 1) & 0xFFFF
+        lost = isnan(reading.position)
+        counts = 0 if lost else round(reading.position / self._resolution) - self._zero
+        self._sample = _READ.pack(
+            self._samples, self._status(lost), self._host_counter, 0,
+            (now - self._power_up_ns) // 1000 & 0xFFFFFFFF, counts,
+            1e-3 * reading.pressure_1, 1e-3 * reading.pressure_2, 1e-3 * reading.supply_pressure,
+            1e6 * reading.spool, reading.load, self._output,
+        )  # fmt: skip
+        return self._sample
+
+    def _setup(self) -> bytes:
+        return _SETUP.pack(
+            IDENTITY, MAP_VERSION, self._watchdog_ms, GREATEST_RATE_HZ, self._power_up_id,
+            min(self.connections, 0xFFFF),
+        )  # fmt: skip

@@ -1,0 +1,253 @@
+"""An I/O device with the registers of a map, such as a LabJack T7 (docs/labjack.md).
+
+Unlike the generic I/O node it latches nothing: the valve's relay closes while `valve_enable` is
+set, through the emergency stop's chain. Any request keeps its watchdog quiet, which opens the relay
+until the next command.
+"""
+
+from collections.abc import Callable, Mapping
+from math import isnan
+from typing import Final
+
+from rig.emulator.instruments import CHANNELS, Instruments
+from rig.emulator.record import Record
+from rig.io import Register, RegisterMap, RegisterValue
+
+from .functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
+from .register_code import RegisterCode, addresses
+
+_FUNCTIONS: Final = {"fc23": 23, "fc76": 76}
+
+
+class MappedDevice:
+    """Registers as a map has them; those of set-up keep what is written into them.
+
+    Args:
+        register_map: what the device has where.
+        instruments: the transducers wired to it.
+        valve: takes the voltage at the valve and the moment in ns from which it is there.
+        record: takes note of what happens.
+
+    Attributes:
+        functions: Modbus functions it serves.
+        connections: how many clients it has.
+        frozen: its converters hang: it returns its last sample for ever.
+        exchanges: how often its host has written outputs.
+    """
+
+    def __init__(
+        self,
+        register_map: RegisterMap,
+        instruments: Instruments,
+        valve: Callable[[float, int], None],
+        record: Record,
+    ) -> None:
+        modes = {_FUNCTIONS[mode] for mode in register_map.exchange if mode in _FUNCTIONS}
+        self.functions = frozenset({3, 4, 6, 16} | modes)
+        self.connections = self.exchanges = 0
+        self.frozen = False
+        self._map = register_map
+        self._code = RegisterCode(register_map.word_order)
+        self._instruments = instruments
+        self._clock = instruments.plant.clock
+        self._valve = valve
+        self._record = record
+        self._inputs = {a for r in register_map.read for a in addresses(r)}
+        self._outputs = {a for r in register_map.written for a in addresses(r)}
+        self._words = self._initial()
+        self._given = {register.signal: 0.0 for register in register_map.written}
+        self._zero = instruments.plant.encoder_counts()
+        self._encoder_fault = self._button = self._tripped = False
+        self._estop_closed = True
+        self._samples = 0
+        self._acting = 0.0
+        self._heard_ns = self._clock()
+
+    def _initial(self) -> dict[int, int]:
+        """Return the words as they are at power-up, by address."""
+        known = self._map
+        words = dict.fromkeys(self._inputs | self._outputs, 0)
+        places: list[RegisterValue] = [*known.setup]
+        if known.watchdog is not None:
+            watchdog = known.watchdog
+            places += [RegisterValue(watchdog.address, watchdog.type, 0.0), *watchdog.arm]
+        places += [RegisterValue(fact.address, fact.type, 0.0) for fact in known.facts]
+        for place in places:
+            words |= dict.fromkeys(addresses(place), 0)
+        for value in (known.identity, known.version):
+            if value is not None:
+                words |= self._code.words(value.address, value.type, value.value)
+        return words
+
+    def has(self, address: int, count: int) -> bool:
+        """Return whether there are registers to read there."""
+        return self._words.keys() >= set(range(address, address + count))
+
+    def read(self, address: int, count: int) -> bytes:
+        """Return registers, high byte first; samples if an input is among them.
+
+        Raises:
+            ModbusException: there are no such registers.
+        """
+        if not self.has(address, count):
+            raise ModbusException(ILLEGAL_ADDRESS)
+        asked = range(address, address + count)
+        self._hear()
+        if not self.frozen and not self._inputs.isdisjoint(asked):
+            self._sample()
+        return b"".join(self._words[at].to_bytes(2, "big") for at in asked)
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write registers, high byte first; all of them or, with an exception, none.
+
+        Raises:
+            ModbusException: there are no such registers to write, or a value is no number.
+        """
+        written = {address + i: (data[2 * i] << 8) + data[2 * i + 1] for i in range(len(data) // 2)}
+        if not written.keys() <= self._words.keys() - (self._inputs - self._outputs):
+            raise ModbusException(ILLEGAL_ADDRESS)
+        words = self._words | written
+        given = {r.signal: self._decoded(r, words) for r in self._map.written}
+        if any(isnan(value) for value in given.values()):
+            raise ModbusException(ILLEGAL_VALUE)
+        now = self._hear()
+        self._words = words
+        if not self._outputs.isdisjoint(written):
+            self._take(given, now)
+
+    def _take(self, given: dict[str, float], now: int) -> None:
+        """Act on outputs that the host has set."""
+        enabled = self.enabled
+        self._given = given
+        self._tripped = False
+        self.exchanges += 1
+        self._settle("host", now, enabled)
+        self._record.command(now, given["command_V"], self._acting, self.enabled)
+
+    def _settle(self, cause: str, at_ns: int, was_enabled: bool) -> None:
+        """Bring relay and valve to what host, e-stop chain and watchdog allow."""
+        enabled = self.enabled
+        acting = self._given["command_V"] if enabled else 0.0
+        if enabled and not was_enabled:
+            self._record.note("valve_enabled", at_ns, command_V=acting)
+        elif was_enabled and not enabled:
+            self._record.note("valve_disabled", at_ns, cause=cause, output_V=0.0)
+        if acting != self._acting:
+            self._acting = acting
+            self._valve(acting, at_ns)
+
+    def _hear(self) -> int:
+        """Note that the host is there; return the present moment in ns."""
+        self.tend()
+        self._heard_ns = self._clock()
+        return self._heard_ns
+
+    def tend(self) -> None:
+        """Let the watchdog trip if its time has come."""
+        timeout_ns = self._watchdog_ns()
+        if not timeout_ns or self._tripped or self._clock() - self._heard_ns < timeout_ns:
+            return
+        was_enabled = self.enabled
+        self._tripped = True
+        deadline = self._heard_ns + timeout_ns
+        self._record.note("watchdog_trip", deadline)
+        self._settle("watchdog", deadline, was_enabled)
+
+    def _watchdog_ns(self) -> int:
+        """Return after how much silence the watchdog trips; 0: it is not armed."""
+        watchdog = self._map.watchdog
+        if watchdog is None:
+            return 0
+        for value in watchdog.arm:
+            coded = self._code.words(value.address, value.type, value.value)
+            if any(self._words[at] != word for at, word in coded.items()):
+                return 0
+        counts = self._code.number(watchdog.address, watchdog.type, self._words)
+        return round(1e9 * counts / watchdog.counts_per_s)
+
+    def press_estop(self, pressed: bool) -> None:
+        """Open the emergency stop's chain, or close it again."""
+        self.tend()
+        was_enabled, now = self.enabled, self._clock()
+        self._estop_closed = not pressed
+        self._record.note("estop_opened" if pressed else "estop_closed", now)
+        self._settle("estop", now, was_enabled)
+
+    def press_reset(self, pressed: bool) -> None:
+        """Press the reset button, or let it go; the device only reads it."""
+        if pressed and not self._button:
+            self._record.note("reset")
+        self._button = pressed
+
+    def lose_counts(self, counts: int, flagged: bool) -> None:
+        """Let the encoder lose counts; `flagged` if its interface notices."""
+        self._zero += counts
+        self._encoder_fault = self._encoder_fault or flagged
+        self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)
+
+    @property
+    def lamp(self) -> bool:
+        """Whether the reset lamp is lit."""
+        return bool(self._given.get("reset_lamp", 0.0))
+
+    @property
+    def estop_closed(self) -> bool:
+        """Whether the emergency stop's chain is closed."""
+        return self._estop_closed
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the valve's relay is closed."""
+        asked = bool(self._given.get("valve_enable", 1.0))
+        return asked and self._estop_closed and not self._tripped
+
+    def state(self) -> dict[str, object]:
+        """Return how it stands, for the control port and the record."""
+        return {
+            "exchanges": self.exchanges,
+            "command_V": self._given["command_V"],
+            "output_V": self._acting,
+            "valve_enabled": self.enabled,
+            "estop_closed": self._estop_closed,
+            "watchdog_tripped": self._tripped,
+            "watchdog_ms": self._watchdog_ns() // 1_000_000,
+            "reset_lamp": self.lamp,
+            "connections": self.connections,
+        }
+
+    def _sample(self) -> None:
+        """Take a sample of all inputs into the registers."""
+        found = self._found()
+        words = dict.fromkeys(self._inputs, 0)
+        for register in self._map.read:
+            number = (found[register.signal] - register.bias) / register.gain
+            number = 0.0 if isnan(number) and register.type != "F32" else number
+            if register.bit is not None:
+                words[register.address] |= (number >= 0.5) << register.bit
+            else:
+                words |= self._code.words(register.address, register.type, number)
+        self._words |= words
+
+    def _found(self) -> dict[str, float]:
+        """Return what there is to read, SI."""
+        found: dict[str, float] = dict(zip(CHANNELS, self._instruments.read(), strict=True))
+        self._samples = (self._samples + 1) & 0xFFFF
+        resolution = self._instruments.plant.sensors.position_resolution
+        return {
+            **found,
+            "position_m": found["position_m"] - resolution * self._zero,
+            "estop_closed": float(self._estop_closed),
+            "reset_button": float(self._button),
+            "valve_enabled": float(self.enabled),
+            "watchdog_tripped": float(self._tripped),
+            "encoder_fault": float(self._encoder_fault),
+            "device_counter": float(self._samples),
+            "device_echo": self._given.get("host_counter", 0.0),
+            "device_command_V": self._acting,
+        }
+
+    def _decoded(self, register: Register, words: Mapping[int, int]) -> float:
+        number = self._code.number(register.address, register.type, words)
+        if register.bit is not None:
+            number = float(int(number) >> register.bit & 1)
+        return register.gain * number + register.bias

@@ -1,0 +1,188 @@
+"""Serves a device's registers over Modbus/TCP, through whatever is wrong with the wire.
+
+Parsed by hand: a round trip is one call of the event loop's, in the order in which requests arrive.
+"""
+
+import asyncio
+import random
+from dataclasses import dataclass
+from struct import Struct
+from typing import Final
+
+from rig.emulator.addresses import AddressError
+from rig.emulator.record import Record
+
+from .functions import FEEDBACK_LIMIT, Device, exception_reply, serve
+
+# MBAP header: transaction, protocol (0), bytes that follow, unit (Modbus/TCP guide V1.0b).
+_MBAP: Final = Struct(">HHHB")
+_HEADER_BYTES: Final = 6
+
+
+@dataclass
+class Wire:
+    """What is wrong with the line to a device at present; sound as made.
+
+    Attributes:
+        delay_s: replies come so much late.
+        requests_lost: requests never arrive.
+        replies_lost: they arrive, but their replies do not.
+        garbage: replies are random bytes of the right length.
+        wrong_transaction: replies bear another transaction's number.
+        exception: the device refuses every request with this code; 0: it does not.
+        refuses: nobody gets a connection.
+    """
+
+    delay_s: float = 0.0
+    requests_lost: bool = False
+    replies_lost: bool = False
+    garbage: bool = False
+    wrong_transaction: bool = False
+    exception: int = 0
+    refuses: bool = False
+
+
+class ModbusServer:
+    """A Modbus/TCP server for one device.
+
+    Args:
+        name: what the record calls it.
+        device: whose registers it serves; any unit number reaches it.
+        record: takes note of connections.
+
+    Attributes:
+        wire: what is wrong with its line; change it as you like.
+        requests: how many came in, those that it lost included.
+    """
+
+    def __init__(self, name: str, device: Device, record: Record) -> None:
+        self.name, self.device, self.record = name, device, record
+        self.wire = Wire()
+        self.requests = 0
+        self.noise = random.Random(0)
+        self._sound = Wire()
+        self._connections: set[_Connection] = set()
+        self._server: asyncio.Server | None = None
+
+    async def open(self, host: str, port: int) -> int:
+        """Begin to serve; return the port, which the system chooses if 0 is asked for.
+
+        Raises:
+            AddressError: the port is in use, or not to be had.
+        """
+        loop = asyncio.get_running_loop()
+        try:
+            self._server = await loop.create_server(lambda: _Connection(self), host, port)
+        except OSError as error:
+            raise AddressError(self.name, host, port, error) from error
+        found: int = self._server.sockets[0].getsockname()[1]
+        return found
+
+    def close(self) -> None:
+        """Let go of the port and of all clients."""
+        if self._server is not None:
+            self._server.close()
+        self.disconnect()
+
+    def disconnect(self) -> None:
+        """Break off all connections, as a pulled cable or a restart would in the end."""
+        for connection in tuple(self._connections):
+            connection.abort()
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong with the wire."""
+        return self.wire == self._sound
+
+    def joined(self, connection: "_Connection", peer: str) -> None:
+        """Count a client in."""
+        self._connections.add(connection)
+        self.device.connections = len(self._connections)
+        self.record.note("connected", device=self.name, peer=peer)
+
+    def left(self, connection: "_Connection", peer: str) -> None:
+        """Count a client out."""
+        self._connections.discard(connection)
+        self.device.connections = len(self._connections)
+        self.record.note("disconnected", device=self.name, peer=peer)
+
+
+class _Connection(asyncio.Protocol):
+    """One client: takes requests off the stream, and answers them in order."""
+
+    def __init__(self, server: ModbusServer) -> None:
+        self._server = server
+        self._transport: asyncio.Transport | None = None
+        self._received = bytearray()
+        self._peer = ""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        if self._server.wire.refuses:
+            transport.abort()
+            return
+        self._transport = transport
+        self._peer = "{}:{}".format(*transport.get_extra_info("peername")[:2])
+        self._server.joined(self, self._peer)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._transport is not None:
+            self._server.left(self, self._peer)
+            self._transport = None
+
+    def abort(self) -> None:
+        if self._transport is not None:
+            self._transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        self._received += data
+        while len(self._received) > _MBAP.size:
+            _, protocol, length, _ = _MBAP.unpack_from(self._received)
+            if protocol != 0 or not 2 <= length <= FEEDBACK_LIMIT - _HEADER_BYTES:
+                # Not Modbus/TCP: there is no telling where the next request would begin.
+                self._server.record.note("not_modbus", device=self._server.name, peer=self._peer)
+                self.abort()
+                return
+            end = _HEADER_BYTES + length
+            if len(self._received) < end:
+                return
+            request = bytes(self._received[:end])
+            del self._received[:end]
+            self._server.requests += 1
+            self._answer(request)
+
+    def _answer(self, request: bytes) -> None:
+        if self._transport is None:
+            return
+        if self._server.sound:
+            reply = serve(self._server.device, request[_MBAP.size :])
+            self._transport.write(_framed(request, reply))
+        else:
+            self._answer_badly(request, self._transport)
+
+    def _answer_badly(self, request: bytes, transport: asyncio.Transport) -> None:
+        """Answer through a wire that is not sound; several things may be wrong with it at once."""
+        wire, pdu = self._server.wire, request[_MBAP.size :]
+        if wire.requests_lost:
+            return
+        if wire.exception:
+            reply = _framed(request, exception_reply(pdu, wire.exception))
+        else:
+            reply = _framed(request, serve(self._server.device, pdu))
+        if wire.replies_lost:
+            return
+        if wire.wrong_transaction:
+            transaction = int.from_bytes(reply[:2], "big") ^ 0x5555
+            reply = transaction.to_bytes(2, "big") + reply[2:]
+        if wire.garbage:
+            reply = self._server.noise.randbytes(len(reply))
+        if wire.delay_s > 0.0:
+            asyncio.get_running_loop().call_later(wire.delay_s, transport.write, reply)
+        else:
+            transport.write(reply)
+
+
+def _framed(request: bytes, reply: bytes) -> bytes:
+    """Return the reply PDU with the header that answers the request."""
+    transaction, _, _, unit = _MBAP.unpack_from(request)
+    return _MBAP.pack(transaction, 0, len(reply) + 1, unit) + reply

@@ -1,0 +1,147 @@
+"""The bypass valves themselves: balls and needles that take their time, and what shuts them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from rig.emulator.record import Record
+from rig.io import BYPASSES, THROTTLE
+
+_SHUT, _OPEN = 0.0, 1.0
+
+
+@dataclass
+class _Drive:
+    """Moves a valve towards where it was sent, at a constant speed."""
+
+    travel_s: float
+    position: float = _SHUT
+    target: float = _SHUT
+    stuck: bool = False
+
+    def advance(self, elapsed_s: float) -> float | None:
+        """Move for a time; return how much of it was left when it arrived, if it arrived now."""
+        distance = self.target - self.position
+        if self.stuck or distance == 0.0:
+            return None
+        left_s = elapsed_s - abs(distance) * self.travel_s
+        if left_s >= 0.0:
+            self.position = self.target
+            return left_s
+        step = elapsed_s / self.travel_s
+        self.position += step if distance > 0.0 else -step
+        return None
+
+
+class ValveBank:
+    """All bypasses, each a ball and a needle; the throttle's ball is always open.
+
+    Args:
+        record: takes note of orders, arrivals and the watchdog.
+        clock: tells the time in ns.
+        ball_travel_s: time of a ball from shut to open.
+        needle_travel_s: time of a needle over its whole range.
+
+    Attributes:
+        watchdog_ms: silence after which everything is shut; 0: never.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        clock: Callable[[], int],
+        ball_travel_s: float = 0.5,
+        needle_travel_s: float = 2.0,
+    ) -> None:
+        self.watchdog_ms = 0
+        self._record = record
+        self._clock = clock
+        self._balls = {b: _Drive(ball_travel_s) for b in BYPASSES if b != THROTTLE}
+        self._needles = {b: _Drive(needle_travel_s) for b in BYPASSES}
+        self._time_ns = self._heard_ns = clock()
+        self._barked = False
+
+    def hear(self) -> None:
+        """Note that the host has asked for something: the watchdog counts from now."""
+        self.tend()
+        self._heard_ns = self._time_ns
+        self._barked = False
+
+    def tend(self) -> None:
+        """Bring the valves to the present, through the watchdog's moment if that has come."""
+        now = self._clock()
+        deadline = self._heard_ns + self.watchdog_ms * 1_000_000
+        if self.watchdog_ms and not self._barked and deadline <= now:
+            self._advance(deadline)
+            self._bark(deadline)
+        self._advance(now)
+
+    def watch(self, watchdog_ms: int) -> None:
+        """Set the silence after which everything is shut."""
+        self.tend()
+        self._record.note("bypass_watchdog_set", self._time_ns, watchdog_ms=watchdog_ms)
+        self.watchdog_ms = watchdog_ms
+
+    def order_ball(self, bypass: str, opened: bool) -> None:
+        """Send a ball to open or shut."""
+        self.tend()
+        self._record.note("ball_ordered", self._time_ns, bypass=bypass, opened=opened)
+        self._balls[bypass].target = _OPEN if opened else _SHUT
+
+    def order_needle(self, bypass: str, opening: float) -> None:
+        """Send a needle to an opening, 0 to 1."""
+        self.tend()
+        self._record.note("needle_ordered", self._time_ns, bypass=bypass, opening=opening)
+        self._needles[bypass].target = opening
+
+    def stick(self, bypass: str, stuck: bool = True) -> None:
+        """Jam both valves of a bypass where they are, or free them."""
+        self.tend()
+        for drives in (self._balls, self._needles):
+            if bypass in drives:
+                drives[bypass].stuck = stuck
+
+    def positions(self) -> dict[str, tuple[float, float]]:
+        """Return where ball and needle of each bypass are now, 0 shut to 1 open."""
+        self.tend()
+        return {
+            bypass: (
+                self._balls[bypass].position if bypass in self._balls else _OPEN,
+                needle.position,
+            )
+            for bypass, needle in self._needles.items()
+        }
+
+    def orders(self) -> dict[str, tuple[bool, float]]:
+        """Return where ball (open or not) and needle of each bypass are sent."""
+        self.tend()
+        return {
+            bypass: (
+                bypass in self._balls and self._balls[bypass].target == _OPEN,
+                needle.target,
+            )
+            for bypass, needle in self._needles.items()
+        }
+
+    def _advance(self, until_ns: int) -> None:
+        elapsed_s = 1e-9 * (until_ns - self._time_ns)
+        self._time_ns = until_ns
+        for needle in self._needles.values():
+            needle.advance(elapsed_s)
+        for bypass, ball in self._balls.items():
+            left_s = ball.advance(elapsed_s)
+            if left_s is not None:
+                at_ns = until_ns - round(1e9 * left_s)
+                opened = ball.position == _OPEN
+                self._record.note("ball_arrived", at_ns, bypass=bypass, opened=opened)
+
+    def _bark(self, at_ns: int) -> None:
+        self._barked = True
+        self._record.note("bypass_watchdog_trip", at_ns, watchdog_ms=self.watchdog_ms)
+        for ball in self._balls.values():
+            ball.target = _SHUT
+        self._needles[THROTTLE].target = _SHUT
+
+
+SWITCHES: Final = {_OPEN: (True, False), _SHUT: (False, True)}
+"""Of a ball at an end of its travel: open switch, shut switch; both are off between."""

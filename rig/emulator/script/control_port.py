@@ -1,0 +1,182 @@
+"""A TCP port through which a test, in whatever language, steers the emulator: JSON, line by line.
+
+A request is an object with what to `do`; the reply is an object with `ok`, and `problems` if not:
+
+    {"do": "inject", "fault": "delay", "target": "daq", "by": "5 ms", "for": "500 ms"}
+    {"do": "clear"}                      or one fault: {"do": "clear", "number": 3}
+    {"do": "status"}                     how all devices stand, and the plant's true state
+    {"do": "record", "since_ns": 0}      events from then on
+    {"do": "operator", "attentive": false}
+    {"do": "press_reset"}
+    {"do": "stop"}
+"""
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Protocol
+
+from rig.configuration import ConfigError, suggestion
+from rig.emulator.addresses import AddressError
+from rig.emulator.operator_panel import EmulatedOperator
+from rig.emulator.record import Record
+from rig.surviving import failure
+
+from .effects import NotServedError
+from .fault_script import fault_from
+from .injection import Injection
+
+_LINE_LIMIT: Final = 65536
+
+_KEYS: Final[Mapping[str, Mapping[str, type]]] = {
+    "clear": {"number": int},
+    "status": {},
+    "record": {"since_ns": int},
+    "operator": {"attentive": bool},
+    "press_reset": {},
+    "stop": {},
+}
+"""Keys of a request besides `do`, with their types; those of `inject` are a fault's."""
+
+
+class Steered(Protocol):
+    """What the control port steers."""
+
+    injection: Injection
+    operator: EmulatedOperator
+    record: Record
+
+    def status(self) -> dict[str, Any]:
+        """Return how everything stands."""
+
+    def stop(self) -> None:
+        """End the emulator."""
+
+
+class ControlPort:
+    """Serves requests of any number of clients.
+
+    Args:
+        emulator: what they steer.
+
+    Attributes:
+        clients: connections open now.
+    """
+
+    def __init__(self, emulator: Steered) -> None:
+        self._emulator = emulator
+        self._server: asyncio.Server | None = None
+        self.clients: set[asyncio.Transport] = set()
+        self._actions: dict[str, Callable[..., dict[str, Any]]] = {
+            "inject": self._inject,
+            "clear": self._clear,
+            "status": emulator.status,
+            "record": self._events,
+            "operator": self._operator,
+            "press_reset": self._press_reset,
+            "stop": self._stop,
+        }
+
+    async def open(self, host: str, port: int) -> int:
+        """Begin to serve; return the port, which the system chooses if 0 is asked for.
+
+        Raises:
+            AddressError: the port is in use, or not to be had.
+        """
+        loop = asyncio.get_running_loop()
+        try:
+            self._server = await loop.create_server(lambda: _Client(self), host, port)
+        except OSError as error:
+            raise AddressError("control", host, port, error) from error
+        found: int = self._server.sockets[0].getsockname()[1]
+        return found
+
+    def close(self) -> None:
+        """Let go of the port and of all clients, once they have their replies."""
+        if self._server is not None:
+            self._server.close()
+        for client in tuple(self.clients):
+            client.close()
+
+    def answer(self, line: bytes) -> dict[str, Any]:
+        """Do what one line asks for and return the reply, whatever the line is."""
+        try:
+            return self._answer(line)
+        except Exception as error:  # its sender learns of it, and may send another one
+            return _refusal(f"request: it failed: {failure(error)}")
+
+    def _answer(self, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            return _refusal(f"request: is not JSON: {error}; write one object a line")
+        asked = str(request.get("do", "")) if isinstance(request, dict) else ""
+        if not isinstance(request, dict) or asked not in self._actions:
+            remedy = suggestion(asked, tuple(self._actions), "actions")
+            return _refusal(f"do: {asked} is not a known action; {remedy}")
+        do = str(request.pop("do"))
+        problems = [
+            f"{key}: {value} is not a key of {do}, or of another type; {_keys(do)}"
+            for key, value in request.items()
+            if do in _KEYS and type(value) is not _KEYS[do].get(key)
+        ]
+        if problems:
+            return _refusal(*problems)
+        try:
+            return {"ok": True, **self._actions[do](**request)}
+        except (ConfigError, NotServedError) as error:
+            return _refusal(*map(str, error.problems))
+
+    def _inject(self, **fault: Any) -> dict[str, Any]:
+        return {"number": self._emulator.injection.inject(fault_from(fault))}
+
+    def _clear(self, number: int | None = None) -> dict[str, Any]:
+        return {"cleared": self._emulator.injection.clear(number)}
+
+    def _events(self, since_ns: int = 0) -> dict[str, Any]:
+        events = self._emulator.record.events
+        return {"events": [event for event in events if event["at_ns"] >= since_ns]}
+
+    def _operator(self, attentive: bool = True) -> dict[str, Any]:
+        self._emulator.operator.attentive = attentive
+        return {"attentive": attentive}
+
+    def _press_reset(self) -> dict[str, Any]:
+        self._emulator.operator.press()
+        return {}
+
+    def _stop(self) -> dict[str, Any]:
+        self._emulator.stop()
+        return {}
+
+
+def _keys(action: str) -> str:
+    keys = ", ".join(f"{key} ({kind.__name__})" for key, kind in _KEYS[action].items())
+    return f"keys: {keys}" if keys else "it takes none"
+
+
+class _Client(asyncio.Protocol):
+    """One connection: takes lines off the stream, and answers each."""
+
+    def __init__(self, port: ControlPort) -> None:
+        self._port = port
+        self._received = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._port.clients.add(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._port.clients.discard(self._transport)
+
+    def data_received(self, data: bytes) -> None:
+        *lines, self._received = (self._received + data).split(b"\n")
+        for line in lines:
+            self._transport.write(json.dumps(self._port.answer(line)).encode() + b"\n")
+        if len(self._received) > _LINE_LIMIT:
+            self._transport.abort()
+
+
+def _refusal(*problems: str) -> dict[str, Any]:
+    return {"ok": False, "problems": list(problems)}

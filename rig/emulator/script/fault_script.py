@@ -1,0 +1,133 @@
+"""Reads what happens on an emulated rig from a script, or a fault from what somebody sends.
+
+A script is a YAML file with a list `faults`; each names its `fault`, and when it begins and ends.
+Whoever stands at the rig presses its reset button only if the script has an `operator` who does:
+
+    operator: attentive
+    faults:
+      - {fault: delay, target: daq, by: 5 ms, after: enable, at: 2 s, for: 500 ms}
+      - {fault: sensor, target: pressure_1_Pa, reads: high, at: 10 s}
+"""
+
+from collections.abc import Mapping
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+from pydantic import create_model
+
+from rig.configuration import (
+    Located,
+    Physical,
+    Place,
+    Schema,
+    Sources,
+    read_mapping,
+    read_options,
+    shown,
+    suggestion,
+)
+
+from .wire_faults import KINDS, Start, WireFault
+
+ATTENTIVE: Final = Path(__file__).with_name("attentive.yaml")
+"""The script of an emulator that is not given another one."""
+
+_TIMES: Final = ("at", "after", "for")
+_TIMES_SCHEMA: Final = create_model(
+    "WireFaultFile",
+    __base__=Schema,
+    # `for` is no name that a class body could hold.
+    **{  # type: ignore[call-overload]
+        "fault": (str, ...),
+        "at": (Annotated[float, Physical("s", 0.0, 1e6, 1.0)], 0.0),
+        "after": (Start, "start"),
+        "for": (Annotated[float, Physical("s", 1e-3, 1e6, 1.0)], inf),
+    },
+)
+
+
+class Script(NamedTuple):
+    """What happens on an emulated rig by itself.
+
+    Attributes:
+        faults: in the order of the file.
+        attentive: whether somebody presses the reset button whenever its lamp is lit.
+    """
+
+    faults: tuple[WireFault, ...] = ()
+    attentive: bool = False
+
+
+NOTHING: Final = Script()
+"""Nothing happens by itself, and nobody presses a button."""
+
+
+class ScriptFile(Schema):
+    """Keys of a script."""
+
+    operator: Literal["attentive", "away"] = "away"
+    faults: Any
+
+
+def read_script(path: Path) -> Script:
+    """Return the script in a file.
+
+    Raises:
+        ConfigError: every problem of the file.
+    """
+    sources = Sources()
+    root = sources.read_yaml(path)
+    file = read_mapping(ScriptFile, root, sources.problems) if root is not None else None
+    entries = root.get("faults") if root is not None else None
+    faults: list[WireFault] = []
+    if entries is not None and isinstance(entries.value, list):
+        found = (read_fault(item, sources) for item in entries.elements())
+        faults = [fault for fault in found if fault is not None]
+    elif entries is not None:
+        remedy = "write `faults:` and a list: - {fault: ..., at: ...}"
+        sources.problems.add(entries.place, "faults", shown(entries), "is not a list", remedy)
+    sources.problems.raise_if_any()
+    assert file is not None
+    return Script(tuple(faults), file.operator == "attentive")
+
+
+def fault_from(request: Mapping[str, Any]) -> WireFault:
+    """Return a fault given as plain values, with the keys of a script.
+
+    Raises:
+        ConfigError: every problem with it.
+    """
+    sources = Sources()
+    fault = read_fault(_located(request, "request"), sources)
+    sources.problems.raise_if_any()
+    assert fault is not None
+    return fault
+
+
+def _located(value: Any, name: str) -> Located:
+    """Return plain values as if they stood in a file named `request`."""
+    place = Place(Path("request"), 0, 0)
+    if isinstance(value, Mapping):
+        return Located({str(k): _located(v, str(k)) for k, v in value.items()}, place, name)
+    if isinstance(value, list):
+        return Located([_located(v, f"{name}[{i}]") for i, v in enumerate(value)], place, name)
+    return Located(value, place, name)
+
+
+def read_fault(item: Located, sources: Sources) -> WireFault | None:
+    """Return one fault; None, with problems added to the sources', if it cannot be made."""
+    entry = item.get("fault")
+    if entry is None or str(entry.value) not in KINDS:
+        place, value = (entry.place, shown(entry)) if entry else (item.place, "")
+        remedy = suggestion(value, tuple(KINDS), "faults")
+        sources.problems.add(place, "fault", value, "is not a known fault", remedy)
+        return None
+    keys = dict(item.items())
+    own = {key: keys.pop(key) for key in ("fault", *_TIMES) if key in keys}
+    times = read_mapping(_TIMES_SCHEMA, Located(own, item.place, item.name), sources.problems)
+    options = read_options(KINDS[str(entry.value)], Located(keys, item.place, item.name), sources)
+    if times is None or options is None:
+        return None
+    given = times.model_dump()
+    return WireFault(given["fault"], options, given["at"], given["after"], given["for"])

@@ -1,0 +1,208 @@
+"""What can be made to fail on the emulated rig: wires, sensors, valves, the operator."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import inf
+from typing import Annotated, Any, Final, Literal
+
+from rig.emulator.instruments import Channel, Failure
+from rig.plant import Quantity as _Quantity
+
+ModbusDevice = Literal["daq", "bypass"]
+CanDevice = Literal["drive", "pump"]
+Bypass = Literal[
+    "external_leakage_1",
+    "external_leakage_2",
+    "internal_leakage",
+    "supply_leakage",
+    "return_blockage",
+]
+Start = Literal["start", "enable"]
+
+
+def _q(unit: str, lower: float, upper: float) -> _Quantity:
+    return _Quantity(unit, lower, upper, "", "")
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Replies come late by so much."""
+
+    target: ModbusDevice = "daq"
+    by: Annotated[float, _q("s", 1e-4, 60.0)] = 5e-3
+
+
+@dataclass(frozen=True)
+class Drop:
+    """Replies, or requests, are lost."""
+
+    target: ModbusDevice = "daq"
+    what: Literal["replies", "requests"] = "replies"
+
+
+@dataclass(frozen=True)
+class Garbage:
+    """Replies are random bytes of the right length."""
+
+    target: ModbusDevice = "daq"
+
+
+@dataclass(frozen=True)
+class WrongTransaction:
+    """Replies bear another transaction's number."""
+
+    target: ModbusDevice = "daq"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The device answers every request with an exception, and does nothing."""
+
+    target: ModbusDevice = "daq"
+    code: Annotated[int, _q("", 1, 11)] = 4
+
+
+@dataclass(frozen=True)
+class Disconnect:
+    """Every connection breaks, and nobody gets a new one as long as it lasts."""
+
+    target: ModbusDevice = "daq"
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A channel stays at its value; `daq`: the whole device returns its last sample for ever."""
+
+    target: Channel | Literal["daq"] = "daq"
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A transducer fails: not a number, zero, the low or high end of its range, or drifting off.
+
+    Attributes:
+        rate: of a drift, in the channel's SI unit a second.
+    """
+
+    target: Channel
+    reads: Failure = "nan"
+    rate: float = 0.0
+
+
+@dataclass(frozen=True)
+class StuckValve:
+    """The servovalve's spool jams where it is."""
+
+
+@dataclass(frozen=True)
+class StuckBypass:
+    """Ball and needle of a bypass stay where they are, whatever they are told."""
+
+    target: Bypass
+
+
+@dataclass(frozen=True)
+class Estop:
+    """Somebody presses the emergency stop, and pulls it out again when it ends."""
+
+
+@dataclass(frozen=True)
+class LostCounts:
+    """The encoder loses counts, which stay lost; `flagged` if its interface notices."""
+
+    counts: Annotated[int, _q("", -1_000_000, 1_000_000)] = 100
+    flagged: bool = False
+
+
+@dataclass(frozen=True)
+class CanSilence:
+    """A node of the CAN bus says nothing any more."""
+
+    target: CanDevice = "drive"
+
+
+@dataclass(frozen=True)
+class CanGarbage:
+    """A node of the CAN bus sends nonsense besides."""
+
+    target: CanDevice = "drive"
+
+
+@dataclass(frozen=True)
+class StuckCan:
+    """A node of the CAN bus hears, but obeys no more: a pump unit stays loaded."""
+
+    target: CanDevice = "pump"
+
+
+@dataclass(frozen=True)
+class PumpWatchdogDead:
+    """The pump unit's watchdog does not act: it stays loaded when its host falls silent."""
+
+
+@dataclass(frozen=True)
+class DriveFault:
+    """The servovalve's electronics meet a fault of their own, and leave for a fault state.
+
+    Attributes:
+        code: of the emergency that they send (CiA 301): 0x3100 is the mains voltage.
+    """
+
+    code: Annotated[int, _q("", 1, 0xFFFF)] = 0x3100
+
+
+@dataclass(frozen=True)
+class MeterUnplugged:
+    """The flow meters' serial line is pulled out, and plugged in again when it ends."""
+
+
+@dataclass(frozen=True)
+class MeterNoise:
+    """Noise comes in on the flow meters' serial line."""
+
+
+KINDS: Final[Mapping[str, type]] = {
+    "delay": Delay,
+    "drop": Drop,
+    "garbage": Garbage,
+    "wrong_transaction": WrongTransaction,
+    "exception": Refusal,
+    "disconnect": Disconnect,
+    "frozen": Frozen,
+    "sensor": Sensor,
+    "stuck_valve": StuckValve,
+    "stuck_bypass": StuckBypass,
+    "estop": Estop,
+    "lost_counts": LostCounts,
+    "can_silence": CanSilence,
+    "can_garbage": CanGarbage,
+    "stuck_can": StuckCan,
+    "pump_watchdog_dead": PumpWatchdogDead,
+    "drive_fault": DriveFault,
+    "meter_unplugged": MeterUnplugged,
+    "meter_noise": MeterNoise,
+}
+"""What can be injected, by its name in a script, with its options."""
+
+
+@dataclass(frozen=True)
+class WireFault:
+    """One fault, and when it acts.
+
+    Attributes:
+        kind: one of `KINDS`.
+        options: an instance of its class.
+        at_s: when it begins, in s.
+        after: from when that counts: the emulator's start, or the first time the valve is enabled.
+        for_s: how long it lasts; inf: to the end.
+    """
+
+    kind: str
+    options: Any
+    at_s: float = 0.0
+    after: Start = "start"
+    for_s: float = inf
+
+    def described(self) -> dict[str, Any]:
+        """Return it as the record and the control port show it."""
+        return {"fault": self.kind, **asdict(self.options)}

@@ -1,0 +1,267 @@
+"""Driver of the pump unit on CAN: pressure, oil temperature and unloading valve, as a DBC says."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+import cantools
+from cantools.database import Database, Message
+
+from rig.io.driver import DriverError
+from rig.plant import Quantity as _Quantity
+
+from .link import LOOK, CanLink, CanOptions, Clock
+
+STATUS: Final = (
+    "PumpStatus",
+    ("Pressure", "OilTemperature", "MotorState", "Loaded", "AliveCounter"),
+)
+"""Message and signals that a DBC has to describe; identifier, layout and units are its own."""
+COMMAND: Final = ("PumpCommand", ("Load", "AliveCounter"))
+
+UNITS: Final[Mapping[str, tuple[float, float]]] = {
+    "Pa": (1.0, 0.0),
+    "kPa": (1e3, 0.0),
+    "bar": (1e5, 0.0),
+    "MPa": (1e6, 0.0),
+    "K": (1.0, 0.0),
+    "degC": (1.0, 273.15),
+}
+"""Factor and offset to SI of the units that a DBC may give."""
+
+_IN_SI: Final = {"Pressure": "pump_pressure_Pa", "OilTemperature": "oil_temperature_K"}
+_FAULT: Final = "FAULT"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CanPumpOptions(CanOptions):
+    """Keys of the driver in a rig file, besides those of its bus.
+
+    Attributes:
+        dbc: describes the unit's messages; the shipped one is `pump_unit`.
+        load_timeout: how long the unit may take to load or unload.
+    """
+
+    dbc: Path
+    load_timeout: Annotated[float, _Quantity("s", 0.05, 60.0, "", "")] = 2.0
+
+
+class CanPump:
+    """A pump unit with an unloading valve.
+
+    Output is `pump_load`, 0 or 1, which is sent at every `read` from the first `write` on. Inputs
+    are `pump_pressure_Pa`, `oil_temperature_K` and `pump_loaded`.
+
+    Args:
+        name: name in the rig file.
+        options: its section there.
+        clock: tells the time in s.
+
+    Raises:
+        DriverError: the DBC cannot be read, or does not describe a pump unit.
+    """
+
+    kind: ClassVar[Literal["fast", "slow"]] = "slow"
+    Options: ClassVar[type] = CanPumpOptions
+
+    inputs: tuple[str, ...] = ("pump_pressure_Pa", "oil_temperature_K", "pump_loaded")
+    outputs: tuple[str, ...] = ("pump_load",)
+
+    def __init__(self, name: str, options: CanPumpOptions, clock: Clock = time.monotonic) -> None:
+        self.name = name
+        self.rate_hz = options.rate
+        self._options = options
+        self._clock = clock
+        database = self._database()
+        self._status = self._message(database, *STATUS)
+        self._command = self._message(database, *COMMAND)
+        self._to_si = {signal: self._unit(signal) for signal in _IN_SI}
+        self._motor_fault = self._motor_fault_code()
+        self._link: CanLink | None = None
+        self._load: bool | None = None
+        self._load_until = 0.0
+        self._sent = 0
+        self._values: dict[str, float] = {}
+        self._motor = -1
+        self._loaded: bool | None = None
+        self._alive = -1
+        self._alive_at = clock()
+        self._fresh = False
+
+    def _database(self) -> Database:
+        try:
+            database = cantools.database.load_file(self._options.dbc)
+        except (OSError, ValueError, cantools.Error) as error:
+            state = f"{self._options.dbc} cannot be read: {error}"
+            raise DriverError(self.name, state, "give a DBC file", "dbc") from error
+        assert isinstance(database, Database)
+        return database
+
+    def _message(self, database: Database, name: str, signals: tuple[str, ...]) -> Message:
+        lacking: tuple[str, ...] = (name,)
+        for message in database.messages:
+            if message.name == name:
+                there = {signal.name for signal in message.signals}
+                lacking = tuple(f"{name}.{signal}" for signal in signals if signal not in there)
+                if not lacking:
+                    return message
+        state = f"{self._options.dbc} lacks {', '.join(lacking)}"
+        raise DriverError(self.name, state, "name its messages as docs/can.md says", "dbc")
+
+    def _unit(self, signal: str) -> tuple[float, float]:
+        unit = self._status.get_signal_by_name(signal).unit or ""
+        if unit not in UNITS:
+            state = f"{self._options.dbc} gives {signal} in {unit or 'no unit'}"
+            raise DriverError(self.name, state, f"use one of {', '.join(UNITS)}", "dbc")
+        return UNITS[unit]
+
+    def _motor_fault_code(self) -> int:
+        try:
+            return self._status.get_signal_by_name("MotorState").choice_to_number(_FAULT)
+        except KeyError:
+            state = f"{self._options.dbc} has no value {_FAULT} of MotorState"
+            raise DriverError(self.name, state, "add it with VAL_", "dbc") from None
+
+    def _error(self, state: str, action: str) -> DriverError:
+        return DriverError(self.name, state, action)
+
+    def _fault(self, state: str, action: str) -> DriverError:
+        """Return the error of a unit that is there, but does not do what it should."""
+        return DriverError(self.name, state, action, "pump_loaded")
+
+    def _connected(self) -> CanLink:
+        if self._link is None:
+            raise self._error("is not open", "open it first")
+        return self._link
+
+    def open(self) -> None:
+        """Join the bus and wait for the unit's status; nothing is commanded.
+
+        Raises:
+            DriverError: no such bus, or the unit is not heard.
+        """
+        if self._link is not None:
+            return
+        link = self._connect()
+        until = self._clock() + max(1.0, self._options.silence)
+        while not self._fresh:
+            if self._clock() >= until:
+                self.close()
+                state = f"no {self._status.name} on {link.place}"
+                raise self._error(state, "check power, bitrate, termination and the DBC")
+            self._listen(link, LOOK)
+
+    def _connect(self) -> CanLink:
+        self._fresh = False
+        self._link = CanLink(
+            self.name,
+            self._options,
+            (self._status.frame_id,),
+            extended=self._status.is_extended_frame,
+        )
+        return self._link
+
+    def read(self) -> Mapping[str, float]:
+        """Return what has come in, and send the command.
+
+        Raises:
+            DriverError: the unit is lost or frozen, reports a fault, or does not do what was asked.
+        """
+        link = self._connected()
+        self._listen(link)
+        self._send(link)
+        self._require_alive()
+        self._require_obeying()
+        if not self._fresh:
+            return {}
+        self._fresh = False
+        return {**self._values, "pump_loaded": float(bool(self._loaded))}
+
+    def _listen(self, link: CanLink, wait: float = 0.0) -> None:
+        for frame in link.receive(wait):
+            self._take(bytes(frame.data))
+
+    def _take(self, data: bytes) -> None:
+        """Take in one status message; one of another length is garbage, a repeated one is old."""
+        if len(data) != self._status.length:
+            return
+        signals: Any = self._status.decode(data, decode_choices=False)
+        alive = int(signals["AliveCounter"])
+        if alive == self._alive:
+            return
+        self._alive, self._alive_at, self._fresh = alive, self._clock(), True
+        self._motor, self._loaded = int(signals["MotorState"]), bool(signals["Loaded"])
+        for signal, (factor, offset) in self._to_si.items():
+            self._values[_IN_SI[signal]] = float(signals[signal]) * factor + offset
+
+    def _require_alive(self) -> None:
+        silent = self._clock() - self._alive_at
+        if silent > self._options.silence:
+            state = f"alive counter stands at {self._alive} for {silent:.2f} s: lost or frozen"
+            raise self._error(state, "check the unit's power and cable")
+        if self._motor == self._motor_fault:
+            raise self._fault("its motor reports a fault", "look at the unit's motor starter")
+
+    def _require_obeying(self) -> None:
+        if self._load is None or self._loaded == self._load or self._clock() < self._load_until:
+            return
+        asked, stands = ("loaded" if load else "unloaded" for load in (self._load, self._loaded))
+        state = f"is {stands}, {asked} wanted for {self._options.load_timeout:g} s"
+        raise self._fault(state, "look at the unit's unloading valve")
+
+    def write(self, outputs: Mapping[str, float]) -> None:
+        """Load or unload the pump; the feedback is verified by later calls of `read`.
+
+        Raises:
+            DriverError: there is no such output or value, or the bus is lost.
+        """
+        link = self._connected()
+        for name, value in outputs.items():
+            if name not in self.outputs:
+                raise DriverError(self.name, "is not an output", "write pump_load", name)
+            if value not in (0.0, 1.0):
+                raise DriverError(self.name, f"{value:g} is not 0 or 1", "give 0 or 1", name)
+            self._ask(bool(value))
+        self._send(link)
+
+    def _ask(self, load: bool) -> None:
+        self._load = load
+        self._load_until = self._clock() + self._options.load_timeout
+
+    def _send(self, link: CanLink) -> None:
+        if self._load is None:
+            return
+        self._sent = (self._sent + 1) % 16
+        signals = {"Load": int(self._load), "AliveCounter": self._sent}
+        filled = {signal.name: 0 for signal in self._command.signals} | signals
+        data = self._command.encode(filled, strict=False)
+        link.send(self._command.frame_id, data, extended=self._command.is_extended_frame)
+
+    def safe_state(self) -> None:
+        """Unload the pump, by a new connection, and wait until it confirms.
+
+        Raises:
+            DriverError: it has not confirmed in time.
+        """
+        self._ask(False)
+        was_open = self._link is not None
+        self.close()
+        link = self._connect()
+        try:
+            while self._loaded or not self._fresh:
+                if self._clock() >= self._load_until:
+                    state = f"unloading not confirmed in {self._options.load_timeout:g} s"
+                    raise self._fault(state, "switch the unit's motor off")
+                self._send(link)
+                self._listen(link, LOOK)
+        finally:
+            if not was_open:
+                self.close()
+
+    def close(self) -> None:
+        """Let go of the bus; the unit unloads when the command stays away."""
+        if self._link is not None:
+            self._link.close()
+        self._link = None

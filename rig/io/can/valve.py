@@ -1,0 +1,201 @@
+"""Driver of a digital servovalve on CANopen, device profile CiA 408 (`rig.io.can.ds408`)."""
+
+import time
+from collections.abc import Iterable, Mapping
+from typing import ClassVar, Literal
+
+from rig.io.driver import DriverError
+
+from .canopen import emergency_words
+from .drive_walk import DriveWalk
+from .ds408 import WALK, DriveState
+from .ds408_valve import Ds408Valve
+from .link import Clock
+from .valve_options import CanValveOptions
+
+
+class CanValve:
+    """A digital servovalve.
+
+    Outputs are `drive_target`, a `DriveState` of `rig.io.can.ds408.WALK`, and, if the setpoint
+    comes by the bus, `drive_setpoint`, -1 to 1, which is sent as 0 until the valve is ACTIVE.
+    Inputs are `drive_state`, `drive_spool_m` and the `drive_setpoint` last sent.
+
+    The valve walks towards a target by one transition at a time, each confirmed by its status word
+    while `read` is called. A fault ends the walk, and is reset by the next `write` of a target.
+
+    Args:
+        name: name in the rig file.
+        options: its section there.
+        clock: tells the time in s.
+    """
+
+    kind: ClassVar[Literal["fast", "slow"]] = "slow"
+    Options: ClassVar[type] = CanValveOptions
+
+    def __init__(self, name: str, options: CanValveOptions, clock: Clock = time.monotonic) -> None:
+        self.name = name
+        self.rate_hz = options.rate
+        by_bus = ("drive_setpoint",) if options.setpoint == "bus" else ()
+        self.inputs = ("drive_state", "drive_spool_m", *by_bus)
+        self.outputs = ("drive_target", *by_bus)
+        self._options = options
+        self._clock = clock
+        self._valve: Ds408Valve | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Ask nothing of the valve, and have heard of no fault."""
+        self._walk = DriveWalk(self._options.step_timeout, self._fault)
+        self._setpoint = 0.0
+        self._was_ready = False
+        self._emergencies: list[int] = []
+
+    def _fault(self, state: str, action: str) -> DriverError:
+        """Return the error of a valve that is there, but not where it should be."""
+        return DriverError(self.name, state, action, "drive_state")
+
+    def _connected(self) -> Ds408Valve:
+        if self._valve is None:
+            raise DriverError(self.name, "is not open", "open it first")
+        return self._valve
+
+    def _connect(self) -> Ds408Valve:
+        self._valve = Ds408Valve(self.name, self._options, self._clock)
+        return self._valve
+
+    def open(self) -> None:
+        """Wait for the valve's heartbeat, verify that it is one, and set it up; nothing moves.
+
+        Raises:
+            DriverError: it is not heard, is no valve of CiA 408, or is ACTIVE already.
+        """
+        if self._valve is not None:
+            return
+        self._forget()
+        try:
+            self._connect().set_up()
+        except DriverError:
+            self.close()
+            raise
+
+    def read(self) -> Mapping[str, float]:
+        """Return what has come in, send the command, and take the next step of a walk.
+
+        Raises:
+            DriverError: the valve is lost, has met a fault, left its state, or does not take a
+                step in time. An emergency and a fault are raised once each; a valve that is lost,
+                as long as it is.
+        """
+        valve = self._connected()
+        try:
+            codes = valve.listen()
+            self._require_healthy(valve.state, codes)
+            self._walk.advance(valve.state, self._clock())
+        except DriverError:
+            self._walk.give_up(valve.state)
+            raise
+        finally:
+            self._send(valve)
+        if not valve.fresh:
+            return {}
+        valve.fresh = False
+        values = {
+            "drive_state": float(valve.state),
+            "drive_spool_m": valve.spool * self._options.full_stroke,
+            "drive_setpoint": self._sent_setpoint,
+        }
+        return {name: values[name] for name in self.inputs}
+
+    def _require_healthy(self, state: DriveState, codes: Iterable[int]) -> None:
+        fell, self._was_ready = self._was_ready and not state.ready, state.ready
+        told = False
+        for code in codes:
+            if code:
+                self._emergencies.append(code)
+                told = True
+            else:
+                self._emergencies.clear()
+        if fell or told:
+            words = [f"emergency 0x{c:04X}, {emergency_words(c)}" for c in self._emergencies]
+            why = "; ".join(words) or "no emergency message came"
+            action = "remove the cause; the next target asked for resets the fault"
+            raise self._fault(f"is in {state.name}: {why}", action)
+
+    def write(self, outputs: Mapping[str, float]) -> None:
+        """Ask for a target, a setpoint, or both; refuses without sending anything.
+
+        Raises:
+            DriverError: there is no such output or value, or the valve or its bus is lost.
+        """
+        valve = self._connected()
+        for name, value in outputs.items():
+            self._check(name, value)
+        self._setpoint = outputs.get("drive_setpoint", self._setpoint)
+        if "drive_target" in outputs:
+            if not valve.watched:
+                valve.watch_host(self._options.watchdog)
+            target = DriveState(int(outputs["drive_target"]))
+            self._walk.ask(valve.state, target, self._clock())
+        self._send(valve)
+
+    def _check(self, name: str, value: float) -> None:
+        if name not in self.outputs:
+            action = f"write one of {', '.join(self.outputs)}"
+            raise DriverError(self.name, "is not an output of this valve", action, name)
+        if name == "drive_target" and value not in WALK:
+            action = "ask for " + ", ".join(f"{state:d} {state.name}" for state in WALK)
+            raise DriverError(self.name, f"{value:g} is no state to ask for", action, name)
+        if name == "drive_setpoint" and not -1.0 <= value <= 1.0:
+            action = "give a share of full stroke"
+            raise DriverError(self.name, f"{value:g} is not between -1 and 1", action, name)
+
+    @property
+    def _sent_setpoint(self) -> float:
+        """The setpoint as sent: 0 until the valve has confirmed that it is ACTIVE as asked."""
+        return self._setpoint if self._walk.active else 0.0
+
+    def _send(self, valve: Ds408Valve) -> None:
+        valve.command(self._walk.word, self._sent_setpoint)
+
+    def safe_state(self) -> None:
+        """Let go of the spool: DISABLED with setpoint 0, or a fault state no higher than that.
+
+        Raises:
+            DriverError: the valve has not confirmed it in time; names where it stands.
+        """
+        self._walk.disable()
+        self._setpoint = 0.0
+        was_open = self._valve is not None
+        until = self._clock() + self._options.step_timeout
+        try:
+            while reached := self._above_disabled():
+                if self._clock() >= until:
+                    state = f"DISABLED not confirmed in {self._options.step_timeout:g} s: {reached}"
+                    raise self._fault(state, "take the pump's pressure and the valve's power away")
+        finally:
+            if not was_open:
+                self.close()
+
+    def _above_disabled(self) -> str:
+        """Ask for DISABLED, by a new connection if need be; return where the valve stands instead.
+
+        Empty if it is disabled; its watchdog is then off, since nobody need be there any more.
+        """
+        valve = self._valve or self._connect()
+        try:
+            valve.disable()
+            if not valve.state.disabled:
+                return valve.state.name
+            valve.watch_host(0.0)
+        except DriverError as error:
+            self.close()
+            self._connect()
+            return error.state
+        return ""
+
+    def close(self) -> None:
+        """Let go of the bus; a valve that was not brought to its safe state goes to a fault."""
+        if self._valve is not None:
+            self._valve.close()
+        self._valve = None

@@ -1,0 +1,2 @@
+from .driver import FlowMeters as FlowMeters
+from .lines import meter_line as meter_line

@@ -1,0 +1,209 @@
+"""Driver of the leak-flow meters: three of them on one serial line, read only."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import nan
+from typing import Annotated, ClassVar, Final, Literal
+
+import serial
+
+from rig.io.driver import DriverError
+from rig.io.signals import METERS
+from rig.plant import Quantity as _Quantity
+
+from .lines import LineCounts, MeterLineParser
+
+_FIRST_RETRY_S: Final = 0.1
+_LAST_RETRY_S: Final = 2.0
+"""An unplugged line is tried again after twice the time each, from the first to the last."""
+
+_READ_BYTES: Final = 4096
+"""More than comes between two readings at any rate that is allowed."""
+
+_LOOK_S: Final = 0.02
+
+
+def _q(unit: str, lower: float, upper: float) -> _Quantity:
+    return _Quantity(unit, lower, upper, "", "")
+
+
+@dataclass(frozen=True)
+class FlowMeterOptions:
+    """Keys of the flow meters in a rig file.
+
+    Attributes:
+        port: serial port.
+        baud: of the line; 8 data bits, no parity, 1 stop bit.
+        rate: how often the line is read; the meters themselves tell their flow 10 times a second.
+        stale: silence after which a meter has no value.
+    """
+
+    port: str
+    baud: Annotated[int, _q("", 1200, 1_000_000)] = 9600
+    rate: Annotated[float, _q("Hz", 1.0, 100.0)] = 20.0
+    stale: Annotated[float, _q("s", 0.2, 10.0)] = 0.5
+
+
+@dataclass
+class MeterDiagnostics:
+    """What became of the line so far.
+
+    Attributes:
+        lines: what came over it.
+        unplugged: how often it was lost.
+        reopened: how often it came back.
+    """
+
+    lines: LineCounts
+    unplugged: int = 0
+    reopened: int = 0
+
+
+class FlowMeters:
+    """The leak-flow meters of a rig; meter 1, 2 and 3 are the flows of `METERS` in order.
+
+    An unplugged line is no error: its meters read NaN until it is back.
+
+    Args:
+        name: name in the rig file.
+        options: its section there.
+        clock: tells the time in ns.
+        sleep: waits for a time in s, in `open` only.
+
+    Attributes:
+        diagnostics: counts of what came and went.
+    """
+
+    kind: ClassVar[Literal["fast", "slow"]] = "slow"
+    Options: ClassVar[type] = FlowMeterOptions
+
+    def __init__(
+        self,
+        name: str,
+        options: FlowMeterOptions,
+        clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.name = name
+        self.inputs: tuple[str, ...] = METERS
+        self.outputs: tuple[str, ...] = ()
+        self.rate_hz = options.rate
+        self._options = options
+        self._clock = clock
+        self._sleep = sleep
+        self._parser = MeterLineParser()
+        self.diagnostics = MeterDiagnostics(self._parser.counts)
+        self._is_open = False
+        self._port: serial.Serial | None = None
+        self._heard_ns: dict[str, int] = {}
+        self._retry_s = _FIRST_RETRY_S
+        self._retry_ns = 0
+
+    def open(self) -> None:
+        """Open the line, and wait until a meter has been heard.
+
+        Raises:
+            DriverError: there is no such port, or nothing valid comes over it in time.
+        """
+        if self._is_open:
+            return
+        try:
+            self._port = self._plugged()
+        except OSError as error:
+            action = "check the plug, the path and who else uses it"
+            raise self._error(f"cannot be opened: {error}", action) from error
+        self._is_open = True
+        now = self._clock()
+        self._heard_ns = dict.fromkeys(METERS, now)
+        while not self._take():
+            if self._port is None or self._clock() - now > self._stale_ns:
+                self.close()
+                counts = self._parser.counts
+                raise self._error(
+                    f"no valid line within {self._options.stale:g} s "
+                    f"({counts.malformed + counts.checksum_errors} others)",
+                    "check that the meters are on, and the baud rate",
+                )
+            self._sleep(_LOOK_S)
+
+    def read(self) -> Mapping[str, float]:
+        """Return the flows in m^3/s that came since the last call; NaN for a silent meter.
+
+        Raises:
+            DriverError: it is not open.
+        """
+        if not self._is_open:
+            raise DriverError(self.name, "is not open", "open it first")
+        self._replug()
+        flows = self._take()
+        now = self._clock()
+        for signal, heard_ns in self._heard_ns.items():
+            if signal not in flows and now - heard_ns > self._stale_ns:
+                flows[signal] = nan
+        return flows
+
+    def write(self, outputs: Mapping[str, float]) -> None:
+        """Refuse: the meters have no outputs.
+
+        Raises:
+            DriverError: an output is given.
+        """
+        if outputs:
+            action = "write nothing: it only reads"
+            raise DriverError(self.name, "is not an output", action, ", ".join(outputs))
+
+    def safe_state(self) -> None:
+        """Do nothing: the meters move nothing."""
+
+    def close(self) -> None:
+        """Close the line; harmless when repeated."""
+        self._is_open = False
+        self._let_go()
+
+    @property
+    def _stale_ns(self) -> int:
+        return round(self._options.stale * 1e9)
+
+    def _plugged(self) -> serial.Serial:
+        # Opening discards what has waited in the line.
+        return serial.Serial(self._options.port, self._options.baud, timeout=0, exclusive=True)
+
+    def _take(self) -> dict[str, float]:
+        """Return what the line has for us, the newest of each meter."""
+        if self._port is None:
+            return {}
+        try:
+            data = self._port.read(_READ_BYTES)
+        except OSError:
+            self._unplugged()
+            return {}
+        flows = {METERS[line.meter - 1]: line.flow for line in self._parser.feed(data)}
+        self._heard_ns.update(dict.fromkeys(flows, self._clock()))
+        return flows
+
+    def _unplugged(self) -> None:
+        self.diagnostics.unplugged += 1
+        self._let_go()
+        self._retry_s = _FIRST_RETRY_S
+        self._retry_ns = self._clock() + round(self._retry_s * 1e9)
+
+    def _replug(self) -> None:
+        """Try to open a lost line again, if it is time to."""
+        if self._port is not None or self._clock() < self._retry_ns:
+            return
+        try:
+            self._port = self._plugged()
+        except OSError:
+            self._retry_s = min(2.0 * self._retry_s, _LAST_RETRY_S)
+            self._retry_ns = self._clock() + round(self._retry_s * 1e9)
+        else:
+            self.diagnostics.reopened += 1
+
+    def _let_go(self) -> None:
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _error(self, state: str, action: str) -> DriverError:
+        return DriverError(self.name, f"{self._options.port}: {state}", action)

@@ -1,0 +1,242 @@
+"""The exchange with a Modbus device once a tick: patch the prebuilt frame, send, receive, decode.
+
+It waits by ppoll for what is left until the deadline, keeps what came of a reply that is cut off,
+and knows each reply by its transaction id: one that comes too late is dropped when it comes.
+"""
+
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numba import njit
+from pymodbus.constants import ExcCodes
+
+from rig.io import libc
+from rig.plant import inner
+
+from .frames import FUNCTION_AT, LENGTH_AT, TRANSACTION_AT, UNIT_AT
+from .plan import TYPES, ExchangePlan, Tally
+from .register_map import FEEDBACK_BYTES
+
+
+class ExchangeStatus(IntEnum):
+    """How an exchange ended; after any but OK its inputs are NaN."""
+
+    OK = 0
+    TIMEOUT = 1
+    """No whole reply until the deadline; if it comes later, it is dropped."""
+    EXCEPTION = 2
+    """The device refused; `exception_text` says why."""
+    WRONG_REPLY = 3
+    """A whole reply, but not to this request: its id, unit, function or length differs."""
+    DISCONNECTED = 4
+    """The connection is gone, or cannot take a whole frame."""
+    GARBAGE = 5
+    """What came is no Modbus/TCP; all of it was dropped."""
+
+
+_U16, _I16, _U32, _I32, _F32 = range(len(TYPES))
+_LOWEST: Final = (0.0, -32768.0, 0.0, -2147483648.0)
+_HIGHEST: Final = (65535.0, 32767.0, 4294967295.0, 2147483647.0)
+
+_OK: Final = int(ExchangeStatus.OK)
+_TIMEOUT: Final = int(ExchangeStatus.TIMEOUT)
+_EXCEPTION: Final = int(ExchangeStatus.EXCEPTION)
+_WRONG_REPLY: Final = int(ExchangeStatus.WRONG_REPLY)
+_DISCONNECTED: Final = int(ExchangeStatus.DISCONNECTED)
+_GARBAGE: Final = int(ExchangeStatus.GARBAGE)
+_RECEIVED: Final = int(Tally.RECEIVED)
+_LATE: Final = int(Tally.LATE)
+_CODE: Final = int(Tally.EXCEPTION)
+_SENT: Final = int(Tally.SENT_NS)
+
+_HEADER: Final = LENGTH_AT + 2
+_SHORTEST_REPLY: Final = FUNCTION_AT + 2
+"""An exception's: unit, function and code after the header."""
+_REFUSED: Final = 0x80
+"""Set in the function code of an exception (V1.1b3, section 7)."""
+_STILL_LATE: Final = 0x4000
+"""Transactions for which an unanswered request is remembered: 16 s at 1 kHz."""
+
+
+def exception_text(plan: ExchangePlan) -> str:
+    """Return what the device answered to the last request that it refused."""
+    return exception_name(int(plan.tally[_CODE]))
+
+
+def exception_name(code: int) -> str:
+    """Return a Modbus exception code with its name in the standard (V1.1b3, section 7)."""
+    names = {int(member): member.name.lower().replace("_", " ") for member in ExcCodes}
+    return f"exception {code} ({names.get(code, 'not in the standard')})"
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def encode_outputs(plan, outputs):
+    """Write outputs, float64 in the order of `FAST_OUTPUTS`, into the plan's frames.
+
+    What an integer register can't hold is clipped; NaN is written as 0.
+    """
+    frames = plan.frames
+    for row in range(plan.encode.shape[0]):
+        at, kind, bit = plan.encode[row, 1], plan.encode[row, 2], plan.encode[row, 3]
+        value = outputs[plan.encode[row, 0]]
+        if value != value:
+            value = 0.0
+        number = (value - plan.encode_scale[row, 1]) / plan.encode_scale[row, 0]
+        if bit >= 0:
+            byte, mask = at + 1 - bit // 8, 1 << (bit % 8)
+            frames[byte] = frames[byte] | mask if number >= 0.5 else frames[byte] & ~mask
+            continue
+        if kind == _F32:
+            plan.single[0] = number
+            word = np.int64(plan.word[0])
+        else:
+            clipped = min(max(number, _LOWEST[kind]), _HIGHEST[kind])
+            word = np.int64(np.floor(clipped + 0.5))
+        if kind in (_U16, _I16):
+            frames[at], frames[at + 1] = (word >> 8) & 0xFF, word & 0xFF
+            continue
+        high = at + 2 * plan.low_word_first[0]
+        low = at + 2 - 2 * plan.low_word_first[0]
+        frames[high], frames[high + 1] = (word >> 24) & 0xFF, (word >> 16) & 0xFF
+        frames[low], frames[low + 1] = (word >> 8) & 0xFF, word & 0xFF
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def decode_inputs(plan, inputs):
+    """Read inputs, float64 in the order of `FAST_INPUTS`, from the reply in the receive buffer."""
+    reply = plan.received
+    for row in range(plan.decode.shape[0]):
+        at, kind, bit = plan.decode[row, 1], plan.decode[row, 2], plan.decode[row, 3]
+        first = np.int64(reply[at]) << 8 | np.int64(reply[at + 1])
+        if bit >= 0:
+            number = np.float64(first >> bit & 1)
+        elif kind == _U16:
+            number = np.float64(first)
+        elif kind == _I16:
+            number = np.float64(first - (first >> 15 << 16))
+        else:
+            second = np.int64(reply[at + 2]) << 8 | np.int64(reply[at + 3])
+            swapped = plan.low_word_first[0] == 1
+            word = second << 16 | first if swapped else first << 16 | second
+            if kind == _F32:
+                plan.word[0] = word
+                number = np.float64(plan.single[0])
+            elif kind == _I32:
+                number = np.float64(word - (word >> 31 << 32))
+            else:
+                number = np.float64(word)
+        scaled = plan.decode_scale[row, 0] * number + plan.decode_scale[row, 1]
+        inputs[plan.decode[row, 0]] = scaled
+
+
+@inner
+def _drop(plan, size):
+    """Take `size` bytes off the start of the receive buffer."""
+    left = plan.tally[_RECEIVED] - size
+    for index in range(left):
+        plan.received[index] = plan.received[size + index]
+    plan.tally[_RECEIVED] = left
+
+
+@inner
+def _judge_reply(plan, transaction, size):
+    """Return the status of a reply with the right id, whole at the start of the buffer."""
+    reply, frames = plan.received, plan.frames
+    start, head_size = plan.transactions[transaction, 0], plan.transactions[transaction, 3]
+    function = frames[start + FUNCTION_AT]
+    if reply[UNIT_AT] != frames[start + UNIT_AT]:
+        return _WRONG_REPLY
+    if reply[FUNCTION_AT] == function | _REFUSED:
+        plan.tally[_CODE] = reply[FUNCTION_AT + 1]
+        return _EXCEPTION
+    if size != plan.transactions[transaction, 2]:
+        return _WRONG_REPLY
+    for index in range(head_size):
+        if reply[FUNCTION_AT + index] != plan.heads[transaction, index]:
+            return _WRONG_REPLY
+    return _OK
+
+
+@inner
+def _receive_reply(fd, plan, transaction, deadline_ns):
+    """Wait for the reply to a transaction; one that fits stays at the start of the buffer."""
+    reply, tally = plan.received, plan.tally
+    start = plan.transactions[transaction, 0]
+    expected = np.int64(plan.frames[start]) << 8 | np.int64(plan.frames[start + 1])
+    while True:
+        while tally[_RECEIVED] >= _HEADER:
+            protocol = np.int64(reply[2]) << 8 | np.int64(reply[3])
+            size = _HEADER + (np.int64(reply[LENGTH_AT]) << 8 | np.int64(reply[LENGTH_AT + 1]))
+            if protocol != 0 or size < _SHORTEST_REPLY or size > FEEDBACK_BYTES:
+                tally[_RECEIVED] = 0
+                while libc.receive(fd, reply, 0) > 0 and libc.monotonic_ns() < deadline_ns:
+                    pass
+                return _GARBAGE
+            if tally[_RECEIVED] < size:
+                break
+            behind = (expected - (np.int64(reply[0]) << 8 | np.int64(reply[1]))) & 0xFFFF
+            if behind == 0:
+                status = _judge_reply(plan, transaction, size)
+                if status != _OK:
+                    _drop(plan, size)
+                return status
+            _drop(plan, size)
+            if behind > _STILL_LATE:
+                return _WRONG_REPLY
+            tally[_LATE] += 1
+        if not libc.wait_readable(fd, deadline_ns):
+            return _TIMEOUT
+        count = libc.receive(fd, reply, tally[_RECEIVED])
+        if count > 0:
+            tally[_RECEIVED] += count
+        elif count == 0 or (libc.errno() != libc.EAGAIN and libc.errno() != libc.EINTR):
+            return _DISCONNECTED
+
+
+@inner
+def _send_request(fd, plan, transaction, identifier):
+    start, stop = plan.transactions[transaction, 0], plan.transactions[transaction, 1]
+    plan.frames[start + TRANSACTION_AT] = identifier >> 8
+    plan.frames[start + TRANSACTION_AT + 1] = identifier & 0xFF
+    sent = libc.send(fd, plan.frames, start, stop)
+    if sent == stop - start:
+        return _OK
+    # Nothing sent may be tried again next time; the rest of half a frame can't be made up for.
+    if sent < 0 and (libc.errno() == libc.EAGAIN or libc.errno() == libc.EINTR):
+        return _TIMEOUT
+    return _DISCONNECTED
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def exchange(fd, plan, sequence, outputs, inputs, deadline_ns):
+    """Write outputs and read inputs in the device, and return an `ExchangeStatus`.
+
+    Args:
+        fd: a connected socket in blocking mode.
+        plan: of this connection; changed.
+        sequence: number of the exchange, counting up by one; the transaction ids follow from it.
+        outputs: float64 (5,), `FAST_OUTPUTS`, SI.
+        inputs: float64 (17,), filled with `FAST_INPUTS`, SI; NaN where the device has no register,
+            and all NaN unless the status is OK.
+        deadline_ns: when to give up, on CLOCK_MONOTONIC.
+    """
+    inputs[:] = np.nan
+    plan.tally[_SENT] = 0
+    encode_outputs(plan, outputs)
+    count = plan.transactions.shape[0]
+    for transaction in range(count):
+        identifier = (sequence * count + transaction) & 0xFFFF
+        status = _send_request(fd, plan, transaction, identifier)
+        if status != _OK:
+            return status
+        if transaction == 0:
+            # The outputs are in the first one, whatever the mode.
+            plan.tally[_SENT] = libc.monotonic_ns()
+        status = _receive_reply(fd, plan, transaction, deadline_ns)
+        if status != _OK:
+            return status
+        if transaction == count - 1:
+            decode_inputs(plan, inputs)
+        _drop(plan, plan.transactions[transaction, 2])
+    return _OK

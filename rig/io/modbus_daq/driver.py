@@ -1,0 +1,267 @@
+"""Driver of an I/O device on Modbus/TCP: the fast one, which the loop exchanges samples with.
+
+Set-up, diagnosis and nulling go by pymodbus, each over a connection of its own; samples go over
+one more, by the compiled exchange (`rig.io.modbus_daq.compiled_exchange`).
+"""
+
+import socket
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Annotated, ClassVar, Final, Literal
+
+import numpy as np
+
+from rig.io.driver import DriverError
+from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
+from rig.plant import Quantity
+
+from .compiled_exchange import ExchangeStatus, exception_text, exchange
+from .link import DaqLink
+from .null import driven, null
+from .plan import ExchangePlan, Tally, exchange_plan, look_plan
+from .register_map import ExchangeMode, RegisterMap
+from .setup import set_up, verify
+
+_EXCHANGES_IN_WATCHDOG: Final = 3
+"""Fewer, and one reply that comes late would trip the device."""
+
+_NANOSECONDS: Final = 1e9
+
+_STATES: Final = {
+    ExchangeStatus.TIMEOUT: "does not reply in time",
+    ExchangeStatus.WRONG_REPLY: "replies to something else than what was asked",
+    ExchangeStatus.DISCONNECTED: "has closed the connection",
+    ExchangeStatus.GARBAGE: "sends what is no Modbus/TCP",
+}
+
+
+@dataclass(frozen=True)
+class ModbusDaqOptions:
+    """Keys of the device in a rig file.
+
+    Attributes:
+        host: its name or address.
+        map: its registers, a file of `config/maps`.
+        port: its TCP port.
+        unit: its unit id.
+        exchange: how samples are exchanged; None takes the map's first.
+        watchdog: its own watchdog's time; needed where it has one.
+        rate: exchanges in a second; None takes the map's.
+        timeout: longest wait for a connection, or for a reply outside the loop.
+    """
+
+    host: str
+    map: RegisterMap
+    port: Annotated[int, Quantity("", 1, 65535, "", "")] = 502
+    unit: Annotated[int, Quantity("", 0, 255, "", "")] = 1
+    exchange: ExchangeMode | None = None
+    watchdog: Annotated[float | None, Quantity("s", 1e-3, 3600.0, "", "")] = None
+    rate: Annotated[float | None, Quantity("Hz", 0.1, 1e4, "", "")] = None
+    timeout: Annotated[float, Quantity("s", 0.01, 60.0, "", "")] = 1.0
+
+
+class ModbusDaq:
+    """An I/O device on Modbus/TCP.
+
+    Args:
+        name: its name in the rig file.
+        options: its section there.
+
+    Raises:
+        DriverError: the options do not fit the map.
+    """
+
+    kind: ClassVar[Literal["fast", "slow"]] = "fast"
+    Options: ClassVar[type] = ModbusDaqOptions
+
+    def __init__(self, name: str, options: ModbusDaqOptions) -> None:
+        self.name = name
+        self._options, self._map = options, options.map
+        self.inputs = tuple(register.signal for register in self._map.read)
+        self.outputs = tuple(register.signal for register in self._map.written)
+        self.rate_hz = self._map.rate if options.rate is None else options.rate
+        self._mode: ExchangeMode = options.exchange or self._map.exchange[0]
+        self._check()
+        self._socket: socket.socket | None = None
+        self._plan = exchange_plan(self._map, self._mode, options.unit)
+        # On the same connection: what is left of a reply to one is received by the other.
+        self._look = look_plan(self._map, self._mode, options.unit)._replace(
+            received=self._plan.received, tally=self._plan.tally
+        )
+        self._sequence = 0
+        self._given = np.zeros(len(FAST_OUTPUTS))
+        self._found = np.full(len(FAST_INPUTS), np.nan)
+
+    def open(self) -> None:
+        """Connect, verify that it is the device of the map, and set it up; no output changes.
+
+        Raises:
+            DriverError: nobody answers, another device does, or it is too slow.
+        """
+        if self._socket is not None:
+            return
+        with self._link() as link:
+            verify(link, self._map, self.rate_hz)
+            set_up(link, self._map, self._options.watchdog)
+        # What a connection before this one left unfinished is none of this one's.
+        self._plan.tally[Tally.RECEIVED] = 0
+        # Compiled, or loaded, here rather than within the first deadline.
+        exchange(-1, self._plan, 0, self._given, self._found, 0)
+        self._socket = self._connected()
+
+    def fileno(self) -> int:
+        """Return the socket that samples are exchanged over; blocking, as compiled code needs it.
+
+        Raises:
+            DriverError: the device is not open.
+        """
+        return self._opened().fileno()
+
+    def plan(self) -> ExchangePlan:
+        """Return the plan of the exchange over this socket."""
+        return self._plan
+
+    def look_plan(self) -> ExchangePlan:
+        """Return the plan of an exchange over this socket that reads and writes nothing."""
+        return self._look
+
+    def read(self) -> Mapping[str, float]:
+        """Exchange once with the outputs as they are, and return the inputs.
+
+        Raises:
+            DriverError: the device is lost, or refuses.
+        """
+        self._exchange()
+        return {signal: float(self._found[FAST_INPUTS.index(signal)]) for signal in self.inputs}
+
+    def write(self, outputs: Mapping[str, float]) -> None:
+        """Exchange once with some outputs set anew, the others as they were.
+
+        `host_counter` counts by itself.
+
+        Raises:
+            DriverError: the device is lost, refuses, or has no such output.
+        """
+        for signal, value in outputs.items():
+            if signal not in self.outputs:
+                remedy = f"it has {', '.join(self.outputs)}"
+                raise DriverError(
+                    self.name, f"{self._map.device} has no such output", remedy, signal
+                )
+            if not isfinite(value):
+                raise DriverError(self.name, f"{value} is no value", "write a finite one", signal)
+        for signal, value in outputs.items():
+            self._given[FAST_OUTPUTS.index(signal)] = value
+        self._exchange()
+
+    def safe_state(self) -> None:
+        """Null the valve over a new connection, and return when the device says that it is.
+
+        A device with a null request latches it. One without takes 0 V and valve off like any other
+        command, so that nobody must be exchanging with it any more.
+
+        Raises:
+            DriverError: it was not confirmed in time; the valve may still be driven.
+        """
+        self._given[:] = 0.0
+        with self._link() as link:
+            null(link, self._map, self._options.timeout)
+
+    def driven(self) -> str:
+        """Return what of the valve is not at null, over a new connection; empty if nothing is.
+
+        Raises:
+            DriverError: nobody answers.
+        """
+        with self._link() as link:
+            return next(driven(link, self._map), "")
+
+    def diagnostics(self) -> Mapping[str, float]:
+        """Return what the device says of itself, over a new connection; see the map's `facts`.
+
+        Raises:
+            DriverError: nobody answers, or another device does.
+        """
+        with self._link() as link:
+            verify(link, self._map, self.rate_hz)
+            found = {"identity": self._map.identity.value}
+            if self._map.version is not None:
+                found["map_version"] = self._map.version.value
+            return found | {
+                fact.name: link.read(fact.address, fact.type) for fact in self._map.facts
+            }
+
+    def close(self) -> None:
+        """Close the connection; harmless when repeated."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _check(self) -> None:
+        options, register_map = self._options, self._map
+        if self._mode not in register_map.exchange:
+            raise self._refused("exchange", self._mode, f"use {' or '.join(register_map.exchange)}")
+        if self.rate_hz > register_map.rate:
+            raise self._refused("rate", f"{self.rate_hz:g} Hz", f"at most {register_map.rate:g} Hz")
+        watchdog = register_map.watchdog
+        if watchdog is None:
+            if options.watchdog is not None:
+                raise self._refused("watchdog", f"{options.watchdog:g} s", "leave it out")
+            return
+        shortest = max(watchdog.shortest, _EXCHANGES_IN_WATCHDOG / self.rate_hz)
+        limits = f"write {shortest:g} to {watchdog.longest:g} s"
+        if options.watchdog is None:
+            raise DriverError(self.name, "no time is given for its watchdog", limits, "watchdog")
+        if not shortest <= options.watchdog <= watchdog.longest:
+            raise self._refused("watchdog", f"{options.watchdog:g} s", limits)
+
+    @property
+    def _place(self) -> str:
+        return f"{self._options.host}:{self._options.port}"
+
+    def _refused(self, key: str, value: str, remedy: str) -> DriverError:
+        state = f"{value} is not for {self._map.device}"
+        return DriverError(self.name, state, remedy, key)
+
+    def _link(self) -> DaqLink:
+        options = self._options
+        return DaqLink(
+            self.name, options.host, options.port, options.unit, self._map, options.timeout
+        )
+
+    def _connected(self) -> socket.socket:
+        options = self._options
+        try:
+            found = socket.create_connection((options.host, options.port), options.timeout)
+        except OSError as error:
+            state = f"{self._map.device} takes no second connection: {error.strerror or error}"
+            raise DriverError(self.name, state, "end other programs that use it") from error
+        # Blocking for good: a timeout would make it non-blocking underneath.
+        found.settimeout(None)
+        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return found
+
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise DriverError(self.name, "is not open", "call open() first")
+        return self._socket
+
+    def _exchange(self) -> None:
+        fd = self._opened().fileno()
+        counter = FAST_OUTPUTS.index("host_counter")
+        self._given[counter] = (self._given[counter] + 1) % 0x10000
+        self._sequence += 1
+        deadline = time.monotonic_ns() + int(self._options.timeout * _NANOSECONDS)
+        status = ExchangeStatus(
+            exchange(fd, self._plan, self._sequence, self._given, self._found, deadline)
+        )
+        if status is ExchangeStatus.OK:
+            return
+        place = f"{self._map.device} at {self._place}"
+        if status is ExchangeStatus.EXCEPTION:
+            state, remedy = f"refuses with {exception_text(self._plan)}", "check the map"
+        else:
+            state, remedy = _STATES[status], "check power and cable"
+        raise DriverError(self.name, f"{place} {state}", remedy)

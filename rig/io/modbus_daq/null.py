@@ -1,0 +1,92 @@
+"""How a Modbus device is brought to null, and how it is told that it is there."""
+
+import time
+from collections.abc import Iterator
+from typing import Final
+
+from rig.io.driver import DriverError
+
+from .link import DaqLink
+from .register_map import Register, RegisterMap, RegisterValue
+
+_COMMANDED: Final = ("command_V", "valve_enable")
+"""Set to 0, in this order, where there is no null request."""
+
+_REPORTED: Final = ("device_command_V", "valve_enabled")
+_POLL_S: Final = 0.002
+
+
+def null(link: DaqLink, register_map: RegisterMap, timeout_s: float) -> None:
+    """Bring the valve to 0 V and off, and wait until all that the device tells of it says so.
+
+    Args:
+        link: to the device.
+        register_map: its registers.
+        timeout_s: longest time that this may take.
+
+    Raises:
+        DriverError: it was refused, or not confirmed in time.
+    """
+    refusals = []
+    for value in _requests(register_map):
+        try:
+            link.write(value)
+        except DriverError as refusal:  # an output that fails must not keep the relay closed
+            refusals.append(refusal)
+    if refusals:
+        raise refusals[0]
+    deadline = time.monotonic() + timeout_s
+    while waiting := _waiting(link, register_map):
+        if time.monotonic() > deadline:
+            raise DriverError(
+                link.driver,
+                f"{register_map.device} was asked for null and after {timeout_s:g} s {waiting}",
+                "cut the hydraulic supply, then find out why",
+            )
+        time.sleep(_POLL_S)
+
+
+def _requests(register_map: RegisterMap) -> list[RegisterValue]:
+    """Return what brings the valve to null, in order."""
+    if register_map.null_request is not None:
+        return [register_map.null_request]
+    registers = {register.signal: register for register in register_map.written}
+    nulled = [registers[signal] for signal in _COMMANDED if signal in registers]
+    return [RegisterValue(r.address, r.type, _number_at_zero(r)) for r in nulled]
+
+
+def _waiting(link: DaqLink, register_map: RegisterMap) -> str:
+    """Return what the device has not done yet of what it was asked for; empty if nothing."""
+    request = register_map.null_request
+    if request is not None and not link.holds(request):
+        return "has not taken the request"
+    standing = next(driven(link, register_map), "")
+    return f"still {standing}" if standing else ""
+
+
+def driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:
+    """Yield what of the valve is not at null, of all that the device tells.
+
+    Raises:
+        DriverError: no reply, or the device refuses.
+    """
+    request = register_map.null_request
+    for register in register_map.registers:
+        told = register.signal in _REPORTED
+        if request is None:
+            told |= register.access == "rw" and register.signal in _COMMANDED
+        if told and (value := _value_of(register, link)) != 0.0:
+            yield f"has {register.signal} at {value:g}"
+
+
+def _number_at_zero(register: Register) -> float:
+    """Return the number that stands for 0; the whole word of a switch."""
+    number = (0.0 - register.bias) / register.gain
+    return number * (1 << register.bit) if register.bit is not None else number
+
+
+def _value_of(register: Register, link: DaqLink) -> float:
+    number = link.read(register.address, register.type)
+    if register.bit is not None:
+        number = int(number) >> register.bit & 1
+    return register.gain * number + register.bias

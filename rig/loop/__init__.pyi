@@ -1,0 +1,89 @@
+from .board import RING_ROWS as RING_ROWS, Board as Board, Word as Word
+from .cycle import READINGS as READINGS, guard as guard, judge as judge, sample_row as sample_row
+from .decided import (
+    PRESENT as PRESENT,
+    PROBABILITIES as PROBABILITIES,
+    PROBABLE as PROBABLE,
+    VERDICT_CODES as VERDICT_CODES,
+    confirmed_fault as confirmed_fault,
+    no_decision as no_decision,
+)
+from .decision_post import prepare as prepare
+from .homing import (
+    Homing as Homing,
+    HomingError as HomingError,
+    HomingSample as HomingSample,
+    Phase as Phase,
+)
+from .idle import wakeup_lateness as wakeup_lateness
+from .interlocks import (
+    FULL as FULL,
+    NO_CHANNEL as NO_CHANNEL,
+    Action as Action,
+    Cause as Cause,
+    Interlock as Interlock,
+    LoopStoppedError as LoopStoppedError,
+    StopRequestedError as StopRequestedError,
+    TripError as TripError,
+    explain as explain,
+    interlock as interlock,
+    limit_table as limit_table,
+    tolerances as tolerances,
+)
+from .lane_ticks import (
+    COMMAND as COMMAND,
+    LANE_READINGS as LANE_READINGS,
+    LOGGED as LOGGED,
+    LOGGED_OF_CHAMBERS as LOGGED_OF_CHAMBERS,
+    MOST_STEPS as MOST_STEPS,
+    NOISE_COUNT as NOISE_COUNT,
+    POSITION as POSITION,
+    PRESSURE_1 as PRESSURE_1,
+    PRESSURE_2 as PRESSURE_2,
+    RETURN as RETURN,
+    plant_ticks as plant_ticks,
+    reading_ticks as reading_ticks,
+)
+from .reaction import (
+    ACTED as ACTED,
+    Reaction as Reaction,
+    react as react,
+    reaction_memory as reaction_memory,
+    tolerating as tolerating,
+)
+from .realtime import Grant as Grant, RealTime as RealTime
+from .ring import RingReader as RingReader
+from .simulated_loop import (
+    Motion as Motion,
+    SimulatedLoop as SimulatedLoop,
+    batch_ticks as batch_ticks,
+    estimates_in as estimates_in,
+)
+from .timing import (
+    TIMING as TIMING,
+    StageTimes as StageTimes,
+    Timing as Timing,
+    in_short as in_short,
+)
+from .wire import (
+    Close as Close,
+    Closed as Closed,
+    Count as Count,
+    Drive as Drive,
+    Found as Found,
+    Integers as Integers,
+    Left as Left,
+    Open as Open,
+    Opened as Opened,
+    Pace as Pace,
+    Segment as Segment,
+    WireLoop as WireLoop,
+    course as course,
+    estimation as estimation,
+    orders as orders,
+    pace as pace,
+    shared_memory as shared_memory,
+    wire_channels as wire_channels,
+    wire_memory as wire_memory,
+    wire_ticks as wire_ticks,
+)

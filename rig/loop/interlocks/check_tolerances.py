@@ -1,0 +1,175 @@
+"""What the plausibility checks allow, derived from data sheets and a stated false-alarm rate.
+
+Derivations are in docs/safety.md. Where noise decides, a threshold follows from `YEARS_BETWEEN`;
+where the model's error does, from the tolerances that the detector grants the same model.
+"""
+
+from math import ceil, inf, log, sqrt
+from statistics import NormalDist
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control import COMMAND_LIMIT
+from rig.io import FAST_INPUTS, HomingSettings
+from rig.plant import Parameters, SensorParameters, total_mass, valve_conductance
+
+YEARS_BETWEEN: Final = 10.0
+"""Years at full rate in which all noise-driven checks together make one false trip."""
+
+_NOISY_CHECKS: Final = 12
+"""Comparisons a tick that noise could trip, among which the false trips are shared."""
+_REPEAT_CHANCE: Final = 0.5
+"""Greatest chance that a healthy sample equals the last one: clipped at zero, half of all are."""
+_SPEED_MARGIN: Final = 2.0
+_NULL_TOLERANCE: Final = 1.3e-5
+"""m. Null bias 10 um and overlap 3 um, as granted in docs/detection.md."""
+_FLOW_TOLERANCE: Final = 0.2
+"""Discharge coefficient 5 %, edges 2 %, supply 5 %, and what the nominal law leaves out."""
+_PRESSURE_BIAS: Final = 1e5
+"""Pa, of each transducer, as granted in docs/detection.md."""
+_LEAK_COEFFICIENT: Final = 2.6e-8
+"""m^3/(s Pa^0.5). Greatest crossport leak that a shipped rig injects."""
+_RETURN_RESTRICTION: Final = 4e13
+"""Pa/(m^3/s)^2. Greatest blockage that a shipped rig's return throttle makes."""
+
+
+class Tolerances(NamedTuple):
+    """What the checks compare with, SI; compiled code takes this tuple."""
+
+    period_s: float
+    stale_ticks: int
+    """Ticks that a sample may be old."""
+    required: NDArray[np.int64]
+    """By `FAST_INPUTS`: 1 where every fresh sample must have a value."""
+    range_low: NDArray[np.float64]
+    """By `FAST_INPUTS`: at or below it a transducer is at its rail; -inf for none."""
+    range_high: NDArray[np.float64]
+    frozen_samples: NDArray[np.int64]
+    """By `FAST_INPUTS`: equal samples in a row that noise does not make; 0 where not checked."""
+    count_m: float
+    jump_speed_m_per_s: float
+    """Faster than the valve can move the ram."""
+    null_m: float
+    """Spool opening that may be unknown."""
+    flow_fraction: float
+    leak_coefficient: float
+    return_restriction: float
+    flow_account_m: float
+    """Travel that the flow may leave unexplained beyond its tolerances."""
+    work_J: float  # noqa: N815
+    """Energy that the ram may give back: four times its greatest kinetic energy."""
+    pressure_bias_Pa: float  # noqa: N815
+    above_supply_Pa: float  # noqa: N815
+    above_supply_ticks: int
+    spool_m: float
+    spool_fraction: float
+    spool_lag_s: float
+    spool_ticks: int
+    command_V: float  # noqa: N815
+    """Difference of the output from the command that converters explain."""
+    confirm_ticks: int
+    """Ticks in which the device must confirm what it was sent."""
+    unhomed_command_V: float  # noqa: N815
+    unhomed_load_pressure_Pa: float  # noqa: N815
+    conductance: float
+    """Of the nominal valve, m^2/(s Pa^0.5) (eq. 2.1)."""
+    par: Parameters
+    """The nominal plant."""
+
+
+def false_alarm_chance(period_s: float, years: float = YEARS_BETWEEN) -> float:
+    """Return the chance of a false trip that each comparison may have, for one in so many years."""
+    return period_s / (years * 365.25 * 86400.0) / _NOISY_CHECKS
+
+
+def sigmas(period_s: float) -> float:
+    """Return how many standard deviations of normal noise have that chance, on one side."""
+    return -NormalDist().inv_cdf(false_alarm_chance(period_s))
+
+
+def frozen_samples(period_s: float) -> int:
+    """Return how many repetitions in a row have that chance, converters finer than the noise."""
+    return ceil(log(false_alarm_chance(period_s)) / log(_REPEAT_CHANCE))
+
+
+def tolerances(
+    par: Parameters,
+    sensors: SensorParameters,
+    fitted: frozenset[str],
+    period_s: float,
+    stale_s: float,
+    homing: HomingSettings,
+    command_limit_V: float = COMMAND_LIMIT,  # noqa: N803
+) -> Tolerances:
+    """Return the tolerances of a rig.
+
+    Args:
+        par: the nominal plant, not the truth of a simulated one.
+        sensors: data sheets.
+        fitted: channels of `FAST_INPUTS` that the fast driver supplies.
+        period_s: of the loop.
+        stale_s: how old a sample may become.
+        homing: what a ram may do that is not homed.
+        command_limit_V: greatest command of either sign.
+    """
+    deviation = sigmas(period_s)
+    noise = {
+        "pressure_1_Pa": sensors.pressure_noise,
+        "pressure_2_Pa": sensors.pressure_noise,
+        "spool_m": sensors.spool_noise,
+        "supply_pressure_Pa": sensors.supply_pressure_noise,
+        "load_N": sensors.load_noise,
+    }
+    # An empty chamber reads the low end of its range; only beyond it is a transducer broken.
+    span = sensors.pressure_max - sensors.pressure_min
+    pressure_range = (sensors.pressure_min - 0.05 * span, sensors.pressure_max)
+    ranges = {
+        "pressure_1_Pa": pressure_range,
+        "pressure_2_Pa": pressure_range,
+        "supply_pressure_Pa": pressure_range,
+        "spool_m": (-sensors.spool_range, sensors.spool_range),
+        "load_N": (-inf, sensors.load_max),
+    }
+    repeats = frozen_samples(period_s)
+    conductance = valve_conductance(par)
+    drop = par.supply_pressure - par.return_pressure
+    # One port alone under the whole supply: more than any motion of the ram (eq. 2.1).
+    speed = conductance * par.valve_gain * command_limit_V * sqrt(drop) / par.piston_area
+
+    def ticks(seconds: float) -> int:
+        return max(ceil(seconds / period_s), 1)
+
+    return Tolerances(
+        period_s=period_s,
+        stale_ticks=ticks(stale_s),
+        required=np.array([int(name in fitted) for name in FAST_INPUTS], np.int64),
+        range_low=np.array([ranges.get(name, (-inf, inf))[0] for name in FAST_INPUTS]),
+        range_high=np.array([ranges.get(name, (-inf, inf))[1] for name in FAST_INPUTS]),
+        frozen_samples=np.array(
+            [repeats if noise.get(name, 0.0) > 0.0 else 0 for name in FAST_INPUTS], np.int64
+        ),
+        count_m=sensors.position_resolution,
+        jump_speed_m_per_s=_SPEED_MARGIN * speed,
+        null_m=_NULL_TOLERANCE,
+        flow_fraction=_FLOW_TOLERANCE,
+        leak_coefficient=_LEAK_COEFFICIENT,
+        return_restriction=_RETURN_RESTRICTION,
+        flow_account_m=5e-3,
+        work_J=2.0 * total_mass(par) * speed**2,
+        pressure_bias_Pa=_PRESSURE_BIAS,
+        above_supply_Pa=2e6
+        + deviation * sqrt(sensors.pressure_noise**2 + sensors.supply_pressure_noise**2),
+        above_supply_ticks=ticks(0.05),
+        spool_m=_NULL_TOLERANCE + deviation * sensors.spool_noise,
+        spool_fraction=0.15,
+        spool_lag_s=4e-3,
+        spool_ticks=ticks(0.025),
+        command_V=0.01 * command_limit_V,
+        confirm_ticks=ticks(0.02),
+        unhomed_command_V=homing.command,
+        unhomed_load_pressure_Pa=homing.load_pressure,
+        conductance=conductance,
+        par=par,
+    )

@@ -1,0 +1,369 @@
+"""What the loop asks about every sample: whether it may go on, and if not, why; compiled.
+
+The worst action wins, the first cause among equals. A trip is latched with the cause that came
+first. While the valve is not driven, the rig is already in the state to which a trip leads: causes
+are indicated then, and nothing more.
+"""
+
+from math import isnan
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rig.io import FAST_INPUTS
+from rig.plant import inlined
+
+from .check_tolerances import Tolerances
+from .ladder import NO_CHANNEL, Action, Cause, LimitTable
+from .plausibility import implausible, no_evidence
+
+_POSITION: Final = FAST_INPUTS.index("position_m")
+_PRESSURE_1: Final = FAST_INPUTS.index("pressure_1_Pa")
+_PRESSURE_2: Final = FAST_INPUTS.index("pressure_2_Pa")
+_ESTOP: Final = FAST_INPUTS.index("estop_closed")
+_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
+_WATCHDOG: Final = FAST_INPUTS.index("watchdog_tripped")
+_ENCODER_FAULT: Final = FAST_INPUTS.index("encoder_fault")
+_COUNTER: Final = FAST_INPUTS.index("device_counter")
+_ECHO: Final = FAST_INPUTS.index("device_echo")
+_OUTPUT: Final = FAST_INPUTS.index("device_command_V")
+
+_NONE, _INDICATE, _TRIP = int(Action.NONE), int(Action.INDICATE), int(Action.TRIP)
+_HOLD: Final = int(Action.HOLD)
+_RAMP_DOWN: Final = int(Action.RAMP_DOWN)
+_BAD_SAMPLES: Final = 3
+"""Samples in a row without a value, or at a rail, that are no single slip of a converter."""
+_COMMANDS: Final = 4
+"""Commands among which the device's present output may be one: what is on its way."""
+_ECHO_LAG: Final = 4
+"""Exchanges by which the device may be behind in what it took."""
+_FADING: Final = 0.25
+_GENTLE: Final = 0.75
+"""Part of the limit of load pressure to which a ram that is not homed may be pushed."""
+_RELIEF: Final = 0.4
+"""Part of the command that relieves it; more would swing, with the small chamber so stiff."""
+_INWARD_M: Final = 5e-3
+"""How far within its limits a ram is held: an off null leaves the position loop short by less."""
+_COUNTERS: Final = 65536
+"""Values of `host_counter`."""
+
+_NOT_SAMPLED: Final = 0
+_NOT_TAKEN: Final = 1
+_NOT_PUT_OUT: Final = 2
+_DISABLED: Final = 3
+_FORCED: Final = 4
+
+
+class InterlockMemory(NamedTuple):
+    """What the interlock remembers from tick to tick."""
+
+    latched: NDArray[np.int64]
+    """(3,): action, cause and channel of the first trip; zeros before."""
+    values: NDArray[np.float64]
+    """(len(FAST_INPUTS),): latest value of each channel, NaN if none came."""
+    trusted: NDArray[np.float64]
+    """As `values`, NaN for a transducer that has failed by itself."""
+    outside: NDArray[np.int64]
+    """(limits,): ticks in a row outside."""
+    active: NDArray[np.int64]
+    """(limits,): 1 while the limit's action is taken."""
+    missing: NDArray[np.int64]
+    """(len(FAST_INPUTS),): samples in a row without a value."""
+    repeated: NDArray[np.int64]
+    """(len(FAST_INPUTS),): samples in a row equal to the one before."""
+    railed: NDArray[np.int64]
+    """(len(FAST_INPUTS),): samples in a row at the end of the transducer's range."""
+    unconfirmed: NDArray[np.int64]
+    """(5,): how long no new sample, taken write, commanded output, enabled valve, low force."""
+    commands: NDArray[np.float64]
+    """The last commands, V, newest first."""
+    evidence: NDArray[np.float64]
+    """`rig.loop.interlocks.plausibility.Evidence`."""
+
+    def clear(self) -> None:
+        """Forget everything, the latched trip as well: before the valve is enabled anew."""
+        for array, start in zip(self, _start(self.outside.size), strict=True):
+            array[:] = start
+
+
+def _start(limits: int) -> InterlockMemory:
+    channels = len(FAST_INPUTS)
+    return InterlockMemory(
+        np.zeros(3, np.int64),
+        np.full(channels, np.nan),
+        np.full(channels, np.nan),
+        np.zeros(limits, np.int64),
+        np.zeros(limits, np.int64),
+        np.zeros(channels, np.int64),
+        np.zeros(channels, np.int64),
+        np.zeros(channels, np.int64),
+        np.zeros(5, np.int64),
+        np.zeros(_COMMANDS),
+        no_evidence(),
+    )
+
+
+def interlock_memory(limits: LimitTable) -> InterlockMemory:
+    """Return the memory of an interlock that begins."""
+    return _start(limits.channel.size)
+
+
+class Interlock(NamedTuple):
+    """What `judged_sample` judges by."""
+
+    limits: LimitTable
+    tolerances: Tolerances
+    memory: InterlockMemory
+
+
+def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
+    """Return an interlock that begins."""
+    return Interlock(limits, tolerances, interlock_memory(limits))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def allowed_command(command, homed, tol, memory):
+    """Return a command in V, limited to what a ram may do that does not know where it is.
+
+    Not homed, it goes slowly and pushes gently: the command fades while the load pressure that it
+    makes rises from a quarter to three quarters of its limit, and turns round a little beyond, so
+    that a ram at its stroke end stays there with that force, even if the valve's null is off.
+    """
+    if homed:
+        return command
+    command = min(max(command, -tol.unhomed_command_V), tol.unhomed_command_V)
+    load_pressure = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
+    if not load_pressure * command > 0.0:
+        return command
+    pushed = abs(load_pressure) / tol.unhomed_load_pressure_Pa
+    if pushed <= _GENTLE:
+        return command * min((_GENTLE - pushed) / (_GENTLE - _FADING), 1.0)
+    return -_RELIEF * command * min((pushed - _GENTLE) / (1.0 - _GENTLE), 1.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def held_position(position, homed, limits):
+    """Return where to hold a ram in m: where it is, or well within its limits if beyond them."""
+    if not homed:
+        return position
+    for i in range(limits.channel.size):
+        if limits.channel[i] == _POSITION and limits.action[i] >= _HOLD:
+            back = limits.hysteresis[i] + _INWARD_M
+            if position < limits.low[i]:
+                position = limits.low[i] + back
+            elif position > limits.high[i]:
+                position = limits.high[i] - back
+    return position
+
+
+@inlined
+def judged_sample(
+    inputs,
+    fresh,
+    elapsed_ticks,
+    exchange_ticks,
+    age_ticks,
+    command,
+    counter,
+    driving,
+    homed,
+    limits,
+    tol,
+    memory,
+):
+    """Return (action, cause, channel) for one tick: numbers of `Action` and `Cause`.
+
+    To be called every tick that is not missed, also when no sample came. A trip is returned until
+    the memory is cleared; other actions end with their cause, so that the caller latches what it
+    acts upon. The channel is an index in `FAST_INPUTS`, -1 where the cause concerns none.
+
+    Args:
+        inputs: float64 (len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`.
+        fresh: whether a sample came in this tick.
+        elapsed_ticks: ticks since the last call: 1, and more where ticks were missed.
+        exchange_ticks: how long this tick's exchange took, in ticks.
+        age_ticks: ticks since the newest sample that the device took.
+        command: V, as written in this tick's exchange: what stands at the valve from now on.
+        counter: `host_counter` written with it.
+        driving: whether the valve is meant to be enabled, and was confirmed to be once.
+        homed: whether the position is known; if not, its limits say nothing, and command and load
+            pressure are limited instead (`tol.unhomed_command_V`, `tol.unhomed_load_pressure_Pa`).
+        limits: `rig.loop.interlocks.ladder.LimitTable`.
+        tol: `rig.loop.interlocks.check_tolerances.Tolerances`.
+        memory: `InterlockMemory`, updated.
+    """
+    sampled = fresh and _take(inputs, tol, memory)
+    action, cause, channel = _chain(driving, tol, memory)
+    if action < _TRIP:
+        action, cause, channel = _device(fresh, sampled, age_ticks, command, counter, tol, memory)
+    worse, why, where = _transducers(tol, memory)
+    if worse > action:
+        action, cause, channel = worse, why, where
+    held = command if memory.values[_ENABLED] != 0.0 else 0.0
+    why, where = implausible(
+        memory.trusted, sampled, elapsed_ticks, exchange_ticks, held, homed, tol, memory.evidence
+    )
+    if action < _TRIP and why != _NONE:
+        action, cause, channel = _TRIP, why, where
+    worse, why, where = _unhomed(command, homed, tol, memory)
+    if worse > action:
+        action, cause, channel = worse, why, where
+    worse, why, where = _limits(homed, limits, memory)
+    if worse > action:
+        action, cause, channel = worse, why, where
+    if memory.latched[0] == _TRIP:
+        return memory.latched[0], memory.latched[1], memory.latched[2]
+    if not driving:
+        return min(action, _INDICATE), cause, channel
+    if action == _TRIP:
+        memory.latched[0], memory.latched[1], memory.latched[2] = action, cause, channel
+    return action, cause, channel
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def check_sample(
+    inputs,
+    fresh,
+    elapsed_ticks,
+    exchange_ticks,
+    age_ticks,
+    command,
+    counter,
+    driving,
+    homed,
+    limits,
+    tol,
+    memory,
+):
+    """Return `judged_sample` of the same arguments, compiled once for whoever calls it."""
+    return judged_sample(
+        inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks, command, counter, driving, homed,
+        limits, tol, memory,
+    )  # fmt: skip
+
+
+@inlined
+def _take(inputs, tol, memory):
+    """Keep a fresh sample, and return whether the device took it since the last one."""
+    new = isnan(inputs[_COUNTER]) or inputs[_COUNTER] != memory.values[_COUNTER]
+    for i in range(inputs.size):
+        value = inputs[i]
+        memory.missing[i] = memory.missing[i] + 1 if isnan(value) else 0
+        if new:
+            railed = value <= tol.range_low[i] or value >= tol.range_high[i]
+            memory.railed[i] = memory.railed[i] + 1 if railed else 0
+            memory.repeated[i] = memory.repeated[i] + 1 if value == memory.values[i] else 0
+        if not isnan(value):
+            memory.values[i] = value
+    return new
+
+
+@inlined
+def _chain(driving, tol, memory):
+    """Judge the emergency stop's chain; what the device does not report is not judged."""
+    values = memory.values
+    off = driving and values[_ENABLED] == 0.0
+    memory.unconfirmed[_DISABLED] = memory.unconfirmed[_DISABLED] + 1 if off else 0
+    if values[_ESTOP] == 0.0:
+        return _TRIP, Cause.ESTOP_OPEN.value, _ESTOP
+    if values[_WATCHDOG] == 1.0:
+        return _TRIP, Cause.WATCHDOG_TRIPPED.value, _WATCHDOG
+    if memory.unconfirmed[_DISABLED] > tol.confirm_ticks:
+        return _TRIP, Cause.VALVE_NOT_ENABLED.value, _ENABLED
+    return _NONE, _NONE, NO_CHANNEL
+
+
+@inlined
+def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
+    """Judge whether the device answers, samples, takes what is written, and puts it out."""
+    values, ticks, commands = memory.values, memory.unconfirmed, memory.commands
+    if fresh or command != commands[0]:
+        for i in range(_COMMANDS - 1, 0, -1):
+            commands[i] = commands[i - 1]
+        commands[0] = command
+    if fresh:
+        ticks[_NOT_SAMPLED] = 0 if sampled else ticks[_NOT_SAMPLED] + 1
+        behind = (counter - values[_ECHO]) % _COUNTERS
+        ticks[_NOT_TAKEN] = ticks[_NOT_TAKEN] + 1 if behind > _ECHO_LAG else 0
+        output = values[_OUTPUT]
+        highest = lowest = commands[0]
+        for i in range(1, _COMMANDS):
+            highest, lowest = max(highest, commands[i]), min(lowest, commands[i])
+        off = output > highest + tol.command_V or output < lowest - tol.command_V
+        off = off and values[_ENABLED] != 0.0
+        ticks[_NOT_PUT_OUT] = ticks[_NOT_PUT_OUT] + 1 if off else 0
+    if max(age_ticks, ticks[_NOT_SAMPLED]) > tol.stale_ticks:
+        # Told from a device that does not answer: this one's last answer was an old sample.
+        if ticks[_NOT_SAMPLED] > 0:
+            return _TRIP, Cause.DEVICE_STOPPED.value, _COUNTER
+        return _TRIP, Cause.STALE_SAMPLE.value, NO_CHANNEL
+    if ticks[_NOT_TAKEN] > tol.confirm_ticks:
+        return _TRIP, Cause.DEVICE_DEAF.value, _ECHO
+    if ticks[_NOT_PUT_OUT] > tol.confirm_ticks:
+        return _TRIP, Cause.COMMAND_ECHO.value, _OUTPUT
+    return _NONE, _NONE, NO_CHANNEL
+
+
+@inlined
+def _transducers(tol, memory):
+    """Judge each channel by itself: there, off its rails, and alive."""
+    worst, cause, channel = _NONE, _NONE, NO_CHANNEL
+    if memory.values[_ENCODER_FAULT] == 1.0:
+        worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, _POSITION
+    for i in range(memory.values.size):
+        memory.trusted[i] = memory.values[i]
+        found = _NONE
+        if tol.required[i] and memory.missing[i] >= _BAD_SAMPLES:
+            found = Cause.SENSOR_NAN.value
+        elif memory.railed[i] >= _BAD_SAMPLES:
+            found = Cause.SENSOR_RANGE.value
+        elif 0 < tol.frozen_samples[i] <= memory.repeated[i]:
+            found = Cause.SENSOR_FROZEN.value
+        if found != _NONE:
+            memory.trusted[i] = np.nan
+            # Without these three the ram cannot be held or its chambers not be protected.
+            needed = i in (_POSITION, _PRESSURE_1, _PRESSURE_2)
+            action = _TRIP if needed else _RAMP_DOWN
+            if action > worst:
+                worst, cause, channel = action, found, i
+    return worst, cause, channel
+
+
+@inlined
+def _unhomed(command, homed, tol, memory):
+    """Judge a ram that may meet its stroke end at any time: slowly and gently, or not at all."""
+    if homed:
+        return _NONE, _NONE, NO_CHANNEL
+    force = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
+    # Only what is being pushed harder: oil trapped at a stroke end must be able to let go.
+    pushes = abs(force) > tol.unhomed_load_pressure_Pa and force * command > 0.0
+    memory.unconfirmed[_FORCED] = memory.unconfirmed[_FORCED] + 1 if pushes else 0
+    if abs(command) > tol.unhomed_command_V + tol.command_V:
+        return _TRIP, Cause.NOT_HOMED.value, NO_CHANNEL
+    if memory.unconfirmed[_FORCED] > tol.confirm_ticks:
+        return _TRIP, Cause.HOMING_FORCE.value, _PRESSURE_1 if force > 0.0 else _PRESSURE_2
+    return _NONE, _NONE, NO_CHANNEL
+
+
+@inlined
+def _limits(homed, limits, memory):
+    """Judge the limits of all channels; those of a position that is not known say nothing."""
+    worst, cause, channel = _NONE, _NONE, NO_CHANNEL
+    for i in range(limits.channel.size):
+        where = limits.channel[i]
+        value = memory.values[where]
+        back = limits.hysteresis[i] if memory.active[i] else 0.0
+        below = value < limits.low[i] + back
+        above = value > limits.high[i] - back
+        if (where == _POSITION and not homed) or not (below or above):
+            memory.outside[i] = memory.active[i] = 0
+            continue
+        memory.outside[i] += 1
+        if memory.outside[i] >= limits.ticks[i]:
+            memory.active[i] = 1
+            if limits.action[i] > worst:
+                worst, channel = limits.action[i], where
+                cause = Cause.LIMIT_LOW.value if below else Cause.LIMIT_HIGH.value
+    return worst, cause, channel

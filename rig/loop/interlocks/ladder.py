@@ -1,0 +1,272 @@
+"""The ladder of actions, every cause that can lead to one, and the limits of channels.
+
+A cause's number stands on the board and in recordings, so that it is never given to another one.
+"""
+
+from collections.abc import Iterable
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.io import FAST_INPUTS, ChannelLimit
+
+NO_CHANNEL: Final = -1
+"""In place of a channel's index in `FAST_INPUTS`, for a cause that concerns none."""
+
+
+class Action(IntEnum):
+    """What is done about a cause; the higher one wins."""
+
+    NONE = 0
+    INDICATE = 1
+    """Shown and recorded; the motion goes on."""
+    HOLD = 2
+    """The ram is held where it is, within its limits; the valve stays enabled."""
+    RAMP_DOWN = 3
+    """The motion is brought to rest along a ramp, then the valve is disabled."""
+    TRIP = 4
+    """Valve to null and disabled, bypass shut, pump unloaded; latched until reset."""
+
+
+class Cause(IntEnum):
+    """Why an action was taken."""
+
+    NONE = 0
+    LIMIT_LOW = 1
+    LIMIT_HIGH = 2
+    STALE_SAMPLE = 3
+    SENSOR_NAN = 4
+    SENSOR_RANGE = 5
+    SENSOR_FROZEN = 6
+    ENCODER_FROZEN = 7
+    ENCODER_JUMP = 8
+    ENCODER_FAULT = 9
+    POSITION_AGAINST_FLOW = 10
+    PRESSURE_ABOVE_SUPPLY = 11
+    PRESSURES_CROSSED = 12
+    SPOOL_NOT_FOLLOWING = 13
+    DEVICE_STOPPED = 14
+    DEVICE_DEAF = 15
+    COMMAND_ECHO = 16
+    ESTOP_OPEN = 20
+    WATCHDOG_TRIPPED = 21
+    VALVE_NOT_ENABLED = 22
+    NOT_HOMED = 23
+    HOMING_FORCE = 24
+    HOMING_FAILED = 25
+    OVERRUN = 30
+    EXCHANGE_LOST = 31
+    LOOP_LOST = 32
+    FIELD_LOST = 33
+    SUPERVISOR_LOST = 34
+    RECORDER_LOST = 35
+    DISK_FULL = 36
+    CRASH = 37
+    BYPASS_STUCK = 40
+    BYPASS_LOST = 41
+    DRIVE_FAULT = 42
+    DRIVE_LOST = 43
+    PUMP_FAULT = 44
+    PUMP_LOST = 45
+    METERS_LOST = 46
+    NULL_NOT_CONFIRMED = 50
+    BYPASS_NOT_SHUT = 51
+    PUMP_NOT_UNLOADED = 52
+    OPERATOR_STOP = 60
+    FAULT_CONFIRMED = 70
+
+
+class Explanation(NamedTuple):
+    """A cause in the operator's words; `{channel}` stands for the channel concerned."""
+
+    sentence: str
+    remedy: str
+
+
+_E = Explanation
+EXPLANATIONS: Final = {
+    Cause.NONE: _E("nothing is wrong", "none needed"),
+    Cause.LIMIT_LOW: _E(
+        "{channel} is below its limit", "find out why, or correct the limit in the rig file"
+    ),
+    Cause.LIMIT_HIGH: _E(
+        "{channel} is above its limit", "find out why, or correct the limit in the rig file"
+    ),
+    Cause.STALE_SAMPLE: _E(
+        "no fresh sample came within the stale limit",
+        "check the I/O device and its network; raise stale_limit only if the motion allows it",
+    ),
+    Cause.SENSOR_NAN: _E("{channel} has no value", "check the transducer, its cable and supply"),
+    Cause.SENSOR_RANGE: _E(
+        "{channel} stands at the end of its transducer's range",
+        "check the transducer, its cable and its range in the rig file",
+    ),
+    Cause.SENSOR_FROZEN: _E(
+        "{channel} repeats the same value where noise must show",
+        "restart the I/O device; check the transducer",
+    ),
+    Cause.ENCODER_FROZEN: _E(
+        "the encoder stands still while the valve's flow moves the ram",
+        "check the encoder, its coupling and cable, then home again",
+    ),
+    Cause.ENCODER_JUMP: _E(
+        "the encoder jumped farther than the valve can move the ram",
+        "check the encoder's cable and shield, then home again",
+    ),
+    Cause.ENCODER_FAULT: _E(
+        "the device reports that the encoder lost counts",
+        "check the encoder's cable and speed rating, then home again",
+    ),
+    Cause.POSITION_AGAINST_FLOW: _E(
+        "the position does not move as the valve's flow moves the ram",
+        "check the encoder's direction and scale, the valve's hoses and the pressure lines",
+    ),
+    Cause.PRESSURE_ABOVE_SUPPLY: _E(
+        "{channel} stays above the supply pressure",
+        "check the supply pressure, the pump, and which transducer is on which line",
+    ),
+    Cause.PRESSURES_CROSSED: _E(
+        "the chamber pressures push against the motion that they make",
+        "the pressure transducers, the hoses or the encoder are crossed: correct the wiring",
+    ),
+    Cause.SPOOL_NOT_FOLLOWING: _E(
+        "the spool does not follow the command",
+        "check the valve's plug and pilot supply; the spool may be stuck",
+    ),
+    Cause.DEVICE_STOPPED: _E(
+        "the I/O device answers, but takes no new samples", "restart the I/O device"
+    ),
+    Cause.DEVICE_DEAF: _E(
+        "the I/O device answers, but does not take what is written",
+        "check that no other program holds the device; restart it",
+    ),
+    Cause.COMMAND_ECHO: _E(
+        "the valve output is not at the command that was sent",
+        "check the output's range and wiring; restart the I/O device",
+    ),
+    Cause.ESTOP_OPEN: _E(
+        "the emergency stop is open", "make the rig safe, release the button, press reset"
+    ),
+    Cause.WATCHDOG_TRIPPED: _E(
+        "the I/O device's watchdog tripped: it missed our exchanges",
+        "see the stage timings for what stalled, then reset",
+    ),
+    Cause.VALVE_NOT_ENABLED: _E(
+        "the valve is not enabled although it should be",
+        "check the emergency stop chain and the enable relay, then reset",
+    ),
+    Cause.NOT_HOMED: _E(
+        "the ram was driven harder than is allowed before homing", "home the rig first"
+    ),
+    Cause.HOMING_FORCE: _E(
+        "the ram pushed harder than is allowed before homing",
+        "look what blocks the ram; friction may have grown",
+    ),
+    Cause.HOMING_FAILED: _E(
+        "the homing run found no repeatable stroke end",
+        "read its reason; check encoder, supply pressure and valve null, then home again",
+    ),
+    Cause.OVERRUN: _E(
+        "the loop missed more ticks than its overrun policy allows",
+        "run rig doctor; close other programs or lower the rate",
+    ),
+    Cause.EXCHANGE_LOST: _E(
+        "the connection to the I/O device is lost", "check its power, cable and address"
+    ),
+    Cause.LOOP_LOST: _E("the loop process gives no sign of life", "see its log; start again"),
+    Cause.FIELD_LOST: _E("the field process gives no sign of life", "see its log; start again"),
+    Cause.SUPERVISOR_LOST: _E("the supervisor gives no sign of life", "see its log; start again"),
+    Cause.RECORDER_LOST: _E("the recorder gives no sign of life", "see its log; start again"),
+    Cause.DISK_FULL: _E(
+        "the recording cannot be written: the disk is full", "free space, or give another --out"
+    ),
+    Cause.CRASH: _E("the software failed", "read the traceback in the run's folder; report it"),
+    Cause.BYPASS_STUCK: _E(
+        "a bypass valve did not reach its position in time",
+        "check its air or power, and its position switches",
+    ),
+    Cause.BYPASS_LOST: _E(
+        "the connection to the bypass valves is lost", "check their power, cable and address"
+    ),
+    Cause.DRIVE_FAULT: _E(
+        "the valve drive reports a fault", "read its fault code (DS408), remove the cause, reset"
+    ),
+    Cause.DRIVE_LOST: _E(
+        "the valve drive is silent on the CAN bus", "check its power, node number and bus"
+    ),
+    Cause.PUMP_FAULT: _E(
+        "the pump unit reports a fault", "read its panel: oil level, temperature, filter"
+    ),
+    Cause.PUMP_LOST: _E(
+        "the pump unit is silent on the CAN bus", "check its power, bus and DBC file"
+    ),
+    Cause.METERS_LOST: _E(
+        "the flow meters are silent", "check their power, and that the serial port is theirs"
+    ),
+    Cause.NULL_NOT_CONFIRMED: _E(
+        "the device did not confirm that the valve is at null and disabled",
+        "press the emergency stop; do not approach the ram",
+    ),
+    Cause.BYPASS_NOT_SHUT: _E(
+        "the bypass valves did not confirm that they are shut", "shut their hand valves"
+    ),
+    Cause.PUMP_NOT_UNLOADED: _E(
+        "the pump unit did not confirm that it is unloaded", "switch the pump off by hand"
+    ),
+    Cause.OPERATOR_STOP: _E("the operator stopped the run", "start again when ready"),
+    Cause.FAULT_CONFIRMED: _E(
+        "the detector confirmed a fault, and the test asks to trip on one",
+        "read the verdict, find the fault and mend it; a campaign that injects faults has another "
+        "on_fault",
+    ),
+}
+"""What the operator is told about every cause."""
+
+
+def explain(cause: Cause, channel: str = "") -> Explanation:
+    """Return a cause in the operator's words, with the name of the channel concerned."""
+    explanation = EXPLANATIONS[cause]
+    return explanation._replace(
+        sentence=explanation.sentence.format(channel=channel or "a channel")
+    )
+
+
+class LimitTable(NamedTuple):
+    """Limits as arrays (n,) for compiled code, in the order in which they were given.
+
+    Rungs of one channel that are farther out, or last longer, make its ladder.
+    """
+
+    channel: NDArray[np.int64]
+    """Index in `FAST_INPUTS`."""
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    hysteresis: NDArray[np.float64]
+    action: NDArray[np.int64]
+    ticks: NDArray[np.int64]
+    """Ticks in a row outside from which the action is taken, at least 1."""
+
+
+def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:
+    """Return limits for a loop of that period.
+
+    Raises:
+        ValueError: a limit's channel is unknown, or its low end is not below its high one.
+    """
+    rows = tuple(limits)
+    for row in rows:
+        if row.channel not in FAST_INPUTS:
+            raise ValueError(f"limit of {row.channel!r}: no such channel; name one of FAST_INPUTS")
+        if not row.low < row.high:
+            raise ValueError(f"limit of {row.channel}: low {row.low:g} is not below {row.high:g}")
+    ticks = [1 + round(row.for_s / period_s) for row in rows]
+    return LimitTable(
+        np.array([FAST_INPUTS.index(row.channel) for row in rows], np.int64),
+        np.array([row.low for row in rows], np.float64),
+        np.array([row.high for row in rows], np.float64),
+        np.array([row.hysteresis for row in rows], np.float64),
+        np.array([Action[row.action.upper()] for row in rows], np.int64),
+        np.array(ticks, np.int64),
+    )

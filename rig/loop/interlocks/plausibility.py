@@ -1,0 +1,256 @@
+"""Whether a sample can be what a healthy rig shows, compiled; derivations are in docs/safety.md.
+
+Two of the checks are accounts that only grow while the sample contradicts the physics (CUSUM,
+Page 1954): of travel against the valve's flow, and of work against the motion.
+"""
+
+from math import isnan, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.io import FAST_INPUTS
+from rig.plant import chamber_volumes, inlined, valve_flows
+
+from .ladder import NO_CHANNEL, Cause
+
+_POSITION: Final = FAST_INPUTS.index("position_m")
+_PRESSURE_1: Final = FAST_INPUTS.index("pressure_1_Pa")
+_PRESSURE_2: Final = FAST_INPUTS.index("pressure_2_Pa")
+_SPOOL: Final = FAST_INPUTS.index("spool_m")
+_SUPPLY: Final = FAST_INPUTS.index("supply_pressure_Pa")
+_LOAD: Final = FAST_INPUTS.index("load_N")
+_NONE: Final = int(Cause.NONE)
+_JUMP: Final = int(Cause.ENCODER_JUMP)
+_FROZEN: Final = int(Cause.ENCODER_FROZEN)
+_AGAINST_FLOW: Final = int(Cause.POSITION_AGAINST_FLOW)
+_ABOVE_SUPPLY: Final = int(Cause.PRESSURE_ABOVE_SUPPLY)
+_CROSSED: Final = int(Cause.PRESSURES_CROSSED)
+_NOT_FOLLOWING: Final = int(Cause.SPOOL_NOT_FOLLOWING)
+
+_RELATIVE: Final = 1.0
+_HOMED: Final = 2.0
+_SUBSTEPS: Final = 4
+"""Of the nominal valve's second-order lag in a tick: some 0.16 rad each."""
+_SETTLED_TICKS: Final = 200
+"""After which any valve has come to its command."""
+_SMOOTHING: Final = 5e-3
+"""s. Pressures are smoothed before their rate is taken; what is smoothed away comes later."""
+_DRY: Final = 5e5
+"""Pa. Below it a chamber's oil is too soft, or a cavity, for an account of it."""
+_UNHOMED_COMPRESSION: Final = 1.2
+"""Part of the compressed volume that is unknown while the position in the stroke is."""
+_HOMED_COMPRESSION: Final = 0.3
+"""As above, once homed: bulk modulus 15 %, and air."""
+
+
+class Evidence(NamedTuple):
+    """What the checks remember from tick to tick: float64 array in this order."""
+
+    started: float = 0.0
+    """0 before the first sample; then what the position counts from: switch-on 1, stroke end 2."""
+    spool_m: float = 0.0
+    """Spool of the nominal valve under the commands sent."""
+    spool_velocity: float = 0.0
+    position_m: float = 0.0
+    """At the last fresh sample."""
+    pressure_1_Pa: float = 0.0  # noqa: N815
+    """Smoothed."""
+    pressure_2_Pa: float = 0.0  # noqa: N815
+    gap_ticks: float = 0.0
+    """Since the last fresh sample."""
+    high_m: float = 0.0
+    """Travel beyond what the flow allows, extending."""
+    low_m: float = 0.0
+    account_ticks: float = 0.0
+    """Since either account left zero."""
+    still_ticks: float = 0.0
+    """Since the encoder last changed."""
+    work_J: float = 0.0  # noqa: N815
+    above_1_ticks: float = 0.0
+    above_2_ticks: float = 0.0
+    spool_ticks: float = 0.0
+    command_V: float = 0.0  # noqa: N815
+    """Since the last tick."""
+    exchange_ticks: float = 0.0
+    """How long the exchange of the last fresh sample took: it was taken somewhere in it."""
+
+
+_E: Final = Evidence(*range(len(Evidence._fields)))
+_STARTED, _MODEL, _MODEL_RATE, _X, _P1, _P2, _GAP = (int(i) for i in _E[:7])
+_HIGH, _LOW, _ACCOUNT, _STILL, _WORK = (int(i) for i in _E[7:12])
+_ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE = (int(i) for i in _E[12:])
+
+_UNTIMED_TICKS: Final = 2.5
+"""Samples are this sure of their distance in time, and no less than they are apart, or no account
+is kept across them. In so many milliseconds the ram goes half of what an account may leave open."""
+
+
+def no_evidence() -> NDArray[np.float64]:
+    """Return the memory of checks that begin."""
+    return np.array(Evidence())
+
+
+@inlined
+def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, tol, evidence):
+    """Take one tick into account and return (cause, channel), or (0, -1) if all is plausible.
+
+    Args:
+        values: float64 (len(FAST_INPUTS),), the latest value of each channel, NaN if none came.
+        fresh: whether this tick brought a sample.
+        elapsed_ticks: ticks since the last call, in which the last command stood.
+        exchange_ticks: how long this tick's exchange took, in ticks: a host that stalls makes a
+            sample come from anywhere within it.
+        command: V at the valve from this tick on; 0 while it is disabled.
+        homed: whether the position is within the stroke, not just relative.
+        tol: `rig.loop.interlocks.check_tolerances.Tolerances`.
+        evidence: `Evidence`, updated.
+    """
+    cause, channel = _NONE, NO_CHANNEL
+    position, p1, p2 = values[_POSITION], values[_PRESSURE_1], values[_PRESSURE_2]
+    evidence[_GAP] += elapsed_ticks
+    _advance_valve(elapsed_ticks, tol, evidence)
+    evidence[_COMMAND] = command
+    if fresh and not (isnan(position) or isnan(p1) or isnan(p2)):
+        reference = _HOMED if homed else _RELATIVE
+        if evidence[_STARTED] != reference:
+            evidence[_STARTED] = reference
+            evidence[_X], evidence[_P1], evidence[_P2] = position, p1, p2
+        step = position - evidence[_X]
+        unsure_ticks = exchange_ticks + evidence[_EXCHANGE]
+        timed = unsure_ticks <= min(evidence[_GAP], _UNTIMED_TICKS)
+        if _jumped(step, unsure_ticks, tol, evidence):
+            cause, channel = _JUMP, _POSITION
+        elif timed and _against_flow(values, step, homed, tol, evidence):
+            frozen = evidence[_STILL] >= evidence[_ACCOUNT]
+            cause, channel = (_FROZEN if frozen else _AGAINST_FLOW), _POSITION
+        elif _works_backwards(p1 - p2, values[_LOAD], step, tol, evidence):
+            cause, channel = _CROSSED, _PRESSURE_1
+        else:
+            channel = _above_supply(p1, p2, values[_SUPPLY], tol, evidence)
+            cause = _NONE if channel == NO_CHANNEL else _ABOVE_SUPPLY
+        evidence[_X] = position
+        if not timed:
+            evidence[_P1], evidence[_P2] = p1, p2
+    if cause == _NONE and fresh and _not_following(values[_SPOOL], tol, evidence):
+        cause, channel = _NOT_FOLLOWING, _SPOOL
+    if fresh:
+        evidence[_GAP] = 0.0
+        evidence[_EXCHANGE] = exchange_ticks
+    return cause, channel
+
+
+@inlined
+def _jumped(step, unsure_ticks, tol, evidence):
+    longest_s = (evidence[_GAP] + unsure_ticks) * tol.period_s
+    return abs(step) > tol.jump_speed_m_per_s * longest_s + 2.0 * tol.count_m
+
+
+@inlined
+def _against_flow(values, step, homed, tol, evidence):
+    """Return whether the travel leaves what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
+
+    Oil that leaks out makes the ram extend less than chamber 1's account says and more than that of
+    chamber 2: acc_2 - q_12 <= A v <= acc_1 - q_12, whatever external leaks there are.
+    """
+    par, elapsed_ticks = tol.par, evidence[_GAP]
+    elapsed_s = elapsed_ticks * tol.period_s
+    p1, p2, supply = evidence[_P1], evidence[_P2], par.supply_pressure
+    # A failing supply or its failing transducer is not the encoder's fault: both only widen.
+    if values[_SUPPLY] > supply:
+        supply = values[_SUPPLY]
+    opening = values[_SPOOL]
+    if isnan(opening):
+        opening = evidence[_MODEL]
+    kept = elapsed_s / (_SMOOTHING + elapsed_s)
+    change_1 = kept * (values[_PRESSURE_1] - p1)
+    change_2 = kept * (values[_PRESSURE_2] - p2)
+    evidence[_P1] += change_1
+    evidence[_P2] += change_2
+    evidence[_STILL] = 0.0 if step != 0.0 else evidence[_STILL] + elapsed_ticks
+
+    q1, q2 = valve_flows(opening, p1, p2, supply, par.return_pressure, tol.conductance)
+    least = 1.0 / sqrt(1.0 + tol.return_restriction * (tol.conductance * opening) ** 2)
+    unknown = tol.conductance * tol.null_m
+    middle = 0.5 * (par.stroke_min + par.stroke_max)
+    v1, v2 = chamber_volumes(values[_POSITION] if homed else middle, par)
+    compressed_1 = v1 * change_1 / par.bulk_modulus
+    compressed_2 = v2 * change_2 / par.bulk_modulus
+    part = _HOMED_COMPRESSION if homed else _UNHOMED_COMPRESSION
+    high = (
+        (q1 if q1 > 0.0 else least * q1)
+        + unknown * sqrt(max(p1, supply - p1))
+        + tol.flow_fraction * abs(q1)
+    )
+    high += tol.leak_coefficient * sqrt(max(p2 - p1, 0.0))
+    low = (
+        (q2 if q2 < 0.0 else least * q2)
+        - unknown * sqrt(max(p2, supply - p2))
+        - tol.flow_fraction * abs(q2)
+    )
+    low -= tol.leak_coefficient * sqrt(max(p1 - p2, 0.0))
+    high_m = (high * elapsed_s - compressed_1 + part * abs(compressed_1)) / par.piston_area
+    low_m = (low * elapsed_s + compressed_2 - part * abs(compressed_2)) / par.piston_area
+    # A cavity takes up travel that no flow explains: no account of a dry chamber.
+    evidence[_HIGH] = 0.0 if p1 < _DRY else max(evidence[_HIGH] + step - high_m, 0.0)
+    evidence[_LOW] = 0.0 if p2 < _DRY else max(evidence[_LOW] + low_m - step, 0.0)
+    worst = max(evidence[_HIGH], evidence[_LOW])
+    evidence[_ACCOUNT] = evidence[_ACCOUNT] + elapsed_ticks if worst > 0.0 else 0.0
+    # Samples that come seldom leave the flow between them unknown.
+    unseen = 0.5 * tol.jump_speed_m_per_s * (elapsed_ticks - 1.0) * tol.period_s
+    return worst > tol.flow_account_m + unseen
+
+
+@inlined
+def _works_backwards(load_pressure, load, step, tol, evidence):
+    """Return whether the ram gives back more energy than it can hold: friction only takes.
+
+    Without a load cell a spring could be what gives it, and nothing is said.
+    """
+    if isnan(load):
+        return False
+    area = tol.par.piston_area
+    work = (area * load_pressure - load) * step + area * tol.pressure_bias_Pa * abs(step)
+    evidence[_WORK] = max(evidence[_WORK] - work, 0.0)
+    return evidence[_WORK] > tol.work_J
+
+
+@inlined
+def _above_supply(p1, p2, supply, tol, evidence):
+    """Return the chamber whose pressure has been above the supply for too long, or -1."""
+    limit = (tol.par.supply_pressure if isnan(supply) else supply) + tol.above_supply_Pa
+    evidence[_ABOVE_1] = evidence[_ABOVE_1] + evidence[_GAP] if p1 > limit else 0.0
+    evidence[_ABOVE_2] = evidence[_ABOVE_2] + evidence[_GAP] if p2 > limit else 0.0
+    if evidence[_ABOVE_1] > tol.above_supply_ticks:
+        return _PRESSURE_1
+    if evidence[_ABOVE_2] > tol.above_supply_ticks:
+        return _PRESSURE_2
+    return NO_CHANNEL
+
+
+@inlined
+def _not_following(spool, tol, evidence):
+    """Return whether the spool has left the nominal valve's for longer than a valve's lag."""
+    if isnan(spool):
+        return False
+    model = evidence[_MODEL]
+    allowed = tol.spool_m + tol.spool_fraction * abs(model)
+    allowed += tol.spool_lag_s * abs(evidence[_MODEL_RATE])
+    away = abs(spool - model) > allowed
+    evidence[_SPOOL_TICKS] = evidence[_SPOOL_TICKS] + evidence[_GAP] if away else 0.0
+    return evidence[_SPOOL_TICKS] > tol.spool_ticks
+
+
+@inlined
+def _advance_valve(ticks, tol, evidence):
+    """Advance the nominal valve's second-order lag under the command that stood (docs/model.md)."""
+    par = tol.par
+    natural, target = par.valve_natural_frequency, par.valve_gain * evidence[_COMMAND]
+    step = tol.period_s / _SUBSTEPS
+    spool, rate = evidence[_MODEL], evidence[_MODEL_RATE]
+    for _ in range(_SUBSTEPS * min(ticks, _SETTLED_TICKS)):
+        damping = 2.0 * par.valve_damping * natural * rate
+        rate += step * (natural * natural * (target - spool) - damping)
+        spool += step * rate
+    evidence[_MODEL], evidence[_MODEL_RATE] = spool, rate

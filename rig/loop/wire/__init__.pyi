@@ -1,0 +1,25 @@
+from . import orders as orders
+from .cycle import wire_ticks as wire_ticks
+from .layout import (
+    RAMP_S as RAMP_S,
+    Count as Count,
+    Drive as Drive,
+    Found as Found,
+    Integers as Integers,
+    Left as Left,
+    Pace as Pace,
+    course as course,
+    estimation as estimation,
+    pace as pace,
+    shared_memory as shared_memory,
+    wire_channels as wire_channels,
+    wire_memory as wire_memory,
+)
+from .loop import WireLoop as WireLoop
+from .orders import (
+    Close as Close,
+    Closed as Closed,
+    Open as Open,
+    Opened as Opened,
+    Segment as Segment,
+)

@@ -1,0 +1,471 @@
+"""The loop on the wire: wait, exchange, estimate, check, record, in one compiled function.
+
+At tick k the frame written carries the command that follows from sample k-1 and setpoint k; the
+same transaction returns sample k (docs/decisions/0007). Nothing here returns to Python, and nobody
+is waited for but the clock and the device.
+"""
+
+from math import isnan, nan
+from typing import Final
+
+from numba import njit
+
+from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, ExchangeStatus, Tally, exchange, monotonic_ns
+from rig.loop.atomic import load_acquire, store_release
+from rig.loop.board import DECISIONS_KEPT, Word
+from rig.loop.clock import sleep_until
+from rig.loop.cycle import DECISION_COLUMNS, READINGS_AT, STATES_AT, limited_command, sample_row
+from rig.loop.decided import DECIDED
+from rig.loop.interlocks import (
+    NO_CHANNEL,
+    Action,
+    Cause,
+    allowed_command,
+    check_sample,
+    held_position,
+)
+from rig.loop.reaction import Reaction, forget, react, tolerating
+from rig.plant import READING_COUNT, inner
+
+from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
+from .null_watch import is_null, look_at_null
+
+_COMMAND: Final = FAST_OUTPUTS.index("command_V")
+_VALVE_ENABLE: Final = FAST_OUTPUTS.index("valve_enable")
+_HOST_COUNTER: Final = FAST_OUTPUTS.index("host_counter")
+_RESET_LAMP: Final = FAST_OUTPUTS.index("reset_lamp")
+_REARM: Final = FAST_OUTPUTS.index("rearm")
+_POSITION: Final = FAST_INPUTS.index("position_m")
+_VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
+_SENT: Final = int(Tally.SENT_NS)
+_ENCODER_FAULT: Final = FAST_INPUTS.index("encoder_fault")
+_DEVICE_COUNTER: Final = FAST_INPUTS.index("device_counter")
+_METERS: Final = len(METERS)
+_METERS_AT: Final = READING_COUNT - _METERS
+_STATUS_AT: Final = len(TIMINGS)
+_STATUS_COUNT: Final = len(STATUS)
+_SLOW_AT: Final = _STATUS_AT + _STATUS_COUNT
+_DECIDED: Final = len(DECIDED)
+
+_COUNTER_SPAN: Final = 65536
+"""`host_counter` counts modulo this."""
+_CONFIRM_NS: Final = 200_000_000
+"""Time the device has to confirm null, first and ever again; then it is brought there by another
+connection."""
+_S_PER_NS: Final = 1e-9
+_NOT_EXCHANGED: Final = -1
+_NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
+"""The timings of a tick that did not take place."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
+    """Run one segment until another one is asked for; return why it ended, a `Left`.
+
+    Args:
+        course: what to do, `Course`.
+        filt: the filter, `Estimation`; updated. The first whole sample starts it and the segment.
+        interlock: `Interlock`; its memory is updated.
+        pace: `Pace`.
+        fd: the device's socket; below 0 nothing is exchanged or checked.
+        plan: the device's `ExchangePlan`.
+        look: the `ExchangePlan` that reads it and writes nothing.
+        memory: `WireMemory`, kept from segment to segment; updated.
+        shared: the board, `SharedMemory`.
+    """
+    words, counts, outputs = shared.words, memory.counts, memory.outputs
+    memory.handling[:] = nan
+    memory.decided[:] = nan
+    forget(memory.reaction)
+    at = STATES_AT + filt.x.size + DECISION_COLUMNS
+    tick, started, action, held = 0, False, Action.NONE.value, outputs[_COMMAND]
+    words[Word.TICK] = 0
+    words[Word.SEGMENT] = course.number
+    while load_acquire(words, Word.SWITCH.value) == course.number:
+        due, woken, missed = _wait_for_tick(counts, pace)
+        words[Word.MISSED] += missed
+        # What others say comes before any command: this process may have been stopped for long.
+        cause = _cause_at_wakeup(words, counts, woken, missed, pace)
+        if cause != Cause.NONE.value:
+            _trip(words, cause, NO_CHANNEL, woken)
+        action = max(action, words[Word.STOP])
+        _take_decision(course.number, counts, memory, shared)
+        # A missed tick has no row where the time grid moves, or before the recording starts.
+        skipped = missed if started and pace.overrun != Overrun.REALIGN else 0
+        now = tick + skipped
+
+        taken = react(course.on_fault, memory.decided, now * pace.period_s, memory.reaction)
+        if taken == Reaction.TRIP:
+            _trip(words, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, woken)
+        drive = _drive(course, now, action, taken, words)
+        command = allowed_command(
+            _command(drive, course, filt, now, pace, interlock.limits, memory, words),
+            words[Word.HOMED] != 0,
+            interlock.tolerances, interlock.memory,
+        )  # fmt: skip
+        enable = _enable(drive, course, now, pace, memory, words)
+        leaves = counts[Count.LEAVE] != 0
+        if leaves:
+            command, enable = 0.0, 0.0
+        standing, begun, sent, status = outputs[_COMMAND], woken, 0, _NOT_EXCHANGED
+        if fd >= 0 and (now % pace.every == 0 or enable == 0.0):
+            if enable == 0.0 and counts[Count.NULL_NS] != 0:
+                look_at_null(
+                    fd, look, plan.transactions.shape[0], interlock.tolerances, pace, memory
+                )
+            begun = monotonic_ns()
+            status = _exchange(fd, plan, command, enable, course, pace, memory, words)
+            sent = plan.tally[_SENT]
+        ended = monotonic_ns()
+        if leaves:
+            return Left.ASKED.value
+        if status == ExchangeStatus.DISCONNECTED.value:
+            _trip(words, Cause.EXCHANGE_LOST.value, NO_CHANNEL, ended)
+
+        memory.reading[:] = nan
+        # A variable: for a constant the row would be compiled once more.
+        starts = not started
+        for k in range(tick, now):
+            setpoint = _setpoint(_drive(course, k, action, taken, words), course, k, memory)
+            row = _begin_row(k, setpoint, standing, held, starts, filt, pace, memory, shared)
+            _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
+            held = standing
+        tick = now
+
+        fresh = status == ExchangeStatus.OK.value
+        if fresh:
+            _take_sample(course.offset, ended, memory, words)
+        starts = not started and _is_whole(memory.reading)
+        started = started or starts
+        setpoint = _setpoint(drive, course, tick, memory)
+        command = outputs[_COMMAND]
+        if started:
+            row = _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared)
+        else:
+            row = _waiting_row(setpoint, command, pace, memory, shared)
+        held = command
+        if fd >= 0:
+            age = (ended - counts[Count.SAMPLED_NS]) // pace.period_ns
+            judged, cause, channel = check_sample(
+                memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
+                outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
+                interlock.limits, interlock.tolerances, interlock.memory,
+            )  # fmt: skip
+            if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
+                _trip(words, cause, channel, ended)
+                _exchange(fd, plan, 0.0, 0.0, course, pace, memory, words)
+            action = _acted_upon(judged, cause, channel, action, words)
+        done = monotonic_ns()
+        timing = (
+            _S_PER_NS * (woken - due),
+            nan if sent == 0 else _S_PER_NS * (sent - due),
+            nan if status == _NOT_EXCHANGED else _S_PER_NS * (ended - begun),
+            _S_PER_NS * (done - ended),
+            _S_PER_NS * (ended - counts[Count.SAMPLED_NS]), float(status),
+        )  # fmt: skip
+        _end_row(row, at, timing, course, tick if started else -1, action, memory, shared, woken,
+                 pace)  # fmt: skip
+        if started:
+            tick += 1
+        words[Word.TICK] = tick
+        words[Word.LOOP_BEAT] = done
+        if fd >= 0 and _is_unconfirmed(status, done, counts, words, pace):
+            return Left.UNCONFIRMED.value
+    return Left.SWITCHED.value
+
+
+@inner
+def _wait_for_tick(counts, pace):
+    """Sleep to the next tick; return when it was due, when the loop woke, and the ticks missed.
+
+    A tick is missed that cannot begin before half its period has passed: two exchanges are never
+    nearer to each other than that.
+    """
+    due, missed = counts[Count.DUE_NS], 0
+    if due == 0:
+        due = monotonic_ns() + pace.period_ns
+        counts[Count.SAMPLED_NS] = due
+    while True:
+        sleep_until(due)
+        woken = monotonic_ns()
+        late = (woken - due + pace.period_ns // 2) // pace.period_ns
+        if late <= 0:
+            break
+        missed += late
+        due = woken if pace.overrun == Overrun.REALIGN else due + late * pace.period_ns
+    counts[Count.DUE_NS] = due + pace.period_ns
+    return due, woken, missed
+
+
+@inner
+def _cause_at_wakeup(words, counts, now, missed, pace):
+    """Return why the loop must trip by what others say and by the clock, or `Cause.NONE`."""
+    if words[Word.FIELD_TRIP] != 0:
+        return words[Word.FIELD_TRIP]
+    if words[Word.SUPERVISOR_TRIP] != 0:
+        return words[Word.SUPERVISOR_TRIP]
+    if words[Word.STOP] == Action.TRIP:
+        return Cause.OPERATOR_STOP.value
+    if _is_silent(words[Word.SUPERVISOR_BEAT], now, pace.supervisor_ns):
+        return Cause.SUPERVISOR_LOST.value
+    if _is_silent(words[Word.FIELD_BEAT], now, pace.field_ns):
+        return Cause.FIELD_LOST.value
+    if _is_silent(words[Word.RECORDER_BEAT], now, pace.recorder_ns):
+        return Cause.RECORDER_LOST.value
+    if counts[Count.DRIVEN] == 0:
+        return Cause.NONE.value
+    if pace.overrun == Overrun.TRIP and missed >= pace.trip_after:
+        return Cause.OVERRUN.value
+    # Its own pause is told from a device's silence, which the interlock judges after the exchange.
+    if missed > 0 and now - counts[Count.SAMPLED_NS] > pace.stale_ns:
+        return Cause.OVERRUN.value
+    return Cause.NONE.value
+
+
+@inner
+def _take_decision(segment, counts, memory, shared):
+    """Take over the newest decision, if it is whole and on this segment."""
+    number = load_acquire(shared.words, Word.DECISIONS.value)
+    if number == counts[Count.DECISION]:
+        return
+    place = shared.decisions[number % DECISIONS_KEPT]
+    for i in range(place.size):
+        memory.posted[i] = place[i]
+    # The place is written again once the others have been: it may be being so then.
+    if load_acquire(shared.words, Word.DECISIONS.value) - number >= DECISIONS_KEPT - 1:
+        return
+    counts[Count.DECISION] = number
+    if memory.posted[0] == segment:
+        for i in range(_DECIDED):
+            memory.decided[i] = memory.posted[1 + i]
+
+
+@inner
+def _is_silent(beat, now, limit):
+    """Return whether a part beat once, and not since `limit` ns; 0 is no limit."""
+    return limit > 0 and beat != 0 and now - beat > limit
+
+
+@inner
+def _trip(words, cause, channel, now):
+    """Latch a trip with its first cause."""
+    if words[Word.LOOP_TRIP] == 0:
+        words[Word.LOOP_TRIP_AT] = now
+        words[Word.ACTION] = Action.TRIP.value
+        words[Word.ACTION_CAUSE] = cause
+        words[Word.ACTION_CHANNEL] = channel
+        store_release(words, Word.LOOP_TRIP.value, cause)
+
+
+@inner
+def _acted_upon(judged, cause, channel, action, words):
+    """Show what the interlock judged; return the segment's action, which only gets worse."""
+    if words[Word.LOOP_TRIP] != 0:
+        return Action.TRIP.value
+    if judged > action or judged == Action.NONE.value == action:
+        words[Word.ACTION] = judged
+        words[Word.ACTION_CAUSE] = cause
+        words[Word.ACTION_CHANNEL] = channel
+    return max(action, judged) if judged >= Action.HOLD.value else action
+
+
+@inner
+def _drive(course, tick, action, taken, words):
+    """Return what is done with the valve at a tick: what the course says, unless an action does.
+
+    Args:
+        course: the segment.
+        tick: of it.
+        action: the interlock's, or the operator's.
+        taken: `Reaction` to a confirmed fault.
+        words: of the board.
+    """
+    if taken == Reaction.HOLD:
+        action = max(action, Action.HOLD.value)
+    if words[Word.LOOP_TRIP] != 0 or course.drive == Drive.NULL:
+        return Drive.NULL.value
+    if action >= Action.RAMP_DOWN.value:
+        return Drive.RAMP_DOWN.value
+    if course.drive == Drive.TRACK and tick < course.setpoint.size and action < Action.HOLD.value:
+        return Drive.TRACK.value
+    return Drive.HOLD.value
+
+
+@inner
+def _command(drive, course, filt, tick, pace, limits, memory, words):
+    """Return the command in V for a tick."""
+    handling, position = memory.handling, memory.encoder[0] + course.offset
+    if drive == Drive.TRACK:
+        setpoint, limit = course.setpoint[tick], course.limit
+        command = limited_command(course.open_loop, setpoint, position, course.gain, limit)
+        if course.open_loop:
+            return command
+        return tolerating(command, course.on_fault, memory.decided, filt.x, filt.parameters, limit,
+                          pace.period_s, memory.reaction)  # fmt: skip
+    if drive == Drive.HOLD:
+        if isnan(handling[Handling.HELD_AT]):
+            handling[Handling.HELD_AT] = held_position(position, words[Word.HOMED] != 0, limits)
+        setpoint = handling[Handling.HELD_AT]
+        return limited_command(False, setpoint, position, course.gain, course.limit)
+    if drive == Drive.RAMP_DOWN:
+        if isnan(handling[Handling.RAMP_FROM]):
+            handling[Handling.RAMP_FROM] = memory.outputs[_COMMAND]
+            handling[Handling.RAMP_TICK] = tick
+        return handling[Handling.RAMP_FROM] * _ramp_left(tick, pace, memory)
+    return 0.0
+
+
+@inner
+def _ramp_left(tick, pace, memory):
+    """Return the part of the ramp down that is still ahead."""
+    return max(1.0 - (tick - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
+
+
+@inner
+def _enable(drive, course, tick, pace, memory, words):
+    """Return 1 where the valve may be enabled at a tick."""
+    if words[Word.LOOP_TRIP] != 0:
+        return 0.0
+    if drive == Drive.RAMP_DOWN and _ramp_left(tick, pace, memory) == 0.0:
+        return 0.0
+    return course.valve_enable
+
+
+@inner
+def _setpoint(drive, course, tick, memory):
+    """Return what the row of a tick shows as its setpoint; NaN for none of the row's quantity."""
+    if drive == Drive.TRACK:
+        return course.setpoint[tick]
+    if drive == Drive.HOLD and not course.open_loop:
+        return memory.handling[Handling.HELD_AT]
+    return nan
+
+
+@inner
+def _exchange(fd, plan, command, enable, course, pace, memory, words):
+    """Exchange outputs for a sample; return the `ExchangeStatus`."""
+    outputs, counts = memory.outputs, memory.counts
+    counts[Count.SEQUENCE] += 1
+    counts[Count.WRITTEN] += 1
+    outputs[_COMMAND] = command
+    outputs[_VALVE_ENABLE] = enable
+    outputs[_HOST_COUNTER] = counts[Count.WRITTEN] % _COUNTER_SPAN
+    outputs[_RESET_LAMP] = course.reset_lamp
+    outputs[_REARM] = course.rearm
+    deadline = monotonic_ns() + pace.timeout_ns
+    status = exchange(fd, plan, counts[Count.SEQUENCE], outputs, memory.inputs, deadline)
+    enabled = memory.inputs[_VALVE_ENABLED]
+    if enable == 0.0:
+        counts[Count.DRIVEN] = 0
+    else:
+        counts[Count.NULL_NS] = counts[Count.SETTLED] = counts[Count.AWAY] = 0
+    if status != ExchangeStatus.OK:
+        words[Word.EXCHANGE_ERRORS] += 1
+        return status
+    memory.inputs[_POSITION] += course.offset
+    if enable == 1.0 and enabled != 0.0:
+        counts[Count.DRIVEN] = 1
+    if enable == 0.0 and is_null(memory.inputs):
+        counts[Count.NULL_NS] = monotonic_ns()
+        if words[Word.LOOP_TRIP] != 0 and words[Word.VALVE_NULL_AT] == 0:
+            words[Word.VALVE_NULL_AT] = counts[Count.NULL_NS]
+    return status
+
+
+@inner
+def _is_unconfirmed(status, now, counts, words, pace):
+    """Return whether a trip cannot be, or was not of late, confirmed by this connection.
+
+    A valve that was at null is taken to be so still while nothing is heard of it, for as long as
+    the device may be silent before a trip: whoever was stopped for a moment goes on.
+    """
+    if words[Word.LOOP_TRIP] == 0:
+        return False
+    if status == ExchangeStatus.DISCONNECTED:
+        return True
+    since = now - max(words[Word.LOOP_TRIP_AT], counts[Count.NULL_NS])
+    is_denied = status == ExchangeStatus.OK or words[Word.VALVE_NULL_AT] == 0
+    return since > _CONFIRM_NS and (is_denied or since > pace.stale_ns)
+
+
+@inner
+def _take_sample(offset, now, memory, words):
+    """Take over the inputs, unless the device has no sample since the last one."""
+    inputs = memory.inputs
+    if inputs[_DEVICE_COUNTER] == memory.device_counter[0]:
+        return
+    memory.device_counter[0] = inputs[_DEVICE_COUNTER]
+    memory.counts[Count.SAMPLED_NS] = now
+    for i in range(READING_COUNT):
+        memory.reading[i] = inputs[i]
+    if not isnan(inputs[_POSITION]):
+        memory.encoder[0] = inputs[_POSITION] - offset
+    if inputs[_ENCODER_FAULT] == 1.0:
+        words[Word.HOMED] = 0
+
+
+@inner
+def _is_whole(reading):
+    """Return whether a filter can start from a reading: position and both pressures."""
+    return not isnan(reading[0] + reading[1] + reading[2])
+
+
+@inner
+def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared):
+    """Update the filter with `memory.reading`, and return the row begun with it."""
+    row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
+    sample_row(
+        starts, tick * pace.period_s, setpoint, command, held, memory.reading,
+        filt.code, filt.x, filt.covariance, filt.parameters, filt.noise, filt.work,
+        memory.decided, memory.reaction.acted, row,
+    )  # fmt: skip
+    return row
+
+
+@inner
+def _waiting_row(setpoint, command, pace, memory, shared):
+    """Return a row begun before the first whole sample: as it is, without estimates."""
+    row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
+    row[:] = nan
+    row[0] = -pace.period_s
+    row[1] = setpoint
+    row[2] = command
+    for i in range(READING_COUNT):
+        row[READINGS_AT + i] = memory.reading[i]
+    return row
+
+
+@inner
+def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
+    """Fill the row from column `at` on, and show it to the readers.
+
+    Args:
+        row: begun by `_begin_row`.
+        at: where the columns `TIMINGS` begin.
+        timing: those that are measured.
+        course: the segment; its number is shown while its table runs.
+        tick: of the segment, -1 before its start.
+        action: `Action`.
+        memory: for the status inputs, NaN without an exchange.
+        shared: the board.
+        now: CLOCK_MONOTONIC in ns; slow values older than a limit are NaN.
+        pace: for that limit.
+    """
+    words = shared.words
+    for i in range(MEASURED):
+        row[at + i] = timing[i]
+    row[at + MEASURED] = course.number if 0 <= tick < course.setpoint.size else -1.0
+    row[at + MEASURED + 1] = tick
+    row[at + MEASURED + 2] = action
+    for i in range(_STATUS_COUNT):
+        known = timing[MEASURED - 1] != _NOT_EXCHANGED
+        row[at + _STATUS_AT + i] = memory.inputs[READING_COUNT + i] if known else nan
+    for i in range(shared.slow.size):
+        value = shared.slow[i]
+        if now - shared.slow_at[i] > pace.slow_stale_ns:
+            value = nan
+        if i >= _METERS:
+            row[at + _SLOW_AT + i - _METERS] = value
+        elif isnan(row[READINGS_AT + _METERS_AT + i]):
+            row[READINGS_AT + _METERS_AT + i] = value
+    store_release(words, Word.ROWS.value, words[Word.ROWS] + 1)

@@ -1,0 +1,200 @@
+"""One test on the wire, seen from the supervisor: orders segments, takes rows as they come."""
+
+import time
+from dataclasses import replace
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control import raised_cosine
+from rig.io import FAST_INPUTS
+from rig.loop.board import Board, Word
+from rig.loop.decision_post import DecisionPost
+from rig.loop.interlocks import NO_CHANNEL, Action, Cause, LoopStoppedError
+from rig.loop.ring import RingReader
+
+from .layout import Drive, wire_channels
+from .orders import Segment
+
+Array = NDArray[np.float64]
+
+_NAP_S: Final = 2e-3
+_RECENT_ROWS: Final = 200
+"""Rows among which the newest position is looked for."""
+
+
+class LoopProcess(Protocol):
+    """The loop process, as far as a test needs it."""
+
+    def send(self, order: object) -> None:
+        """Send an order."""
+
+    def answer(self, timeout_s: float) -> Any:
+        """Return its next answer."""
+
+
+class WireLoop:
+    """One test on a real rig, with the face of `SimulatedLoop`.
+
+    Args:
+        board: shared with the loop process.
+        process: the loop process, which runs a segment.
+        test: the test's segment; its number is given here.
+        start_position: where the ram is brought before, m; None leaves it where it is.
+        settle_ticks: ticks that this may take.
+        period_s: of the loop.
+        silence_s: silence of the loop process after which it counts as lost.
+        timeout_s: how long it may take to get ready for a segment.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        process: LoopProcess,
+        test: Segment,
+        *,
+        start_position: float | None,
+        settle_ticks: int,
+        period_s: float,
+        silence_s: float,
+        timeout_s: float = 5.0,
+    ) -> None:
+        self._words = board.words
+        self._ring = RingReader(board)
+        self._post = DecisionPost(board)
+        self._process = process
+        self._test = test
+        self._start_position = start_position
+        self._settle_ticks = settle_ticks
+        self._period_s = period_s
+        self._silence_ns = round(1e9 * silence_s)
+        self._timeout_s = timeout_s
+        self._number = 0
+        self._rows: list[Array] = []
+        self._waiting = 0
+        self._done = 0
+        self._stopped: LoopStoppedError | None = None
+        self.channels = wire_channels(test.memory.filter.states, test.open_loop)
+        self._segment_column = self.channels.index("segment")
+        self._position_column = self.channels.index("position_m")
+
+    @property
+    def number(self) -> int:
+        """Number of the test's segment, which its rows carry; 0 before it runs."""
+        return self._number
+
+    @property
+    def ticks_left(self) -> int:
+        """Ticks of the test that are still to come."""
+        return self._test.setpoint.size - self._done
+
+    def position(self) -> None:
+        """Bring the ram to its start by the position loop, along a raised cosine; let it rest.
+
+        Raises:
+            LoopStoppedError: the loop did something else.
+        """
+        if self._start_position is None:
+            return
+        here = self._measured_position()
+        setpoint = raised_cosine(here, self._start_position, self._settle_ticks)
+        moving = replace(self._test, drive=Drive.TRACK, open_loop=False, setpoint=setpoint)
+        self._switch_to(moving)
+        while self._words[Word.TICK] < setpoint.size:
+            self._check()
+            time.sleep(_NAP_S)
+
+    def ready(self) -> int:
+        """Make the loop ready for the test, and return its segment's number, for the recorder."""
+        if not self._number:
+            self._number = self._order(self._test)
+        return self._number
+
+    def advance(self, ticks: int) -> Array:
+        """Wait for the next ticks, at most those left; return their rows (n, `channels`).
+
+        The first call begins the test.
+
+        Raises:
+            LoopStoppedError: the loop ended the test; rows up to then were returned.
+        """
+        if not self._done and self._words[Word.SWITCH] != self.ready():
+            self._ring.skip_to_end()
+            self._words[Word.SWITCH] = self._number
+        wanted = min(ticks, self.ticks_left)
+        while self._waiting < wanted and self._stopped is None:
+            try:
+                self._check()
+            except LoopStoppedError as error:
+                self._stopped = error
+            self._take()
+            if self._waiting < wanted:
+                time.sleep(_NAP_S)
+        if self._stopped is not None and not self._waiting:
+            raise self._stopped
+        wanted = min(wanted, self._waiting)
+        rows = np.concatenate(self._rows) if self._rows else np.empty((0, len(self.channels)))
+        self._rows, self._waiting = [rows[wanted:]], len(rows) - wanted
+        self._done += wanted
+        return rows[:wanted]
+
+    def decided(self, row: Array) -> None:
+        """Hand the loop a decision, a row of `DECIDED`; rows written from then on carry it."""
+        self._post.post(self._number, row)
+
+    def safe_state(self) -> None:
+        """Have the ram held where it is; a loop that tripped stays at null."""
+        if self._words[Word.LOOP_TRIP] == 0 and not self._is_silent():
+            self._switch_to(
+                replace(self._test, drive=Drive.HOLD, open_loop=False, setpoint=np.empty(0))
+            )
+
+    def _take(self) -> None:
+        rows = self._ring.take()
+        if self._ring.lost:
+            # This process stood still for longer than the ring lasts.
+            self._stopped = LoopStoppedError(Action.HOLD, Cause.SUPERVISOR_LOST)
+        mine = rows[rows[:, self._segment_column] == self._number]
+        if len(mine):
+            self._rows.append(mine)
+            self._waiting += len(mine)
+
+    def _order(self, segment: Segment) -> int:
+        number = int(self._words[Word.SWITCH]) + 1
+        fresh = replace(segment, number=number)
+        self._process.send(fresh)
+        self._process.answer(self._timeout_s)
+        return number
+
+    def _switch_to(self, segment: Segment) -> None:
+        number = self._order(segment)
+        self._words[Word.SWITCH] = number
+        until = time.monotonic() + self._timeout_s
+        while self._words[Word.SEGMENT] != number and time.monotonic() < until:
+            self._check()
+            time.sleep(_NAP_S)
+
+    def _measured_position(self) -> float:
+        positions = self._ring.latest(_RECENT_ROWS)[:, self._position_column]
+        known = positions[np.isfinite(positions)]
+        if not known.size:
+            raise LoopStoppedError(Action.HOLD, Cause.STALE_SAMPLE)
+        return float(known[-1])
+
+    def _check(self) -> None:
+        """Raise if the loop does not do what was ordered."""
+        words = self._words
+        action = Action(int(words[Word.ACTION]))
+        if words[Word.LOOP_TRIP]:
+            action = Action.TRIP
+        if action >= Action.HOLD:
+            cause = Cause(int(words[Word.LOOP_TRIP]) or int(words[Word.ACTION_CAUSE]))
+            index = int(words[Word.ACTION_CHANNEL])
+            channel = "" if index == NO_CHANNEL else FAST_INPUTS[index]
+            raise LoopStoppedError(action, cause, channel)
+        if self._is_silent():
+            raise LoopStoppedError(Action.TRIP, Cause.LOOP_LOST)
+
+    def _is_silent(self) -> bool:
+        return bool(time.monotonic_ns() - self._words[Word.LOOP_BEAT] > self._silence_ns)

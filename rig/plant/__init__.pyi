@@ -1,0 +1,85 @@
+from .added_terms import (
+    FLOW_1 as FLOW_1,
+    FLOW_2 as FLOW_2,
+    FORMS as FORMS,
+    MOST_TERMS as MOST_TERMS,
+    PLACES as PLACES,
+    QUANTITIES as QUANTITIES,
+    SPOOL as SPOOL,
+    AddedTerm as AddedTerm,
+    added as added,
+    fields_of as fields_of,
+    size_unit as size_unit,
+    terms_of as terms_of,
+)
+from .command_effects import (
+    LONGEST_DELAY_TICKS as LONGEST_DELAY_TICKS,
+    PATH_SIZE as PATH_SIZE,
+    command_path as command_path,
+    delayed_command as delayed_command,
+    drive as drive,
+    drive_undelayed as drive_undelayed,
+    hold_reference as hold_reference,
+    play as play,
+    start_clock as start_clock,
+)
+from .compiled import compile_part as compile_part, inlined as inlined, inner as inner
+from .dynamics import (
+    ATMOSPHERE as ATMOSPHERE,
+    PlantState as PlantState,
+    aeration_compliance as aeration_compliance,
+    chamber_volumes as chamber_volumes,
+    is_real_valve as is_real_valve,
+    lapped as lapped,
+    leak_flows as leak_flows,
+    port_flows as port_flows,
+    rest_state as rest_state,
+    signed_root as signed_root,
+    spring_force as spring_force,
+    total_mass as total_mass,
+    valve_conductance as valve_conductance,
+    valve_flows as valve_flows,
+)
+from .effects import (
+    CATALOGUE as CATALOGUE,
+    REMEMBERING as REMEMBERING,
+    Effect as Effect,
+    EffectParameter as EffectParameter,
+)
+from .faults import FAULT_COLUMNS as FAULT_COLUMNS, NO_FAULT as NO_FAULT, FaultInput as FaultInput
+from .integrator import (
+    LONGEST_STEP as LONGEST_STEP,
+    SUBSTEPS as SUBSTEPS,
+    TICK as TICK,
+    next_step as next_step,
+)
+from .model import Model as Model
+from .parameters import (
+    BRISTLE as BRISTLE,
+    FRICTION_LAWS as FRICTION_LAWS,
+    KARNOPP as KARNOPP,
+    LITRE_PER_MINUTE as LITRE_PER_MINUTE,
+    NOMINAL as NOMINAL,
+    Parameters as Parameters,
+    Quantity as Quantity,
+    quantities as quantities,
+)
+from .sensors import (
+    DATA_SHEET as DATA_SHEET,
+    READING_COUNT as READING_COUNT,
+    Reading as Reading,
+    SensorParameters as SensorParameters,
+    encoder_position as encoder_position,
+    pressure_reading as pressure_reading,
+    read_sensors as read_sensors,
+    spool_reading as spool_reading,
+)
+from .simulation import simulate as simulate
+from .step_length import SHORTEST as SHORTEST, resolving_step as resolving_step
+from .transducer_effects import (
+    TRANSDUCERS_SIZE as TRANSDUCERS_SIZE,
+    follow as follow,
+    reading_means as reading_means,
+    seen_position as seen_position,
+    transducers as transducers,
+)

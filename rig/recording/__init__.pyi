@@ -1,0 +1,18 @@
+from .errors import (
+    MAX_PROBLEMS as MAX_PROBLEMS,
+    Problem as Problem,
+    RecordingError as RecordingError,
+)
+from .exporting import export as export
+from .formats import McapWriter as McapWriter, read_mcap as read_mcap, write_csv as write_csv
+from .mapping import Column as Column
+from .reading import EXTENSIONS as EXTENSIONS, read_recording as read_recording
+from .recording import (
+    REPLAY_CHANNELS as REPLAY_CHANNELS,
+    Event as Event,
+    Recording as Recording,
+    content_hash as content_hash,
+)
+from .recovery import RecoverySummary as RecoverySummary, recover as recover
+from .targets import replacing as replacing
+from .units import unit_of as unit_of

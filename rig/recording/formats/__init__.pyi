@@ -1,0 +1,18 @@
+from .csv_reader import read_csv as read_csv
+from .csv_writer import write_csv as write_csv
+from .mcap_reader import (
+    DAMAGE as DAMAGE,
+    ForeignSchemaError as ForeignSchemaError,
+    SampleCollector as SampleCollector,
+    columns_of as columns_of,
+    foreign as foreign,
+    mapped as mapped,
+    read_mcap as read_mcap,
+)
+from .mcap_writer import (
+    McapWriter as McapWriter,
+    channel_problems as channel_problems,
+    write_mcap as write_mcap,
+)
+from .mf4_file import write_mf4 as write_mf4
+from .parquet_file import read_parquet as read_parquet, write_parquet as write_parquet

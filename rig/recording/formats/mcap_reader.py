@@ -1,0 +1,253 @@
+"""Reads recordings written by `McapWriter`: a chunk at a time, without a Python call a sample."""
+
+import json
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, Final, cast
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE, SeekingReader
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import MAGIC_SIZE, get_chunk_data_stream
+from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
+from zstandard import ZstdError
+
+from rig.recording.errors import Problem, RecordingError
+from rig.recording.recording import REPLAY_CHANNELS, Event, FloatArray
+from rig.recording.table import Table
+
+from .mcap_stream import serialised
+from .mcap_writer import EVENTS_TOPIC, METADATA_NAME, SAMPLES_TOPIC
+from .sample_layout import RECORD_PREFIX, SampleLayout, sample_schema
+
+DAMAGE: Final = (
+    McapError,
+    ZstdError,
+    struct.error,
+    ValueError,
+    TypeError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+)
+"""What the libraries raise on bytes that are not what they should be."""
+
+
+class ForeignSchemaError(Exception):
+    """The samples are not in McapWriter's schema, or there are none."""
+
+
+class SampleCollector:
+    """Takes the records of one MCAP file in their order and keeps what is a recording's.
+
+    Attributes:
+        channels: names; empty until the samples' channel was met.
+        blocks: rows of shape (n, n_channels), in file order.
+        metadata: of the recording.
+        events: in file order.
+    """
+
+    def __init__(self) -> None:
+        self.channels: Sequence[str] = ()
+        self.blocks: list[NDArray[np.float64]] = []
+        self.metadata: dict[str, Any] = {}
+        self.events: list[Event] = []
+        self._schemas: dict[int, Schema] = {}
+        self._layouts: dict[int, SampleLayout] = {}
+        self._event_channels: set[int] = set()
+
+    def take(self, record: McapRecord) -> None:
+        """Take any record other than a chunk; those that are not a recording's are passed over.
+
+        Raises:
+            ForeignSchemaError: samples in another schema than McapWriter's.
+            ValueError: contents that are not McapWriter's.
+        """
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self._take_channel(record)
+        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
+            self.metadata = {key: json.loads(text) for key, text in record.metadata.items()}
+        elif isinstance(record, Message) and record.channel_id in self._layouts:
+            self._take_samples(serialised([record]), 0, record.channel_id)
+        elif isinstance(record, Message) and record.channel_id in self._event_channels:
+            self.events.append(Event(**json.loads(record.data)))
+
+    def take_chunk(self, chunk: Chunk) -> None:
+        """Take the records of a chunk, whatever its compression, if its checksum is right.
+
+        Raises:
+            ForeignSchemaError: samples in another schema than McapWriter's.
+            McapError, ZstdError, ValueError, ...: one of DAMAGE; the chunk cannot be read.
+        """
+        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+        data = stream.read(length)
+        offset = 0
+        while offset < length:
+            opcode, content_length = struct.unpack_from("<BQ", data, offset)
+            start = offset + RECORD_PREFIX
+            offset = start + content_length
+            content = ReadDataStream(BytesIO(data[start:offset]))
+            if opcode == Opcode.SCHEMA:
+                self.take(Schema.read(content))
+            elif opcode == Opcode.CHANNEL:
+                self.take(Channel.read(content))
+            elif opcode == Opcode.MESSAGE:
+                (channel_id,) = struct.unpack_from("<H", data, start)
+                if channel_id in self._layouts:
+                    offset = self._take_samples(data, start - RECORD_PREFIX, channel_id)
+                else:
+                    self.take(Message.read(content, content_length))
+
+    def _take_channel(self, record: Channel) -> None:
+        if record.topic == EVENTS_TOPIC:
+            self._event_channels.add(record.id)
+        if record.topic != SAMPLES_TOPIC:
+            return
+        schema = self._schemas.get(record.schema_id)
+        try:
+            names = [str(name) for name in json.loads(record.metadata["channels"])]
+        except (KeyError, ValueError, TypeError):
+            names = []
+        # Only an identical schema promises the fixed layout that the samples are read by.
+        if schema is None or not names or sample_schema(names) != schema.data:
+            called = "none" if schema is None else f"{schema.name!r} ({schema.encoding})"
+            raise ForeignSchemaError(f"topic {SAMPLES_TOPIC} has another schema: {called}")
+        self.channels = names
+        self._layouts[record.id] = SampleLayout(names)
+
+    def _take_samples(self, data: bytes, offset: int, channel_id: int) -> int:
+        """Take the run of samples at data[offset]; return where it ends."""
+        layout = self._layouts[channel_id]
+        records = layout.run_at(data, offset, channel_id)
+        if not len(records):
+            raise ValueError(f"a message of {SAMPLES_TOPIC} is not as long as its schema says")
+        self.blocks.append(layout.values(records))
+        return offset + records.nbytes
+
+
+@contextmanager
+def mapped(path: str) -> Iterator[IO[bytes]]:
+    """Map an MCAP file; a damaged length then never makes a reader allocate what is not there.
+
+    Raises:
+        RecordingError: the file is empty or not MCAP.
+    """
+    with Path(path).open("rb") as file:
+        magic = file.read(len(MCAP0_MAGIC))
+        if not magic or not MCAP0_MAGIC.startswith(magic):
+            value = "not an MCAP file" if magic else "empty (0 bytes)"
+            remedy = "give the right extension, or record again"
+            raise RecordingError([Problem(path, None, "file", value, "", remedy)])
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapping:
+            yield cast(IO[bytes], mapping)
+
+
+def read_mcap(path: str) -> Table:
+    """Read a complete MCAP file written by McapWriter.
+
+    Raises:
+        RecordingError: the file is cut, damaged, or another program's.
+    """
+    collector = SampleCollector()
+    with mapped(path) as file:
+        if not _ends_properly(file):
+            raise RecordingError([_damaged(path, "cut off: the end of the file is missing")])
+        try:
+            _check_summary(file)
+            _collect(file, collector)
+        except ForeignSchemaError as error:
+            raise RecordingError([foreign(path, str(error))]) from None
+        except DAMAGE as error:
+            raise RecordingError([_damaged(path, f"damaged ({error})")]) from None
+    return Table(
+        path,
+        columns_of(collector.channels, collector.blocks),
+        metadata=collector.metadata,
+        events=collector.events,
+    )
+
+
+def columns_of(
+    channels: Sequence[str], blocks: Sequence[NDArray[np.float64]]
+) -> dict[str, FloatArray]:
+    """Return blocks of rows, shape (n, n_channels), as contiguous channels of shape (n,)."""
+    rows = np.concatenate(blocks) if blocks else np.empty((0, len(channels)))
+    return {name: np.ascontiguousarray(rows[:, k]) for k, name in enumerate(channels)}
+
+
+def foreign(path: str, reason: str) -> Problem:
+    """Return the problem of an MCAP file that is another program's."""
+    limit = "only recordings written by rig are read"
+    columns = ", ".join(REPLAY_CHANNELS)
+    remedy = f"export it as CSV from the program that made it, with columns {columns}"
+    return Problem(path, None, "file", reason, limit, remedy)
+
+
+def _ends_properly(file: IO[bytes]) -> bool:
+    file.seek(0, os.SEEK_END)
+    if file.tell() < FOOTER_SIZE + 2 * MAGIC_SIZE:
+        return False
+    file.seek(-MAGIC_SIZE, os.SEEK_END)
+    return file.read(MAGIC_SIZE) == MCAP0_MAGIC
+
+
+def _check_summary(file: IO[bytes]) -> None:
+    """Check the summary's checksum: a lost chunk index would silently shorten the recording.
+
+    Raises:
+        ValueError: the summary, or the footer itself, is not as it was written.
+    """
+    file.seek(-FOOTER_SIZE - MAGIC_SIZE, os.SEEK_END)
+    footer = file.read(FOOTER_SIZE)
+    opcode, _, start, _, crc = struct.unpack("<BQQQI", footer)
+    if opcode != Opcode.FOOTER or start == 0:
+        raise ValueError("no summary")
+    file.seek(0, os.SEEK_END)
+    length = file.tell() - MAGIC_SIZE - FOOTER_SIZE - start
+    file.seek(start)
+    if crc and zlib.crc32(file.read(length) + footer[:-4]) != crc:
+        raise ValueError("the summary's checksum is wrong")
+
+
+def _collect(file: IO[bytes], collector: SampleCollector) -> None:
+    file.seek(0)
+    reader = SeekingReader(file)
+    summary = reader.get_summary()
+    assert summary is not None  # _check_summary has seen it
+    for schema in summary.schemas.values():
+        collector.take(schema)
+    for channel in summary.channels.values():
+        collector.take(channel)
+    if not collector.channels:
+        raise ForeignSchemaError(f"no topic {SAMPLES_TOPIC}")
+    for metadata in reader.iter_metadata():
+        collector.take(metadata)
+    for index in sorted(summary.chunk_indexes, key=lambda entry: entry.chunk_start_offset):
+        file.seek(index.chunk_start_offset + RECORD_PREFIX)
+        collector.take_chunk(Chunk.read(ReadDataStream(file)))
+    if summary.statistics is None:
+        return
+    found = sum(len(block) for block in collector.blocks) + len(collector.events)
+    promised = sum(
+        count
+        for channel_id, count in summary.statistics.channel_message_counts.items()
+        if summary.channels[channel_id].topic in (SAMPLES_TOPIC, EVENTS_TOPIC)
+    )
+    if found != promised:
+        raise ValueError(f"the index leads to {found} of {promised} messages")
+
+
+def _damaged(path: str, value: str) -> Problem:
+    return Problem(path, None, "file", value, "", f"rig recover {path} OUT.mcap")

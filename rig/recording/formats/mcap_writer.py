@@ -1,0 +1,258 @@
+"""Writes a recording to MCAP while it is made: a killed process loses at most its last second."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from os import PathLike, fspath
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+from mcap.records import Channel, Message, Metadata, Schema
+from numpy.typing import NDArray
+
+from rig.recording.errors import Problem, RecordingError
+from rig.recording.metadata import metadata_texts
+from rig.recording.recording import Event
+from rig.recording.targets import target_problems
+from rig.recording.units import unit_of
+
+from .mcap_stream import McapStream, index_entries, serialised
+from .sample_layout import MESSAGE_NAME, SampleLayout, sample_schema
+
+SAMPLES_TOPIC: Final = "rig/samples"
+EVENTS_TOPIC: Final = "rig/events"
+METADATA_NAME: Final = "rig"
+CHUNK_SAMPLES: Final = 1000
+"""Samples a chunk: one second, what a kill -9 may cost."""
+
+_SAMPLES_ID: Final = 1  # of schema and channel
+_EVENTS_ID: Final = 2
+_EVENT_SCHEMA: Final = {
+    "title": "rig.Event",
+    "type": "object",
+    "properties": {
+        "time_s": {"type": "number"},
+        "kind": {"type": "string"},
+        "text": {"type": "string"},
+    },
+}
+
+
+class McapWriter:
+    """Writes samples and events of one recording to an MCAP file; a context manager.
+
+    Samples are messages of topic `rig/samples` (protobuf, one double a channel), events of topic
+    `rig/events` (JSON); the metadata is a Metadata record `rig` at the start (a JSON text a key).
+    Every CHUNK_SAMPLES samples, and at `flush()`, what was written so far is handed to the
+    operating system and survives the death of this process (not a power cut).
+
+    Args:
+        path: the file to make.
+        channels: names, protobuf identifiers, the first `time_s`.
+        metadata: JSON-able; kept exactly.
+        start_ns: log time of time_s = 0 (ns since an epoch), kept as metadata["start_ns"]; if not
+            given, that of the metadata, or 0.
+        overwrite: replace an existing file.
+
+    Raises:
+        RecordingError: the file exists or its folder does not, or a channel name or metadata
+            cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        channels: Sequence[str],
+        metadata: Mapping[str, Any] | None = None,
+        *,
+        start_ns: int | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        self.path: Final = fspath(path)
+        given = dict(metadata or {}) | ({} if start_ns is None else {"start_ns": start_ns})
+        texts, problems = metadata_texts(self.path, given)
+        problems += channel_problems(self.path, channels)
+        problems += target_problems(self.path, may_replace=overwrite)
+        if problems:
+            raise RecordingError(problems)
+
+        self._start_ns = int(given.get("start_ns", 0))
+        self._layout = SampleLayout(channels)
+        self._records = self._layout.blank(CHUNK_SAMPLES, _SAMPLES_ID)
+        self._pending = 0
+        self._pending_events: list[Message] = []
+        self._samples = 0
+        self._events = 0
+        self._stream = McapStream(
+            Path(self.path),
+            _schemas(channels),
+            _topics(channels),
+            [Metadata(name=METADATA_NAME, metadata=texts)],
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def write(self, rows: NDArray[np.float64]) -> None:
+        """Append samples: rows of shape (n, n_channels), in the order of the channels, SI.
+
+        Raises:
+            ValueError: another shape, or a time that is not finite or before the epoch.
+        """
+        rows = np.asarray(rows, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != len(self._layout.channels):
+            raise ValueError(
+                f"{self.path}: rows of shape {rows.shape}, must be (n, "
+                f"{len(self._layout.channels)}) for {', '.join(self._layout.channels)}"
+            )
+        log_times = self._log_times(rows[:, 0])
+        done = 0
+        while done < len(rows):
+            count = min(len(rows) - done, CHUNK_SAMPLES - self._pending)
+            records = self._records[self._pending : self._pending + count]
+            self._layout.set_values(records, rows[done : done + count])
+            records["log_time"] = records["publish_time"] = log_times[done : done + count]
+            records["sequence"] = np.arange(self._samples, self._samples + count)
+            self._samples += count
+            self._pending += count
+            done += count
+            if self._pending == CHUNK_SAMPLES:
+                self.flush()
+
+    def event(self, time_s: float, kind: str, text: str) -> None:
+        """Note something that happened at time_s (s); on disk after the next flush.
+
+        Raises:
+            ValueError: the time is not finite or before the epoch.
+        """
+        log_time = int(self._log_times(np.array([time_s]))[0])
+        content = {"time_s": float(time_s), "kind": kind, "text": text}
+        message = Message(
+            channel_id=_EVENTS_ID,
+            log_time=log_time,
+            data=json.dumps(content).encode(),
+            publish_time=log_time,
+            sequence=self._events,
+        )
+        self._pending_events.append(message)
+        self._events += 1
+
+    def flush(self) -> None:
+        """Close the chunk in progress and hand everything written so far to the system."""
+        if self._pending or self._pending_events:
+            self._write_chunk()
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Flush, complete the file and close it; harmless when repeated."""
+        if self._stream.closed:
+            return
+        try:
+            self.flush()
+            self._stream.finish()
+        finally:
+            self._stream.close()
+
+    def _log_times(self, time_s: NDArray[np.float64]) -> NDArray[np.uint64]:
+        nanoseconds = np.rint(time_s * 1e9)
+        # NaN compares false, so it is refused too.
+        valid = (nanoseconds >= -float(self._start_ns)) & (nanoseconds < 2.0**62)
+        if not valid.all():
+            worst = time_s[int(np.argmin(valid))]
+            raise ValueError(
+                f"{self.path}: time_s = {worst:g} s, must be finite and not before the epoch"
+            )
+        return (nanoseconds.astype(np.int64) + self._start_ns).astype(np.uint64)
+
+    def _write_chunk(self) -> None:
+        samples = self._records[: self._pending]
+        events = self._pending_events
+        indexes = {}
+        if len(samples):
+            offsets = np.arange(len(samples)) * self._layout.dtype.itemsize
+            indexes[_SAMPLES_ID] = index_entries(samples["log_time"], offsets)
+        encoded = [serialised([event]) for event in events]
+        if events:
+            lengths = [samples.nbytes, *(len(record) for record in encoded[:-1])]
+            times = np.array([event.log_time for event in events], dtype=np.uint64)
+            indexes[_EVENTS_ID] = index_entries(times, np.cumsum(lengths))
+        self._stream.write_chunk(b"".join([samples.tobytes(), *encoded]), indexes)
+        self._pending = 0
+        self._pending_events = []
+
+
+def write_mcap(
+    path: str | PathLike[str],
+    channels: Mapping[str, NDArray[np.float64]],
+    metadata: Mapping[str, Any],
+    events: Sequence[Event],
+) -> None:
+    """Write a whole recording (channels of shape (n,), SI) to a new MCAP file.
+
+    Raises:
+        RecordingError: the file exists, or a channel name or metadata cannot be written.
+    """
+    with McapWriter(path, list(channels), metadata) as writer:
+        for event in events:
+            writer.event(event.time_s, event.kind, event.text)
+        writer.write(np.column_stack(list(channels.values())))
+
+
+def _schemas(channels: Sequence[str]) -> list[Schema]:
+    events = json.dumps(_EVENT_SCHEMA).encode()
+    return [
+        Schema(
+            id=_SAMPLES_ID, name=MESSAGE_NAME, encoding="protobuf", data=sample_schema(channels)
+        ),
+        Schema(id=_EVENTS_ID, name="rig.Event", encoding="jsonschema", data=events),
+    ]
+
+
+def _topics(channels: Sequence[str]) -> list[Channel]:
+    described = {
+        "channels": json.dumps(list(channels)),
+        "units": json.dumps({name: unit_of(name) for name in channels}),
+    }
+    return [
+        Channel(
+            id=_SAMPLES_ID,
+            schema_id=_SAMPLES_ID,
+            topic=SAMPLES_TOPIC,
+            message_encoding="protobuf",
+            metadata=described,
+        ),
+        Channel(
+            id=_EVENTS_ID,
+            schema_id=_EVENTS_ID,
+            topic=EVENTS_TOPIC,
+            message_encoding="json",
+            metadata={},
+        ),
+    ]
+
+
+def channel_problems(path: str, channels: Sequence[str]) -> list[Problem]:
+    """Return what keeps these channels from being the fields of a sample."""
+    problems = []
+    if not channels or channels[0] != "time_s":
+        first = repr(channels[0]) if channels else "none"
+        limit = "the first channel must be time_s"
+        problems.append(Problem(path, None, "channels", first, limit, "reorder them"))
+    for position, name in enumerate(channels):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+            limit = "letters, digits and _ only, to be a protobuf field"
+            problems.append(Problem(path, None, "channels", repr(name), limit, "rename it"))
+        if name in channels[:position]:
+            limit = "given twice"
+            problems.append(Problem(path, None, "channels", repr(name), limit, "rename or drop it"))
+    return problems

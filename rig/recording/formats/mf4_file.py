@@ -1,0 +1,57 @@
+"""Writes MF4 (ASAM MDF 4.10), as measurement tools read it; needs the extra `mf4`."""
+
+import json
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from rig.recording.errors import Problem, RecordingError
+from rig.recording.metadata import events_text
+from rig.recording.recording import Recording
+from rig.recording.units import unit_of
+
+_VERSION: Final = "4.10"
+"""What every reader of MDF 4 understands."""
+
+
+def write_mf4(recording: Recording, path: Path, name: str) -> None:
+    """Write a recording to an MF4 file: a channel group over time, units, events as a comment.
+
+    float64 is kept bit for bit; time is the group's master channel.
+
+    Args:
+        recording: to be written.
+        path: the file.
+        name: of the file, for messages.
+
+    Raises:
+        RecordingError: asammdf is not installed.
+    """
+    try:
+        from asammdf import MDF, Signal
+    except ImportError:
+        value = "asammdf is not installed"
+        remedy = "pip install 'hydraulic-rig[mf4]', or choose .parquet or .csv"
+        raise RecordingError([Problem(name, None, "file", value, "MF4 needs it", remedy)]) from None
+    signals = [
+        Signal(
+            samples=np.ascontiguousarray(values),
+            timestamps=recording.time_s,
+            name=channel,
+            unit=unit_of(channel),
+        )
+        for channel, values in recording.channels.items()
+        if channel != "time_s"
+    ]
+    comment = {"metadata": recording.metadata, "events": json.loads(events_text(recording.events))}
+    # It would append a suffix of its own to any other name.
+    written = path.with_suffix(".mf4")
+    try:
+        with MDF(version=_VERSION) as file:
+            file.append(signals, comment="rig", common_timebase=True)
+            file.header.comment = json.dumps(comment)
+            file.save(written, overwrite=True, compression=2)
+        written.replace(path)
+    finally:
+        written.unlink(missing_ok=True)

@@ -1,0 +1,5 @@
+"""The page of a campaign, the page that compares two runs, and the page of a trend."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

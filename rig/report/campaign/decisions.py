@@ -1,0 +1,77 @@
+"""The panels of what was decided while the test ran, and of what the loop did about it."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.loop import PROBABILITIES, PROBABLE
+from rig.plant import LITRE_PER_MINUTE
+from rig.report.panel import Panel, TestData
+from rig.report.traces import Trace, line, ribbon
+from rig.report.wording import label
+
+Array = NDArray[np.float64]
+
+_PERCENT: Final = 100.0
+_WORTH_SHOWING: Final = 0.02
+"""A fault that was never more probable than this is not drawn."""
+_ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "bad", "found")
+"""Colours of health and of the faults, in the order of `PROBABILITIES`."""
+
+
+def probability(data: TestData) -> Panel | None:
+    """Return the panel of the probabilities of health and of each fault, as they were held."""
+    traces = []
+    for name, channel, role in zip(PROBABLE, PROBABILITIES, _ROLES, strict=True):
+        values = data.channel(channel)
+        if values is None or (name != "healthy" and not np.nanmax(values) > _WORTH_SHOWING):
+            continue
+        traces.append(
+            line(label(name), role, data.recording.time_s, values * _PERCENT, width=2.2,
+                 points=data.points)
+        )  # fmt: skip
+    if not traces:
+        return None
+    caption = "What the detector held while the test ran, decided anew every half second."
+    return Panel("probability", "Probability", caption, "%", tuple(traces), (-4.0, 104.0))
+
+
+def compensation(data: TestData) -> Panel | None:
+    """Return the panel of what was added to the command for a leak; None if nothing ever was."""
+    added, sent = data.channel("compensation_V"), data.channel("command_V")
+    if added is None or sent is None or not np.nanmax(np.abs(added)) > 0.0:
+        return None
+    time_s = data.recording.time_s
+    traces = (
+        line("valve command", "ink", time_s, sent, width=1.2, points=data.points),
+        line("of it for the leak", "accent", time_s, added, width=2.2, points=data.points),
+    )
+    caption = (
+        "What the loop sent to the valve, and what it added to the proportional command to make up "
+        "for the leak."
+    )
+    return Panel("compensation", "Command and compensation", caption, "V", traces)
+
+
+def flow_as_decided(data: TestData) -> Iterator[Trace]:
+    """Yield the band of the leak flow as it was held at each time, then its mean; L/min."""
+    names = ("decided_leak_low_m3_per_s", "decided_leak_high_m3_per_s", "decided_leak_m3_per_s")
+    channels = [data.channel(name) for name in names]
+    low, high, mean = (None if each is None else each / LITRE_PER_MINUTE for each in channels)
+    if mean is None:
+        return
+    # A decision stands from one row to the last before the next: both ends draw it.
+    time_s = data.recording.time_s
+    ends = _ends_of_stretches(data.recording["decided_at_s"])
+    if low is not None and high is not None:
+        yield ribbon("95 % interval", "found", time_s[ends], low[ends], high[ends])
+    yield line("mean flow found", "found", time_s[ends], mean[ends], width=2.2, dash="dash")
+
+
+def _ends_of_stretches(values: Array) -> NDArray[np.int64]:
+    """Return the indices of the first and last of equal values in a row, in their order."""
+    known = np.nan_to_num(values, nan=-1.0)
+    starts = np.flatnonzero(np.diff(known, prepend=np.inf))
+    return np.union1d(starts, np.append(starts[1:] - 1, values.size - 1))

@@ -1,0 +1,178 @@
+"""The panels of what leaked: missing oil, leak flow, and the evidence for it."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.leaks import LEAKS, leak_flow
+from rig.plant import LITRE_PER_MINUTE
+from rig.report.accounts import recorded_run
+from rig.report.panel import Panel, TestData, limits_of
+from rig.report.traces import Trace, band, line, steps
+from rig.report.wording import leaks_found
+from rig.runner.campaign import SHUT_S
+from rig.runner.outcomes import TestOutcome
+
+from .decisions import flow_as_decided
+
+Array = NDArray[np.float64]
+
+# By leak, in the order of LEAKS: what it is called, its colour, the truth, the meter.
+_CALLED: Final = (
+    ("chamber 1", "chamber_1", "true_leak_1_m3_per_s", "flow_1_m3_per_s"),
+    ("chamber 2", "chamber_2", "true_leak_2_m3_per_s", "flow_2_m3_per_s"),
+    ("internal", "internal", "true_leak_internal_m3_per_s", "flow_internal_m3_per_s"),
+)
+_LEAST_SPAN: Final = 0.1
+"""L/min that an axis of flow spans at least: noise shall not look like a leak."""
+
+
+def missing_flow(data: TestData) -> Panel | None:
+    """Return the panel of both chambers' oil accounts, and what the fault found explains."""
+    accounts = data.accounts
+    if accounts is None:
+        return None
+    missing = accounts.missing / LITRE_PER_MINUTE
+    explained = accounts.explained / LITRE_PER_MINUTE
+    decision = data.outcome.decision
+    middle_s = 0.5 * (accounts.start_s + accounts.end_s)
+    chambers = [(i, f"chamber {i + 1}", f"chamber_{i + 1}") for i in range(2)]
+    traces = [Trace(name, role, "dots", middle_s, missing[:, i]) for i, name, role in chambers]
+    if decision is not None and decision.onset_s is not None and explained.any():
+        traces += [
+            steps(
+                f"{name}, explained by what was found",
+                role,
+                accounts.start_s,
+                accounts.end_s,
+                explained[:, i],
+            )
+            for i, name, role in chambers
+        ]
+    caption = (
+        "Oil that came in through the valve and is nowhere to be found, every half second: inflow, "
+        "less what moved the piston, less what was compressed, less the model's own errors as "
+        "fitted. A sound chamber stays at zero; a leak makes a step."
+    )
+    limits = limits_of([missing, explained], _LEAST_SPAN)
+    return Panel("missing_flow", "Missing oil", caption, "L/min", tuple(traces), limits)
+
+
+def leak_flows(data: TestData) -> Panel | None:
+    """Return the panel of leak flows: injected, in the filter's states, and found."""
+    recorded: list[Trace] = []
+    zeros: list[str] = []
+    sources: set[str] = set()
+    estimated: list[Trace] = []
+    shown = []
+    states = _in_filter_states(data)
+    concerned = _concerned(data.outcome) or LEAKS
+    time_s = data.recording.time_s
+    for leak, (called, role, truth, meter) in zip(LEAKS, _CALLED, strict=True):
+        if leak not in concerned:
+            continue
+        was = data.channel(truth)
+        source = "injected"
+        if was is None:
+            was, zero = _metered(data, leak, meter)
+            source = "flow meter"
+            if zero is not None:
+                zeros.append(f"{called} {zero / LITRE_PER_MINUTE:.2f}")
+        if was is not None:
+            sources.add(source)
+            shown.append(was / LITRE_PER_MINUTE)
+            recorded.append(line(f"{called}, {source}", role, time_s, shown[-1], width=3.4,
+                                 opacity=0.4, points=data.points))  # fmt: skip
+        if leak in states:
+            values = states[leak] / LITRE_PER_MINUTE
+            shown.append(values[values.size // 10 :])
+            estimated.append(line(f"{called}, filter's leak state", role, time_s, values, width=1.1,
+                                  points=data.points))  # fmt: skip
+    found = list(_found(data))
+    if not recorded and not estimated and not found:
+        return None
+    caption = "Pale: the leak as it was." if "injected" in sources else ""
+    if "flow meter" in sources:
+        less = f"less its zero, read before the bypass was opened ({', '.join(zeros)} L/min)"
+        caption += f"Pale: what the flow meter read, {less if zeros else 'its zero included'}."
+    if estimated:
+        caption += " Fine: what the filter's leak state makes of it."
+    if found:
+        caption += " Dashed: the mean flow found since the onset, with its 95 % interval."
+        shown += [trace.values for trace in found]
+    traces = (*found[:1], *recorded, *estimated, *found[1:])
+    limits = limits_of(shown, _LEAST_SPAN)
+    return Panel("leak_flow", "Leak flow", caption.strip(), "L/min", traces, limits)
+
+
+def evidence(data: TestData) -> Panel | None:
+    """Return the panel of the test statistic against its threshold."""
+    accounts = data.accounts
+    if accounts is None:
+        return None
+    ends = accounts.decided_s
+    traces = (
+        line("likeliest fault", "ink", ends, accounts.statistic, width=2.2),
+        line("threshold", "found", ends, accounts.threshold, width=2.0, dash="dash"),
+    )
+    caption = (
+        "By how many standard errors the likeliest fault stands out. Above the dashed line the "
+        "detector calls it; a healthy rig gets there no more often than at the stated rate. What "
+        "was confirmed stays on record when the evidence falls again."
+    )
+    top = float(np.max([accounts.statistic.max(), *accounts.threshold[-1:] * 1.5]))
+    return Panel("evidence", "Evidence", caption, "standard errors", traces, (0.0, 1.08 * top))
+
+
+def _concerned(outcome: TestOutcome) -> set[str]:
+    """Return the leaks a test is about: those injected and those found."""
+    kinds = {fault.kind for fault in outcome.injected}
+    if outcome.decision is not None:
+        kinds |= {*leaks_found(outcome.decision)}
+    return kinds & set(LEAKS)
+
+
+def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float | None]:
+    """Return what a leak's meter read, less its zero, and that zero, m^3/s.
+
+    Nothing of a leak that was never opened: what is read then is the zero. The zero is None where
+    the bypass was not shut for long enough to know it.
+    """
+    onsets = [fault.at_s for fault in data.outcome.injected if fault.kind == leak]
+    flow = data.channel(meter)
+    if not onsets or flow is None:
+        return None, None
+    before = flow[data.recording.time_s < min(onsets)]
+    before = before[np.isfinite(before)]
+    if min(onsets) < SHUT_S or not before.size:
+        return flow, None
+    zero = float(before.mean())
+    return flow - zero, zero
+
+
+def _in_filter_states(data: TestData) -> dict[str, Array]:
+    """Return the leak flows, m^3/s, that the filter's states amount to; none where it has none."""
+    run = recorded_run(data.recording, data.filter_name)
+    leaks = {f"{leak}_m3_per_s_sqrtPa" for leak in LEAKS}
+    if run is None or data.parameters is None or not leaks <= set(run.filter.states):
+        return {}
+    return leak_flow(run, data.parameters)
+
+
+def _found(data: TestData) -> Iterator[Trace]:
+    """Yield the band of the flow found, then its mean: as held at each time, if that is told."""
+    held = list(flow_as_decided(data))
+    if held:
+        yield from held
+        return
+    decision = data.outcome.decision
+    if decision is None or decision.leak_m3_per_s is None or decision.onset_s is None:
+        return
+    start, end = decision.onset_s, float(data.recording.time_s[-1])
+    if decision.interval_m3_per_s is not None:
+        lower, upper = (bound / LITRE_PER_MINUTE for bound in decision.interval_m3_per_s)
+        yield band("95 % interval", "found", start, end, lower, upper)
+    mean = np.full(2, decision.leak_m3_per_s / LITRE_PER_MINUTE)
+    yield line("mean flow found", "found", np.array([start, end]), mean, width=2.2, dash="dash")

@@ -1,0 +1,67 @@
+"""Writes a campaign's report: one HTML file that needs nothing else, not even a network."""
+
+import shlex
+from pathlib import Path
+
+from rig.recording import replacing
+from rig.report.templating import rendered
+from rig.report.wording import STATUS_LABELS, detection_summary, headline, when
+from rig.runner.outcomes import CampaignOutcome, Status
+from rig.runner.run_folder import REPORT
+
+from .sections import sections_of
+from .summary import false_alarm_words, full_scale, rows_of, smallest_rows
+
+
+def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
+    """Write `report.html` and return its path.
+
+    A recording that is missing or cannot be read leaves a note where its plots would be.
+
+    Args:
+        outcome: what came of the campaign, complete or not.
+        directory: the run's folder, with the recordings that the outcome names.
+
+    Raises:
+        OSError: the folder cannot be written to.
+    """
+    path = directory / REPORT
+    page = render(outcome, directory)
+    with replacing(path) as partial:
+        partial.write_text(page, encoding="utf-8")
+    return path
+
+
+def render(outcome: CampaignOutcome, directory: Path) -> str:
+    """Return the report of a campaign as HTML; see `write_report`."""
+    sections = sections_of(outcome, directory)
+    rows = rows_of(outcome, sections)
+    return rendered(
+        "report.html.j2",
+        "report.js",
+        outcome=outcome,
+        started=when(outcome.started),
+        headline=headline(outcome),
+        summary=detection_summary(outcome),
+        counts=[(status, *STATUS_LABELS[status], n) for status, n in outcome.counts.items()],
+        good=all(test.status is Status.PASSED for test in outcome.tests),
+        rows=rows,
+        full_scale=full_scale(outcome),
+        sections=sections,
+        attempted=[test for test in outcome.tests if test.attempts],
+        false_alarms=false_alarm_words(outcome),
+        smallest=smallest_rows(sections),
+        intervals=any(row.chart.lower is not None for row in rows),
+        command=_rerun(outcome),
+    )
+
+
+def _rerun(outcome: CampaignOutcome) -> str:
+    """Return the command that runs a campaign again: as recorded, else by its own file."""
+    told = outcome.provenance.get("command")
+    if isinstance(told, str):
+        return told
+    if isinstance(told, list | tuple):
+        return shlex.join(str(word) for word in told)
+    files_read = outcome.provenance.get("source_files") or {}
+    return shlex.join(["rig", "run", str(next(iter(files_read), outcome.name))])

@@ -1,0 +1,256 @@
+"""Prepares one section a test: its recording read, its plots drawn, its times marked."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from estimator.filters import DEFAULT_FILTER
+from estimator.leaks import LEAKS
+from rig.loop import TIMING
+from rig.plant import Model
+from rig.recording import Event, Recording, RecordingError, read_recording, recover
+from rig.report.accounts import AccountHistory, account_history
+from rig.report.friction import friction
+from rig.report.panel import Panel, TestData
+from rig.report.traces import POINTS
+from rig.report.wording import STATUS_LABELS, story
+from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, account_detector_of
+
+from .conditions import assumed_parameters, conditions_of, loop_conditions
+from .decisions import compensation, probability
+from .leaks import evidence, leak_flows, missing_flow
+from .signals import command, innovation, motion, pressures
+
+_ACCOUNT_PANELS: Final = (
+    motion, command, compensation, pressures, missing_flow, leak_flows, probability, evidence,
+    innovation, friction,
+)  # fmt: skip
+_PATTERN_PANELS: Final = (
+    motion, command, compensation, pressures, innovation, leak_flows, probability,
+)  # fmt: skip
+_FULL_DETAIL_TESTS: Final = 12
+_LEAST_POINTS: Final = 400
+_MANY_EVENTS: Final = 40
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A time worth a vertical line in every plot of a test."""
+
+    kind: str
+    time_s: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of time that is shaded in every plot of a test, and what was done in it."""
+
+    start_s: float
+    end_s: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """The smallest leak flows, m^3/s at the leak's reference drop, that a test would have found.
+
+    Attributes:
+        begun: by leak, of one that begins during the test.
+        there: by leak, of one that is there from the start; None if that is not known.
+    """
+
+    begun: dict[str, float]
+    there: dict[str, float] | None
+
+
+@dataclass(frozen=True)
+class Section:
+    """All that the report shows of one test.
+
+    Attributes:
+        anchor: its name within the page.
+        symbol, status: how it ended, as a sign and in a word.
+        story: what happened, in words.
+        notes: what is missing, and why.
+        conditions: what the test asked of the rig, as (name, text).
+        panels: its plots, empty without a readable recording.
+        marks: injections, onset and detection, in the order of time.
+        spans: what the loop did about a fault.
+        events: what the recording says happened, at most some.
+        start_s, end_s: what the time axis spans; what was planned if the test ended before.
+        recorded_until_s: where the recording ends.
+        smallest: what the motion would have shown before any fault; None if that is not known.
+        opened: whether the page shows it unfolded.
+    """
+
+    anchor: str
+    test: TestOutcome
+    symbol: str
+    status: str
+    story: str
+    notes: tuple[str, ...]
+    conditions: tuple[tuple[str, str], ...] = ()
+    panels: tuple[Panel, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    spans: tuple[Span, ...] = ()
+    events: tuple[Event, ...] = ()
+    start_s: float = 0.0
+    end_s: float = 0.0
+    recorded_until_s: float = 0.0
+    smallest: Smallest | None = None
+    opened: bool = False
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """What the page's script draws the section's plots from."""
+        return {
+            "start": self.start_s,
+            "end": self.end_s,
+            "recorded": self.recorded_until_s,
+            "spans": [{"start": s.start_s, "end": s.end_s, "text": s.text} for s in self.spans],
+            "marks": [{"kind": m.kind, "time": m.time_s, "text": m.text} for m in self.marks],
+            "panels": {panel.key: panel.figure for panel in self.panels},
+        }
+
+
+def sections_of(outcome: CampaignOutcome, directory: Path) -> list[Section]:
+    """Return a section for each test, in the campaign's order.
+
+    Args:
+        outcome: the campaign's outcome.
+        directory: where its recordings are.
+    """
+    opened = _worth_opening(outcome)
+    return [
+        _section(outcome, index, directory, index == opened) for index in range(len(outcome.tests))
+    ]
+
+
+def _worth_opening(outcome: CampaignOutcome) -> int:
+    """Return the first test that failed, else the first with a leak, else the first."""
+    tests = outcome.tests
+    failed = [i for i, t in enumerate(tests) if t.status in (Status.FAILED, Status.ERROR)]
+    leaking = [i for i, t in enumerate(tests) if t.injected and t.recording]
+    return (failed + leaking + [0])[0]
+
+
+def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool) -> Section:
+    test = outcome.tests[index]
+    symbol, status = STATUS_LABELS[test.status]
+    recording, notes = _recording(test, directory)
+    told = "" if test.status is Status.NOT_RUN else story(test)
+    anchor = f"test-{index + 1}"
+    if recording is None:
+        smallest = _smallest(test, None)
+        return Section(anchor, test, symbol, status, told, notes, smallest=smallest, opened=opened)
+    parameters = assumed_parameters(recording.metadata)
+    accounts = None
+    if outcome.filter == DEFAULT_FILTER and parameters is not None:
+        assumed = Model(parameters=parameters)
+        detector = account_detector_of(recording, assumed, outcome.false_alarms_per_day)
+        accounts = None if detector is None else account_history(recording, detector)
+    if outcome.filter == DEFAULT_FILTER and accounts is None:
+        notes = (
+            *notes,
+            "Without the filter's estimates, model and baseline no oil account can be drawn.",
+        )
+    points = _points(len(outcome.tests))
+    data = TestData(test, recording, outcome.filter, parameters, accounts, points)
+    draw = _ACCOUNT_PANELS if outcome.filter == DEFAULT_FILTER else _PATTERN_PANELS
+    last = float(recording.time_s[-1])
+    return Section(
+        anchor,
+        test,
+        symbol,
+        status,
+        told,
+        notes,
+        (*conditions_of(recording.metadata), *loop_conditions(recording)),
+        tuple(panel for drawn in draw if (panel := drawn(data)) is not None),
+        _marks(test),
+        _spans(test, last),
+        tuple(event for event in recording.events if event.kind != TIMING)[:_MANY_EVENTS],
+        float(recording.time_s[0]),
+        max(last, test.duration_s),
+        last,
+        _smallest(test, accounts),
+        opened,
+    )
+
+
+def _points(tests: int) -> int:
+    """Return the points of a trace: fewer in a large campaign, so that its page still opens."""
+    return max(
+        _LEAST_POINTS, 2 * (POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2)
+    )
+
+
+def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tuple[str, ...]]:
+    """Return a test's recording, as much of it as can be read, and notes on what cannot."""
+    if test.recording is None:
+        missing = "There is no recording of this test."
+        return None, () if test.status is Status.NOT_RUN else (missing,)
+    path = directory / test.recording
+    try:
+        return read_recording(path, required=("time_s",)), ()
+    except RecordingError as error:
+        problems = "; ".join(f"{p.field}: {p.value}" for p in error.problems)
+    note = f"The recording {test.recording} cannot be read ({problems})."
+    with TemporaryDirectory() as folder:
+        try:
+            kept = recover(path, Path(folder) / "kept.mcap")
+            recording = read_recording(kept.path_out, required=("time_s",))
+        except (RecordingError, OSError):
+            return None, (note,)
+    shown = f"{kept.first_time_s:.1f} s to {kept.last_time_s:.1f} s"
+    return recording, (f"{note} Shown is what could be recovered, {shown}.",)
+
+
+def _marks(test: TestOutcome) -> tuple[Mark, ...]:
+    marks = []
+    for fault in test.injected:
+        marks.append(Mark("injected", fault.at_s, f"injected {fault.at_s:.1f} s"))
+        if fault.until_s is not None:
+            marks.append(Mark("removed", fault.until_s, f"removed {fault.until_s:.1f} s"))
+    if test.decision is not None and test.decision.onset_s is not None:
+        onset = test.decision.onset_s
+        marks.append(Mark("onset", onset, f"onset found {onset:.1f} s"))
+        if (ended := test.decision.ended_s) is not None:
+            marks.append(Mark("gone", ended, f"gone again {ended:.1f} s"))
+    if test.detected_at_s is not None:
+        marks.append(Mark("detected", test.detected_at_s, f"detected {test.detected_at_s:.1f} s"))
+    return tuple(sorted(marks, key=lambda mark: mark.time_s))
+
+
+def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
+    """Return what the loop did about a fault, the actions that follow at once on each other as one.
+
+    A leak whose coefficient is estimated anew is tolerated as before.
+    """
+    spans: list[Span] = []
+    for action in test.actions:
+        end_s = last_s if action.until_s is None else action.until_s
+        text = action.what.split(" ", 1)[0]
+        if spans and spans[-1].text == text and spans[-1].end_s == action.at_s:
+            spans[-1] = Span(spans[-1].start_s, end_s, text)
+        else:
+            spans.append(Span(action.at_s, end_s, text))
+    return tuple(spans)
+
+
+def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | None:
+    """Return the smallest leaks that would have been found, by the decision or the one before.
+
+    A detector that has found a fault no longer tells; what it told before that fault does.
+    """
+    decided = {} if test.decision is None else test.decision.details
+    for details in (decided, {} if accounts is None else accounts.smallest):
+        begun, there = (
+            {leak: details[key] for leak in LEAKS if (key := f"{told}_{leak}_m3_per_s") in details}
+            for told in ("smallest", "smallest_from_start")
+        )
+        if len(begun) == len(LEAKS):
+            return Smallest(begun, there if len(there) == len(LEAKS) else None)
+    return None

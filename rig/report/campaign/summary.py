@@ -1,0 +1,169 @@
+"""The report's first page: the verdict table and how sure the verdicts are."""
+
+from dataclasses import dataclass
+from math import ceil, floor, isfinite, log10
+from typing import Final
+
+from estimator.filters import DEFAULT_FILTER
+from estimator.leaks import LEAKS, LEARNING_S
+from faults import to_litres_per_minute
+from rig.report.wording import (
+    acted,
+    flow,
+    found_flow,
+    found_names,
+    injected_size,
+    label,
+    latency,
+    leaks_found,
+    seconds,
+)
+from rig.runner.outcomes import CampaignOutcome, Status, TestOutcome, chance, reaction
+
+from .sections import Section
+
+DAY_S: Final = 86400.0
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Flows as places on the small chart of a row, in percent of its width."""
+
+    injected: float | None
+    found: float | None
+    lower: float | None
+    upper: float | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the verdict table, ready to print."""
+
+    section: Section
+    injected: tuple[tuple[str, str, str], ...]
+    found: str
+    chance: str
+    reaction: str
+    flow: str
+    onset: str
+    latency: str
+    expected: str
+    began: bool
+    chart: Scale
+
+
+def full_scale(outcome: CampaignOutcome) -> float:
+    """Return the flow in L/min at the end of the small charts: 1, 2 or 5 times a power of ten."""
+    flows = [fault.mean_flow_m3_per_s or 0.0 for test in outcome.tests for fault in test.injected]
+    for test in outcome.tests:
+        if test.decision is not None and test.decision.interval_m3_per_s is not None:
+            flows.append(test.decision.interval_m3_per_s[1])
+    largest = to_litres_per_minute(max(flows, default=0.0))
+    if not isfinite(largest) or largest <= 0.0:
+        return 1.0
+    decade = 10.0 ** floor(log10(largest))
+    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= largest)
+
+
+def rows_of(outcome: CampaignOutcome, sections: list[Section]) -> list[Row]:
+    """Return the verdict table, in the campaign's order."""
+    scale = full_scale(outcome)
+    return [_row(section, scale) for section in sections]
+
+
+def _row(section: Section, scale: float) -> Row:
+    test = section.test
+    decision = test.decision
+    found = "no verdict" if decision is None else found_names(decision)
+    if test.status is Status.NOT_RUN:
+        found = ""
+    onset = "" if decision is None or decision.onset_s is None else seconds(decision.onset_s)
+    return Row(
+        section,
+        tuple((label(fault.kind), injected_size(fault), acted(fault)) for fault in test.injected),
+        found,
+        "" if decision is None else chance(decision),
+        reaction(test),
+        "" if decision is None else found_flow(decision),
+        onset,
+        latency(test),
+        label(test.expect),
+        test.status is not Status.NOT_RUN,
+        _chart(test, scale),
+    )
+
+
+def _chart(test: TestOutcome, scale: float) -> Scale:
+    def place(m3_per_s: float | None) -> float | None:
+        if m3_per_s is None or not isfinite(m3_per_s):
+            return None
+        return min(max(100.0 * to_litres_per_minute(m3_per_s) / scale, 0.0), 100.0)
+
+    decision = test.decision
+    interval = None if decision is None else decision.interval_m3_per_s
+    lower, upper = interval or (None, None)
+    concerned = test.injected
+    if decision is not None and (kinds := leaks_found(decision)):
+        concerned = tuple(fault for fault in test.injected if fault.kind in kinds)
+    flows = [flow for fault in concerned if (flow := fault.mean_flow_m3_per_s) is not None]
+    return Scale(
+        place(sum(flows) if flows else None),
+        place(None if decision is None else decision.leak_m3_per_s),
+        place(lower),
+        place(upper),
+    )
+
+
+def false_alarm_words(outcome: CampaignOutcome) -> str:
+    """Return what the stated false-alarm rate means for this campaign."""
+    rate = outcome.false_alarms_per_day
+    judged = sum(
+        test.recorded_s or test.duration_s for test in outcome.tests if test.decision is not None
+    )
+    chance = rate * judged / DAY_S
+    often = "once" if rate == 1.0 else f"{rate:g} times"
+    text = f"The thresholds are set so that a healthy rig is called faulty at most {often} in a day"
+    text += " of continuous running."
+    if 0.0 < chance < 0.5:
+        text += (
+            f" The detector judged {judged:.0f} s here, so the chance that any verdict here is a "
+            f"false alarm is at most 1 in {floor(1.0 / chance):,}."
+        )
+    if outcome.filter == DEFAULT_FILTER:
+        text += (
+            " It is an upper bound: the rate is shared out over every fault and onset looked for."
+        )
+    else:
+        text += (
+            " The thresholds are learnt from healthy running: from a healthy test with the same "
+            f"setpoint and load, else from the first {LEARNING_S:g} s of each test."
+        )
+    return text
+
+
+def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str], list[str]]]:
+    """Return (test, of leaks that begin, of leaks there from the start), each test that tells.
+
+    Flows are in L/min by leak, and "none" where the motion shows no leak at all.
+    """
+    rows = []
+    for section in sections:
+        if section.smallest is None:
+            continue
+        decision = section.test.decision
+        blind = decision is not None and decision.verdict == "inconclusive"
+        begun, there = (
+            [_claim(flows[leak], blind) for leak in LEAKS] if flows is not None else []
+            for flows in (section.smallest.begun, section.smallest.there)
+        )
+        rows.append((section.test.name, begun, there))
+    return rows
+
+
+def _claim(m3_per_s: float, blind: bool) -> str:
+    return flow(_rounded_up(m3_per_s)) if isfinite(m3_per_s) and not blind else "none"
+
+
+def _rounded_up(m3_per_s: float) -> float:
+    """Return a flow rounded up to 0.001 L/min, so that the claim is never better than the test."""
+    return ceil(m3_per_s * 6e7) / 6e7

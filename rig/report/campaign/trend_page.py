@@ -1,0 +1,63 @@
+"""The page of trends over runs: what changes first, then every figure of every test."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from rig.recording import replacing
+from rig.report.templating import rendered
+from rig.runner.run_folder import Trend
+
+_INTERVAL: Final = 1.96
+TREND: Final = "trend.html"
+"""Its name in a schedule's folder."""
+
+
+def write_trend(trends: Sequence[Trend], path: Path, title: str) -> None:
+    """Write the page, in one step.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with replacing(path) as partial:
+        partial.write_text(trend_page(trends, title), encoding="utf-8")
+
+
+def trend_page(trends: Sequence[Trend], title: str) -> str:
+    """Return the HTML page of trends; it fetches nothing."""
+    tests: dict[tuple[str, str], list[tuple[int, Trend]]] = {}
+    for index, trend in enumerate(trends):
+        tests.setdefault((trend.campaign, trend.test), []).append((index, trend))
+    return rendered(
+        "trend.html.j2",
+        "trend.js",
+        title=title,
+        changing=[trend for trend in trends if trend.changes],
+        told=any(trend.slope is not None for trend in trends),
+        tests=tests,
+        runs=len({point.run for trend in trends for point in trend.points}),
+        figures=[_figure(trend) for trend in trends],
+    )
+
+
+def _figure(trend: Trend) -> dict[str, Any]:
+    errors = [point.standard_error for point in trend.points]
+    return {
+        "unit": trend.unit,
+        "at": [point.at.strftime("%Y-%m-%d %H:%M:%S") for point in trend.points],
+        "values": [point.value for point in trend.points],
+        "halves": [None if error is None else _INTERVAL * error for error in errors],
+        "runs": [point.run for point in trend.points],
+        "line": _line(trend),
+    }
+
+
+def _line(trend: Trend) -> list[float] | None:
+    """Return the fitted line at the first and the last run."""
+    if trend.slope is None:
+        return None
+    first, last = trend.points[0].at, trend.points[-1].at
+    days = [(point.at - first).total_seconds() / 86400.0 for point in trend.points]
+    mean = sum(point.value for point in trend.points) / len(days)
+    start = mean - trend.slope * sum(days) / len(days)
+    return [start, start + trend.slope * (last - first).total_seconds() / 86400.0]

@@ -1,0 +1,14 @@
+from .experiment import (
+    experiment_page as experiment_page,
+    parameter_rows as parameter_rows,
+    remarks as remarks,
+)
+from .page import friction_page as friction_page
+from .panel import friction as friction
+from .words import (
+    FrictionRun as FrictionRun,
+    changes_in_words as changes_in_words,
+    in_words as in_words,
+    needs_in_words as needs_in_words,
+    shown as shown,
+)

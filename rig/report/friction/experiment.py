@@ -1,0 +1,147 @@
+"""The page of `rig identify friction --rig`: figure 3.1, and what was found, in words."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.friction import DISAGREEMENT, PARAMETERS, model_curve, steady_among
+from rig.report.templating import rendered
+from rig.runner.experiments import FrictionExperiment
+
+from .panel import MM, both_ways
+from .words import in_words, needs_in_words, shown
+
+Array = NDArray[np.float64]
+
+_INTERVAL: Final = 1.96
+_SLOWEST: Final = 1e-4
+_MISFIT: Final = 4.0
+"""chi^2 over its degrees of freedom, that measurements which agree exceed less than once in 100."""
+
+
+def experiment_page(experiment: FrictionExperiment, started: str) -> str:
+    """Return the HTML page of an experiment, begun at a date and time (UTC)."""
+    return rendered(
+        "friction_experiment.html.j2",
+        "friction_experiment.js",
+        rig=experiment.rig,
+        model=experiment.assumed.name,
+        started=started,
+        parameters=list(parameter_rows(experiment)),
+        remarks=list(remarks(experiment)),
+        figures={"places": _places(experiment), "curve": _curve(experiment)},
+    )
+
+
+def parameter_rows(experiment: FrictionExperiment) -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield name, unit, value with its 95 % interval, from slowing down alone, and the model's."""
+    for name in PARAMETERS:
+        alone = experiment.sliding.estimates[name]
+        fitted = alone if experiment.fit is None else experiment.fit.estimates[name]
+        found = "not shown" if experiment.fit is None else shown(fitted)
+        assumed = getattr(experiment.assumed.parameters, name)
+        yield in_words(name), alone.unit, found, shown(alone), f"{assumed:g}"
+
+
+def remarks(experiment: FrictionExperiment) -> Iterator[str]:
+    """Yield what the figures alone do not say: what stiction rests on, and what is doubtful."""
+    level, fit = experiment.level, experiment.fit
+    counted = len(steady_among(experiment.speeds, experiment.sliding))
+    if level.places:
+        spread = f"{level.level:.0f} ± {_INTERVAL * level.level_error:.1f} N"
+        yield f"break-away at {level.places} places, both ways: {spread} on average"
+        if fit is not None:
+            half = _INTERVAL * fit.measured_error
+            yield (
+                f"stiction measured: {fit.measured_stiction:.0f} ± {half:.1f} N, with "
+                f"{fit.deficit:.1f} N added for bristles that creep before they slip"
+            )
+    else:
+        yield "break-away: not measured; the ram took off both ways at too few places"
+    trend = level.level_trend
+    if trend.significant:
+        yield (
+            f"stiction depends on the position: {trend.slope:+.0f} ± "
+            f"{_INTERVAL * trend.standard_error:.0f} N/m; the law has its mean only"
+        )
+    elif level.places:
+        yield "stiction does not depend on the position, as far as this shows"
+    trend = level.offset_trend
+    if trend.significant:
+        yield (
+            f"a constant force grows along the stroke by {trend.slope:+.0f} ± "
+            f"{_INTERVAL * trend.standard_error:.0f} N/m, as a spring makes: tell it with --spring"
+        )
+    yield f"constant speed: {counted} of {len(experiment.speeds)} strokes were steady and are used"
+    if fit is None:
+        yield from needs_in_words(experiment.sliding)
+        return
+    if abs(fit.disagreement) > DISAGREEMENT:
+        yield (
+            f"stiction measured and extrapolated differ by {fit.disagreement:+.1f} standard "
+            "errors: friction does not fall exponentially; believe the points, not the curve"
+        )
+    if fit.misfit > _MISFIT:
+        yield f"the law misses the points by more than their errors: {fit.misfit:.1f} times"
+
+
+def _places(experiment: FrictionExperiment) -> dict[str, Any]:
+    """Return break-away over position: points by direction, mean levels and their intervals."""
+    level = experiment.level
+    drawn: dict[str, Any] = {"points": [], "levels": []}
+    for direction, name in ((1, "extending"), (-1, "retracting")):
+        found = [each for place in experiment.places for each in place
+                 if each.direction == direction]  # fmt: skip
+        drawn["points"].append(
+            {
+                "name": name,
+                "x": [_number(MM * each.position) for each in found],
+                "y": [_number(each.force) for each in found],
+                "half": [_number(_INTERVAL * each.standard_error) for each in found],
+                "open": [not each.taken_off for each in found],
+            }
+        )
+        if level.places:
+            drawn["levels"].append(_number(level.offset + direction * level.level))
+    return drawn
+
+
+def _curve(experiment: FrictionExperiment) -> dict[str, Any]:
+    """Return figure 3.1: force over velocity, with the fitted curve and its band."""
+    speeds = experiment.speeds
+    fastest = max([experiment.sliding.fastest or 0.0, *(abs(each.velocity) for each in speeds)])
+    over = both_ways(_SLOWEST, fastest or 0.5)
+    counted = steady_among(speeds, experiment.sliding)
+    drawn: dict[str, Any] = {
+        "x": _numbers(MM * over),
+        "model": _numbers(model_curve(over, experiment.assumed.parameters)),
+        "speeds": {
+            "x": _numbers(np.array([MM * each.velocity for each in speeds])),
+            "y": _numbers(np.array([each.force for each in speeds])),
+            "half": _numbers(np.array([_INTERVAL * each.standard_error for each in speeds])),
+            "open": [each not in counted for each in speeds],
+        },
+        "slowing": {
+            "x": [_number(MM * each.velocity) for each in experiment.sliding.bins],
+            "y": [_number(each.force) for each in experiment.sliding.bins],
+        },
+        "break_away": [
+            _number(each.force) for place in experiment.places for each in place if each.taken_off
+        ],
+        "fitted": None,
+    }
+    if experiment.fit is not None:
+        force, half = experiment.fit.force(over), _INTERVAL * experiment.fit.force_error(over)
+        drawn["fitted"] = _numbers(force)
+        drawn["upper"], drawn["lower"] = _numbers(force + half), _numbers(force - half)
+    return drawn
+
+
+def _numbers(values: Array) -> list[float | None]:
+    return [_number(value) for value in values]
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.5g}") if np.isfinite(value) else None

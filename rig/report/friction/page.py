@@ -1,0 +1,89 @@
+"""The page of `rig identify friction`: one HTML file with the curves and how they change."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from estimator.friction import PARAMETERS, model_curve
+from rig.plant import Model
+from rig.report.templating import rendered
+
+from .panel import MM, both_ways
+from .words import FrictionRun, changes_in_words, in_words, needs_in_words, shown
+
+_INTERVAL: Final = 1.96
+_DIGITS: Final = 5
+
+
+def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
+    """Return the HTML page of some recordings' friction, beside the model's.
+
+    Args:
+        runs: at least one, oldest first.
+        model: what the filter assumed.
+    """
+    units = {name: each.unit for name, each in runs[0].curve.estimates.items()}
+    return rendered(
+        "friction.html.j2",
+        "friction.js",
+        runs=runs,
+        model=model.name,
+        parameters=[(name, in_words(name), units[name]) for name in PARAMETERS],
+        shown=shown,
+        changes=list(changes_in_words(runs)),
+        needs=[(run, list(needs_in_words(run.curve))) for run in runs],
+        figures={"curves": _curves(runs, model), "trends": _trends(runs, model)},
+    )
+
+
+def _curves(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
+    """Return each recording's bins and fitted curve, after the model's curve (run None)."""
+    fastest = max((run.curve.fastest or 0.0 for run in runs), default=0.0) or 0.5
+    over = both_ways(1e-4, fastest)
+    drawn = [_trace("model", None, "lines", over * MM, model_curve(over, model.parameters))]
+    for index, run in enumerate(runs):
+        curve = run.curve
+        velocity = np.array([each.velocity * MM for each in curve.bins])
+        force = np.array([each.force for each in curve.bins])
+        dots = _trace(run.name, index, "markers", velocity, force)
+        spread = [_number(each.spread) for each in curve.bins]
+        drawn.append(dots | {"error_y": {"type": "data", "array": spread, "thickness": 1}})
+        if curve.drawable and curve.slowest is not None and curve.fastest is not None:
+            over = both_ways(curve.slowest, curve.fastest)
+            drawn.append(_trace(run.name, index, "lines", over * MM, curve.force(over)))
+    return drawn
+
+
+def _trace(
+    name: str, run: int | None, mode: str, across: np.ndarray, up: np.ndarray
+) -> dict[str, Any]:
+    return {
+        "name": name,
+        "mode": mode,
+        "x": [_number(x) for x in across],
+        "y": [_number(y) for y in up],
+        "meta": {"run": run},
+    }
+
+
+def _trends(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
+    """Return each parameter over the recordings, with intervals and the model's value."""
+    trends = []
+    for name in PARAMETERS:
+        estimates = [run.curve.estimates[name] for run in runs]
+        halves = [each.standard_error for each in estimates]
+        trends.append(
+            {
+                "title": in_words(name),
+                "unit": estimates[0].unit,
+                "values": [each.value for each in estimates],
+                "halves": [None if half is None else _INTERVAL * half for half in halves],
+                "model": getattr(model.parameters, name),
+            }
+        )
+    return trends
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None

@@ -1,0 +1,62 @@
+"""Friction in words: parameters with their intervals, what changed, and what was not shown."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import floor, log10
+
+from estimator.friction import CHANGE_PROBABILITY, FrictionCurve, FrictionEstimate, friction_changes
+
+
+@dataclass(frozen=True)
+class FrictionRun:
+    """The friction of one recording.
+
+    Attributes:
+        recording: as named by the user.
+        name: of its test, else of its file.
+        started: date and time (UTC); None if the recording does not tell.
+        curve: what was identified.
+    """
+
+    recording: str
+    name: str
+    started: str | None
+    curve: FrictionCurve
+
+
+def in_words(parameter: str) -> str:
+    """Return a parameter's name as people write it."""
+    return parameter.replace("_", " ")
+
+
+def shown(estimate: FrictionEstimate) -> str:
+    """Return a value with the half width of its 95 % interval, without the unit."""
+    if estimate.value is None or estimate.standard_error is None:
+        return "not shown"
+    half = 1.96 * estimate.standard_error
+    decimals = max(0, 1 - floor(log10(half))) if half > 0.0 else 0
+    return f"{estimate.value:.{decimals}f} \u00b1 {half:.{decimals}f}"
+
+
+def needs_in_words(curve: FrictionCurve) -> Iterator[str]:
+    """Yield, for each motion that was missing, the parameters that it would have shown."""
+    for need in dict.fromkeys(each.needs for each in curve.estimates.values() if each.needs):
+        names = [in_words(name) for name, each in curve.estimates.items() if each.needs == need]
+        yield f"{', '.join(names)}: not identifiable; needs {need}"
+
+
+def changes_in_words(runs: Sequence[FrictionRun]) -> Iterator[str]:
+    """Yield what changed from the first recording to the last, nothing with a single one."""
+    if len(runs) < 2:
+        return
+    changes = friction_changes(runs[0].curve, runs[-1].curve)
+    if not changes:
+        yield "change from first to last: not known, they show no parameter in common"
+        return
+    rate = f"{100.0 * CHANGE_PROBABILITY:g} %"
+    yield f"change from first to last (false alarms: {rate} of unchanged pairs at most):"
+    units = {name: each.unit for name, each in runs[0].curve.estimates.items()}
+    for change in changes:
+        told = "changed" if change.significant else "no change shown"
+        difference = f"{change.difference:+.3g} {units[change.name]}"
+        yield f"{in_words(change.name)}: {difference}, z = {change.score:+.1f}, {told}"

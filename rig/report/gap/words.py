@@ -1,0 +1,230 @@
+"""A found gap in words: what is missing, how much, how sure, and what else it could be."""
+
+from collections.abc import Iterator, Sequence
+from math import ceil, floor, isfinite, log10
+from typing import Final
+
+from estimator.gap import (
+    NOWHERE,
+    Band,
+    ChannelGap,
+    Curve,
+    DetectionLimit,
+    Estimate,
+    GapResult,
+    NamedEffect,
+    Round,
+)
+
+VERDICT_WORDS: Final = {
+    "adequate": "The model is adequate",
+    "missing_effect": "The model lacks an effect",
+    "unknown_effect": "Something is missing that the catalogue does not have",
+    "inconclusive": "These recordings do not tell",
+}
+_PREFIXES: Final = {
+    "Pa": (("MPa", 1e-6), ("kPa", 1e-3), ("Pa", 1.0)),
+    "m": (("m", 1.0), ("mm", 1e3), ("um", 1e6)),
+    "s": (("s", 1.0), ("ms", 1e3), ("us", 1e6)),
+    "N/m": (("MN/m", 1e-6), ("kN/m", 1e-3), ("N/m", 1.0)),
+    "m/s": (("m/s", 1.0), ("mm/s", 1e3)),
+}
+"""Units a value may be shown in, largest first; others are shown in SI."""
+
+
+def in_words(name: str) -> str:
+    """Return a name of the catalogue as people write it."""
+    return name.replace("_", " ")
+
+
+def unit_for(value: float, unit: str) -> tuple[str, float]:
+    """Return a unit in which a value in SI reads well, and how many of it are one SI unit."""
+    choices = _PREFIXES.get(unit, ((unit, 1.0),))
+    for name, factor in choices:
+        if abs(value) * factor >= 1.0:
+            return name, factor
+    return choices[-1]
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits, without a power of ten where it reads well so."""
+    if not isfinite(value):
+        return "not known"
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits - 1}e}"
+    decimals = digits - 1 - floor(log10(abs(value))) if value else 0
+    return f"{value:.{max(decimals, 0)}f}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """Return a value in SI in a unit in which it reads well."""
+    shown, factor = unit_for(value, unit)
+    return f"{number(value * factor)} {shown}".strip()
+
+
+def estimated(estimate: Estimate) -> str:
+    """Return a value with the half width of its 95 % interval."""
+    half = (estimate.upper - estimate.lower) / 2.0
+    shown, factor = unit_for(estimate.value or half, estimate.unit)
+    value, half = estimate.value * factor, half * factor
+    if not isfinite(half) or half <= 0.0:
+        return f"{number(value)} {shown}".strip()
+    place = floor(log10(half) + 1e-9) - 1
+    power = floor(log10(max(abs(value), half)))
+    if power < -3 or power > 5:
+        scale = 10.0**power
+        decimals = max(power - place, 0)
+        text = f"({value / scale:.{decimals}f} ± {half / scale:.{decimals}f})e{power}"
+    else:
+        text = f"{value:.{max(-place, 0)}f} ± {half:.{max(-place, 0)}f}"
+    return f"{text} {shown}".strip()
+
+
+def sizes(effect: NamedEffect) -> str:
+    """Return the parameters of an effect in one phrase."""
+    if len(effect.parameters) == 1:
+        return estimated(effect.parameters[0])
+    return ", ".join(f"{in_words(each.key)} {estimated(each)}" for each in effect.parameters)
+
+
+def or_else(effect: NamedEffect) -> str:
+    """Return an effect's name with those that it may be as well."""
+    others = [in_words(rival.effect) for rival in effect.indistinguishable]
+    return " or ".join([in_words(effect.name), *others])
+
+
+def shrunk(result: GapResult) -> float:
+    """Return the part of the held-out error above the noise floor that is gone, NaN if none was."""
+    if not result.gap_before > 0.0:
+        return float("nan")
+    return 1.0 - result.gap_after / result.gap_before
+
+
+def _named(effect: NamedEffect) -> str:
+    """Return an effect with its size, and what it cannot be told from."""
+    told = f"{in_words(effect.name)}, {sizes(effect)}"
+    others = " or ".join(in_words(rival.effect) for rival in effect.indistinguishable)
+    return f"{told} (or {others}: these recordings cannot tell)" if others else told
+
+
+def headline(result: GapResult) -> str:
+    """Return the finding in one sentence."""
+    if result.verdict == "missing_effect":
+        return f"The model lacks {'; '.join(_named(each) for each in result.effects)}."
+    if result.verdict == "unknown_effect":
+        curve = result.rest[0] if result.rest else None
+        if curve is None or curve.share < NOWHERE:
+            return (
+                "Something is missing that neither an effect of the catalogue nor a steady "
+                "disturbance of one equation explains."
+            )
+        return (
+            f"A disturbance of the {curve.equation} that goes with the {curve.region} is missing, "
+            "and no effect of the catalogue explains it."
+        )
+    if result.verdict == "inconclusive":
+        return "These recordings cannot support a verdict."
+    return "Nothing is missing that these recordings could show."
+
+
+def gap_words(result: GapResult) -> str:
+    """Return before and after on the held-out recordings, in one sentence."""
+    before, after = result.gap_before, result.gap_after
+    if not isfinite(before):
+        return "The held-out prediction error was not computed."
+    words = f"Held-out prediction error above the noise floor: {number(before)} noise variances"
+    if result.as_given:
+        return f"{words}; the model is written as given."
+    words = f"{words} before, {number(after)} after"
+    part = shrunk(result)
+    if result.effects and isfinite(part) and part > 0.0:
+        return f"{words}; {floor(1000.0 * part) / 10.0:g} % of it is gone."
+    return f"{words}."
+
+
+def found_in(told: Round) -> str:
+    """Return what was found by the end of a round."""
+    named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in told.effects)
+    return named or VERDICT_WORDS[told.verdict].lower()
+
+
+def checked_in(told: Round) -> str:
+    """Return what became of the model revised in a round."""
+    check = told.check
+    if check is None:
+        return "not checked: " + (
+            "there was nothing to revise"
+            if not told.effects
+            else "it could be settled first which effect it is"
+        )
+    missing = f": {', '.join(map(in_words, check.effects))}" if check.effects else ""
+    return (
+        f"{VERDICT_WORDS[check.verdict].lower()}{missing}; error above the noise floor "
+        f"{number(check.gap_before)} before, {number(check.gap_after)} after, noise variances"
+    )
+
+
+def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
+    """Yield where the disagreement enters, largest first, with its largest value and units."""
+    for curve in curves[:most]:
+        index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
+        unit, factor = curve.shown
+        region_unit, region_factor = curve.region_shown
+        value = number(float(curve.values[index]) * factor)
+        error = number(1.96 * float(curve.errors[index]) * factor, 2)
+        at = number(float(curve.at[index]) * region_factor)
+        yield (
+            f"{curve.equation} against {curve.region}: up to {value} ± {error} {unit} at {at} "
+            f"{region_unit}; this would take away {share(curve.share)} of the excess"
+        )
+
+
+def share(part: float) -> str:
+    """Return a part as a percentage."""
+    return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
+
+
+def channel(name: str) -> str:
+    """Return a channel's name without its unit."""
+    return in_words(name.rsplit("_", 1)[0]) if "_" in name else name
+
+
+def band(of: Band) -> str:
+    """Return a frequency band in words."""
+    return f"{of.low:g} to {of.high:g} Hz"
+
+
+def band_shares(gap: ChannelGap) -> list[str]:
+    """Return the part of a channel's one-step excess that each frequency band has, before."""
+    excesses = [max(each.before - each.floor, 0.0) for each in gap.bands]
+    total = sum(excesses)
+    return [share(each / total) if total > 0.0 else "none" for each in excesses]
+
+
+def excess(variances: float) -> str:
+    """Return an excess over the floor, which chance may make a little negative."""
+    return number(max(variances, 0.0))
+
+
+def held_out(effect: NamedEffect) -> str:
+    """Return what the recordings held out say of an effect."""
+    if not isfinite(effect.held_out_z):
+        return "not shown by the motion"
+    return f"confirmed, z = {effect.held_out_z:.1f}"
+
+
+def limit(smallest: DetectionLimit) -> str:
+    """Return the smallest size that would have shown, rounded up."""
+    if not isfinite(smallest.size):
+        return "no plausible size"
+    if smallest.size <= 0.0:
+        return "not by these motions"
+    return with_unit(rounded_up(smallest.size), smallest.unit)
+
+
+def rounded_up(value: float) -> float:
+    """Return a limit rounded up to two digits."""
+    if not isfinite(value) or value <= 0.0:
+        return value
+    scale = 10.0 ** (floor(log10(value)) - 1)
+    return ceil(value / scale - 1e-9) * scale

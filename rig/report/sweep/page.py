@@ -1,0 +1,171 @@
+"""The page of a sweep: how small a leak is found, ROC, confusion, and what was drawn."""
+
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from rig.configuration import HEALTHY, Sweep
+from rig.plant import LITRE_PER_MINUTE
+from rig.recording import replacing
+from rig.sweep import PowerCurve, Roc, Study, columns_of, unit_of, verdict_order
+
+from .words import limit_in_words, of_share, place_in_words
+
+_TEMPLATES: Final = "templates"
+_ROC_POINTS: Final = 400
+_CURVE_POINTS: Final = 80
+_SHOWN: Final = 3000
+"""Cases drawn in a plot of single cases at most: a browser draws no more with ease."""
+
+
+def write_sweep_page(sweep: Sweep, table: pa.Table, study: Study, path: Path) -> None:
+    """Write the page, in one step.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    page = sweep_page(sweep, table, study)
+    with replacing(path) as partial:
+        partial.write_text(page, encoding="utf-8")
+
+
+def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
+    """Return the HTML page of a sweep; it fetches nothing."""
+    environment = Environment(
+        loader=PackageLoader("rig.report", _TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("sweep.html.j2").render(
+        sweep=sweep,
+        study=study,
+        rig_hours=f"{sweep.rig_s / 3600.0:.3g}",
+        right=[(place_in_words(name), of_share(each)) for name, each in study.right.items()],
+        limits=[(place_in_words(name), limit_in_words(each)) for name, each in study.power.items()],
+        areas=[(place_in_words(name), f"{each.area:.3f}") for name, each in study.roc.items()],
+        named=sum(each.count for name, each in study.right.items() if name != HEALTHY),
+        false_alarms=of_share(study.false_alarms),
+        lost=of_share(study.lost),
+        fitted=any(curve.slope is not None for curve in study.power.values()),
+        verdicts=verdict_order(study.confusion),
+        in_words=place_in_words,
+        drawn=list(_drawn(sweep, table)),
+        figures=_figures(table, study),
+        style=_asset("report.css"),
+        script=_asset("sweep.js"),
+        plotly=Markup(get_plotlyjs()),
+    )
+
+
+def _asset(name: str) -> Markup:
+    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))
+
+
+def _drawn(sweep: Sweep, table: pa.Table) -> Iterator[tuple[str, str, str, str]]:
+    """Yield name, range and unit of what was drawn, and its part of those named right."""
+    for name in (*sweep.parameters, *sweep.followers, "noise"):
+        values = columns_of(table.select([name]))[name]
+        low, high = float(values.min()), float(values.max())
+        yield name.replace("_", " "), f"{low:.4g}", f"{high:.4g}", unit_of(table, name)
+
+
+def _figures(table: pa.Table, study: Study) -> dict[str, Any]:
+    return {
+        "power": {name: _power(curve) for name, curve in study.power.items()},
+        "roc": {name: _roc(roc) for name, roc in study.roc.items()},
+        "confusion": _confusion(study),
+        "cases": _cases(table),
+    }
+
+
+def _power(curve: PowerCurve) -> dict[str, Any]:
+    """Return bins and fitted curve in L/min and %."""
+    middles = [(each.low * each.high) ** 0.5 / LITRE_PER_MINUTE for each in curve.bins]
+    parts = [100.0 * each.right.part for each in curve.bins]
+    found: dict[str, Any] = {
+        "flow": [_number(each) for each in middles],
+        "part": parts,
+        "above": [
+            100.0 * each.right.interval[1] - p for each, p in zip(curve.bins, parts, strict=True)
+        ],
+        "below": [
+            p - 100.0 * each.right.interval[0] for each, p in zip(curve.bins, parts, strict=True)
+        ],
+        "text": [f"{each.right.count} of {each.right.of}" for each in curve.bins],
+        "curve": None,
+        "limit": None,
+    }
+    if curve.intercept is not None and curve.slope is not None and curve.bins:
+        flow = np.geomspace(curve.bins[0].low, curve.bins[-1].high, _CURVE_POINTS)
+        chance = 1.0 / (1.0 + np.exp(-(curve.intercept + curve.slope * np.log(flow))))
+        found["curve"] = {
+            "flow": [_number(each / LITRE_PER_MINUTE) for each in flow],
+            "part": [_number(100.0 * each) for each in chance],
+        }
+    if curve.limit_m3_per_s is not None:
+        found["limit"] = _number(curve.limit_m3_per_s / LITRE_PER_MINUTE)
+    return found
+
+
+def _roc(roc: Roc) -> dict[str, Any]:
+    """Return the curve in %, with no more points than can be seen."""
+    at = np.unique(np.linspace(0, roc.found.size - 1, _ROC_POINTS).astype(int))
+    return {
+        "alarms": [_number(100.0 * each) for each in roc.false_alarms[at]],
+        "found": [_number(100.0 * each) for each in roc.found[at]],
+        "area": f"{roc.area:.3f}",
+    }
+
+
+def _confusion(study: Study) -> dict[str, Any]:
+    verdicts = verdict_order(study.confusion)
+    counts = [[row.get(verdict, 0) for verdict in verdicts] for row in study.confusion.values()]
+    totals = [max(sum(row), 1) for row in counts]
+    return {
+        "injected": [place_in_words(name) for name in study.confusion],
+        "verdicts": [place_in_words(name) for name in verdicts],
+        "counts": counts,
+        "parts": [
+            [100.0 * n / total for n in row] for row, total in zip(counts, totals, strict=True)
+        ],
+        "right": [[name == verdict for verdict in verdicts] for name in study.confusion],
+    }
+
+
+def _cases(table: pa.Table) -> dict[str, Any]:
+    """Return single leaks: true flow, estimate where there is one, latency where it was found."""
+    names = [
+        "case",
+        "fault",
+        "verdict",
+        "right",
+        "leak_true_m3_per_s",
+        "leak_m3_per_s",
+        "latency_s",
+    ]
+    column = columns_of(table.select(names))
+    at = np.flatnonzero(column["fault"] != HEALTHY)[:_SHOWN]
+    flow = column["leak_true_m3_per_s"][at] / LITRE_PER_MINUTE
+    estimate = column["leak_m3_per_s"][at] / LITRE_PER_MINUTE
+    return {
+        "case": [int(each) for each in column["case"][at]],
+        "fault": [place_in_words(str(each)) for each in column["fault"][at]],
+        "verdict": [place_in_words(str(each)) for each in column["verdict"][at]],
+        "right": [bool(each) for each in column["right"][at]],
+        "flow": [_number(each) for each in flow],
+        "estimate": [_number(each) for each in estimate],
+        "latency": [_number(each) for each in column["latency_s"][at]],
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.4g}") if np.isfinite(value) else None

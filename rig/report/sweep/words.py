@@ -1,0 +1,67 @@
+"""A sweep's findings in words: lines for the terminal, and for its page."""
+
+from collections.abc import Iterator
+
+from rig.plant import LITRE_PER_MINUTE
+from rig.sweep import LEAST_CASES, PowerCurve, Share, Study, Timing
+
+
+def in_flow(flow: float | None, digits: int = 2) -> str:
+    """Return a flow in m^3/s as text in L/min; none as none."""
+    return "none" if flow is None else f"{flow / LITRE_PER_MINUTE:.{digits}g} L/min"
+
+
+def of_share(share: Share) -> str:
+    """Return a part of some cases with its 95 % interval."""
+    if not share.of:
+        return "none of 0"
+    low, high = (100.0 * end for end in share.interval)
+    return f"{share.count} of {share.of} ({low:.1f} to {high:.1f} %)"
+
+
+def limit_in_words(curve: PowerCurve) -> str:
+    """Return the flow from which 95 in 100 are named, as text, or what is known in its place."""
+    if curve.limit_m3_per_s is not None and curve.interval_m3_per_s is not None:
+        low, high = (in_flow(end) for end in curve.interval_m3_per_s)
+        return f"{in_flow(curve.limit_m3_per_s)} ({low} to {high})"
+    missed, named = curve.missed_m3_per_s, curve.named_m3_per_s
+    if missed is None and named is None:
+        return "no leak with a flow"
+    if missed is None:
+        return f"not known: all {curve.cases} were named, down to {in_flow(named)}"
+    if named is None:
+        return f"not known: none of {curve.cases} was named, up to {in_flow(missed)}"
+    if curve.tells_apart:
+        whole = f"none up to {in_flow(missed, 3)}, all from {in_flow(named, 3)} on"
+        return f"{whole}: {curve.cases} cases draw no curve between"
+    if curve.cases < LEAST_CASES:
+        return f"not known: {curve.cases} cases are too few"
+    return "not known: beyond the flows that were drawn"
+
+
+def place_in_words(place: str) -> str:
+    """Return the name of a fault as a reader's."""
+    return "all leaks" if place == "all" else place.replace("_", " ")
+
+
+def lines_of(filter_name: str, study: Study, timing: Timing) -> Iterator[str]:
+    """Yield what came of a sweep, a line each."""
+    if study.lost.count:
+        lost = f"  the filter lost its rig in {of_share(study.lost)} cases"
+        yield f"{lost}: verdicts by such a filter mean little"
+    for name, share in study.right.items():
+        yield f"  {place_in_words(name)}: {of_share(share)} named right"
+    if study.false_alarms.of:
+        yield f"  healthy cases accused at some time: {of_share(study.false_alarms)}"
+    for place, curve in study.power.items():
+        yield f"  named 95 times in 100, of {place_in_words(place)}, from: {limit_in_words(curve)}"
+    if study.latency_s is not None:
+        yield f"  latency: median {study.latency_s[0]:.1f} s, 95 % {study.latency_s[1]:.1f} s"
+    rates = timing.told()["rig_seconds_per_second"]
+    if timing.cases and rates["of_process_after_start"]:
+        yield (
+            f"  {timing.cases} cases by {filter_name} on {len(timing.workers)} processes: "
+            f"{rates['of_process_after_start']:.0f} rig-seconds per second and process, "
+            f"{rates['of_processor'] or 0.0:.0f} per processor second, after "
+            f"{timing.start_s:.1f} s of start-up"
+        )

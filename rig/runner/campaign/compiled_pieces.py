@@ -1,0 +1,257 @@
+"""The pieces of what a session runs, each run on next to nothing, to have it compiled.
+
+How a function is compiled depends on the types that it is called with, not on their values: a model
+or a test of a session's own would make no difference.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numba.core.types import literal
+
+from control import Constant
+from estimator.filters import (
+    DEFAULT_FILTER,
+    OUTPUTS,
+    FilterRun,
+    moving_average_absolute,
+    run_filter,
+    start_memory,
+)
+from estimator.friction import load_lag
+from estimator.leaks import Samples, detector_for
+from faults import CampaignTest, Verdict
+from rig.configuration import Rig
+from rig.io import HomingSettings, simulated_rig
+from rig.loop import (
+    Board,
+    Drive,
+    Reaction,
+    course,
+    estimation,
+    guard,
+    interlock,
+    judge,
+    limit_table,
+    no_decision,
+    pace,
+    prepare,
+    react,
+    reaction_memory,
+    sample_row,
+    shared_memory,
+    tolerances,
+    tolerating,
+    wire_channels,
+    wire_memory,
+    wire_ticks,
+)
+from rig.plant import (
+    NO_FAULT,
+    READING_COUNT,
+    SUBSTEPS,
+    TICK,
+    Model,
+    compile_part,
+    drive,
+    follow,
+    read_sensors,
+)
+
+from .simulated_bench import interlock_of, loop_of
+
+_JUDGED_S: Final = 12.0
+"""Long enough for the detector to weigh faults against each other."""
+_NEVER: Final = -1
+"""Number of a segment that is never switched to: the loop returns from it at once."""
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What decides how functions are compiled.
+
+    Attributes:
+        rig: of the session.
+        filter_name: of the filter that the loop runs.
+    """
+
+    rig: Rig
+    filter_name: str
+
+    @property
+    def kind(self) -> str:
+        """Word for the filters that share their machine code with this one."""
+        return "product" if self.filter_name == DEFAULT_FILTER else self.filter_name
+
+
+def _plant(needs: Needs) -> None:
+    """Compile a tick of a simulated rig."""
+    simulated = simulated_rig(Model(), 0, sensors=needs.rig.sensors)
+    par, state, seen = simulated.parameters, simulated.state, simulated.seen
+    flows, fault = (0.0, 0.0, 0.0), tuple(NO_FAULT)
+    compile_part(drive, state, simulated.path, 0.0, par, fault, literal(SUBSTEPS))
+    follow(seen, state, par)
+    read_sensors(
+        state, seen, flows, 0.0, simulated.meters, simulated.offsets, np.zeros(READING_COUNT), par,
+        simulated.sensors, np.zeros(READING_COUNT),
+    )  # fmt: skip
+
+
+def _interlock(needs: Needs) -> None:
+    """Compile what a simulated loop does about a sample and about a decision."""
+    reaction, decided = reaction_memory(), no_decision()
+    compile_part(judge, np.zeros(READING_COUNT), 0.0, guard(interlock_of(needs.rig, Model()), True))
+    react(int(Reaction.IGNORE), decided, 0.0, reaction)
+    estimated = start_memory(needs.filter_name, Model(), needs.rig.sensors).x
+    tolerating(
+        0.0, int(Reaction.IGNORE), decided, estimated, Model().parameters, 0.0, 0.0, reaction
+    )
+
+
+def _estimates(needs: Needs) -> None:
+    """Compile the filter's step, and the row that a loop keeps of it."""
+    memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
+    compile_part(
+        sample_row, True, 0.0, 0.0, 0.0, 0.0, np.zeros(READING_COUNT), memory.filter.code,
+        memory.x, memory.covariance, Model().parameters, memory.noise, memory.work, no_decision(),
+        reaction_memory().acted, np.zeros(1),
+    )  # fmt: skip
+
+
+def _simulated_loop(needs: Needs) -> None:
+    """Run a simulated rig for two ticks: the first starts the filter."""
+    memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
+    # No limit is to end it before it has run.
+    loop = loop_of(needs.rig, _standing(2 * TICK), memory, Model(), judged=False)
+    loop.position()
+    loop.advance(2)
+
+
+def _filter(needs: Needs) -> None:
+    """Run the session's filter over two samples, and the one by which friction is identified."""
+    samples, _ = _swinging(needs, 2)
+    measured = np.column_stack(
+        [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
+    )
+    run_filter(
+        samples.time_s, samples.command, measured, Model(), needs.filter_name, needs.rig.sensors
+    )
+    if needs.filter_name == DEFAULT_FILTER:
+        load_lag(Model(), needs.rig.sensors)
+
+
+def _detector(needs: Needs) -> None:
+    """Judge a ram that swings, and average what a report shows."""
+    detector = detector_for(needs.filter_name, Model(), 1.0)
+    detector.update(*_swinging(needs, round(_JUDGED_S / TICK)))
+    detector.decide()
+    moving_average_absolute(np.zeros(1))
+
+
+def _decisions(needs: Needs) -> None:
+    """Post a decision to the loop."""
+    prepare()
+
+
+def _loop(needs: Needs) -> None:
+    """Enter the loop on hardware, which leaves it before its first tick; nothing is connected."""
+    rig, model = needs.rig, Model()
+    memory = start_memory(needs.filter_name, model, rig.sensors)
+    (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
+    driver: Any = fast.create()
+    period_s = 1.0 / rig.loop.rate
+    board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
+    wire_ticks(
+        course(_NEVER, np.empty(0), Drive.NULL),
+        estimation(memory, model.parameters),
+        interlock(
+            limit_table(rig.ladder, period_s),
+            tolerances(
+                model.parameters, rig.sensors, frozenset(fast.inputs), period_s,
+                rig.loop.stale_limit, rig.homing or HomingSettings(), rig.limits.command_V,
+            ),
+        ),
+        pace(rig.loop, driver.rate_hz),
+        -1,
+        driver.plan(),
+        driver.look_plan(),
+        wire_memory(),
+        shared_memory(board),
+    )  # fmt: skip
+    os.close(board.fd)
+
+
+def _standing(duration_s: float) -> CampaignTest:
+    """Return a test in which a ram stands still."""
+    return CampaignTest(
+        name="compiled",
+        test_name="compiled",
+        duration_s=duration_s,
+        start_position_m=0.3,
+        settle_s=TICK,
+        setpoint=Constant(0.3),
+        load=None,
+        faults=(),
+        expect=Verdict.HEALTHY,
+        repeat=1,
+        seed=0,
+    )
+
+
+def _swinging(needs: Needs, ticks: int) -> tuple[Samples, FilterRun]:
+    """Return samples and estimates of a ram that swings in mid stroke with half a metre a second.
+
+    Valve flow and motion fit each other roughly, so that a detector has something to weigh.
+    """
+    par = Model().parameters
+    random = np.random.default_rng(0)
+    time_s = np.asarray(np.arange(ticks) * TICK, np.float64)
+    phase = 3.0 * time_s
+    position = 0.5 * (par.stroke_min + par.stroke_max) + 0.15 * np.sin(phase)
+    spool = 0.5 * par.valve_gain * np.cos(phase)
+    pressure = 0.5 * par.supply_pressure + 1e5 * random.standard_normal((2, ticks))
+    supply = np.full(ticks, par.supply_pressure)
+    samples = Samples(
+        time_s, spool / par.valve_gain, position, pressure[0], pressure[1], spool, supply
+    )
+    memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
+    states = np.zeros((ticks, memory.x.size))
+    for name, values in (
+        ("position_m", position),
+        ("pressure_1_Pa", pressure[0]),
+        ("pressure_2_Pa", pressure[1]),
+        ("spool_m", spool),
+    ):
+        states[:, memory.filter.states.index(name)] = values
+    outputs = random.standard_normal((ticks, len(OUTPUTS)))
+    run = FilterRun(memory.filter, time_s, states, outputs, memory.dense_covariance)
+    return samples, run
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Something that is compiled in one go.
+
+    Attributes:
+        run: has it compiled.
+        after: pieces that it contains, by name; it takes over what they have compiled.
+    """
+
+    run: Callable[[Needs], None]
+    after: tuple[str, ...] = ()
+
+
+PIECES: Final[dict[str, Piece]] = {
+    "plant": Piece(_plant),
+    "estimates": Piece(_estimates),
+    "interlock": Piece(_interlock),
+    "simulated loop": Piece(_simulated_loop, after=("plant", "estimates", "interlock")),
+    "filter": Piece(_filter, after=("estimates",)),
+    "detector": Piece(_detector),
+    "decisions": Piece(_decisions),
+    "loop": Piece(_loop, after=("filter",)),
+}
+"""By the names that an operator is told."""

@@ -1,0 +1,150 @@
+"""The control port of a running campaign: a Unix socket in the run's folder, for this user alone.
+
+A request is one line of JSON, and so is its answer. Whoever connects is known by the kernel's word;
+a stranger, an oversized, slow or malformed request is refused, and never waited for by the
+campaign. Whatever fails, the next request is served: a campaign can be stopped as long as it runs.
+"""
+
+import json
+import os
+import pwd
+import socket
+import struct
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from rig.control_socket import SOCKET, EndlessLineError, address_of, line_from
+from rig.surviving import Surviving, failure
+
+from .operator_requests import Desk, RefusedError, Request
+
+PATIENCE_S: Final = 2.0
+"""How long a client may take for its request; others wait meanwhile, the campaign does not."""
+
+_AGAIN_S: Final = 0.1
+"""How long nobody is served after no connection could be taken: there are no descriptors left."""
+_ROOT: Final = 0
+_PEER: Final = struct.Struct("3i")
+_KEYS: Final = frozenset({"request", "text", "test"})
+
+
+class ControlPort:
+    """Serves a desk on the socket of a run's folder; a context manager.
+
+    Args:
+        folder: of the run.
+        desk: takes the requests.
+        refused: is told of what was refused, or failed, and why.
+    """
+
+    def __init__(self, folder: Path, desk: Desk, refused: Callable[[str], None]) -> None:
+        self._folder = folder
+        self._desk = desk
+        self._refused = refused
+        self._survives = Surviving("the control port", refused)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
+
+    def __enter__(self) -> "ControlPort":
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._bind()
+        except OSError as error:
+            # A file system without sockets is no reason not to run.
+            self._refused(f"there is no control port: {error.strerror}")
+            return self
+        self._thread.start()
+        return self
+
+    def _bind(self) -> None:
+        # Whatever a run that was killed has left.
+        (self._folder / SOCKET).unlink(missing_ok=True)
+        before = os.umask(0o177)
+        try:
+            with address_of(self._folder) as address:
+                self._listener.bind(address)
+        finally:
+            os.umask(before)
+        self._listener.listen(8)
+
+    def __exit__(self, *_: object) -> None:
+        self._ending.set()
+        # Shutting it down ends the accept that the thread is in.
+        with suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        if self._thread.ident is not None:
+            self._thread.join(PATIENCE_S)
+        (self._folder / SOCKET).unlink(missing_ok=True)
+
+    def _serve(self) -> None:
+        """Serve one client after the other until the port is closed."""
+        while not self._ending.is_set():
+            with self._survives:
+                try:
+                    client, _ = self._listener.accept()
+                except OSError:
+                    if self._ending.wait(_AGAIN_S):
+                        return
+                    raise
+                with client, suppress(OSError):
+                    client.settimeout(PATIENCE_S)
+                    client.sendall(json.dumps(self._answer(client)).encode() + b"\n")
+
+    def _answer(self, client: socket.socket) -> dict[str, Any]:
+        """Return the answer to whatever a client sends, and have a refusal told."""
+        try:
+            return {"ok": True, **self._obeyed(client)}
+        except RefusedError as error:
+            why = str(error)
+        except Exception as error:  # whatever it is, it is answered, and the next one is served
+            why = f"it failed: {failure(error)}"
+        with self._survives:
+            self._refused(why)
+        return {"ok": False, "problem": why}
+
+    def _obeyed(self, client: socket.socket) -> dict[str, Any]:
+        peer = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+        _, uid, _ = _PEER.unpack(peer)
+        if uid not in (os.getuid(), _ROOT):
+            raise RefusedError(f"user {_name_of(uid)} may not control this campaign")
+        try:
+            request = _parsed(line_from(client))
+        except EndlessLineError as error:
+            raise RefusedError(str(error)) from None
+        if request["request"] is Request.STATUS:
+            return {"status": self._desk.status()}
+        text, test = request.get("text", ""), request.get("test", "")
+        return {"reply": self._desk.ask(request["request"], _name_of(uid), text, test)}
+
+
+def _parsed(line: bytes) -> dict[str, Any]:
+    """Return a request: its keys are known, and its values are texts.
+
+    Raises:
+        RefusedError: it is none; says why.
+    """
+    try:
+        content = json.loads(line.decode())
+    except UnicodeDecodeError:
+        raise RefusedError("a malformed request: is no UTF-8") from None
+    except (ValueError, RecursionError):
+        raise RefusedError("a malformed request: is no JSON") from None
+    if not isinstance(content, dict) or not content.keys() <= _KEYS:
+        raise RefusedError("a malformed request: has not the keys of one")
+    if not all(isinstance(value, str) for value in content.values()):
+        raise RefusedError("a malformed request: has a value that is no text")
+    try:
+        return content | {"request": Request(content["request"])}
+    except (ValueError, KeyError):
+        raise RefusedError("a malformed request: asks for nothing that there is") from None
+
+
+def _name_of(uid: int) -> str:
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return str(uid)

@@ -1,0 +1,87 @@
+"""Feeds a detector as a replay would, so that both come to the very same decisions."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.filters import FilterMemory
+from estimator.leaks import Decision, Detector, Found, Samples, first_held, found_in
+from rig.loop import batch_ticks, estimates_in
+
+Array = NDArray[np.float64]
+
+_SAMPLED: Final = (
+    "time_s",
+    "command_V",
+    "position_m",
+    "pressure_1_Pa",
+    "pressure_2_Pa",
+    "spool_m",
+    "supply_pressure_Pa",
+)
+"""Channels in the order of `Samples`."""
+
+
+class Judge:
+    """Collects a test's rows into blocks of half a second; keeps what was held after each.
+
+    Args:
+        detector: sees every sample once, in order.
+        memory: the filter's memory.
+        channels: names of the rows' columns.
+    """
+
+    def __init__(self, detector: Detector, memory: FilterMemory, channels: tuple[str, ...]) -> None:
+        self.history: list[tuple[float, Decision]] = []
+        self._detector = detector
+        self._memory = memory
+        self._channels = channels
+        self._sampled = [channels.index(name) for name in _SAMPLED]
+        self._rows: list[Array] = []
+        self._due = batch_ticks(first=True)
+
+    @property
+    def ticks_due(self) -> int:
+        """Ticks that are missing to the end of the present block."""
+        return self._due
+
+    @property
+    def decision(self) -> Decision | None:
+        """What the detector holds; None before the first block."""
+        return self.history[-1][1] if self.history else None
+
+    @property
+    def detected_at_s(self) -> float | None:
+        """When the detector first held its present verdict; None if that is no fault."""
+        return first_held(self.history) if self.history else None
+
+    @property
+    def found(self) -> tuple[Found, ...]:
+        """All faults that were named so far, those that went again among them."""
+        return found_in(self.history)
+
+    def take(self, rows: Array) -> bool:
+        """Take at most `ticks_due` rows; return whether they complete a block, which is judged."""
+        self._rows.append(rows)
+        self._due -= len(rows)
+        if self._due:
+            return False
+        self.finish()
+        return True
+
+    def finish(self) -> None:
+        """Judge the rows that have come since the last block, if there are any."""
+        if self._rows:
+            rows = self._rows[0] if len(self._rows) == 1 else np.concatenate(self._rows)
+            samples = Samples(*(np.ascontiguousarray(rows[:, i]) for i in self._sampled))
+            self._detector.update(samples, estimates_in(rows, self._channels, self._memory))
+            decision = self._detector.decide()
+            if not isinstance(decision, Decision):
+                raise TypeError(
+                    f"detector {type(self._detector).__name__}: decide() returned {decision!r}; "
+                    "it must return an estimator.leaks.detection.Decision"
+                )
+            self.history.append((float(rows[-1, 0]), decision))
+        self._rows = []
+        self._due = batch_ticks(first=False)

@@ -1,0 +1,150 @@
+"""Tests on the simulated rig, in this process: a new rig for each test, paced by the runner."""
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.filters import FilterMemory
+from faults import CampaignTest, FaultSchedule
+from rig.configuration import Rig
+from rig.io import HomingSettings, simulated_rig
+from rig.loop import (
+    READINGS,
+    Interlock,
+    Motion,
+    Reaction,
+    SimulatedLoop,
+    interlock,
+    limit_table,
+    tolerances,
+)
+from rig.plant import TICK, Model
+from rig.recording import McapWriter
+
+from .simulated_test import SimulatedTest
+
+
+class SimulatedBench:
+    """A `Bench` of simulated rigs; a loop that is dropped leaves nothing behind.
+
+    Args:
+        rig: to simulate.
+        directory: of the run; a trip report goes there.
+        say: shows a line to the operator.
+    """
+
+    live = False
+
+    def __init__(
+        self, rig: Rig, directory: Path, say: Callable[[str], None] = lambda line: None
+    ) -> None:
+        self._rig = rig
+        self._say = say
+        self._directory = directory
+        self._test: SimulatedTest | None = None
+
+    def __enter__(self) -> "SimulatedBench":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
+        """Return the loop of a test, on a rig of its own."""
+        loop = loop_of(self._rig, test, memory, assumed)
+        self._test = SimulatedTest(loop, self._directory, self._rig.ladder, self._say)
+        return self._test
+
+    def reading(self, channel: str) -> float | None:
+        """Return the newest value of a channel in the present test; None outside of one."""
+        return None if self._test is None else self._test.latest(channel)
+
+    def idle(self) -> None:
+        """Do nothing: between tests there is no rig."""
+        self._test = None
+
+    def writer(
+        self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
+    ) -> McapWriter:
+        """Return the writer of a test's recording."""
+        return McapWriter(path, channels, metadata, start_ns=time.time_ns())
+
+
+def truth_of(rig: Rig, test: CampaignTest) -> Model:
+    """Return the model that a simulated rig is during a test: its own, with the test's load."""
+    if test.load is None:
+        return rig.plant
+    stiffness, contact = test.load.stiffness, test.load.contact
+    return rig.plant.with_effect("spring_load", stiffness=stiffness, contact=contact)
+
+
+def motion_of(test: CampaignTest) -> Motion:
+    """Return what a test asks of the ram, tick by tick."""
+    ticks = round(test.duration_s / TICK)
+    return Motion(
+        setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
+        open_loop=test.setpoint.quantity == "command",
+        faults=FaultSchedule(test.faults).table(ticks, TICK),
+        start_position=test.start_position_m,
+        settle_ticks=round(test.settle_s / TICK),
+    )
+
+
+def interlock_of(rig: Rig, assumed: Model) -> Interlock:
+    """Return what the samples of a simulated rig are judged by, as those of one on hardware are.
+
+    Args:
+        rig: the simulated rig, with its limits.
+        assumed: the model that its samples must agree with.
+    """
+    absent = {
+        "spool_m": not rig.has_spool_sensor,
+        "supply_pressure_Pa": not rig.has_supply_pressure_sensor,
+        "load_N": not rig.has_load_cell,
+    }
+    fitted = frozenset(name for name in READINGS if not absent.get(name, False))
+    judged = tolerances(
+        assumed.parameters,
+        rig.sensors,
+        fitted,
+        TICK,
+        rig.loop.stale_limit,
+        rig.homing or HomingSettings(),
+        rig.limits.command_V,
+    )
+    return interlock(limit_table(rig.ladder, TICK), judged)
+
+
+def loop_of(
+    rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model, *, judged: bool = True
+) -> SimulatedLoop:
+    """Return the loop of a test, before the ram is brought to its start.
+
+    Args:
+        rig: to simulate.
+        test: the test.
+        memory: the filter's, before its first sample.
+        assumed: the model.
+        judged: whether the interlock judges its samples.
+    """
+    simulated = simulated_rig(
+        truth_of(rig, test),
+        test.seed,
+        sensors=rig.sensors,
+        spool_sensor=rig.has_spool_sensor,
+        supply_pressure_sensor=rig.has_supply_pressure_sensor,
+        load_cell=rig.has_load_cell,
+    )
+    return SimulatedLoop(
+        simulated,
+        motion_of(test),
+        memory,
+        assumed.parameters,
+        gain=rig.gain_V_per_m,
+        limit=rig.limits.command_V,
+        on_fault=Reaction[test.on_fault.name],
+        interlock=interlock_of(rig, assumed) if judged else None,
+    )

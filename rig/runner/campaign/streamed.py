@@ -1,0 +1,218 @@
+"""A campaign as the live stream shows it: what a run tells, and where its rows come from."""
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.leaks import Decision
+from faults import Campaign, CampaignTest
+from rig.loop import Board
+from rig.runner.outcomes import Observer, TestOutcome
+from rig.supervisor import Onlooker, RowFeed, Stream
+
+Array = NDArray[np.float64]
+
+PROGRESS_S: Final = 0.1
+"""Shortest time between two messages of progress."""
+CAMPAIGN_S: Final = 0.5
+"""Shortest time between two lists of all tests, but for the last one."""
+
+
+class StreamedRun(Observer, Onlooker):
+    """Tells a stream of a run, and another observer as before.
+
+    Args:
+        stream: of the rig; closed by `ends`.
+        inner: the other observer.
+        simulated: whether rows come by the runner; they come by the loop's ring otherwise.
+        live: whether the run is paced by the wall clock.
+    """
+
+    def __init__(self, stream: Stream, inner: Observer, *, simulated: bool, live: bool) -> None:
+        self.stream = stream
+        self._live = live
+        self._inner = inner
+        self._simulated = simulated
+        self._feed: RowFeed | None = None
+        self._campaign: dict[str, Any] = {}
+        self._tests: dict[str, dict[str, Any]] = {}
+        self._number = 0
+        self._channels: tuple[str, ...] = ()
+        self._test: CampaignTest | None = None
+        self._decision: Decision | None = None
+        self._told_at = self._listed_at = 0.0
+        self._unlisted = False
+        self._lock = threading.Lock()
+        """Held while the list of tests changes: operators change it from threads of their own."""
+
+    def ends(self) -> None:
+        """Tell that the run has ended, and end the stream."""
+        if self._campaign:
+            self._campaign["status"] = "ended"
+            self._list_tests(last=True)
+        self.stream.close()
+        if self._feed is not None:
+            self._feed.close()
+
+    def connected(self, board: Board, channels: tuple[str, ...]) -> None:
+        """Publish the rows of a session on hardware."""
+        self.stream.attach(board, channels)
+
+    def came_to(self, state: str) -> None:
+        """Tell the session's state."""
+        self.stream.tell("state", {"state": state, "since_ns": time.time_ns()})
+
+    def campaign_begins(
+        self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
+    ) -> None:
+        """Tell of the campaign and all its tests, those that are finished with their outcomes."""
+        self._inner.campaign_begins(campaign, directory, finished)
+        self._campaign = {
+            "status": "running",
+            "name": campaign.name,
+            "description": campaign.description,
+            "rig": campaign.rig_name,
+            "model": campaign.model.name,
+            "filter": campaign.filter_name,
+            "false_alarms_per_day": campaign.false_alarms_per_day,
+            "directory": directory.name,
+            "rig_time_s": campaign.rig_time_s,
+            "begun_ns": time.time_ns(),
+            "pausing": False,
+            "held": [],
+        }
+        self._tests = {
+            test.name: {
+                "name": test.name,
+                "expect": str(test.expect),
+                "duration_s": test.duration_s,
+                "status": "",
+                "verdict": "",
+            }
+            for test in campaign.tests
+        }
+        for outcome in finished:
+            self._note(outcome)
+        self._list_tests(last=True)
+
+    def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
+        """Tell what keeps the next test from beginning."""
+        self._inner.campaign_stands(pausing=pausing, held=held)
+        with self._lock:
+            self._campaign |= {"pausing": pausing, "held": list(held)}
+        self._list_tests(last=True)
+
+    def campaign_ends(self, exit_code: int, reason: str) -> None:
+        """Keep what is told last of all, once the rig is safe."""
+        self._inner.campaign_ends(exit_code, reason)
+        with self._lock:
+            self._campaign |= {"exit_code": exit_code, "reason": reason}
+
+    def rig_tells(self, text: str) -> None:
+        """Tell what the operator is told."""
+        self._inner.rig_tells(text)
+        self.stream.event("rig", "told", text)
+
+    def test_begins(self, number: int, test: CampaignTest) -> None:
+        """Tell of a test that begins."""
+        self._inner.test_begins(number, test)
+        self._number, self._test, self._decision = number, test, None
+        with self._lock:
+            self._tests.setdefault(test.name, {"name": test.name})["status"] = "running"
+        self._list_tests(last=False)
+        self._tell_progress(0.0)
+
+    def test_advances(self, time_s: float, decision: Decision | None) -> None:
+        """Tell how far a test has come, and what its detector holds, when that changes."""
+        self._inner.test_advances(time_s, decision)
+        if decision is not None and decision is not self._decision:
+            self._decision = decision
+            self.stream.tell("decision", self._decided(time_s, decision))
+        if time.monotonic() - self._told_at >= PROGRESS_S:
+            self._tell_progress(time_s)
+            if self._unlisted:
+                self._list_tests(last=False)
+
+    def test_ends(self, outcome: TestOutcome) -> None:
+        """Tell how a test ended."""
+        self._inner.test_ends(outcome)
+        self._note(outcome)
+        self._tell_progress(outcome.recorded_s)
+        self._list_tests(last=False)
+
+    def test_skipped(self, outcome: TestOutcome) -> None:
+        """Tell that a test is not to be run."""
+        self._inner.test_skipped(outcome)
+        self._note(outcome)
+        self._list_tests(last=False)
+
+    def test_runs(self, channels: tuple[str, ...], segment: int | None) -> None:
+        """Say what the columns of the present test's rows are."""
+        self._inner.test_runs(channels, segment)
+        self._channels = channels
+        # On the wire a test is a segment; simulated rows are told apart by their test.
+        self.stream.columns(self._number if segment is None else segment, channels, self._number)
+
+    def test_rows(self, rows: Array) -> None:
+        """Show rows of the present test, if they do not come by the loop's ring."""
+        self._inner.test_rows(rows)
+        if not self._simulated:
+            return
+        if self._feed is None:
+            self._feed = RowFeed(self.stream, self._channels, live=self._live)
+        self._feed.add(rows, self._number)
+
+    def test_event(self, time_s: float, kind: str, text: str) -> None:
+        """Tell of something that happened at a time of the present test."""
+        self._inner.test_event(time_s, kind, text)
+        self.stream.event("test", kind, text, time_s)
+
+    def _note(self, outcome: TestOutcome) -> None:
+        with self._lock:
+            self._tests.setdefault(outcome.name, {"name": outcome.name}).update(
+                status=str(outcome.status),
+                verdict=outcome.decision.verdict if outcome.decision else "",
+                message=outcome.message,
+            )
+
+    def _decided(self, time_s: float, decision: Decision) -> dict[str, Any]:
+        interval = decision.interval_m3_per_s
+        return {
+            **asdict(decision),
+            "time_s": time_s,
+            "test": self._number,
+            "name": self._test.name if self._test else "",
+            "interval_m3_per_s": None if interval is None else list(interval),
+            "suspected": decision.suspected,
+        }
+
+    def _tell_progress(self, time_s: float) -> None:
+        self._told_at = time.monotonic()
+        test = self._test
+        self.stream.tell(
+            "progress",
+            {
+                "number": self._number,
+                "count": len(self._tests),
+                "name": test.name if test else "",
+                "expect": str(test.expect) if test else "",
+                "time_s": time_s,
+                "duration_s": test.duration_s if test else 0.0,
+                "verdict": self._decision.verdict if self._decision else "",
+            },
+        )
+
+    def _list_tests(self, *, last: bool) -> None:
+        now = time.monotonic()
+        self._unlisted = True
+        if last or now - self._listed_at >= CAMPAIGN_S:
+            self._listed_at, self._unlisted = now, False
+            with self._lock:
+                tests = [dict(test) for test in self._tests.values()]
+                self.stream.tell("campaign", {**self._campaign, "tests": tests})

@@ -1,0 +1,27 @@
+from .computing_apart import ApartError as ApartError, apart as apart
+from .friction_experiment import (
+    FrictionExperiment as FrictionExperiment,
+    run_friction_experiment as run_friction_experiment,
+)
+from .friction_plan import (
+    break_away_campaign as break_away_campaign,
+    places_of as places_of,
+    sliding_campaign as sliding_campaign,
+)
+from .friction_results import (
+    experiment_figures as experiment_figures,
+    revised_model as revised_model,
+)
+from .gap_closing import CHANNELS as CHANNELS, ROUNDS as ROUNDS, close_gap as close_gap
+from .gap_plan import (
+    Programme as Programme,
+    motions_campaign as motions_campaign,
+    room_of as room_of,
+)
+from .gap_results import (
+    answer as answer,
+    gap_figures as gap_figures,
+    provenance_of as provenance_of,
+    rig_plant as rig_plant,
+)
+from .parts import ExperimentStoppedError as ExperimentStoppedError

@@ -1,0 +1,227 @@
+"""The motions of the friction experiment (section 3.1), laid out within a rig's limits.
+
+Everything follows from the limits of the stroke and from the speed that the model's valve gives the
+ram, so that another rig gets its own figures.
+"""
+
+from dataclasses import replace
+from math import pi
+from typing import Final
+
+import numpy as np
+
+from control import Constant, Polyline, Quantity, Setpoint, Sine
+from estimator.filters import DEFAULT_FILTER
+from estimator.friction import Stroke
+from faults import Campaign, CampaignTest, Verdict
+from rig.configuration import Rig, valve_speed
+from rig.plant import Model
+
+PLACES: Final = 10
+"""Along the stroke (section 3.1)."""
+SPEEDS: Final = (0.03, 0.06, 0.1, 0.16, 0.24, 0.3, 0.37, 0.45, 0.54, 0.65)
+"""Shares of what the fully open valve delivers. Below 0.25 a ram with the thesis's friction sticks
+and slips; the friction there is measured while it slows down."""
+CREEP_SPEED: Final = 8.4e-4
+"""m/s that the ramp's greatest command would give the ram. The oil that it lets in in half a ramp
+is 5 mm of stroke: 2 mm compress the oil against stiction, the rest moves the ram."""
+RAMP_S: Final = 24.0
+"""Of a ramp up, down, and back to null."""
+LOOP_SPEED: Final = 0.014
+"""m/s that the greatest command of a ramp in closed loop would give the ram: 0.2 V on table 2.1's
+rig, 5.6 um of spool. The loop keeps the ram from running away with it."""
+LOOP_RAMP_S: Final = 80.0
+
+_MARGIN_M: Final = 0.02
+"""From the limits of the stroke: the ram overshoots by less."""
+_SINE_S: Final = 60.0
+_SINE_AMPLITUDE_M: Final = 0.2
+_SINE_HZ: Final = 0.5
+_SINE_SPEED: Final = 0.9
+_NULL_S: Final = 8.0
+_STROKE_S: Final = 3.0
+_STROKE_M: Final = 0.5
+_REST_S: Final = 1.0
+_REPEATS: Final = 2
+_SETTLE_S: Final = 3.0
+
+SLOWING_DOWN: Final = "slowing down"
+NULL: Final = "valve null"
+
+
+def sliding_campaign(
+    rig: Rig, assumed: Model, *, speeds: tuple[float, ...] = SPEEDS, seed: int = 0
+) -> Campaign:
+    """Return the motions that slide, and a hold that shows the command at which the ram rests.
+
+    Args:
+        rig: whose limits are kept.
+        assumed: tells how fast the valve drives the ram.
+        speeds: shares of that, of the strokes at constant speed.
+        seed: of a simulated rig's noise.
+    """
+    low, high = _room(rig)
+    fastest = valve_speed(assumed.parameters, rig.limits.command_V)
+    amplitude = min(_SINE_AMPLITUDE_M, 0.5 * (high - low))
+    middle = 0.5 * (low + high)
+    frequency = min(_SINE_HZ, _SINE_SPEED * fastest / (2.0 * pi * amplitude))
+    tests = [
+        _test(NULL, Constant(middle), _NULL_S, middle),
+        _test(SLOWING_DOWN, Sine(middle, amplitude, frequency), _SINE_S, middle),
+    ]
+    for share in speeds:
+        motion, _ = strokes_at(share * fastest, low, high)
+        name = f"constant {1e3 * share * fastest:.0f} mm per s"
+        tests.append(_test(name, motion, motion.times_s[-1], motion.values[0]))
+    told = "Strokes of the friction curve (section 3.1)."
+    return _campaign("sliding", told, rig, assumed, tests, seed)
+
+
+def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[Stroke, ...]]:
+    """Return strokes out and back at a speed (m/s) between two positions, and when they are."""
+    length = min(_STROKE_M, high - low, speed * _STROKE_S)
+    start = 0.5 * (low + high - length)
+    times, values, strokes = [0.0], [start], []
+    for index in range(2 * _REPEATS):
+        begin = times[-1] + _REST_S
+        end = begin + length / speed
+        times += [begin, end]
+        values += [values[-1], start if index % 2 else start + length]
+        strokes.append(Stroke(begin, end))
+    times.append(times[-1] + _REST_S)
+    values.append(values[-1])
+    return Polyline(tuple(times), tuple(values)), tuple(strokes)
+
+
+def strokes_of(rig: Rig, assumed: Model, share: float) -> tuple[Stroke, ...]:
+    """Return when the strokes of a speed are in its test; `share` is one of `SPEEDS`."""
+    fastest = valve_speed(assumed.parameters, rig.limits.command_V)
+    return strokes_at(share * fastest, *_room(rig))[1]
+
+
+def places_of(rig: Rig, null_V: float, count: int = PLACES) -> tuple[float, ...]:  # noqa: N803
+    """Return where break-aways are measured, m: evenly along the stroke.
+
+    A loop without an integral part rests off its setpoint by null over gain; both keep to the room.
+    """
+    low, high = _room(rig)
+    off = null_V / rig.gain_V_per_m
+    ends = low + max(-off, 0.0), high - max(off, 0.0)
+    return tuple(float(place) for place in np.linspace(*ends, count))
+
+
+def break_away_campaign(
+    rig: Rig,
+    assumed: Model,
+    null_V: float,  # noqa: N803
+    places: tuple[float, ...],
+    *,
+    seed: int = 0,
+) -> Campaign:
+    """Return slow ramps of the command around the valve's null, one a place.
+
+    Args:
+        rig: whose limits are kept.
+        assumed: tells how fast the valve drives the ram.
+        null_V: command at which the ram rests.
+        places: m.
+        seed: of a simulated rig's noise.
+    """
+    off = null_V / rig.gain_V_per_m
+    top = CREEP_SPEED / valve_speed(assumed.parameters, 1.0)
+    ramp = _up_and_down(null_V, top, RAMP_S, "command")
+    tests = [
+        _test(f"break-away at {1e3 * place:.0f} mm", ramp, RAMP_S, place + off) for place in places
+    ]
+    told = "Break-away force along the stroke (section 3.1)."
+    return _campaign("break_away", told, rig, assumed, tests, seed)
+
+
+def closed_loop_campaign(
+    rig: Rig,
+    assumed: Model,
+    null_V: float,  # noqa: N803
+    places: tuple[float, ...],
+    *,
+    seed: int = 0,
+) -> Campaign:
+    """Return ramps of the setpoint, for places where those of the command did not move the ram.
+
+    A ram that sticks makes a slow setpoint a slow command, through overlap or underlap of the spool
+    if need be; one that has broken away follows. Takes the arguments of `break_away_campaign`.
+    """
+    low, high = _room(rig)
+    reach = _loop_reach(rig, assumed)
+    off = null_V / rig.gain_V_per_m
+    # Setpoint and ram keep to the room, both ways.
+    first, last = low + reach + max(-off, 0.0), high - reach - max(off, 0.0)
+    kept = sorted({min(max(place, first), last) for place in places})
+    tests = [
+        _test(
+            f"break-away at {1e3 * place:.0f} mm in closed loop",
+            _up_and_down(place + off, reach, LOOP_RAMP_S, "position"),
+            LOOP_RAMP_S,
+            place + off,
+        )
+        for place in kept
+    ]
+    told = "Break-away where ramps of the command did not move the ram."
+    return _campaign("break_away_closed_loop", told, rig, assumed, tests, seed)
+
+
+def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
+    """Return the slope of the ramps, V/s."""
+    if closed_loop:
+        return 4.0 * _loop_reach(rig, assumed) * rig.gain_V_per_m / LOOP_RAMP_S
+    return 4.0 * CREEP_SPEED / valve_speed(assumed.parameters, 1.0) / RAMP_S
+
+
+def _loop_reach(rig: Rig, assumed: Model) -> float:
+    """Return how far setpoints go either way, m: a twelfth of the stroke at most."""
+    low, high = _room(rig)
+    reach = LOOP_SPEED / valve_speed(assumed.parameters, 1.0) / rig.gain_V_per_m
+    return min(reach, (high - low) / 12.0)
+
+
+def _up_and_down(middle: float, reach: float, period_s: float, quantity: Quantity) -> Polyline:
+    corners = tuple(share * period_s for share in (0.0, 0.25, 0.75, 1.0))
+    return Polyline(corners, (middle, middle + reach, middle - reach, middle), quantity)
+
+
+def _room(rig: Rig) -> tuple[float, float]:
+    limits = rig.limits
+    return limits.position_min_m + _MARGIN_M, limits.position_max_m - _MARGIN_M
+
+
+def _test(name: str, setpoint: Setpoint, duration_s: float, start: float) -> CampaignTest:
+    return CampaignTest(
+        name=name,
+        test_name=name,
+        duration_s=duration_s,
+        start_position_m=start,
+        settle_s=_SETTLE_S,
+        setpoint=setpoint,
+        load=None,
+        faults=(),
+        expect=Verdict.INCONCLUSIVE,
+        repeat=1,
+        seed=0,
+    )
+
+
+def _campaign(
+    name: str, description: str, rig: Rig, assumed: Model, tests: list[CampaignTest], seed: int
+) -> Campaign:
+    # Each test has noise unlike the others'.
+    seeds = np.random.SeedSequence([seed, len(name)]).generate_state(len(tests))
+    return Campaign(
+        name=f"friction_{name}",
+        description=description,
+        rig_name=rig.name,
+        model=assumed,
+        filter_name=DEFAULT_FILTER,
+        false_alarms_per_day=1.0,
+        tests=tuple(
+            replace(test, seed=int(drawn)) for test, drawn in zip(tests, seeds, strict=True)
+        ),
+    )

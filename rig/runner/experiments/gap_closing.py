@@ -1,0 +1,322 @@
+"""Closes a gap on a rig: runs motions, finds what the model lacks, settles which, and checks.
+
+Each round adds motions to what the model is fitted to: first the programme, then the experiment
+that tells apart what the recordings so far do not, then whatever a check brought to light. A check
+is a run of its own, after the model was revised, on which the revised model is tested as if it were
+given. It ends when a model is adequate, when nothing more can be found, or after some rounds.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, ParamSpec, TypeVar
+
+import numpy as np
+
+from estimator.gap import (
+    SURE,
+    Check,
+    GapResult,
+    Plant,
+    Predictor,
+    Round,
+    Separation,
+    channel_gaps,
+    find_gap,
+    growth,
+    mean_gap,
+    record_of,
+    take_back,
+    usable,
+    why_worse,
+)
+from faults import Campaign
+from rig.configuration import Rig
+from rig.loop import StopRequestedError, TripError
+from rig.plant import Model, Parameters
+from rig.recording import Recording, read_recording
+from rig.runner.campaign import Bench, Pace, StopFlag, bench_of
+from rig.runner.outcomes import EXIT_STOPPED, Observer
+
+from .computing_apart import Worker, at_once
+from .gap_motions import EXPERIMENT_S
+from .gap_plan import Programme, motions_campaign, room_of
+from .gap_results import rig_plant
+from .parts import ExperimentStoppedError, Parts
+
+ROUNDS: Final = 4
+"""Most rounds: the programme, two experiments, and one for what a check finds."""
+CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
+"""That a recording must have."""
+CLOSED: Final = 0.8
+"""Part of the gap that must be gone on a check for a model with rivals left to be called done; or
+all but what chance leaves."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of recordings: of which model, and which effects it may lack.
+
+    Attributes:
+        rig: they were made on.
+        model: to be tested.
+        among: effects that are looked for; all of the catalogue if empty.
+        experiment_s: how long a motion that tells effects apart takes.
+    """
+
+    rig: Rig
+    model: Model
+    among: tuple[str, ...] = ()
+    experiment_s: float = EXPERIMENT_S
+
+    def plant(self) -> Plant:
+        """Return the rig with the model as the workflow sees it."""
+        room = room_of(self.rig)
+        plant = rig_plant(self.model, self.rig.sensors, room, self.experiment_s)
+        if not self.among:
+            return plant
+        return replace(plant, effects={name: plant.effects[name] for name in self.among})
+
+
+def answer_to(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+    """Return what a model lacks by recordings in files."""
+    return find_gap(_read(fitted), _read(held), question.plant())
+
+
+def checked(
+    question: Question, found: GapResult, fresh: Sequence[Path], held: Sequence[Path]
+) -> tuple[Check, GapResult]:
+    """Return a check of the model found, and what was found with its gap on the fresh run.
+
+    Where the model found predicts that run worse than the one given, the latter is what was found.
+
+    Args:
+        question: that was answered.
+        found: the answer.
+        fresh: files of the run that the model was revised before.
+        held: files held out.
+    """
+    plant, recordings = question.plant(), _read(fresh)
+    revised = replace(question, model=revised_model(question.model, found))
+    again = find_gap(recordings, _read(held), revised.plant())
+    records = usable([record_of(recording, plant) for recording in recordings], plant)
+    predictor, given = Predictor(plant), plant.nominal
+    found = replace(found, reasons=list(found.reasons))
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        gaps = channel_gaps(predictor, records, given, found.values, pool)
+        before, after = mean_gap(gaps)
+        grown = growth(predictor, records, given, found.values, pool)
+        worse = why_worse(grown, (before, after), named=bool(found.effects))
+        if worse is not None:
+            named = " and ".join(effect.name for effect in found.effects)
+            take_back(found, plant, f"{named or 'the refit'}, on the check", worse)
+            written = channel_gaps(predictor, records, given, given, pool)
+        else:
+            written = gaps
+    seconds = sum(map(len, records)) * plant.period
+    names = tuple(effect.name for effect in again.effects)
+    scatter = float(np.mean([gap.scatter for gap in gaps]))
+    check = Check(again.verdict, names, before, after, scatter)
+    return check, replace(
+        found,
+        channels=written,
+        gap_before=mean_gap(written)[0],
+        gap_after=mean_gap(written)[1],
+        holdout=[(each.source, each.content_hash()) for each in recordings],
+        seconds=(found.seconds[0], seconds),
+    )
+
+
+def revised_model(given: Model, found: GapResult) -> Model:
+    """Return the model that was found, without its provenance."""
+    parameters = Parameters(**{name: found.values[name] for name in Parameters._fields})
+    return replace(given, parameters=parameters)
+
+
+def _read(files: Sequence[Path]) -> list[Recording]:
+    return [read_recording(file, required=CHANNELS) for file in files]
+
+
+def close_gap(
+    rig: Rig,
+    given: Model,
+    directory: Path,
+    *,
+    programme: Programme | None = None,
+    rounds: int = ROUNDS,
+    among: tuple[str, ...] = (),
+    pace: Pace | None = None,
+    observer: Observer | None = None,
+    stop: StopFlag | None = None,
+    worker: Worker = at_once,
+    seed: int = 0,
+) -> GapResult:
+    """Run motions on a rig until its model is adequate, and return what it lacked.
+
+    Args:
+        rig: simulated, or on hardware.
+        given: the model to be tested.
+        directory: an existing folder; each campaign gets a folder in it.
+        programme: what is run; the usual one if not given.
+        rounds: at most, from 1.
+        among: effects that are looked for; all of the catalogue if empty.
+        pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
+        observer: is told how it goes on.
+        stop: ends it after the present batch.
+        worker: computes while the rig is looked after.
+        seed: of the motions' phases and of a simulated rig's noise.
+
+    A rig that trips while it is held, and the model is fitted, ends the rounds; what its recordings
+    tell is returned, with `ended_by`.
+
+    Raises:
+        ExperimentStoppedError: it tripped in a motion, was stopped, or a test crashed.
+        DirectoryError, DriverError, TripError, OSError: as `run_campaign`.
+        ApartError: of `worker`.
+    """
+    stop, observer = stop or StopFlag(), observer or Observer()
+    plan = programme or Programme()
+    question = Question(rig, given, among, plan.experiment_s)
+    closing = _Closing(question, plan, directory, observer, stop, worker, seed)
+    first = closing.campaign("held_out", plan.held, rounds)
+    bench = bench_of(first, rig, directory, observer, stop)
+    with bench:
+        return closing.run(Parts(rig, directory, bench, pace, observer, stop), bench, first, rounds)
+
+
+class _Closing:
+    """The rounds, on a bench that is entered."""
+
+    def __init__(
+        self,
+        question: Question,
+        plan: Programme,
+        directory: Path,
+        observer: Observer,
+        stop: StopFlag,
+        worker: Worker,
+        seed: int,
+    ) -> None:
+        self._question, self._plan, self._directory = question, plan, directory
+        self._observer, self._stop, self._worker, self._seed = observer, stop, worker, seed
+        self._parts: Parts
+        self._bench: Bench
+        self._held: list[Path] = []
+        self._fitted: list[Path] = []
+        self._rounds: list[Round] = []
+        self._tried: set[str] = set()
+        self._tripped = ""
+
+    def run(self, parts: Parts, bench: Bench, first: Campaign, rounds: int) -> GapResult:
+        """Return what was found in at most so many rounds, after a first campaign held out."""
+        self._parts, self._bench = parts, bench
+        self._held = list(parts.record(first).values())
+        why, motions = "to excite what the catalogue has", self._plan.fitted
+        while True:
+            number = len(self._rounds) + 1
+            made = self._record(f"round_{number}", motions, number)
+            found = self._compute(answer_to, self._question, self._fitted, self._held)
+            names = tuple(name for name, _ in motions)
+            self._note(why, names, made, found, None)
+            if self._tripped or found.verdict in ("adequate", "inconclusive"):
+                break
+            experiment = self._experiment(found)
+            if experiment is not None and number < rounds:
+                apart = " from ".join(name.replace("_", " ") for name in experiment.effects)
+                why = f"to tell {apart}"
+                motions = ((_motion_of(experiment), self._plan.experiment_s),)
+                continue
+            check, found = self._check(found, number)
+            self._rounds[-1] = replace(self._rounds[-1], check=check)
+            self._say(f"checked on a run of its own: {check.verdict}")
+            if self._tripped or check.verdict == "adequate" or number >= rounds:
+                break
+            if self._is_done(found, check):
+                break
+            why, motions = "since the check was not adequate", self._plan.fitted
+        found.rounds, found.ended_by = self._rounds, self._tripped
+        return found
+
+    def campaign(self, name: str, motions: tuple[tuple[str, float], ...], number: int) -> Campaign:
+        """Return the campaign of motions; each number has its own phases."""
+        asked = self._question
+        return motions_campaign(name, motions, asked.rig, asked.model, 1000 * self._seed + number)
+
+    def _record(
+        self, name: str, motions: tuple[tuple[str, float], ...], number: int
+    ) -> tuple[str, ...]:
+        """Run motions, fit to them from now on, and return their files' names."""
+        files = list(self._parts.record(self.campaign(name, motions, number)).values())
+        self._fitted += files
+        return tuple(str(file.relative_to(self._directory)) for file in files)
+
+    def _experiment(self, found: GapResult) -> Separation | None:
+        """Return the first experiment that would settle something and was not run yet."""
+        for experiment in found.experiments:
+            if experiment.campaign and _motion_of(experiment) not in self._tried:
+                self._tried.add(_motion_of(experiment))
+                return experiment
+        return None
+
+    def _check(self, found: GapResult, number: int) -> tuple[Check, GapResult]:
+        """Run what nothing was fitted to, test the model found on it; then it may be fitted to."""
+        campaign = self.campaign(f"check_{number}", self._plan.check, 500 + number)
+        fresh = list(self._parts.record(campaign).values())
+        check, found = self._compute(checked, self._question, found, fresh, self._held)
+        self._fitted += fresh
+        return check, found
+
+    @staticmethod
+    def _is_done(found: GapResult, check: Check) -> bool:
+        """Whether another round of the same would tell nothing new."""
+        known = {effect.name for effect in found.effects}
+        known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
+        left = max((1.0 - CLOSED) * check.gap_before, SURE * check.scatter)
+        gone = check.gap_after <= left
+        return gone and set(check.effects) <= known and check.verdict != "unknown_effect"
+
+    def _compute(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Return what a function returns, the rig looked after meanwhile."""
+        return self._worker(self._wait, function, *args, **kwargs)
+
+    def _wait(self) -> None:
+        if self._stop.requested:
+            raise ExperimentStoppedError(f"stopped by {self._stop.reason}", EXIT_STOPPED)
+        if self._tripped:
+            return
+        try:
+            self._bench.idle()
+        except StopRequestedError:
+            raise
+        except TripError as error:
+            # Its recordings are whole, and it is safe: what they tell is not to be lost with it.
+            self._tripped = str(error)
+            self._say(f"{error}; what was recorded is still looked at")
+
+    def _note(
+        self,
+        why: str,
+        motions: tuple[str, ...],
+        made: tuple[str, ...],
+        found: GapResult,
+        check: Check | None,
+    ) -> None:
+        self._rounds.append(Round(why, motions, made, found.verdict, tuple(found.effects), check))
+        names = ", ".join(
+            " or ".join([effect.name, *(rival.effect for rival in effect.indistinguishable)])
+            for effect in found.effects
+        )
+        self._say(f"round {len(self._rounds)}: {found.verdict}{': ' if names else ''}{names}")
+
+    def _say(self, text: str) -> None:
+        self._observer.rig_tells(text)
+
+
+def _motion_of(experiment: Separation) -> str:
+    """Return the name of an experiment's motion in the library."""
+    return str(experiment.campaign["tests"][0]["name"])

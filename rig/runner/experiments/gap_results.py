@@ -1,0 +1,339 @@
+"""A found gap as plain figures: `gap.json`, what `rig gap --json` prints, a model's provenance."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+import rig
+from estimator.gap import (
+    Curve,
+    Estimate,
+    FreeRun,
+    GapResult,
+    NamedEffect,
+    Plant,
+    Rival,
+    Round,
+    Separation,
+    servo_actuator,
+)
+from rig.configuration import dump_model
+from rig.plant import CATALOGUE, DATA_SHEET, Model, Parameters, SensorParameters
+from rig.runner.outcomes import git_state, model_sha256, versions
+
+from .gap_motions import EXPERIMENT_S, MARGIN_M, Room, motions
+
+REVISED: Final = "revised"
+"""Appended to the name of the model that was tested, once."""
+_DIGITS: Final = 6
+
+
+def rig_plant(
+    model: Model,
+    sensors: SensorParameters = DATA_SHEET,
+    room: Room | None = None,
+    experiment_s: float = EXPERIMENT_S,
+) -> Plant:
+    """Return this rig with a model as the gap workflow sees it; its `write` writes model files.
+
+    Args:
+        model: to be tested.
+        sensors: of the rig.
+        room: in which experiments may move the ram; its stroke if not given.
+        experiment_s: how long they take.
+    """
+    par = model.parameters
+    space = room or Room(par.stroke_min + MARGIN_M, par.stroke_max - MARGIN_M)
+    middle = 0.5 * (par.supply_pressure + par.return_pressure)
+    return replace(
+        servo_actuator(model, sensors),
+        write=partial(_write_model, model),
+        motions=partial(motions, space, middle, experiment_s),
+        loop=((0, 0, space.gain),),
+    )
+
+
+def _write_model(
+    parent: Model,
+    values: Mapping[str, float],
+    effects: tuple[str, ...],
+    provenance: Mapping[str, Any],
+    path: Path,
+) -> None:
+    """Write a model with what was found added to its parent's effects.
+
+    Raises:
+        ConfigError: a value is outside the range that a model file may hold.
+        OSError: the file cannot be written.
+    """
+    kept = [name for name in parent.effects if name not in effects]
+    added = [name for name in effects if name in CATALOGUE]
+    parameters = Parameters(**{field: values[field] for field in Parameters._fields})
+    same = parameters == parent.parameters and not added
+    revised = same or parent.name.endswith(f" {REVISED}")
+    name = parent.name if revised else f"{parent.name} {REVISED}"
+    parents: dict[str, Any] = {"name": parent.name, "sha256": model_sha256(parent)}
+    if parent.provenance:
+        parents["provenance"] = dict(parent.provenance)
+    dump_model(Model(name, parameters, (*kept, *added), {"parent": parents, **provenance}), path)
+
+
+def provenance_of(
+    result: GapResult, command: tuple[str, ...] = (), *, with_term: bool = False
+) -> dict[str, Any]:
+    """Return what a written model says of where it comes from; `with_term`: that with the term."""
+    told: dict[str, Any] = {"command": list(command)} if command else {}
+    if result.added is not None:
+        told["unknown_term"] = _term(result)
+    return {
+        "written_by": "rig gap",
+        **told,
+        "verdict": result.verdict,
+        "reasons": list(result.reasons),
+        "recordings": _recordings(result.identification),
+        "holdout": _recordings(result.holdout),
+        "effects": {effect.name: _provenance_of(effect) for effect in result.effects},
+        "written": "with the unknown term" if with_term else result.written,
+        "refitted": _refitted(result),
+        "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
+        "versions": versions(),
+        "git": git_state(Path(rig.__file__).parent),
+    }
+
+
+def _provenance_of(effect: NamedEffect) -> dict[str, Any]:
+    figures = effect_figures(effect)
+    return {
+        key: figures[key]
+        for key in ("equation", "where", "parameters", "evidence", "indistinguishable_from")
+    }
+
+
+def _recordings(told: list[tuple[str, str]]) -> list[dict[str, str]]:
+    return [{"source": source, "sha256": sha256} for source, sha256 in told]
+
+
+def answer(result: GapResult) -> dict[str, Any]:
+    """Return the object that `rig gap --json` prints; other programs rely on its keys."""
+    return {
+        "verdict": result.verdict,
+        "reasons": list(result.reasons),
+        "effects": [_short(effect) for effect in result.effects],
+        "written": result.written,
+        "refitted": _refitted(result),
+        "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
+        "where": [where_figures(curve) for curve in result.where[:3]],
+        "experiment": _first_experiment(result),
+        "term": _term(result),
+    }
+
+
+def _refitted(result: GapResult) -> dict[str, Any]:
+    """Return the nuisances as refitted, each with whether the model written has its value."""
+    return {
+        each.key: estimate_figures(each)
+        | {"kept": not result.as_given, "at_an_end": each.at_an_end}
+        for each in result.refitted
+    }
+
+
+def _term(result: GapResult) -> dict[str, Any] | None:
+    """Return the unknown term that was added to `model_with_term.yaml`; null without one."""
+    added = result.added
+    if added is None:
+        return None
+    return {
+        "equation": added.equation,
+        "text": added.text,
+        "parameters": {each.key: estimate_figures(each) for each in added.estimates},
+        "explained": _plain(added.explained),
+        "gap": {"before": _plain(result.gap_before), "after": _plain(added.gap)},
+    }
+
+
+def _first_experiment(result: GapResult) -> dict[str, Any] | None:
+    """Return what to run first; where nothing would tell, what says so."""
+    best = sorted(result.experiments, key=lambda experiment: not experiment.campaign)
+    return experiment_figures(best[0]) if best else None
+
+
+def _short(effect: NamedEffect) -> dict[str, Any]:
+    figures = effect_figures(effect)
+    keys = ("name", "parameters", "evidence", "indistinguishable_from")
+    return {key: figures[key] for key in keys}
+
+
+def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
+    """Return all that was found, as `gap.json` holds it (docs/gap.md lists the keys)."""
+    return answer(result) | {
+        "plant": plant.name,
+        "effects": [effect_figures(effect) for effect in result.effects],
+        "channels": [
+            {
+                "channel": gap.channel,
+                "before": _plain(gap.before - gap.floor),
+                "after": _plain(gap.after - gap.floor),
+                "floor": _plain(gap.floor),
+                "rms_before": _plain(gap.rms_before),
+                "rms_after": _plain(gap.rms_after),
+                "scatter": _plain(gap.scatter),
+                "unit": gap.unit,
+                "whiteness": {
+                    "before": _plain(gap.whiteness_before),
+                    "after": _plain(gap.whiteness_after),
+                    "floor": _plain(gap.whiteness_floor),
+                },
+                "frequency": [
+                    {
+                        "from_Hz": band.low,
+                        "to_Hz": band.high,
+                        "before": _plain(band.before),
+                        "after": _plain(band.after),
+                        "floor": _plain(band.floor),
+                    }
+                    for band in gap.bands
+                ],
+            }
+            for gap in result.channels
+        ],
+        "explained": _plain(result.explained),
+        "where": [where_figures(curve) | _curve(curve) for curve in result.where],
+        "rest": [where_figures(curve) | _curve(curve) for curve in result.rest],
+        "limits": {
+            limit.effect: {"key": limit.key, "size": _plain(limit.size), "unit": limit.unit}
+            for limit in result.limits
+        },
+        "experiments": [experiment_figures(each) for each in result.experiments],
+        "free_runs": [_free_run(run) for run in result.free_runs],
+        "parameters": {name: _plain(value) for name, value in result.values.items()},
+        "names": list(result.names),
+        "recordings": _recordings(result.identification),
+        "holdout": _recordings(result.holdout),
+        "seconds": {"identification": result.seconds[0], "holdout": result.seconds[1]},
+        "versions": versions(),
+        "rounds": [round_figures(number, each) for number, each in enumerate(result.rounds, 1)],
+    }
+
+
+def estimate_figures(estimate: Estimate) -> dict[str, Any]:
+    """Return a parameter with its 95 % interval, SI."""
+    return {
+        "value": _plain(estimate.value),
+        "lower": _plain(estimate.lower),
+        "upper": _plain(estimate.upper),
+        "unit": estimate.unit,
+        "before": _plain(estimate.before),
+    }
+
+
+def effect_figures(effect: NamedEffect) -> dict[str, Any]:
+    """Return all that is known of a named effect."""
+    return {
+        "name": effect.name,
+        "equation": effect.equation,
+        "where": effect.where,
+        "parameters": {each.key: estimate_figures(each) for each in effect.parameters},
+        "evidence": {
+            "gain": _plain(effect.gain), "bar": _plain(effect.bar), "z": _plain(effect.z),
+            "held_out_z": _plain(effect.held_out_z),
+        },
+        "indistinguishable_from": [rival.effect for rival in effect.indistinguishable],
+        "rivals": [_rival(each, True) for each in effect.indistinguishable]
+        + [_rival(each, False) for each in effect.excluded],
+        "unseen": effect.unseen,
+    }  # fmt: skip
+
+
+def _rival(rival: Rival, possible: bool) -> dict[str, Any]:
+    return {
+        "name": rival.effect,
+        "possible": possible,
+        "share": _plain(rival.share),
+        "z": _plain(rival.z),
+        "cosine": _plain(rival.cosine),
+        "why": rival.why,
+    }
+
+
+def where_figures(curve: Curve) -> dict[str, Any]:
+    """Return which disturbance of which equation would explain the gap, and its largest value."""
+    index = int(np.argmax(np.abs(curve.values)))
+    return {
+        "equation": curve.equation,
+        "region": curve.region,
+        "share": _plain(curve.share),
+        "largest": _plain(float(curve.values[index])),
+        "error": _plain(float(curve.errors[index])),
+        "unit": curve.unit,
+        "at": _plain(float(curve.at[index])),
+        "region_unit": curve.region_unit,
+    }
+
+
+def _curve(curve: Curve) -> dict[str, Any]:
+    return {
+        "curve": {
+            "at": [_plain(x) for x in curve.at],
+            "values": [_plain(y) for y in curve.values],
+            "errors": [_plain(e) for e in curve.errors],
+        },
+        "gain": _plain(curve.gain),
+    }
+
+
+def experiment_figures(experiment: Separation) -> dict[str, Any]:
+    """Return an experiment that would tell effects apart, its campaign ready to run."""
+    return {
+        "effects": list(experiment.effects),
+        "motion": experiment.motion,
+        "campaign": experiment.campaign,
+        "cosine": _plain(experiment.cosine),
+        "predicted_z": _plain(experiment.z),
+    }
+
+
+def round_figures(number: int, told: Round) -> dict[str, Any]:
+    """Return a round of closing a gap on a rig."""
+    check = told.check
+    return {
+        "round": number,
+        "why": told.why,
+        "motions": list(told.motions),
+        "recordings": list(told.recordings),
+        "verdict": told.verdict,
+        "effects": [_short(effect) for effect in told.effects],
+        "check": None
+        if check is None
+        else {
+            "verdict": check.verdict,
+            "effects": list(check.effects),
+            "gap": {"before": _plain(check.gap_before), "after": _plain(check.gap_after)},
+        },
+    }
+
+
+def _free_run(run: FreeRun) -> dict[str, Any]:
+    """Return a free run's distances; its samples are in the report only."""
+    return {
+        "source": run.source,
+        "channel": run.channel,
+        "from_s": _plain(run.time_s[0]),
+        "to_s": _plain(run.time_s[-1]),
+        "rms_before": _plain(_rms(run.before - run.measured)),
+        "rms_after": _plain(_rms(run.after - run.measured)),
+        "unit": run.unit,
+    }
+
+
+def _rms(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(np.square(errors))))
+
+
+def _plain(value: float) -> float | None:
+    """Return a figure as JSON has it, which knows no infinity and no NaN."""
+    return float(f"{float(value):.{_DIGITS + 3}g}") if isfinite(value) else None

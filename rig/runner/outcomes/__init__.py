@@ -1,0 +1,5 @@
+"""What comes of tests: outcomes, figures, decisions, and how they are recorded."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,0 +1,45 @@
+from .decision_rows import DecisionRows as DecisionRows
+from .figures import figures_of as figures_of
+from .friction import (
+    FrictionWatch as FrictionWatch,
+    change_figures as change_figures,
+    friction_figures as friction_figures,
+    model_spring as model_spring,
+)
+from .in_words import (
+    chance as chance,
+    in_passing as in_passing,
+    percent as percent,
+    reaction as reaction,
+)
+from .observer import Observer as Observer
+from .outcome import (
+    EXIT_BAD_INPUT as EXIT_BAD_INPUT,
+    EXIT_FAILED as EXIT_FAILED,
+    EXIT_STOPPED as EXIT_STOPPED,
+    Attempt as Attempt,
+    CampaignOutcome as CampaignOutcome,
+    Happening as Happening,
+    InjectedFault as InjectedFault,
+    Status as Status,
+    TestOutcome as TestOutcome,
+)
+from .outcome_record import outcome_of as outcome_of, record_of as record_of
+from .reactions import Reactions as Reactions
+from .recorded import (
+    account_detector_of as account_detector_of,
+    detector_of as detector_of,
+    metadata_of as metadata_of,
+    sensors_of as sensors_of,
+    spring_of as spring_of,
+)
+from .software_state import (
+    git_state as git_state,
+    model_sha256 as model_sha256,
+    provenance as provenance,
+    versions as versions,
+)
+from .thresholds import (
+    HealthyInnovations as HealthyInnovations,
+    HealthyReferences as HealthyReferences,
+)

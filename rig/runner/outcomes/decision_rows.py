@@ -1,0 +1,60 @@
+"""Turns a test's decisions into the rows that the loop takes."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.leaks import CONFIRMED_AFTER_S, Decision
+from faults import Verdict
+from rig.loop import PROBABLE, VERDICT_CODES
+
+Array = NDArray[np.float64]
+
+_NO_FAULT: Final = (Verdict.HEALTHY, Verdict.INCONCLUSIVE)
+
+
+class DecisionRows:
+    """The decisions of one test, given in their order."""
+
+    def __init__(self) -> None:
+        self._verdict = ""
+        self._held_since_s = 0.0
+
+    def row(self, time_s: float, decision: Decision) -> Array:
+        """Return a decision as a row, float64 (len(`rig.loop.decided.DECIDED`),), SI.
+
+        A fault is confirmed while the detector says that a leak is there now, and once the same
+        verdict of a fault has been held for 5 s, after which the detector itself withdraws none.
+
+        Args:
+            time_s: time of the newest sample it rests on.
+            decision: what was decided then.
+
+        Raises:
+            ValueError: its verdict is none of `VERDICT_CODES`.
+        """
+        if decision.verdict != self._verdict:
+            self._verdict, self._held_since_s = decision.verdict, time_s
+        is_fault = decision.verdict not in _NO_FAULT
+        held = is_fault and time_s - self._held_since_s >= CONFIRMED_AFTER_S
+        flow = decision.leak_m3_per_s
+        return np.array(
+            [
+                time_s,
+                _code(decision.verdict),
+                float(held or any(decision.present_leaks)),
+                *(decision.probabilities.get(name, np.nan) for name in PROBABLE),
+                np.nan if flow is None else flow,
+                *(decision.interval_m3_per_s or (np.nan, np.nan)),
+                *decision.present_leaks,
+            ],
+            np.float64,
+        )
+
+
+def _code(verdict: str) -> int:
+    if verdict not in VERDICT_CODES:
+        known = ", ".join(VERDICT_CODES)
+        raise ValueError(f"verdict {verdict!r} is not known; a detector may decide on {known}")
+    return VERDICT_CODES.index(Verdict(verdict))

@@ -1,0 +1,106 @@
+"""Watches the friction of a test while its detector is fed, and writes it to `results.json`."""
+
+from typing import Any
+
+from estimator.filters import DEFAULT_FILTER, FilterRun
+from estimator.friction import (
+    BlockCollector,
+    FrictionCurve,
+    Spring,
+    friction_changes,
+    identify_friction,
+    load_lag,
+)
+from estimator.leaks import Decision, Detector, Samples
+from faults import CampaignTest
+from rig.plant import Model, SensorParameters
+
+
+class FrictionWatch:
+    """A detector that hands everything on to another and keeps what friction is identified from.
+
+    Args:
+        detector: the other one.
+        test: tells the spring.
+        model: what the filter assumes.
+        sensors: data sheet of the transducers.
+    """
+
+    def __init__(
+        self, detector: Detector, test: CampaignTest, model: Model, sensors: SensorParameters
+    ) -> None:
+        self._detector = detector
+        self._model = model
+        self._sensors = sensors
+        self._spring = model_spring(model)
+        if test.load is not None:
+            self._spring = Spring(test.load.stiffness, test.load.contact)
+        self._collector = BlockCollector(model.parameters)
+        self._watching = False
+
+    def update(self, samples: Samples, run: FilterRun) -> None:
+        """Take the next samples."""
+        self._detector.update(samples, run)
+        self._watching = run.filter.name == DEFAULT_FILTER
+        if self._watching:
+            self._collector.take(samples, run)
+
+    def decide(self) -> Decision:
+        """Return the other detector's decision."""
+        return self._detector.decide()
+
+    @property
+    def curve(self) -> FrictionCurve | None:
+        """What has been seen of friction; None where the filter does not estimate the load."""
+        if not self._watching:
+            return None
+        lag = load_lag(self._model, self._sensors)
+        blocks = self._collector.blocks
+        return identify_friction(blocks, lag, self._spring, self._model.parameters)
+
+
+def model_spring(model: Model) -> Spring:
+    """Return the spring that a model has."""
+    return Spring(model.parameters.spring_stiffness, model.parameters.spring_contact)
+
+
+def friction_figures(curve: FrictionCurve) -> dict[str, Any]:
+    """Return a friction curve as JSON holds it, SI; other programs rely on the keys."""
+    return {
+        **{
+            name: {
+                "value": estimate.value,
+                "standard_error": estimate.standard_error,
+                "unit": estimate.unit,
+                "needs": estimate.needs,
+            }
+            for name, estimate in curve.estimates.items()
+        },
+        "slowest_m_per_s": curve.slowest,
+        "fastest_m_per_s": curve.fastest,
+        "strokes": curve.strokes,
+        "spring_stiffness_N_per_m": curve.spring.stiffness,
+        "spring_contact_m": curve.spring.contact,
+        "filter_lag_s": curve.lag_s,
+        "bins": [
+            {
+                "velocity_m_per_s": each.velocity,
+                "force_N": each.force,
+                "spread_N": each.spread,
+                "count": each.count,
+            }
+            for each in curve.bins
+        ],
+    }
+
+
+def change_figures(first: FrictionCurve, last: FrictionCurve) -> dict[str, Any]:
+    """Return by how much two curves' parameters differ, as JSON holds it, SI."""
+    return {
+        change.name: {
+            "difference": change.difference,
+            "z": change.score,
+            "significant": bool(change.significant),
+        }
+        for change in friction_changes(first, last)
+    }

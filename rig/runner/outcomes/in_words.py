@@ -1,0 +1,52 @@
+"""Says of an outcome, for screen and page alike, how probable it is and what was done about it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from estimator.leaks import Decision, Found, is_of
+
+from .outcome import TestOutcome
+
+
+def chance(decision: Decision) -> str:
+    """Return how probable the verdict is; empty where the detector does not say, or names none."""
+    share = decision.probabilities.get(decision.verdict)
+    return "" if share is None else percent(share)
+
+
+def percent(share: float) -> str:
+    """Return a probability in percent; rounding makes no certainty of it."""
+    if share > 0.999:
+        return "> 99.9 %"
+    return f"{100.0 * share:.1f} %" if share > 0.9 else f"{100.0 * share:.0f} %"
+
+
+def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
+    """Return what the final verdict does not say: that its fault has gone, and confirmed others.
+
+    Args:
+        decision: the final one.
+        found: all that was named.
+    """
+    told = []
+    if decision.ended_s is not None:
+        told.append(f"gone again at {decision.ended_s:.1f} s")
+    for each in found:
+        held = each.decision
+        if not each.confirmed or is_of(decision, replace(held, ended_s=each.ended_s)):
+            continue
+        began = "" if held.onset_s is None else f" from {held.onset_s:.1f} s"
+        ended = "" if each.ended_s is None else f" to {each.ended_s:.1f} s"
+        told.append(f"{held.verdict.replace('_', ' ')}{began}{ended}")
+    return told
+
+
+def reaction(test: TestOutcome) -> str:
+    """Return what the loop did about a fault, and since when; empty for nothing."""
+    if not test.actions:
+        return ""
+    first, last = test.actions[0], test.actions[-1]
+    if first.holds:
+        return f"held from {first.at_s:.1f} s on"
+    until = "on" if last.until_s is None else f"to {last.until_s:.1f} s"
+    return f"tolerated from {first.at_s:.1f} s {until}"

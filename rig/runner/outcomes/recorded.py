@@ -1,0 +1,151 @@
+"""The metadata of a test's recording: all that a replay, or a reader in ten years, needs to know.
+
+Values are plain and SI. What a replay takes from it stands at the end of this module: transducers
+and learnt thresholds, so that it comes to the decisions of the run.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from estimator.filters import DEFAULT_FILTER
+from estimator.friction import Spring
+from estimator.leaks import (
+    Detector,
+    OilAccountDetector,
+    PatternBaseline,
+    PatternDetector,
+    baseline_of,
+    content_of,
+)
+from faults import Campaign, CampaignTest
+from rig.configuration import Rig, plain
+from rig.loop import VERDICT_CODES
+from rig.plant import DATA_SHEET, Model, SensorParameters
+from rig.recording import Recording, unit_of
+
+from .software_state import model_sha256
+from .thresholds import Learning
+
+METADATA_VERSION: Final = 1
+_BASELINE: Final = ("normal", "thresholds")
+
+
+def metadata_of(
+    campaign: Campaign,
+    rig: Rig,
+    test: CampaignTest,
+    learning: Learning,
+    channels: tuple[str, ...],
+    provenance: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return the metadata of the recording of one test.
+
+    Args:
+        campaign: as configured.
+        rig: as configured; holds the truth of a simulated rig.
+        test: as configured.
+        learning: what the detector was told of the healthy rig.
+        channels: names of the recording's channels.
+        provenance: `rig.runner.outcomes.software_state.provenance` of the campaign.
+    """
+    return {
+        "metadata_version": METADATA_VERSION,
+        "campaign": {"name": campaign.name, "description": campaign.description},
+        "test": plain(test),
+        "faults": plain(test.faults),
+        "expect": str(test.expect),
+        "seed": test.seed,
+        "rig": plain(rig),
+        "sensors": plain(rig.sensors),
+        "model": plain(campaign.model),
+        "detector": {
+            "filter": campaign.filter_name,
+            "false_alarms_per_day": campaign.false_alarms_per_day,
+            "baseline_Pa": _plain_baseline(learning.baseline),
+            "baseline_from": learning.source,
+            "baseline": None if campaign.baseline is None else content_of(campaign.baseline),
+        },
+        "verdict_codes": [str(verdict) for verdict in VERDICT_CODES],
+        "units": {channel: unit_of(channel) for channel in channels},
+        "provenance": plain(provenance),
+    }
+
+
+def sensors_of(recording: Recording) -> SensorParameters:
+    """Return the transducers that a recording tells of, else those of the thesis's rig."""
+    told = recording.metadata.get("sensors")
+    try:
+        return SensorParameters(**{name: float(value) for name, value in dict(told or {}).items()})
+    except (TypeError, ValueError):
+        return DATA_SHEET
+
+
+def spring_of(recording: Recording) -> Spring | None:
+    """Return the spring of a recorded test; None where the recording tells of none."""
+    try:
+        load = recording.metadata["test"]["load"]
+        return Spring(float(load["stiffness"]), float(load["contact"]))
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def account_detector_of(
+    recording: Recording, model: Model, false_alarms_per_day: float
+) -> OilAccountDetector | None:
+    """Return a new default detector as the one that judged a recorded test, baseline and all.
+
+    None where a baseline was used that cannot be read any more.
+
+    Args:
+        recording: of a campaign's test.
+        model: what it tells that was assumed.
+        false_alarms_per_day: of the campaign.
+    """
+    told = recording.metadata.get("detector")
+    baseline = told.get("baseline") if isinstance(told, Mapping) else None
+    if baseline is None:
+        return OilAccountDetector(model, false_alarms_per_day)
+    try:
+        known = baseline_of(baseline)
+    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
+        return None
+    expected, model_error = known.nuisances, known.model_error
+    return OilAccountDetector(model, false_alarms_per_day, expected, model_error)
+
+
+def detector_of(
+    recording: Recording, model: Model, filter_name: str, false_alarms_per_day: float
+) -> Detector | None:
+    """Return a detector that knows of the healthy rig what a recording tells that it knew.
+
+    None where the recording tells nothing, or what was learnt with another model; thresholds that
+    were learnt from other tests hold for the same filter and false-alarm rate only.
+    """
+    metadata = recording.metadata
+    try:
+        told = metadata["detector"]
+        if metadata["provenance"]["model_sha256"] != model_sha256(model):
+            return None
+        if told.get("baseline") is not None:
+            known = baseline_of(told["baseline"])
+            return known.detector(filter_name, model, false_alarms_per_day)
+        normal, thresholds = (np.array(told["baseline_Pa"][key], dtype=float) for key in _BASELINE)
+        fits = (
+            filter_name != DEFAULT_FILTER
+            and told["filter"] == filter_name
+            and told["false_alarms_per_day"] == false_alarms_per_day
+            and normal.shape == thresholds.shape == (2,)
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):
+        return None
+    if not fits:
+        return None
+    return PatternDetector(false_alarms_per_day, PatternBaseline(normal, thresholds))
+
+
+def _plain_baseline(baseline: PatternBaseline | None) -> dict[str, list[float]] | None:
+    if baseline is None:
+        return None
+    return {key: [float(value) for value in getattr(baseline, key)] for key in _BASELINE}

@@ -1,0 +1,56 @@
+from .archive import (
+    RUNS as RUNS,
+    Run as Run,
+    RunError as RunError,
+    is_plain as is_plain,
+    read_run as read_run,
+    run_named as run_named,
+    runs_below as runs_below,
+)
+from .campaign_fingerprint import fingerprint as fingerprint
+from .comparing import (
+    ANYTHING as ANYTHING,
+    Change as Change,
+    Compared as Compared,
+    Comparison as Comparison,
+    Tolerance as Tolerance,
+    compare as compare,
+)
+from .directory import (
+    JUNIT as JUNIT,
+    REPORT as REPORT,
+    RESULTS as RESULTS,
+    DirectoryError as DirectoryError,
+    default_directory as default_directory,
+    file_stem as file_stem,
+    log_error as log_error,
+    make_empty as make_empty,
+    prepare_directory as prepare_directory,
+    recording_names as recording_names,
+)
+from .journal import (
+    JOURNAL as JOURNAL,
+    JOURNAL_SCHEMA as JOURNAL_SCHEMA,
+    Entry as Entry,
+    Journal as Journal,
+    is_written as is_written,
+    read_journal as read_journal,
+    sync as sync,
+)
+from .journal_state import JournalState as JournalState, changes_of as changes_of
+from .junit import write_junit as write_junit
+from .pruning import prunable as prunable, remove as remove
+from .results import (
+    coefficient_unit as coefficient_unit,
+    findings as findings,
+    leak_figures as leak_figures,
+    write_results as write_results,
+)
+from .resuming import (
+    begun_in as begun_in,
+    keep_attempt as keep_attempt,
+    learn_again as learn_again,
+    resumable as resumable,
+    unfinished_run as unfinished_run,
+)
+from .trend import Trend as Trend, trends_of as trends_of

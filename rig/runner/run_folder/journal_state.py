@@ -1,0 +1,182 @@
+"""Where a campaign stands by its journal: what was finished, interrupted, and asked for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from rig.runner.outcomes import Attempt, Happening, Status, TestOutcome, outcome_of
+
+from .journal import Entry
+
+CAMPAIGN: Final = "campaign"
+"""Who did what nobody asked for."""
+
+
+@dataclass
+class JournalState:
+    """What a journal tells; changed by `take`, entry by entry, while a campaign goes on.
+
+    Attributes:
+        tests: names of the campaign's tests.
+        begun: the entry `begin`; None before it.
+        finished: outcomes that count, by the test's index.
+        attempts: runs that do not count, by the test's index, in their order.
+        skipped: tests that an operator does not want to be run.
+        history: what happened beside the tests.
+    """
+
+    tests: Sequence[str] = ()
+    begun: Entry | None = None
+    finished: dict[int, TestOutcome] = field(default_factory=dict)
+    attempts: dict[int, list[Attempt]] = field(default_factory=dict)
+    skipped: set[int] = field(default_factory=set)
+    history: list[Happening] = field(default_factory=list)
+    _open: dict[int, Attempt] = field(default_factory=dict)
+    """Last attempts that did not come to count; a new one makes them earlier ones."""
+    _partial: dict[int, TestOutcome] = field(default_factory=dict)
+    """What is known of those."""
+    _present: int | None = None
+    _phase: str = ""
+    _at: str = ""
+    _recording: str | None = None
+
+    def take(self, entry: Entry) -> None:
+        """Take the next entry.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is not one of a campaign's journal.
+        """
+        match entry.kind:
+            case "begin":
+                self.begun, self.tests = entry, tuple(entry["tests"])
+            case "resume":
+                self._interrupted(entry)
+            case "phase":
+                self._enters(entry)
+            case "outcome":
+                self._ends(entry["test"], outcome_of(entry["outcome"]))
+            case "operator":
+                self._asked(entry)
+            case "held":
+                self._happened(entry, CAMPAIGN, f"held: {'; '.join(entry['reasons'])}")
+            case "released":
+                self._happened(entry, CAMPAIGN, f"goes on after {entry['after_s']:.0f} s")
+            case "refused":
+                self._happened(entry, CAMPAIGN, f"refused a request: {entry['why']}")
+            case "driven":
+                self._happened(entry, CAMPAIGN, entry["what"])
+            case "overdue":
+                name = "" if self._present is None else f" {self.tests[self._present]}"
+                what = f"cleaning up after{name} took too long; ended at once"
+                self._happened(entry, CAMPAIGN, what)
+            case "end" if entry["reason"]:
+                self._happened(entry, CAMPAIGN, f"stopped by {entry['reason']}")
+
+    @property
+    def where(self) -> str:
+        """Name and phase of the test that runs; empty between two."""
+        return "" if self._present is None else f"{self.tests[self._present]}, {self._phase}"
+
+    @property
+    def recording(self) -> str | None:
+        """File name of the recording of the test that runs; None if there is none yet."""
+        return None if self._present is None else self._recording
+
+    def number_of(self, index: int) -> int:
+        """Return the number of a test's next attempt, from 1."""
+        return len(self.attempts.get(index, [])) + (index in self._open) + 1
+
+    def outcome(self, index: int, not_run: TestOutcome) -> TestOutcome:
+        """Return a test's outcome, with its earlier attempts, whether it counts or not."""
+        known = self.finished.get(index) or self._partial.get(index)
+        if known is None and index in self._open:
+            last = self._open[index]
+            known = replace(
+                not_run, status=last.status, message=last.message, recording=last.recording
+            )
+        return replace(known or not_run, attempts=tuple(self.attempts.get(index, ())))
+
+    def _enters(self, entry: Entry) -> None:
+        index = entry["test"]
+        if entry["phase"] == "setup":
+            last = self._open.pop(index, None)
+            self._partial.pop(index, None)
+            if last is not None:
+                kept = replace(last, recording=entry["kept"])
+                self.attempts.setdefault(index, []).append(kept)
+            self._present, self._at, self._recording = index, entry.at, None
+        self._phase = entry["phase"]
+        self._recording = entry["recording"] or self._recording
+
+    def _ends(self, index: int, outcome: TestOutcome) -> None:
+        self.skipped.discard(index)
+        if outcome.is_finished:
+            self._open.pop(index, None)
+            self._partial.pop(index, None)
+            self.finished[index] = outcome
+        else:
+            self._leave_open(index, outcome.status, outcome.message, outcome.recording)
+            self._partial[index] = outcome
+        self._present = None
+
+    def _leave_open(self, index: int, status: Status, message: str, recording: str | None) -> None:
+        number = self.number_of(index)
+        phase = self._phase if index == self._present else ""
+        self._open[index] = Attempt(number, status, phase, message, self._at, recording)
+
+    def _interrupted(self, entry: Entry) -> None:
+        """Take note that whoever ran the campaign was killed, or stopped, and that it goes on."""
+        what = "resumed"
+        if self._present is not None:
+            index, phase = self._present, self._phase
+            what += f" after a kill in {self.where}"
+            message = f"killed in the phase {phase}"
+            self._leave_open(index, Status.INTERRUPTED, message, self._recording)
+            self._present = None
+        if entry["versions_changed"]:
+            what += f"; other versions: {entry['versions_changed']}"
+        self._happened(entry, CAMPAIGN, what)
+
+    def _asked(self, entry: Entry) -> None:
+        request, text, index = entry["request"], entry["text"] or "", entry["test"]
+        if request == "skip":
+            self.skipped.add(index)
+        if request == "retry" and index in self.finished:
+            outcome = self._partial[index] = self.finished.pop(index)
+            self._leave_open(index, outcome.status, outcome.message, outcome.recording)
+        told = [request if request != "note" else ""]
+        if index is not None:
+            told.append(self.tests[index])
+        if entry["seen"]:
+            told.append("; ".join(entry["seen"]))
+        sentence = " ".join(word for word in told if word)
+        self._happened(entry, entry["who"], ": ".join(part for part in (sentence, text) if part))
+
+    def _happened(self, entry: Entry, who: str, what: str) -> None:
+        self.history.append(Happening(entry.at, who, what))
+
+
+def standing_of(entries: Sequence[Entry]) -> JournalState:
+    """Return where a campaign stands by its journal.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is no campaign's journal.
+    """
+    standing = JournalState()
+    for entry in entries:
+        standing.take(entry)
+    return standing
+
+
+def stands_unfinished(standing: JournalState) -> bool:
+    """Tell whether a campaign was begun and has tests that are still to be run."""
+    return standing.begun is not None and len(standing.finished) < len(standing.tests)
+
+
+def changes_of(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """Return the versions that are not the same, in words; empty if all are."""
+    return ", ".join(
+        f"{name} {old.get(name)} -> {version}"
+        for name, version in new.items()
+        if old.get(name) != version
+    )

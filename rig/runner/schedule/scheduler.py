@@ -1,0 +1,203 @@
+"""Runs a schedule: one campaign after another at their times, durable over crashes of its own."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime, timedelta
+from typing import Any, Final, Protocol
+
+from rig.configuration import Entry, Missed, Schedule
+from rig.runner.outcomes import EXIT_FAILED, EXIT_STOPPED
+from rig.runner.run_folder import Journal, file_stem
+
+from .additions import asked_of
+from .state import Job, ScheduleState, state_of, told_of
+
+POLL_S: Final = 5.0
+MOST_RESUMES: Final = 3
+"""How often a run whose process was killed is gone on with."""
+
+
+class Hands(Protocol):
+    """What the scheduler has done for it; a test has others than `rig schedule run`."""
+
+    def now(self) -> datetime:
+        """Return the time, UTC."""
+
+    def sleep(self, seconds: float) -> None:
+        """Wait, or less if there is something new."""
+
+    def run(self, job: Job, entry: Entry | None) -> int:
+        """Run a job in its folder, or go on with it there; return the exit code of `rig run`.
+
+        It is negative if the process was killed by a signal.
+        """
+
+    def after(self, job: Job, exit_code: int) -> str:
+        """Do what follows a run: trend page and hook; return what went wrong, empty if nothing."""
+
+    def say(self, text: str) -> None:
+        """Show a line to whoever watches."""
+
+
+class Scheduler:
+    """A schedule while it is run.
+
+    Args:
+        schedule: to be run.
+        journal: entered, of the schedule's folder.
+        hands: what it has done for it.
+        poll_s: how often additions are looked for while nothing runs.
+    """
+
+    def __init__(
+        self, schedule: Schedule, journal: Journal, hands: Hands, poll_s: float = POLL_S
+    ) -> None:
+        self._poll_s = poll_s
+        self._schedule = schedule
+        self._journal = journal
+        self._hands = hands
+        self._entries = {entry.name: entry for entry in schedule.entries}
+        self._started = False
+        self.state: ScheduleState = state_of(journal.entries)
+
+    def run(self, stopped: Callable[[], bool], *, until_idle: bool = False) -> None:
+        """Run until told to stop, or until nothing waits any more."""
+        while not stopped():
+            wait_s = self.step(stopped)
+            if wait_s is None:
+                continue
+            if until_idle and not self.state.queue:
+                return
+            self._hands.sleep(wait_s)
+
+    def step(self, stopped: Callable[[], bool] = lambda: False) -> float | None:
+        """Do what is due; return how long there is nothing, s, or None if something was done."""
+        self._collect()
+        self._take_additions()
+        job = self._next()
+        if job is not None:
+            self._run(job, stopped)
+            return None
+        now = self._hands.now()
+        times = [self._schedule.next_time(entry, now) for entry in self._schedule.entries]
+        times += [job.not_before for job in self.state.queue]
+        waits = [(time - now).total_seconds() for time in times if time is not None]
+        return max(0.0, min([*waits, self._poll_s]))
+
+    def _keep(self, kind: str, **told: Any) -> None:
+        self.state.take(self._journal.write(kind, **told))
+
+    def _collect(self) -> None:
+        """Put what has become due into the queue."""
+        now = self._hands.now()
+        first, self._started = not self._started, True
+        if self.state.collected is None:
+            self._keep("collected", upto=now.isoformat())
+            return
+        due: list[dict[str, Any]] = []
+        missed: dict[str, int] = {}
+        found = False
+        for entry in self._schedule.entries:
+            times = self._schedule.times(entry, self.state.collected, now)
+            found = found or bool(times)
+            kept, lost = self._chosen(entry, times, now if first else None)
+            for time in kept:
+                id_ = f"{entry.name}@{time.isoformat()}"
+                due.append(told_of(Job(id_, entry.name, entry.campaign, entry.rig, time)))
+            if lost:
+                missed[entry.name] = lost
+                self._hands.say(f"{entry.name}: missed {lost}; policy {entry.missed}")
+        if found:
+            # In one line: a kill between two would have a time run twice, or never.
+            self._keep("collected", upto=now.isoformat(), due=due, missed=missed)
+
+    def _chosen(
+        self, entry: Entry, times: list[datetime], restarted: datetime | None
+    ) -> tuple[list[datetime], int]:
+        """Return which of an entry's times are run, and how many are not.
+
+        While the scheduler lives, a time that comes as the rig is busy waits, one of each entry at
+        most; after a restart those beyond grace were missed. `run_all` keeps all of them.
+        """
+        if entry.missed is Missed.RUN_ALL or not times:
+            return times, 0
+        kept = times
+        if restarted is not None and entry.missed is Missed.SKIP:
+            grace = timedelta(seconds=self._schedule.grace_s)
+            kept = [time for time in times if restarted - time <= grace]
+        if any(job.entry == entry.name and job.attempt == 1 for job in self.state.queue):
+            kept = []
+        kept = kept[-1:]
+        return kept, len(times) - len(kept)
+
+    def _take_additions(self) -> None:
+        now = self._hands.now()
+        for request in asked_of(self._schedule.folder):
+            if request["id"] in self.state.taken:
+                continue
+            if request.get("resume"):
+                self._keep("resumed", id=request["id"])
+                self._hands.say("resumed")
+                continue
+            campaign = str(request.get("campaign", ""))
+            rig = request.get("rig")
+            name = str(request.get("name") or file_stem(campaign))
+            job = Job(request["id"], name, campaign, None if rig is None else str(rig), now)
+            self._keep("added", **told_of(job))
+
+    def _next(self) -> Job | None:
+        """Return what is to be run now: what was begun comes first."""
+        if self.state.halted:
+            return None
+        if self.state.present is not None:
+            return self.state.present
+        now = self._hands.now()
+        ready = (job for job in self.state.queue if job.not_before is None or job.not_before <= now)
+        return next(ready, None)
+
+    def _run(self, job: Job, stopped: Callable[[], bool]) -> None:
+        folder = job.folder or self._folder_of(job)
+        again = " again" if job.folder else ""
+        self._hands.say(f"{job.entry}: begun{again} in {folder}")
+        self._keep("begun", id=job.id, folder=folder)
+        assert self.state.present is not None
+        present = self.state.present
+        exit_code = self._hands.run(present, self._entries.get(job.entry))
+        if stopped():
+            # What ended the run is what ends the scheduler: it goes on with it when it is back.
+            return
+        if exit_code < 0 and present.resumes < MOST_RESUMES:
+            self._hands.say(f"{job.entry}: killed by signal {-exit_code}; goes on")
+            return
+        # In one line: a kill between two would lose a retry, or worse, a halt.
+        retry, halted = self._retry(job, exit_code), self._halt(job, exit_code)
+        self._keep("ended", id=job.id, exit_code=exit_code, retry=retry, halted=halted)
+        self._hands.say(f"{job.entry}: ended with exit code {exit_code}")
+        problem = self._hands.after(present, exit_code)
+        if problem:
+            self._keep("problem", id=job.id, what=problem)
+            self._hands.say(problem)
+        if halted:
+            self._hands.say(f"halted: {halted}; look at the rig, then rig schedule resume")
+
+    def _retry(self, job: Job, exit_code: int) -> dict[str, Any] | None:
+        """Return the job that retries a run that failed; None if it is not retried."""
+        entry = self._entries.get(job.entry)
+        if exit_code != EXIT_FAILED or entry is None or job.attempt > entry.retries:
+            return None
+        later = self._hands.now() + timedelta(seconds=entry.retry_after_s)
+        id_ = f"{job.id.partition('#')[0]}#{job.attempt + 1}"
+        return told_of(replace(job, id=id_, attempt=job.attempt + 1, not_before=later, folder=None))
+
+    def _halt(self, job: Job, exit_code: int) -> str:
+        """Return why nothing more is run: after a run that was stopped the rig needs a look."""
+        if not self._schedule.halt or (exit_code != EXIT_STOPPED and exit_code >= 0):
+            return ""
+        return f"{job.entry} tripped or was stopped (exit code {exit_code})"
+
+    def _folder_of(self, job: Job) -> str:
+        stem = f"{file_stem(job.entry)}-{self._hands.now():%Y%m%dT%H%M%SZ}"
+        name, number = stem, 2
+        while (self._schedule.folder / name).exists():
+            name, number = f"{stem}-{number}", number + 1
+        return str(self._schedule.folder / name)

@@ -1,0 +1,46 @@
+from .batches import Batches as Batches
+from .client import (
+    Answer as Answer,
+    StreamClient as StreamClient,
+    UnknownRigError as UnknownRigError,
+)
+from .commands import (
+    LARGEST_COMMAND as LARGEST_COMMAND,
+    Command as Command,
+    Gate as Gate,
+    KeyFileError as KeyFileError,
+    Refused as Refused,
+    credentials_of as credentials_of,
+    fingerprint as fingerprint,
+    gate_of as gate_of,
+    local_state as local_state,
+    make_key as make_key,
+    read_key as read_key,
+)
+from .messages import (
+    LASTING as LASTING,
+    Samples as Samples,
+    command_key as command_key,
+    finite as finite,
+    pack as pack,
+    rig_id as rig_id,
+)
+from .sender import StreamSender as StreamSender
+from .sessions import (
+    StreamError as StreamError,
+    UnreachableError as UnreachableError,
+    check_files as check_files,
+    publisher_session as publisher_session,
+)
+from .settings import (
+    COMMANDS as COMMANDS,
+    Access as Access,
+    CommandName as CommandName,
+    Endpoint as Endpoint,
+    Login as Login,
+    Mode as Mode,
+    Operator as Operator,
+    StreamSettings as StreamSettings,
+    Tls as Tls,
+)
+from .view import Life as Life, Snapshot as Snapshot, Window as Window

@@ -1,0 +1,111 @@
+"""How the loop and the parts of the session are, from the board, for the live stream."""
+
+import time
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.io import FAST_INPUTS
+from rig.loop import NO_CHANNEL, Action, Board, Cause, Word, explain
+
+from .watch import trips_of
+
+Array = NDArray[np.float64]
+
+TIMED: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s", "age_s")
+"""Columns of a tick's timings; a simulated rig has none."""
+BEATS: Final = {
+    "loop": Word.LOOP_BEAT,
+    "field": Word.FIELD_BEAT,
+    "supervisor": Word.SUPERVISOR_BEAT,
+    "recorder": Word.RECORDER_BEAT,
+}
+STEPS: Final = {
+    "valve null": Word.VALVE_NULL_AT,
+    "bypass shut": Word.BYPASS_SHUT_AT,
+    "pump unloaded": Word.PUMP_UNLOADED_AT,
+}
+
+
+class Health:
+    """Gathers the rows between two messages of health; see docs/stream.md for what they hold."""
+
+    def __init__(self, board: Board) -> None:
+        self._board, self._words = board, board.words
+        self._rows: list[Array] = []
+        self._timed: dict[str, int] = {}
+        self._since = time.monotonic()
+
+    def take(self, rows: Array, channels: Sequence[str]) -> None:
+        """Count the next rows, float64 (n, channels)."""
+        if not self._timed:
+            self._timed = {name: channels.index(name) for name in TIMED if name in channels}
+        self._rows.append(rows)
+
+    def content(self) -> dict[str, Any]:
+        """Return how things are, and have been since the last call."""
+        words, now = self._words, time.monotonic()
+        rows = np.concatenate(self._rows) if self._rows else None
+        self._rows, since, self._since = [], self._since, now
+        cause = Cause(int(words[Word.ACTION_CAUSE]))
+        return {
+            "rate_hz": 0.0 if rows is None else len(rows) / max(now - since, 1e-3),
+            "rows": int(words[Word.ROWS]),
+            "recorded": int(words[Word.RECORDED]),
+            "missed": int(words[Word.MISSED]),
+            "exchange_errors": int(words[Word.EXCHANGE_ERRORS]),
+            "homed": bool(words[Word.HOMED]),
+            "timing": {} if rows is None else self._timing(rows),
+            "silent_s": {
+                name: 1e-9 * (time.monotonic_ns() - int(words[word]))
+                for name, word in BEATS.items()
+                if words[word]
+            },
+            "action": Action(int(words[Word.ACTION])).name.lower(),
+            "cause": cause.name,
+            "sentence": explain(cause, self._channel).sentence if cause else "",
+            "trips": self._trips(),
+        }
+
+    def _timing(self, rows: Array) -> dict[str, dict[str, float]]:
+        found = {}
+        for name, column in self._timed.items():
+            times = rows[:, column]
+            times = times[np.isfinite(times)]
+            if times.size:
+                p50, p99, most = np.percentile(times, (50.0, 99.0, 100.0))
+                found[name.removesuffix("_s")] = {"p50_s": p50, "p99_s": p99, "max_s": most}
+        return found
+
+    @property
+    def _channel(self) -> str:
+        index = int(self._words[Word.ACTION_CHANNEL])
+        return "" if index == NO_CHANNEL else FAST_INPUTS[index]
+
+    def _trips(self) -> dict[str, Any]:
+        """Return who tripped and why, the first one first, and what was made safe since."""
+        found = [
+            (at_ns, who, cause) for who, (cause, at_ns) in trips_of(self._board).items()
+        ]  # fmt: skip
+        if not found:
+            return {}
+        found.sort()
+        first_ns = found[0][0]
+        return {
+            "first_out": [
+                {
+                    "by": who,
+                    "cause": cause.name,
+                    "sentence": explain(cause, self._channel).sentence,
+                    "remedy": explain(cause, self._channel).remedy,
+                    "after_s": 1e-9 * (at_ns - first_ns),
+                }
+                for at_ns, who, cause in found
+            ],
+            "confirmed": {
+                what: 1e-9 * (int(self._words[word]) - first_ns) if self._words[word] else None
+                for what, word in STEPS.items()
+            },
+        }

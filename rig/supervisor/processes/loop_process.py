@@ -1,0 +1,315 @@
+"""The loop process: owns the fast driver, and runs segments on it in a thread of its own.
+
+The thread spends its life in one compiled function (`rig.loop.wire.cycle`), without the
+interpreter's lock; orders and signals come to the main thread. Every way out leaves the device in
+its safe state: an order, SIGTERM, the supervisor's end, a trip that was not confirmed, a crash.
+"""
+
+import contextlib
+import signal
+import threading
+import time
+import traceback
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from rig.compile_cache import telling_of_compiling, use_compile_cache
+from rig.io import DriverError
+from rig.loop import (
+    Board,
+    Cause,
+    Close,
+    Closed,
+    Count,
+    Found,
+    Grant,
+    Integers,
+    Interlock,
+    Left,
+    Open,
+    Opened,
+    Pace,
+    RealTime,
+    Segment,
+    TripError,
+    Word,
+    course,
+    estimation,
+    interlock,
+    pace,
+    shared_memory,
+    wire_memory,
+    wire_ticks,
+)
+
+from .child import News, child_ends
+from .driven import Tally
+
+_POLL_S: Final = 0.05
+"""How soon a signal, or the end of the loop's thread, is noticed."""
+
+_REPEAT_S: Final = 1.0
+"""Time between two attempts to reach a device that did not confirm its safe state."""
+
+_LOOK_S: Final = 0.1
+"""Time between two looks, over connections of their own, at a valve that the loop left."""
+
+_LEFT: Final = (
+    "the loop has left its connection, which did not confirm that the valve is at null; "
+    "end this session and start another"
+)
+"""What is answered to an order that no loop is left to obey."""
+
+_NEVER: Final = -1
+"""Number of a segment that is never switched to: the loop returns from it at once."""
+
+
+class LoopProcess:
+    """Serves one fast driver for one session; see the module."""
+
+    def __init__(self, board: Board, pipe: Connection) -> None:
+        self._board = board
+        self._words = board.words
+        self._pipe = pipe
+        self._driver: Any = None
+        self._pace: Pace
+        self._interlock: Interlock
+        self._memory = wire_memory()
+        self._offset_m = 0.0
+        self._segments: dict[int, Segment] = {}
+        self._thread: threading.Thread | None = None
+        self._running = threading.Event()
+        self._grants: tuple[Grant, ...] = ()
+        self._left = Left.ASKED
+        self._terminated = False
+        self._tally = Tally("loop", self._send)
+        self._nulled_at = -_REPEAT_S
+
+    def run(self) -> None:
+        """Serve until told to close, or until nobody is there to tell."""
+        cause = Cause.CRASH
+        try:
+            cause = self._serve()
+        finally:
+            failure = self._end(cause)
+            with contextlib.suppress(OSError):
+                self._pipe.send(Closed(failure))
+
+    def terminate(self) -> None:
+        """Leave the device safe and end, soon; for a signal's handler."""
+        self._terminated = True
+
+    def _serve(self) -> Cause:
+        """Obey orders; return the cause for which the process ends, NONE for an order."""
+        while not self._terminated:
+            try:
+                order = self._pipe.recv() if self._pipe.poll(_POLL_S) else None
+            except (EOFError, ConnectionError):
+                return Cause.SUPERVISOR_LOST
+            if isinstance(order, Close):
+                return Cause.NONE
+            if isinstance(order, Open):
+                self._open(order)
+            elif isinstance(order, Segment):
+                self._segments[order.number] = order
+                self._pipe.send(order.number)
+            self._tend_null()
+            if self._thread is not None and not self._thread.is_alive():
+                return self._rescue()
+        return Cause.OPERATOR_STOP
+
+    def _open(self, order: Open) -> None:
+        driver = order.driver.create()
+        try:
+            driver.open()
+        except DriverError as error:
+            driver.close()
+            self._pipe.send(error)
+            return
+        self._driver = driver
+        self._pace = pace(order.settings, driver.rate_hz)
+        self._interlock = interlock(order.limits, order.tolerances)
+        self._segments[order.first.number] = order.first
+        # Compiled, or loaded, before time matters.
+        with telling_of_compiling(lambda name: self._tell(f"compiles {name}")):
+            self._run_segment(_NEVER, order.first)
+        arguments = (order.settings.cpu, order.settings.priority)
+        self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
+        self._thread.start()
+        self._running.wait()
+        self._pipe.send(Opened(self._grants, driver.rate_hz))
+
+    def _loop(self, cpu: int | None, priority: int) -> None:
+        """Run segments as they are switched to; the loop's thread."""
+        try:
+            with RealTime(cpu, priority) as real_time:
+                self._grants = real_time.grants
+                self._running.set()
+                self._left = Left.SWITCHED
+                while self._left == Left.SWITCHED:
+                    number = int(self._words[Word.SWITCH])
+                    segment = self._segments.pop(number)
+                    self._left = self._run_segment(number, segment)
+        except Exception:
+            self._left = Left.UNCONFIRMED
+            self._tell(traceback.format_exc())
+        finally:
+            self._running.set()
+
+    def _run_segment(self, number: int, segment: Segment) -> Left:
+        if segment.reset:
+            self._interlock.memory.clear()
+            self._memory.found[:] = 0
+            for word in (Word.LOOP_TRIP, Word.LOOP_TRIP_AT, Word.VALVE_NULL_AT, Word.ACTION,
+                         Word.ACTION_CAUSE):  # fmt: skip
+                self._words[word] = 0
+        elif segment.offset_m != self._offset_m and not self._words[Word.LOOP_TRIP]:
+            # The position jumps because it is counted anew; the interlock must not mind.
+            self._interlock.memory.clear()
+        self._offset_m = segment.offset_m
+        if segment.homed is not None:
+            self._words[Word.HOMED] = segment.homed
+        planned = course(
+            number,
+            segment.setpoint,
+            segment.drive,
+            open_loop=segment.open_loop,
+            gain=segment.gain,
+            limit=segment.limit,
+            on_fault=segment.on_fault,
+            offset=segment.offset_m,
+            valve_enable=segment.valve_enable,
+            reset_lamp=segment.reset_lamp,
+            rearm=segment.rearm,
+        )
+        return Left(
+            wire_ticks(
+                planned,
+                estimation(segment.memory, segment.assumed),
+                self._interlock,
+                self._pace,
+                self._driver.fileno(),
+                self._driver.plan(),
+                self._driver.look_plan(),
+                self._memory,
+                shared_memory(self._board),
+            )
+        )
+
+    def _rescue(self) -> Cause:
+        """Null the valve of a loop that ended by itself, and keep it there, until told to end."""
+        self._trip(Cause.CRASH)
+        self._tend_null()
+        failure = self._safe_state()
+        self._tell(
+            "the loop's connection does not confirm that the valve is at null; by another one: "
+            + (failure or "it is")
+        )
+        looked_at = time.monotonic()
+        while not self._terminated:
+            try:
+                order = self._pipe.recv() if self._pipe.poll(_POLL_S) else None
+            except (EOFError, ConnectionError):
+                return Cause.SUPERVISOR_LOST
+            if isinstance(order, Close):
+                return Cause.NONE
+            if order is not None:
+                self._pipe.send(TripError(_LEFT))
+            if time.monotonic() - looked_at > (_REPEAT_S if failure else _LOOK_S):
+                failure = self._look_again(failure)
+                looked_at = time.monotonic()
+        return Cause.OPERATOR_STOP
+
+    def _look_again(self, failure: str) -> str:
+        """Look at a valve that the loop left; return why it is not known to be at null, if so."""
+        try:
+            driven = self._driver.driven()
+            if driven and not failure:
+                self._tally.found("valve", driven)
+        except (DriverError, OSError) as error:
+            driven = str(error)
+        if not (driven or failure):
+            return ""
+        found = self._safe_state()
+        if found and not failure:
+            self._tell(f"nobody knows whether the valve is at null any more: {found}")
+        elif failure and not found:
+            self._tell("the valve is at null")
+        return found
+
+    def _tend_null(self) -> None:
+        """Tell of a valve that another master drives, and have the device latch its null.
+
+        The loop nulls it at its next tick; a device that latches takes no command afterwards.
+        """
+        found = self._memory.found.copy()
+        if found[Found.TIMES] == 0:
+            return
+        first_ns, last_ns = int(found[Found.FIRST_NS]), int(found[Found.LAST_NS])
+        self._tally.counted("valve", _in_words(found), int(found[Found.TIMES]), first_ns, last_ns)
+        now = time.monotonic()
+        if 1e-9 * last_ns > self._nulled_at and now - self._nulled_at > _REPEAT_S:
+            self._nulled_at = now
+            failure = self._safe_state()
+            if failure:
+                self._tell(f"the valve is not latched at null: {failure}")
+
+    def _end(self, cause: Cause) -> str:
+        """Leave loop and driver; return why the safe state was not confirmed, or nothing."""
+        if cause != Cause.NONE:
+            self._trip(cause)
+        self._memory.counts[Count.LEAVE] = 1
+        if self._thread is not None:
+            self._thread.join()
+        if self._driver is None:
+            return ""
+        self._tend_null()
+        self._tally.tell_rest()
+        failure = self._safe_state()
+        self._driver.close()
+        return failure
+
+    def _safe_state(self) -> str:
+        try:
+            self._driver.safe_state()
+        except (DriverError, OSError) as error:
+            return str(error)
+        if self._words[Word.LOOP_TRIP] and not self._words[Word.VALVE_NULL_AT]:
+            self._words[Word.VALVE_NULL_AT] = time.monotonic_ns()
+        return ""
+
+    def _trip(self, cause: Cause) -> None:
+        if not self._words[Word.LOOP_TRIP]:
+            self._words[Word.LOOP_TRIP_AT] = time.monotonic_ns()
+            self._words[Word.LOOP_TRIP] = cause
+
+    def _tell(self, text: str) -> None:
+        self._send(News(time.monotonic_ns(), "loop", text))
+
+    def _send(self, news: News) -> None:
+        with contextlib.suppress(OSError):
+            self._pipe.send(news)
+
+
+def _in_words(found: Integers) -> str:
+    """Return what another master did to the valve, by `Found`."""
+    told = []
+    if found[Found.ENABLED]:
+        told.append("enabled")
+    if found[Found.OUTPUT_UV]:
+        told.append(f"output at {1e-6 * found[Found.OUTPUT_UV]:.2f} V")
+    if found[Found.SPOOL_NM]:
+        told.append(f"spool {1e-3 * found[Found.SPOOL_NM]:.0f} um off null")
+    return ", ".join(told)
+
+
+def main() -> None:
+    """Run as the loop process of a session."""
+    use_compile_cache()
+    process = LoopProcess(*child_ends())
+    signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
+    process.run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,371 @@
+"""The publisher: takes rows from the ring to the live stream, in a process of its own.
+
+It reads the ring as the recorder does, and disturbs neither it nor the loop: what it has no time
+for, or what a reader does not take, is dropped, the oldest first, and counted. If it is killed it
+is started again (`rig.supervisor.processes.streaming`), and goes on with the rows that are there.
+"""
+
+import itertools
+import os
+import queue
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from math import isnan
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+import numpy as np
+import zenoh
+
+from rig.loop import Board, RingReader, Word
+from rig.recording import unit_of
+from rig.stream import (
+    LARGEST_COMMAND,
+    Batches,
+    Command,
+    Gate,
+    Refused,
+    Samples,
+    StreamSender,
+    StreamSettings,
+    command_key,
+    fingerprint,
+    finite,
+    gate_of,
+    pack,
+    publisher_session,
+)
+from rig.surviving import Surviving
+
+from .child import News, child_ends
+from .health import Health
+
+POLL_S: Final = 0.005
+HEALTH_S: Final = 1.0
+MOST_ROWS: Final = 500
+"""Rows in a turn, so that orders and heartbeats are never late."""
+MOST_WAITING: Final = 10_000
+"""Rows in arrears at which the oldest are given up: what is live is what is new."""
+FLUSH_S: Final = 0.1
+"""How long a batch may be gathered: a slow rig is live, too."""
+COMMANDS_WAITING: Final = 32
+ANSWER_S: Final = 3.0
+"""How long the supervisor may take to say whether it obeys."""
+REFUSALS_TOLD: Final = 5
+"""Refusals in a second that are told one by one; the rest is counted."""
+NICENESS: Final = 5
+
+
+@dataclass(frozen=True)
+class Open:
+    """Open the stream; the answer is None, or its error.
+
+    Attributes:
+        settings: the profile.
+        rig: the rig's id.
+        channels: the rows' columns, unless told otherwise of their segment.
+        note: what there is to tell, such as that it was started again; empty for nothing.
+    """
+
+    settings: StreamSettings
+    rig: str
+    channels: tuple[str, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the columns of a segment's rows are."""
+
+    segment: int
+    channels: tuple[str, ...]
+    test: int
+
+
+@dataclass(frozen=True)
+class Tell:
+    """Send a message."""
+
+    kind: str
+    content: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Obeyed:
+    """What the supervisor makes of a command.
+
+    Attributes:
+        number: of the command.
+        refusal: why it is not obeyed; empty if it is.
+    """
+
+    number: int
+    refusal: str
+
+
+@dataclass(frozen=True)
+class Asked(News):
+    """A command that came by the stream, and is genuine and allowed."""
+
+    command: Command
+
+
+@dataclass
+class _Waiting:
+    """A command that the supervisor has been handed."""
+
+    query: zenoh.Query
+    command: Command
+    until: float
+
+
+class Publisher:
+    """Serves one stream until the pipe is closed."""
+
+    def __init__(self, board: Board, pipe: Connection) -> None:
+        self._board = board
+        self._pipe = pipe
+        self._ring = RingReader(board)
+        self._ring.go_on_from(int(board.words[Word.PUBLISHED]))
+        self._health = Health(board)
+        self._columns: dict[int, Columns] = {}
+        self._segment: int | None = None
+        self._commands: queue.Queue[zenoh.Query] = queue.Queue(COMMANDS_WAITING)
+        self._waiting: dict[int, _Waiting] = {}
+        self._overrun = 0
+        self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._survives = Surviving("the publisher", self._failures.put)
+        self._refused: list[float] = []
+        self._refused_silently = 0
+        self._heartbeat_at = self._health_at = self._flushed_at = 0.0
+
+    def run(self) -> None:
+        """Serve."""
+        order = self._pipe.recv()
+        assert isinstance(order, Open)
+        try:
+            session = publisher_session(order.settings)
+            with session:
+                self._open(order, session)
+                self._pipe.send(None)
+                self._serve()
+                self._sender.close()
+        except ValueError as error:
+            self._pipe.send(error)
+
+    def _open(self, order: Open, session: zenoh.Session) -> None:
+        self._settings = order.settings
+        self._default = Columns(-1, order.channels, 0)
+        self._has_numbers = "row" in order.channels
+        self._row_column = order.channels.index("row") if self._has_numbers else 0
+        self._segment_column = order.channels.index("segment")
+        self._batches = Batches(order.settings.batch, order.settings.channels)
+        self._sender = StreamSender(
+            session, order.rig, order.settings.history_s, on_failure=self._failures.put
+        )
+        self._gate: Gate = gate_of(order.settings, order.rig, self._sender.name)
+        keys = command_key(order.rig, "*")
+        self._queryable = session.declare_queryable(keys, self._command_came)
+        self._puts = session.declare_subscriber(keys, self._put_came)
+        self._started = time.monotonic()
+        if order.note:
+            self._event("stream", order.note)
+
+    def _serve(self) -> None:
+        while self._take_orders():
+            self._take_rows()
+            self._take_commands()
+            self._send_due()
+            self._board.words[Word.PUBLISHER_BEAT] = time.monotonic_ns()
+
+    def _take_orders(self) -> bool:
+        try:
+            wait = POLL_S
+            while self._pipe.poll(wait):
+                order = self._pipe.recv()
+                with self._survives:
+                    self._obey(order)
+                wait = 0.0
+        except (EOFError, ConnectionError):
+            return False
+        return True
+
+    def _obey(self, order: object) -> None:
+        if isinstance(order, Columns):
+            self._columns[order.segment] = order
+            # Of a session that lasts for weeks, the last tests are enough.
+            while len(self._columns) > 100:
+                del self._columns[min(self._columns)]
+        elif isinstance(order, Tell):
+            self._sender.send(order.kind, finite(order.content))
+        elif isinstance(order, Obeyed):
+            waiting = self._waiting.pop(order.number, None)
+            if waiting is not None:
+                self._reply(waiting.query, order.refusal)
+                state = f"not obeyed: {order.refusal}" if order.refusal else "obeyed"
+                self._event("command", self._told(waiting.command, state))
+
+    def _take_rows(self) -> None:
+        if self._ring.waiting > MOST_WAITING:
+            self._ring.take(self._ring.waiting - MOST_ROWS)
+        rows = self._ring.take(MOST_ROWS)
+        self._ring.lost = 0
+        self._board.words[Word.PUBLISHED] = self._ring.next_row
+        if not len(rows):
+            return
+        newest_ns = self._newest_ns()
+        self._health.take(rows, self._default.channels)
+        if self._has_numbers:
+            numbers = rows[:, self._row_column]
+        else:
+            numbers = np.arange(self._ring.next_row - len(rows), self._ring.next_row, dtype=float)
+        segments = rows[:, self._segment_column]
+        breaks = np.flatnonzero((np.diff(segments) != 0.0) | (np.diff(numbers) != 1)) + 1
+        for begin, end in itertools.pairwise((0, *breaks.tolist(), len(rows))):
+            if segments[begin] != self._segment:
+                self._begin_segment(float(segments[begin]))
+            self._send(self._batches.add(int(numbers[begin]), rows[begin:end], newest_ns))
+
+    def _newest_ns(self) -> int:
+        """Return when the newest row was written, wall clock; the loop's beat tells it."""
+        beat = int(self._board.words[Word.LOOP_BEAT])
+        now_ns = time.time_ns()
+        return now_ns if not beat else now_ns - (time.monotonic_ns() - beat)
+
+    def _begin_segment(self, segment: float) -> None:
+        self._send(self._batches.flush())
+        self._segment = -1 if isnan(segment) else int(segment)
+        columns = self._columns.get(self._segment, self._default)
+        names = tuple(name for name in columns.channels if name != "row")
+        if self._batches.set_columns(names, [unit_of(name) for name in names], columns.test):
+            self._sender.send("channels", self._batches.channels.content())
+
+    def _send(self, batches: list[Samples]) -> None:
+        for batch in batches:
+            self._sender.send("samples", batch.content())
+            self._flushed_at = time.monotonic()
+
+    def _send_due(self) -> None:
+        now = time.monotonic()
+        if now - self._flushed_at > FLUSH_S:
+            self._send(self._batches.flush())
+            self._flushed_at = now
+        if now - self._health_at >= HEALTH_S:
+            self._health_at = now
+            self._sender.send("health", finite(self._health.content()))
+            self._tell_silent_refusals()
+            self._tell_failures()
+        if now - self._heartbeat_at >= self._settings.heartbeat_s:
+            self._heartbeat_at = now
+            self._sender.send(
+                "heartbeat",
+                {
+                    "heartbeat_s": self._settings.heartbeat_s,
+                    "up_s": now - self._started,
+                    "rows": self._ring.next_row,
+                    "sequences": dict(self._sender.sequences),
+                    "commands": bool(self._settings.operators),
+                },
+            )
+        for number, waiting in list(self._waiting.items()):
+            if now > waiting.until:
+                del self._waiting[number]
+                self._reply(waiting.query, "the supervisor does not answer")
+
+    def _command_came(self, query: zenoh.Query) -> None:
+        """Queue a command; a thread of Zenoh."""
+        try:
+            self._commands.put_nowait(query)
+        except queue.Full:
+            self._overrun += 1
+
+    def _put_came(self, sample: zenoh.Sample) -> None:
+        """Refuse what is no query: nobody would hear the answer."""
+        self._overrun += 1
+
+    def _take_commands(self) -> None:
+        if self._overrun:
+            count, self._overrun = self._overrun, 0
+            self._refuse(f"unanswerable: {count} that are too many, or no queries", "", b"")
+        for _ in range(COMMANDS_WAITING):
+            try:
+                query = self._commands.get_nowait()
+            except queue.Empty:
+                return
+            with self._survives:
+                self._judge(query)
+
+    def _judge(self, query: zenoh.Query) -> None:
+        name = str(query.key_expr).rpartition("/")[2]
+        payload = b""
+        if query.payload is not None:
+            # What is oversized is not copied; its length is all that the gate looks at.
+            size = len(query.payload)
+            payload = bytes(query.payload) if size <= LARGEST_COMMAND else bytes(size)
+        try:
+            command = self._gate.judge(name, payload)
+        except Refused as refused:
+            self._refuse(str(refused), refused.by, payload)
+            self._reply(query, str(refused))
+            return
+        until = time.monotonic() + ANSWER_S
+        self._waiting[command.number] = _Waiting(query, command, until)
+        self._event("command", self._told(command, "accepted"))
+        self._pipe.send(
+            Asked(time.monotonic_ns(), "stream", self._told(command, "asked for"), command)
+        )
+
+    def _told(self, command: Command, state: str) -> str:
+        said = f": {command.text}" if command.text else ""
+        return f"{command.name} by {command.by} {state}{said}"
+
+    def _refuse(self, text: str, by: str, payload: bytes) -> None:
+        """Log a refusal, in the session's log and in the stream, but not a flood of them."""
+        now = time.monotonic()
+        self._refused = [at for at in self._refused if now - at < 1.0]
+        if len(self._refused) >= REFUSALS_TOLD:
+            self._refused_silently += 1
+            return
+        self._refused.append(now)
+        claimed = "".join(c if c.isprintable() else "?" for c in by) or "unknown"
+        told = f"command refused, {text} (from {claimed}, {fingerprint(payload)})"
+        self._event("refused", told)
+        self._log(told)
+
+    def _tell_silent_refusals(self) -> None:
+        if self._refused_silently:
+            count, self._refused_silently = self._refused_silently, 0
+            self._event("refused", f"{count} more commands refused")
+
+    def _tell_failures(self) -> None:
+        """Tell of what failed, in the session's log and in the stream."""
+        while not self._failures.empty():
+            told = self._failures.get()
+            self._event("error", told)
+            self._log(told)
+
+    def _log(self, told: str) -> None:
+        with suppress(OSError):
+            stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+            os.write(sys.stderr.fileno(), f"{stamp} stream: {told}\n".encode(errors="replace"))
+
+    def _reply(self, query: zenoh.Query, refusal: str) -> None:
+        with suppress(zenoh.ZError), query:
+            key = str(query.key_expr)
+            # A command to all rigs at once (`rig/*/...`) is answered for this one.
+            query.reply(key, pack({"accepted": not refusal, "reason": refusal}))
+
+    def _event(self, kind: str, text: str) -> None:
+        content = {"at_ns": time.time_ns(), "time_s": None, "who": "stream", "kind": kind}
+        self._sender.send("event", {**content, "text": text})
+
+
+def main() -> None:
+    """Run as the publisher of a session."""
+    board, pipe = child_ends()
+    # Behind the recorder, whatever this process's readers ask of it.
+    os.nice(NICENESS)
+    Publisher(board, pipe).run()

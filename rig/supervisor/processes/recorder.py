@@ -1,0 +1,176 @@
+"""The recorder: takes the rows of a test from the ring to its MCAP file, in a process of its own.
+
+It flushes twice a second, so that a kill -9 of anything costs a second of data at most. If the
+supervisor is gone it writes what is in the ring and why the others tripped, closes the file and
+ends. Its exit code is the `errno` of what stopped it.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.loop import Board, RingReader, Word, explain
+from rig.recording import McapWriter
+
+from .child import child_ends
+from .watch import trips_of
+
+Array = NDArray[np.float64]
+
+POLL_S: Final = 0.02
+FLUSH_S: Final = 0.5
+"""Half of the second that a kill may cost: the machine may hold this process up besides."""
+_DRAIN_S: Final = 0.5
+"""How long rows may still come after the supervisor is gone: the loop ramps down and ends."""
+
+
+@dataclass(frozen=True)
+class BeginRecording:
+    """Record the rows of one segment to a new file.
+
+    Attributes:
+        segment: number of the segment, as in the rows' column `segment`.
+        path: the file.
+        channels: the rows' columns.
+        metadata: of the recording.
+        start_ns: wall clock of the segment's tick 0, ns since 1970.
+    """
+
+    segment: int
+    path: Path
+    channels: tuple[str, ...]
+    metadata: Mapping[str, Any]
+    start_ns: int
+
+
+@dataclass(frozen=True)
+class NoteInRecording:
+    """Note an event at a time of the segment."""
+
+    time_s: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class FinishRecording:
+    """Complete the file once it holds `rows` rows; the answer is how many it holds."""
+
+    rows: int
+
+
+class Recorder:
+    """Writes one file at a time; see the module."""
+
+    def __init__(self, board: Board, pipe: Connection) -> None:
+        self._board = board
+        self._pipe = pipe
+        self._ring = RingReader(board)
+        self._writer: McapWriter | None = None
+        self._segment = -1
+        self._segment_column = 0
+        self._written = 0
+        self._last_s = 0.0
+        self._due = -1
+        self._flushed_at = 0.0
+
+    def run(self) -> None:
+        """Record until the pipe is closed, or the supervisor is silent for good."""
+        try:
+            while self._take_orders():
+                self._take_rows()
+                self._flush_if_due()
+            self._drain()
+            self._note_trip()
+        finally:
+            self._close()
+
+    def _take_orders(self) -> bool:
+        try:
+            if self._pipe.poll(POLL_S):
+                self._obey(self._pipe.recv())
+        except (EOFError, ConnectionError):
+            return False
+        return True
+
+    def _obey(self, order: object) -> None:
+        if isinstance(order, BeginRecording):
+            self._begin(order)
+        elif isinstance(order, NoteInRecording) and self._writer is not None:
+            self._writer.event(order.time_s, order.kind, order.text)
+        elif isinstance(order, FinishRecording):
+            self._due = order.rows
+
+    def _begin(self, order: BeginRecording) -> None:
+        self._close()
+        self._ring.skip_to_end()
+        self._segment, self._written, self._due = order.segment, 0, -1
+        self._segment_column = order.channels.index("segment")
+        self._writer = McapWriter(
+            order.path, order.channels, order.metadata, start_ns=order.start_ns
+        )
+        # A file that is cut right after its birth tells at least which test it was to be.
+        self._writer.flush()
+        self._pipe.send(order.segment)
+
+    def _take_rows(self) -> None:
+        rows = self._ring.take()
+        if self._writer is None or not len(rows):
+            return
+        if self._ring.lost:
+            self._writer.event(0.0, "lost", f"{self._ring.lost} rows overwritten before recorded")
+            self._ring.lost = 0
+        mine = rows[rows[:, self._segment_column] == self._segment]
+        self._writer.write(mine)
+        self._written += len(mine)
+        self._last_s = float(mine[-1, 0]) if len(mine) else self._last_s
+
+    def _flush_if_due(self) -> None:
+        now = time.monotonic()
+        if self._writer is not None and now - self._flushed_at >= FLUSH_S:
+            self._writer.flush()
+            self._flushed_at = now
+            self._board.words[Word.RECORDED] = self._written
+        if self._writer is not None and 0 <= self._due <= self._written:
+            self._close()
+            self._pipe.send(self._written)
+        self._board.words[Word.RECORDER_BEAT] = time.monotonic_ns()
+
+    def _drain(self) -> None:
+        until = time.monotonic() + _DRAIN_S
+        while self._writer is not None and time.monotonic() < until:
+            time.sleep(POLL_S)
+            self._take_rows()
+
+    def _note_trip(self) -> None:
+        """Note the first-out cause in an unfinished file: nobody is left to report it."""
+        trips = trips_of(self._board).values()
+        if self._writer is not None and trips:
+            cause, _ = min(trips, key=lambda trip: trip[1])
+            self._writer.event(self._last_s, "trip", f"{cause.name}: {explain(cause).sentence}")
+
+    def _close(self) -> None:
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.close()
+
+
+def main() -> None:
+    """Run as the recorder of a session."""
+    board, pipe = child_ends()
+    try:
+        Recorder(board, pipe).run()
+    except OSError as error:
+        # A disk that is full for the recording is full for the log: that must not hide it.
+        with suppress(OSError):
+            os.write(sys.stderr.fileno(), f"recorder: {error}\n".encode())
+        sys.exit(error.errno or 1)

@@ -1,0 +1,28 @@
+from .cluster import connect as connect, run_cluster as run_cluster
+from .folder import (
+    PAGE as PAGE,
+    SUMMARY as SUMMARY,
+    TABLE as TABLE,
+    SweepFolder as SweepFolder,
+    default_folder as default_folder,
+    read_identity as read_identity,
+    unfinished_folder as unfinished_folder,
+)
+from .local import run_here as run_here, run_pool as run_pool
+from .running import (
+    Runner as Runner,
+    Timing as Timing,
+    chunks_of as chunks_of,
+    run_sweep as run_sweep,
+)
+from .setting import SweepError as SweepError
+from .study import (
+    LEAST_CASES as LEAST_CASES,
+    PowerCurve as PowerCurve,
+    Roc as Roc,
+    Share as Share,
+    Study as Study,
+    study_of as study_of,
+    verdict_order as verdict_order,
+)
+from .table import columns_of as columns_of, unit_of as unit_of

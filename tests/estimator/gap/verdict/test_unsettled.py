@@ -1,0 +1,146 @@
+"""What names leave counts where it goes with the motion, whether or not a law could tell it."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.gap.plant.records import Record, made_of, record_of
+from estimator.gap.prediction.fit import Fitter
+from estimator.gap.prediction.predictor import Predictor
+from estimator.gap.search.disturbances import attribution, places_of
+from estimator.gap.servo.actuator import servo_actuator
+from estimator.gap.verdict.judging import judge
+from estimator.gap.verdict.unsettled import Unsettled, compared, unsettled
+from rig.plant import NOMINAL, Model
+from rig.plant.integrator import TICK
+from rig.recording import Recording
+from tools.friction_coverage import recorded
+
+Array = NDArray[np.float64]
+PLANT = servo_actuator(Model())
+CHANNELS = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
+SPOOL = 3
+LEAK = 4e-9
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as threads:
+        yield threads
+
+
+@pytest.fixture(scope="module")
+def twin(pool: ThreadPoolExecutor) -> Record:
+    """12 s of a rig that is the model, driven to and fro with rests between."""
+    time_s = TICK * np.arange(12000)
+    asked = np.where(time_s % 3.0 < 1.5, 0.05 * np.sin(8.0 * time_s), 0.0)
+    whole = recorded(NOMINAL, 0.3 + asked, False, 1)
+    return record_of(Recording({name: whole[name] for name in CHANNELS}), PLANT)
+
+
+def left_of(record: Record, pool: ThreadPoolExecutor) -> list[Unsettled]:
+    predictor = Predictor(PLANT)
+    fitter = Fitter(predictor, [record], pool)
+    twins = [
+        Fitter(predictor, [predictor.twin(record, PLANT.nominal, seed)], pool) for seed in (5, 6)
+    ]
+    for each in (fitter, *twins):
+        each.refresh(PLANT.nominal)
+    return compared(unsettled(fitter, twins, PLANT.nominal), fitter, PLANT.nominal)
+
+
+def with_spool(record: Record, error: Array) -> Record:
+    readings = record.readings.copy()
+    readings[:, SPOOL] += error
+    return made_of("changed", record.inputs, readings, PLANT)
+
+
+def test_a_rig_that_is_the_model_leaves_nothing(twin: Record, pool: ThreadPoolExecutor) -> None:
+    assert not any(channel.counts for channel in left_of(twin, pool))
+
+
+def test_chance_that_goes_with_the_command_counts(twin: Record, pool: ThreadPoolExecutor) -> None:
+    rate = np.abs(np.gradient(twin.inputs[:, 0], TICK))
+    error = 1e-7 * rate * np.random.default_rng(2).standard_normal(len(rate))
+    spool = left_of(with_spool(twin, error), pool)[SPOOL]
+    assert spool.counts
+    assert spool.region == "rate of command_V"
+    assert int(np.argmax(spool.values)) == len(spool.values) - 1
+
+
+def test_a_sensor_noisier_than_stated_does_not(twin: Record, pool: ThreadPoolExecutor) -> None:
+    error = 1e-6 * np.random.default_rng(2).standard_normal(len(twin))
+    spool = left_of(with_spool(twin, error), pool)[SPOOL]
+    assert spool.mean > 0.5
+    assert not spool.counts
+
+
+def found_with(named: bool) -> Any:
+    """Return what a search found that explains next to all, with a name or none."""
+    fit = SimpleNamespace(cost=1001.0, values={})
+    effect = SimpleNamespace(effect="command_delay", per_reading=1.0, gain=9.0, bar=1.0, z=9.0)
+    return SimpleNamespace(
+        given=fit, refitted=fit, fitted=fit, samples=1000, floor=1.0, explained=0.9,
+        named=[effect] if named else [], variables=(),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("high", "low", "before", "named", "verdict"),
+    [
+        (2.0, 0.0, 3.0, True, "unknown_effect"),
+        (2.0, 0.0, 100.0, True, "missing_effect"),
+        (2.0, 0.0, 1.0, False, "unknown_effect"),
+        (2.0, 1.99, 3.0, True, "missing_effect"),
+        (0.1, 0.0, 0.1, False, "adequate"),
+    ],
+)
+def test_names_must_leave_no_more_than_noise_where_the_rig_is_stirred(
+    high: float, low: float, before: float, named: bool, verdict: str
+) -> None:
+    squares = np.array([low, high])
+    left = Unsettled("spool_m", "rate of command_V", squares, squares, 0.0 * squares,
+                     float(squares.mean()), "V/s", 1.0, before)  # fmt: skip
+    judged = judge(found_with(named), [], [], 0.0, unsettled=[left])
+    assert judged.verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("held_out", "before", "verdict"),
+    [
+        (0.03, 60.0, "missing_effect"),
+        (4.0, 60.0, "unknown_effect"),
+        (0.001, 0.1, "unknown_effect"),
+    ],
+    ids=["borne out", "not closed", "not shown"],
+)
+def test_names_that_other_motions_bear_out_stand(
+    held_out: float, before: float, verdict: str
+) -> None:
+    squares = np.array([0.0, 2.0])
+    left = Unsettled("spool_m", "rate of command_V", squares, squares, 0.0 * squares,
+                     1.0, "V/s", 1.0, 3.0)  # fmt: skip
+    judged = judge(found_with(True), [], [], held_out, before, unsettled=[left])
+    assert judged.verdict == verdict
+
+
+def test_an_opening_between_the_chambers_is_found_across_the_piston(
+    pool: ThreadPoolExecutor,
+) -> None:
+    time_s = TICK * np.arange(8000)
+    setpoint = 0.3 + 0.05 * np.sin(4.0 * time_s)
+    whole = recorded(NOMINAL._replace(internal_leakage=LEAK), setpoint, False, 1)
+    record = record_of(Recording({name: whole[name] for name in CHANNELS}), PLANT)
+    fitter = Fitter(Predictor(PLANT), [record], pool)
+    fitter.refresh(PLANT.nominal)
+    found = attribution(fitter, PLANT.nominal, ())
+    (across,) = (place for place in places_of(PLANT) if len(place.rows) == 2)
+    curve = found.curve(across, "position", 1.0)
+    assert curve is not None
+    assert curve.share > 0.9
+    assert curve.values[2:-2] == pytest.approx(np.full(5, LEAK), rel=0.1)

@@ -1,0 +1,72 @@
+"""A leak that grows over minutes is found, though no single onset explains it."""
+
+import numpy as np
+import pytest
+
+from estimator.leaks.growth import LEAST_BLOCKS, STRETCHES, stretches
+from estimator.leaks.leak_test import LeakTest
+from estimator.leaks.leak_verdicts import LeakVerdicts
+from rig.plant.parameters import LITRE_PER_MINUTE
+
+from .test_leak_test import ROOT, blocks
+
+FLOW = ROOT / LITRE_PER_MINUTE
+
+
+def growing(count: int, seed: int, fault: int, rate: float) -> LeakTest:
+    """Return a test of a leak that grows by so many L/min a block from a fifth of the run on."""
+    test = LeakTest(1.0)
+    for k, block in enumerate(blocks(count, seed)):
+        flow = max(k - count // 5, 0) * rate
+        coefficient = flow * LITRE_PER_MINUTE / (ROOT if fault < 2 else 0.6 * ROOT)
+        block.missing[:] += coefficient * block.faults[:, fault]
+        test.add(block)
+        test.search()
+    return test
+
+
+@pytest.mark.parametrize("fault", [0, 1, 2])
+@pytest.mark.parametrize("rate", [2e-4, 3e-3])
+def test_a_leak_that_grows_is_named_and_followed(fault: int, rate: float) -> None:
+    test = growing(320, 1, fault, rate)
+    found = test.search()
+    assert [finding.fault for finding in found] == [fault]
+    size = FLOW if fault < 2 else 0.6 * FLOW
+    assert LeakVerdicts(test).present(found[0]) * size == pytest.approx(256 * rate, rel=0.25)
+
+
+def test_health_is_not_taken_for_growth() -> None:
+    for seed in range(4):
+        assert growing(320, seed, 0, 0.0).search() == []
+
+
+def test_the_null_may_wander_in_the_meantime() -> None:
+    """By 0.1 um from stretch to stretch, twice what leaks take to be found in as long a time."""
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        test = LeakTest(1.0)
+        wander = np.cumsum(0.01 * rng.standard_normal(STRETCHES)).repeat(40)
+        for block, part in zip(blocks(320, 5), wander, strict=True):
+            block.missing[:] += part * block.nuisances[:, 0]
+            test.add(block)
+            assert test.search() == []
+
+
+def test_stretches_are_of_like_length() -> None:
+    test = LeakTest(1.0)
+    for block in blocks(LEAST_BLOCKS, 2):
+        test.add(block)
+    marks = stretches(test.sums)
+    assert marks.size == STRETCHES - 1
+    lengths = np.diff([0, *test.sums.mark_blocks[marks], LEAST_BLOCKS])
+    assert lengths.tolist() == [LEAST_BLOCKS // STRETCHES] * STRETCHES
+
+
+def test_a_run_of_an_hour_has_no_stretch_twice() -> None:
+    """Marks thin out with age: two eighths of the run may begin at the same one."""
+    test = LeakTest(1.0)
+    for k, block in enumerate(blocks(7200, 2)):
+        test.add(block)
+        if k % 480 == 479:
+            assert test.search() == []
+            assert (np.diff(stretches(test.sums)) > 0).all()

@@ -1,0 +1,249 @@
+"""Past runs: found, shown, compared and pruned, by their folders alone."""
+
+import json
+import shutil
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.runner.run_folder.archive import RunError, read_run, run_named, runs_below
+from rig.runner.run_folder.comparing import ANYTHING, Tolerance, compare, tolerance_of
+from rig.runner.run_folder.pruning import prunable
+
+Invoke = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of one leak."""
+    from rig.configuration import load_campaign
+    from rig.runner import run_campaign
+
+    folder = tmp_path_factory.mktemp("template")
+    (folder / "leak.yaml").write_text(
+        "name: leak\nrig: simulated\ntests:\n  - name: leak [low]\n    duration: 14 s\n"
+        "    settle: 0.5 s\n"
+        "    setpoint: {type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}\n"
+        "    faults: [{type: external_leakage_1, at: 8 s, flow: 0.8 L/min, pressure: 6.9 MPa}]\n"
+    )
+    campaign, rig = load_campaign(folder / "leak.yaml")
+    run_campaign(campaign, rig, folder / "run")
+    return folder / "run"
+
+
+@pytest.fixture
+def make_run(template: Path, tmp_path: Path) -> Callable[..., Path]:
+    """Copy the run, begun some days ago, with changed results."""
+
+    def make(name: str, days_ago: float = 0.0, change: Callable[[Any], None] | None = None) -> Path:
+        folder = tmp_path / "runs" / name
+        shutil.copytree(template, folder)
+        results = json.loads((folder / "results.json").read_text())
+        started = datetime.now(UTC) - timedelta(days=days_ago)
+        results["started"] = started.isoformat(timespec="seconds")
+        if change is not None:
+            change(results)
+        (folder / "results.json").write_text(json.dumps(results))
+        return folder
+
+    return make
+
+
+MakeRun = Callable[..., Path]
+
+
+def leak(value: float) -> Callable[[Any], None]:
+    def change(results: Any) -> None:
+        results["tests"][0]["figures"]["leak"]["value"] = value
+
+    return change
+
+
+def test_a_run_tells_the_figures_to_follow(template: Path) -> None:
+    (test,) = read_run(template).tests
+    figures = test["figures"]
+    assert figures["leak"]["unit"] == "L/min"
+    assert 0.0 < figures["leak"]["standard_error"] < figures["leak"]["value"]
+    for chamber in (1, 2):
+        level = figures[f"residual_pressure_{chamber}"]
+        assert 0.0 < level["standard_error"] < level["value"] < 1e6
+
+
+def test_runs_are_found_by_date_campaign_rig_and_verdict(invoke: Invoke, make_run: MakeRun) -> None:
+    make_run("old", 40.0)
+    make_run("new", 1.0, lambda results: results.update(rig="other"))
+    (make_run("broken") / "results.json").write_text("{")
+
+    def found(*options: str) -> list[str]:
+        lines = invoke("runs", "list", "--json", *options).out.splitlines()
+        return [Path(json.loads(line)["folder"]).name for line in lines]
+
+    assert found() == ["old", "new"]
+    assert found("--since", "7 d") == ["new"]
+    assert found("--until", "7 d") == ["old"]
+    assert found("--rig", "other") == ["new"]
+    assert found("--campaign", "nothing") == []
+    assert found("--verdict", "external_leakage_1") == ["old", "new"]
+    assert found("--verdict", "healthy") == []
+    assert found("--state", "unfinished") == []
+    table = invoke("runs", "list").out
+    assert "external_leakage_1" in table
+    assert "2 runs below runs" in table
+    assert invoke("runs", "list", "--since", "yesterday").code == 2
+
+
+def test_a_run_is_shown_by_name_and_by_path(invoke: Invoke, make_run: MakeRun) -> None:
+    folder = make_run("one")
+    by_name, by_path = invoke("runs", "show", "one"), invoke("runs", "show", folder)
+    assert by_name.code == by_path.code == 0
+    assert "leak [low]: passed, external_leakage_1 0." in by_name.out
+    assert json.loads(invoke("runs", "show", "one", "--json").out)["state"] == "ended"
+    assert invoke("runs", "show", "two").code == 2
+
+
+def test_two_equal_runs_do_not_differ(invoke: Invoke, make_run: MakeRun, tmp_path: Path) -> None:
+    make_run("one"), make_run("two")
+    done = invoke("runs", "compare", "one", "two", "--out", "page.html")
+    assert done.code == 0
+    assert "0 of " in done.out
+    assert "Nothing moved" in (tmp_path / "page.html").read_text()
+
+
+def test_a_figure_that_moved_beyond_its_tolerance_fails_the_gate(
+    invoke: Invoke, make_run: MakeRun, tmp_path: Path
+) -> None:
+    value = read_run(make_run("one")).tests[0]["figures"]["leak"]["value"]
+    make_run("near", 0.0, leak(1.01 * value))
+    make_run("far", 0.0, leak(2.0 * value))
+    assert invoke("runs", "compare", "one", "near").code == 0
+    done = invoke("runs", "compare", "one", "far", "--out", "page.html")
+    assert done.code == 1
+    (row,) = [line for line in done.out.splitlines() if "leak [low]" in line]
+    assert "| leak " in row
+    assert "1 of " in done.out
+    assert "1 of " in (tmp_path / "page.html").read_text()
+    lines = [
+        json.loads(x)
+        for x in invoke("runs", "compare", "one", "far", "--json").out.split("\n")
+        if x
+    ]
+    assert [line["figure"] for line in lines if line["standing"] == "moved"] == ["leak"]
+
+    (tmp_path / "loose.yaml").write_text("leak: {relative: 2}\n")
+    assert invoke("runs", "compare", "one", "far", "--tolerances", "loose.yaml").code == 0
+    (tmp_path / "loose.yaml").write_text("leak: ignore\n")
+    assert invoke("runs", "compare", "one", "far", "--tolerances", "loose.yaml").code == 0
+    (tmp_path / "tight.yaml").write_text("leak: {sigmas: 0}\n")
+    assert invoke("runs", "compare", "one", "near", "--tolerances", "tight.yaml").code == 1
+    (tmp_path / "wrong.yaml").write_text(
+        "leek: ignore\nleak: {relatve: 1, absolute: -1}\nonset: 3\n"
+    )
+    wrong = invoke("runs", "compare", "one", "near", "--tolerances", "wrong.yaml")
+    assert wrong.code == 2
+    assert len(wrong.err.splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("what", "change"),
+    [
+        ("a verdict", lambda results: results["tests"][0]["found"].update(verdict="healthy")),
+        ("a status", lambda results: results["tests"][0].update(status="failed")),
+        ("a figure that is gone", lambda results: results["tests"][0]["figures"].pop("leak")),
+        ("a test that is gone", lambda results: results["tests"].clear()),
+    ],
+)
+def test_a_change_without_a_number_fails_the_gate_too(
+    make_run: MakeRun, what: str, change: Callable[[Any], None]
+) -> None:
+    reference = read_run(make_run("one"))
+    candidate = read_run(make_run("two", 0.0, change))
+    assert compare(reference, candidate).moved, what
+    # What is only in the candidate is new, and no harm.
+    assert what != "a figure that is gone" or not compare(candidate, reference).moved
+
+
+def test_the_longest_name_that_fits_gives_the_tolerance() -> None:
+    known = {"loop": Tolerance(1.0), "loop_missed": Tolerance(2.0)}
+    assert tolerance_of("loop_missed", known) == Tolerance(2.0)
+    assert tolerance_of("loop_wakeup_p99", known) == Tolerance(1.0)
+    assert tolerance_of("loops", known) == Tolerance()
+    assert ANYTHING.of(1.0, 0.0) == float("inf")
+
+
+def test_pruning_tells_first_and_removes_only_what_runs_wrote(
+    invoke: Invoke, make_run: MakeRun
+) -> None:
+    old, middle, new = (make_run(name, days) for name, days in (("a", 90), ("b", 60), ("c", 1)))
+    (old / "photo.jpg").write_text("of the leak")
+    told = invoke("runs", "prune", "--keep", "1")
+    assert told.out.count("would remove") == 2
+    assert (old / "results.json").exists()
+    done = invoke("runs", "prune", "--keep", "1", "--older-than", "70 d", "--delete")
+    assert done.code == 0
+    assert [file.name for file in old.iterdir()] == ["photo.jpg"]
+    assert "photo.jpg" in done.err
+    assert (middle / "results.json").exists()
+    assert invoke("runs", "prune", "--keep", "1", "--delete").code == 0
+    assert not middle.exists()
+    assert new.exists()
+
+
+def test_what_could_be_resumed_is_not_pruned(make_run: MakeRun, tmp_path: Path) -> None:
+    make_run("a", 90.0, lambda results: results["tests"][0].update(status="not_run"))
+    make_run("b", 80.0)
+    runs = list(runs_below(tmp_path / "runs"))
+    assert [run.state for run in runs] == ["unfinished", "ended"]
+    going = prunable(runs, keep=0, older_than=None, now=datetime.now(UTC))
+    assert [run.folder.name for run in going] == ["b"]
+
+
+@pytest.mark.parametrize("name", ["../secret", "..", ".", "", "/etc", "a/b", "a\\b", "a\0b"])
+def test_a_name_that_leads_elsewhere_is_refused(
+    make_run: MakeRun, tmp_path: Path, name: str
+) -> None:
+    shutil.move(make_run("one"), tmp_path / "secret")
+    with pytest.raises(RunError, match="is not the name of a run"):
+        run_named(name, tmp_path / "runs")
+
+
+def test_a_link_to_elsewhere_is_no_run(make_run: MakeRun, tmp_path: Path) -> None:
+    shutil.move(make_run("one"), tmp_path / "secret")
+    (tmp_path / "runs" / "link").symlink_to(tmp_path / "secret")
+    with pytest.raises(RunError, match="is a link"):
+        run_named("link", tmp_path / "runs")
+
+
+@pytest.mark.parametrize("recording", ["../../etc/passwd", "/etc/passwd", "..", "a\\b.mcap"])
+def test_results_that_name_files_elsewhere_are_refused(
+    invoke: Invoke, make_run: MakeRun, recording: str
+) -> None:
+    folder = make_run("one", 0.0, lambda results: results["tests"][0].update(recording=recording))
+    with pytest.raises(RunError, match="is no file of it"):
+        read_run(folder)
+    assert invoke("export", folder, "out").code == 2
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"schema": "rig-results"}', "[" * 100_000, '{"schema": 1e999}']
+)
+def test_results_that_are_none_are_refused_in_a_sentence(
+    invoke: Invoke, make_run: MakeRun, text: str
+) -> None:
+    (make_run("one") / "results.json").write_text(text)
+    done = invoke("runs", "show", "one")
+    assert done.code == 2
+    assert len(done.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("extension", ["mf4", "parquet", "csv"])
+def test_a_whole_run_is_exported_by_one_command(
+    invoke: Invoke, make_run: MakeRun, tmp_path: Path, extension: str
+) -> None:
+    folder = make_run("one")
+    done = invoke("export", folder, "out", "--format", extension)
+    assert done.code == 0
+    assert (tmp_path / "out" / f"leak_low.{extension}").stat().st_size > 10_000
+    assert "14000 samples" in done.out

@@ -1,0 +1,180 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from estimator.leaks.detection import Decision
+from rig.cli.recordings.replay import json_object
+from rig.cli.recordings.replay_table import Replayed, advice, replay_table
+from rig.recording import Recording, export, read_recording
+
+Invoke = Callable[..., Any]
+
+KEYS = {
+    "recording",
+    "verdict",
+    "onset_s",
+    "detected_at_s",
+    "leak_L_per_min",
+    "leak_std_L_per_min",
+    "leak_coefficient",
+}
+NULL_WHEN_HEALTHY = KEYS - {"recording", "verdict"}
+
+
+@pytest.fixture
+def recordings(invoke: Invoke, campaign_file: Path, tmp_path: Path) -> Path:
+    """A folder with the recordings and results of the short campaign."""
+    invoke("run", campaign_file, "--out", tmp_path / "run")
+    return tmp_path / "run"
+
+
+def altered(recording: Recording, path: Path, **columns: np.ndarray[Any, Any] | None) -> Path:
+    """Write the columns that replay reads to CSV, some replaced, or left out if None."""
+    names = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
+    table = {name: columns.get(name, recording[name]) for name in names}
+    kept = {name: values for name, values in table.items() if values is not None}
+    text = np.column_stack(list(kept.values()))
+    np.savetxt(path, text, delimiter=",", header=",".join(kept), comments="")
+    return path
+
+
+def test_json_is_an_object_a_line_with_the_promised_keys(
+    invoke: Invoke, recordings: Path, tmp_path: Path
+) -> None:
+    done = invoke("replay", "--json", "run/healthy.mcap", "run/leak_low.mcap")
+    assert done.code == 0
+    assert done.err == ""
+    healthy, leak = (json.loads(line) for line in done.out.splitlines())
+    assert set(healthy) >= KEYS
+    assert healthy["recording"] == "run/healthy.mcap"
+    assert healthy["verdict"] == "healthy"
+    assert {healthy[key] for key in NULL_WHEN_HEALTHY} == {None}
+    assert leak["verdict"] == "external_leakage_1"
+    assert leak["onset_s"] == pytest.approx(8.0, abs=0.5)
+    assert leak["detected_at_s"] > leak["onset_s"]
+    assert leak["leak_coefficient"] == pytest.approx(0.8 / 6e4 / 6.9e6**0.5, rel=0.05)
+
+
+def test_a_replay_finds_what_the_run_found(invoke: Invoke, recordings: Path) -> None:
+    done = invoke("replay", "--json", recordings / "leak_low.mcap")
+    found = json.loads((recordings / "results.json").read_text())["tests"][1]["found"]
+    replayed = json.loads(done.out)
+    assert {key: replayed[key] for key in KEYS - {"recording"}} == {
+        key: found[key] for key in KEYS - {"recording"}
+    }
+
+
+def test_csv_and_mcap_of_a_recording_give_the_same_verdict_to_the_last_bit(
+    invoke: Invoke, recordings: Path, tmp_path: Path
+) -> None:
+    mcap = recordings / "leak_low.mcap"
+    export(read_recording(mcap), tmp_path / "leak.csv.gz")
+    lines = invoke("replay", "--json", mcap, tmp_path / "leak.csv.gz").out.splitlines()
+    first, second = ({**json.loads(line), "recording": ""} for line in lines)
+    assert first == second
+
+
+def test_the_table_has_a_row_a_recording(invoke: Invoke, recordings: Path) -> None:
+    done = invoke("replay", "run/healthy.mcap", "run/leak_low.mcap")
+    assert done.code == 0
+    (row,) = [line for line in done.out.splitlines() if "leak_low" in line]
+    assert "external_leakage_1" in row
+    assert "± " in row
+    assert "/" in row
+
+
+def test_a_filter_that_was_lost_is_reported() -> None:
+    lost = Replayed("one.mcap", "product", Decision("healthy"), None, (1.5, 12.0))
+    console = Console(width=200)
+    with console.capture() as shown:
+        console.print(replay_table([lost], plain=True))
+    assert "healthy; filter lost at 1.50 s, 2 times" in shown.get()
+    assert json_object(lost)["filter_resets_s"] == [1.5, 12.0]
+
+
+@pytest.mark.parametrize("name", ["thesis-6", "thesis-7", "thesis-7-ud"])
+def test_the_thesis_s_filters_replay_too(invoke: Invoke, recordings: Path, name: str) -> None:
+    done = invoke("replay", "--json", "--filter", name, recordings / "leak_low.mcap")
+    assert done.code == 0
+    assert json.loads(done.out)["filter"] == name
+
+
+def test_an_inconclusive_recording_says_what_would_help(
+    invoke: Invoke, recordings: Path, tmp_path: Path
+) -> None:
+    whole = read_recording(recordings / "healthy.mcap")
+    short = {name: values[:1500] for name, values in whole.channels.items()}
+    export(Recording(short), tmp_path / "short.csv")
+    done = invoke("replay", tmp_path / "short.csv")
+    assert done.code == 0
+    assert "inconclusive: record for longer" in done.out
+
+
+@pytest.mark.parametrize(
+    ("details", "told"),
+    [
+        ({}, "record for longer"),
+        ({"travel_m": 1e-3, "travel_needed_m": 3e-3}, "move the ram by more than 3 mm"),
+        (
+            {
+                "travel_m": 0.1,
+                "travel_needed_m": 3e-3,
+                "smallest_internal_leakage_m3_per_s": 1.2 / 6e4,
+                "smallest_external_leakage_1_m3_per_s": 0.1 / 6e4,
+            },
+            "internal_leakage up to 1.2 L/min would not have shown",
+        ),
+    ],
+)
+def test_the_advice_follows_what_was_lacking(details: dict[str, float], told: str) -> None:
+    assert told in advice(Decision("inconclusive", details=details))
+
+
+def test_of_bad_recordings_every_problem_is_told_and_nothing_else(
+    invoke: Invoke, recordings: Path, tmp_path: Path
+) -> None:
+    good = read_recording(recordings / "healthy.mcap")
+    time_s, position = good["time_s"], good["position_m"]
+    gap = altered(good, tmp_path / "gap.csv", time_s=np.where(time_s < 2, time_s, time_s + 0.5))
+    rate = altered(good, tmp_path / "rate.csv", time_s=2.0 * time_s)
+    hole = altered(good, tmp_path / "nan.csv", position_m=np.where(time_s == 3, np.nan, position))
+    columns = altered(good, tmp_path / "columns.csv", pressure_2_Pa=None)
+    missing = tmp_path / "nowhere.csv"
+    done = invoke(
+        "replay", "--json", recordings / "healthy.mcap", gap, rate, hole, columns, missing,
+        "--model", "unheard_of", "--filter", "thesis-8",
+    )  # fmt: skip
+    assert done.code == 2
+    assert done.out == ""
+    lines = done.err.splitlines()
+    assert any(line.startswith(f"{gap}:2002: time_s: gap of 501 ms") for line in lines)
+    assert any(line.startswith(f"{rate}: time_s: sampled at 500 Hz") for line in lines)
+    assert any(line.startswith(f"{hole}:3002: position_m: empty or NaN") for line in lines)
+    assert any(line.startswith(f"{columns}: pressure_2_Pa: missing column") for line in lines)
+    assert any(line.startswith(f"{missing}: file: does not exist") for line in lines)
+    assert any("unheard_of is not a known model" in line for line in lines)
+    assert any(line.startswith("--filter: no filter 'thesis-8'") for line in lines)
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("rate", ["0", "nan", "inf"])
+def test_a_false_alarm_rate_out_of_range_is_bad_input(
+    invoke: Invoke, recordings: Path, rate: str
+) -> None:
+    done = invoke("replay", "--false-alarms-per-day", rate, recordings / "healthy.mcap")
+    assert done.code == 2
+    assert "0.001<=x<=1000" in done.err
+
+
+def test_rarer_alarms_take_a_higher_threshold(invoke: Invoke, recordings: Path) -> None:
+    def threshold(rate: str) -> float:
+        path = recordings / "healthy.mcap"
+        done = invoke("replay", "--json", "--false-alarms-per-day", rate, path)
+        return float(json.loads(done.out)["threshold"])
+
+    assert threshold("0.01") > threshold("1")

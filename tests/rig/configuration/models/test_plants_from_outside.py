@@ -1,0 +1,279 @@
+"""A plant from outside the package: its module and its model file, and what is said of mistakes."""
+
+from collections.abc import Callable
+from pathlib import Path
+from shutil import copy
+from textwrap import dedent
+
+import numpy as np
+import pytest
+
+from estimator.gap.plant.description import PlantError
+from rig.configuration import ConfigError
+from rig.configuration.models.plant_file import PlantModel
+from rig.configuration.models.plant_loading import load_plant
+from rig.recording import RecordingError
+
+EXAMPLE = Path(__file__).parents[4] / "docs" / "another_plant"
+
+Load = Callable[..., PlantModel]
+
+
+@pytest.fixture(scope="module")
+def axis(tmp_path_factory: pytest.TempPathFactory) -> PlantModel:
+    """Return the example as it is, compiled once for all that ask for it."""
+    folder = tmp_path_factory.mktemp("axis")
+    for file in ("axis.py", "axis.yaml"):
+        copy(EXAMPLE / file, folder / file)
+    return load_plant(f"{folder / 'axis.py'}:axis", folder / "axis.yaml")
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for file in ("axis.py", "axis.yaml"):
+        copy(EXAMPLE / file, tmp_path / file)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def with_module(workplace: Path, *changes: tuple[str, str]) -> str:
+    """Return a reference to the example's module with some text replaced."""
+    text = (workplace / "axis.py").read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (workplace / "mine.py").write_text(text)
+    return "mine.py:axis"
+
+
+def module_problems(workplace: Path, *changes: tuple[str, str]) -> list[str]:
+    with pytest.raises(PlantError) as raised:
+        load_plant(with_module(workplace, *changes), workplace / "axis.yaml")
+    return raised.value.problems
+
+
+def file_problems(workplace: Path, *changes: tuple[str, str]) -> list[str]:
+    text = (workplace / "axis.yaml").read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (workplace / "mine.yaml").write_text(text)
+    with pytest.raises(ConfigError) as raised:
+        load_plant("axis.py:axis", workplace / "mine.yaml")
+    return [str(problem) for problem in raised.value.problems]
+
+
+def test_a_model_written_reads_back_to_the_same_values_and_tells_their_intervals(
+    axis: PlantModel, workplace: Path
+) -> None:
+    values = {**axis.plant.nominal, "offset": 1.0 / 3.0, "mass": 91.7, "cogging": 2.0}
+    provenance = {
+        "effects": {"offset": {"parameters": {"value": {"lower": 0.31, "upper": 0.35}}}},
+        "refitted": {"mass": {"lower": 91.0, "upper": 92.0}},
+    }
+    axis.plant.write(values, ("offset", "cogging"), provenance, workplace / "found.yaml")
+    found = load_plant("axis.py:axis", workplace / "found.yaml")
+    assert found.plant.nominal == values
+    assert found.effects == ("offset", "cogging")
+    assert found.plant.outputs == axis.plant.outputs
+    assert [s.noise for s in found.plant.states] == pytest.approx(
+        [s.noise * 95.0 / 91.7 for s in axis.plant.states]
+    )
+    text = (workplace / "found.yaml").read_text()
+    assert "95 %: 91 to 92 kg" in text
+    assert "95 %: 0.31 to 0.35 N" in text
+    assert found.told["provenance"] == provenance
+
+
+def test_a_model_written_as_given_keeps_its_name_and_tells_no_interval_of_what_was_not_kept(
+    axis: PlantModel, workplace: Path
+) -> None:
+    refitted = {"mass": {"value": 86.0, "lower": 85.0, "upper": 87.0, "kept": False}}
+    axis.plant.write(axis.plant.nominal, (), {"refitted": refitted}, workplace / "same.yaml")
+    found = load_plant("axis.py:axis", workplace / "same.yaml")
+    assert found.plant.nominal == axis.plant.nominal
+    assert found.name == axis.name
+    assert "95 %" not in (workplace / "same.yaml").read_text()
+
+
+def test_channels_of_other_names_and_units_are_mapped_by_the_model_file(workplace: Path) -> None:
+    (workplace / "mine.yaml").write_text(
+        (workplace / "axis.yaml")
+        .read_text()
+        .replace(
+            "  position_m: {noise: 0.7 um, resolution: 1 um}",
+            "  time_s: {column: t, unit: ms}\n  motor_V: vir\n"
+            "  position_m: {column: counts, scale: 2e-6, noise: 3 um, resolution: 2 um}",
+        )
+    )
+    loaded = load_plant("axis.py:axis", workplace / "mine.yaml")
+    count = 1500
+    rows = np.column_stack([np.arange(count), np.full(count, 80.0), 500.0 * np.arange(count)])
+    np.savetxt(
+        workplace / "r.csv", rows, header="t,vir,counts", comments="", delimiter=",", fmt="%.9g"
+    )
+    recording = loaded.read(workplace / "r.csv")
+    # 80 V and 1.5 m are nothing a servo-hydraulic rig shows; this is another plant.
+    assert recording["time_s"][-1] == pytest.approx(1.499)
+    assert recording["position_m"][-1] == pytest.approx(1.499)
+    assert recording["motor_V"].max() == 80.0
+    assert loaded.plant.outputs[0].noise == pytest.approx(3e-6)
+
+    (workplace / "other.csv").write_text((workplace / "r.csv").read_text().replace("vir", "U"))
+    with pytest.raises(RecordingError, match="vir: missing column, which is to be motor_V"):
+        loaded.read(workplace / "other.csv")
+
+
+def test_everything_wrong_with_a_model_file_is_told_at_once_with_its_line(workplace: Path) -> None:
+    found = file_problems(
+        workplace,
+        ("mass: 95 kg", "mass: 95 mm"),
+        ("  viscous: 200 N s/m\n", ""),
+        ("coulomb: 20 N", "coulombe: 20 N"),
+        ("gain: 10 %,", "gian: 10 %,"),
+        ("force balance: 2 N", "force balance: 1 V"),
+        ("noise: 0.7 um", "noise: 1 kg"),
+        ("description", "effects: {offset: 500 N, backlash: 1 mm}\ndescription"),
+    )
+    text = "\n".join(found)
+    for claim in (
+        "mine.yaml:7:3 mass: 95 mm is not a mass",
+        "lacks viscous; add `viscous: ... N s/m`",
+        "coulombe: is not a known key; did you mean coulomb?",
+        "gian: is not a known key; did you mean gain?",
+        "force balance: 1 V is not a force",
+        "noise: 1 kg is not a length",
+        "offset: 500 N is above 100 N",
+        "backlash: is not a known key",
+    ):
+        assert claim in text, claim
+    assert all(line.startswith("mine.yaml:") for line in found)
+
+
+def test_a_plant_needs_its_own_model_file(workplace: Path) -> None:
+    with pytest.raises(ConfigError, match=r"--model nothing\.yaml: does not exist; give the YAML"):
+        load_plant("axis.py:axis", "nothing.yaml")
+
+
+@pytest.mark.parametrize(
+    ("reference", "claim"),
+    [
+        ("axis", "names no object of a module"),
+        ("nowhere:axis", "there is no module nowhere in"),
+        ("nowhere.py:axis", "nowhere.py does not exist"),
+        ("axis.py:axes", "axis.py has no axes; did you mean axis"),
+        ("axis.py:rates", "rates is a function, must be a PlantDescription"),
+    ],
+)
+def test_a_plant_that_is_not_there_is_said_to_be_missing(
+    workplace: Path, reference: str, claim: str
+) -> None:
+    with pytest.raises(PlantError, match=claim):
+        load_plant(reference, workplace / "axis.yaml")
+
+
+def test_a_module_that_does_not_import_is_blamed_with_its_line(workplace: Path) -> None:
+    (workplace / "broken.py").write_text("import math\n\nx = math.sqroot(2)\n")
+    with pytest.raises(PlantError, match=r"broken.py:3: AttributeError: .*sqroot"):
+        load_plant("broken.py:axis", workplace / "axis.yaml")
+    (workplace / "unfinished.py").write_text("def rates(:\n")
+    with pytest.raises(PlantError, match=r"unfinished.py:1: SyntaxError"):
+        load_plant("unfinished.py:axis", workplace / "axis.yaml")
+
+
+@pytest.mark.parametrize(
+    ("change", "claim"),
+    [
+        (("/ par.mass, grip_rate", "/ par.mass"), "rates: returns 2 values, must be 3: the rate"),
+        (("return (state.position,)", "return state.position"), "must return a tuple of 1"),
+        (("par.gain * inputs", "par.gian * inputs"), "no attribute 'gian'; did you mean gain?"),
+        (("/ par.mass, grip_rate", "/ 0.0, grip_rate"), "ZeroDivisionError"),
+        (("- par.offset", "- math.inf"), "the rate of velocity is -inf at position"),
+        (('Parameter("viscous",', 'Parameter("gain",'), "parameter gain is given 2 times"),
+        (('"value": "offset"', '"value": "ofset"'), "parameter ofset is not known; did you mean"),
+        (('reading("position_m")', 'reading("angle_rad")'), "angle_rad is not known; there are"),
+        (('of=("velocity"', 'of=("speed"'), "region speed is not known"),
+        (("noise=0.7e-6", "noise=0.0"), "output position_m: noise 0.0 must be above 0"),
+        (("v = state.velocity", "v = open('nothing')"), "FileNotFoundError"),
+        (("    force = par", "    print(sorted({v: 1}), {})\n    force = par"), "cannot compile"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_the_module_are_named(
+    workplace: Path, change: tuple[str, str], claim: str
+) -> None:
+    assert any(claim in problem for problem in module_problems(workplace, change))
+
+
+def test_all_mistakes_in_the_tables_are_told_at_once(workplace: Path) -> None:
+    found = module_problems(
+        workplace,
+        ("noise=0.7e-6", "noise=-1.0"),
+        ('"value": "offset"', '"value": "ofset"'),
+        ('of=("velocity"', 'of=("speed"'),
+    )
+    assert len(found) >= 3
+
+
+def test_a_simulation_of_an_axis_is_steered_back_within_a_second(axis: PlantModel) -> None:
+    ((index, output, gain),) = axis.plant.steering
+    assert (index, output) == (0, 0)
+    # Of M q'' = g u alone, this gain makes an oscillation of 1.5 to 4 s.
+    period = 2.0 * np.pi / np.sqrt(gain * 35.0 / 95.0)
+    assert 1.0 < period < 4.0
+
+
+def test_steering_is_as_the_model_file_says(workplace: Path) -> None:
+    text = (workplace / "axis.yaml").read_text()
+    (workplace / "a.yaml").write_text(text + "steering: {motor_V: {position_m: 12 V/m}}\n")
+    (workplace / "b.yaml").write_text(text + "steering: none\n")
+    assert load_plant("axis.py:axis", workplace / "a.yaml").plant.steering == ((0, 0, 12.0),)
+    assert load_plant("axis.py:axis", workplace / "b.yaml").plant.steering == ()
+
+
+def test_the_compiled_step_is_the_rates_integrated(axis: PlantModel) -> None:
+    plant = axis.plant
+    state, memory = np.array([0.1, 0.2, 1.0]), np.array([0.0])
+    parameters = plant.vector({**plant.nominal, "coulomb": 1e-9})
+    for _ in range(1000):
+        plant.step(state, memory, parameters)
+    # M q'' = -Fv q': q' falls by exp(-Fv t / M).
+    faded = np.exp(-200.0 / 95.0)
+    assert state[1] == pytest.approx(0.2 * faded, rel=1e-6)
+    assert state[0] == pytest.approx(0.1 + 0.2 * 95.0 / 200.0 * (1.0 - faded), rel=1e-6)
+
+
+def test_a_plant_of_one_state_and_two_inputs_is_described_in_twenty_lines(workplace: Path) -> None:
+    (workplace / "tank.py").write_text(
+        dedent(
+            """
+            from estimator.gap.plant.description import *
+            from estimator.gap.plant.interface import Parameter
+
+            def rates(state, inputs, par):
+                return (par.gain * inputs.pump_V - par.leak * state.level - inputs.drain_V,)
+
+            def readings(state, inputs, par):
+                return (state.level, 2.0 * state.level + inputs.pump_V)
+
+            tank = PlantDescription(
+                name="tank", rates=rates, readings=readings,
+                inputs=(Input("pump_V", "V", 5.0), Input("drain_V", "V", 5.0)),
+                outputs=(Channel("level_m", "m", 1e-3), Channel("mixed", "m", 1e-3)),
+                states=(StateOf("level", "m", reading("level_m"), 1e-2, error=1e-5),),
+                parameters=(Parameter("gain", "m/(s V)", 0.0, 10.0),
+                            Parameter("leak", "1/s", 0.0, 1.0, neutral=0.0)),
+                effects=(MayLack("leak", "- k h", "level_m", {"value": "leak"}),),
+                tolerances={}, equations=(), regions=(),
+            )
+            """
+        )
+    )
+    (workplace / "tank.yaml").write_text("name: tank\nparameters: {gain: 0.5 m/(s V)}\n")
+    plant = load_plant("tank.py:tank", workplace / "tank.yaml").plant
+    state, readings = np.array([1.0]), np.empty(2)
+    memory = np.array([2.0, 0.4])
+    for _ in range(500):
+        plant.step(state, memory, plant.vector(plant.nominal))
+    plant.read(state, memory, plant.vector(plant.nominal), readings)
+    assert state[0] == pytest.approx(1.3)
+    assert readings == pytest.approx([1.3, 4.6])

@@ -1,0 +1,151 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from rig.configuration import check
+from rig.configuration.reading.problems import ConfigError
+from rig.configuration.sweeps.distributions import Distribution
+from rig.configuration.sweeps.sweep import load_sweep
+
+GOOD = """\
+name: good
+rig: ideal
+cases: 8
+duration: 30 s
+parameters:
+  bulk_modulus: {uniform: [-15 %, +15 %]}
+  viscous: {log_uniform: [200 N s/m, 600 N s/m]}
+effects:
+  spool_null_bias: {normal: [0 m, 2 um]}
+leaks:
+  flow: {log_uniform: [0.1 L/min, 2 L/min]}
+  onset: {uniform: [16 s, 20 s]}
+motions:
+  - {type: sine, mean: 0.3 m, amplitude: {uniform: [0.05 m, 0.2 m]}, frequency: 0.5 Hz}
+"""
+
+
+def problems_of(folder: Path, text: str) -> str:
+    file = folder / "sweep.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_sweep(file)
+    return str(caught.value)
+
+
+def test_a_sweep_reads_in_si(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text(GOOD)
+    sweep = load_sweep(file)
+    law = sweep.parameters["bulk_modulus"]
+    assert law.values == pytest.approx((0.85 * 6.89e8, 1.15 * 6.89e8))
+    assert sweep.parameters["spool_null_bias"].support == (-5e-5, 5e-5)
+    assert sweep.leaks is not None
+    assert sweep.leaks.size.values == pytest.approx((0.1e-3 / 60.0, 2e-3 / 60.0))
+    assert sweep.leaks.pressure == (6.9e6, 6.9e6, 2.5e6)
+    assert sweep.ticks == 30_001
+
+
+def test_check_knows_sweeps_by_file_and_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "anything.yaml"
+    file.write_text(GOOD)
+    assert check(file).kind == "sweep"
+    assert check("leaks").kind == "sweep"
+
+
+def test_every_mistake_is_reported_at_once_with_its_line(tmp_path: Path) -> None:
+    text = """\
+name: bad
+rig: ideal
+cases: 0
+duration: 30 s
+filter: thesis-9
+parameter: {}
+parameters:
+  bulk_modulus: {uniform: [-15 %, 5 GPa]}
+  viscous: {uniform: [600 N s/m, 200 N s/m]}
+  supply_pressure: {normal: [138 MPa, 1 MPa]}
+  density: {gaussian: [1, 2]}
+effects:
+  command_delay: {uniform: [0 ms, 2 ms]}
+leaks:
+  flow: {log_uniform: [0 L/min, 2 L/min]}
+  onset: {uniform: [5 s, 29 s]}
+  places: [external_leakage_3]
+motions:
+  - {type: sine, mean: 0.3 m, amplitude: {uniform: [0.05 m, 0.5 m]}, frequency: 0.5 Hz}
+  - {type: sinus}
+  - {type: steps, levels: [0.2 m, 3 V], hold: 1 s}
+"""
+    found = problems_of(tmp_path, text)
+    for line, words in (
+        (3, "cases: 0"), (5, "did you mean thesis-7"), (6, "did you mean parameters"),
+        (8, "above 2.5 GPa"), (9, "ends before it begins"), (10, "did you mean 13.8 MPa"),
+        (11, "is no distribution"), (13, "remembers more"), (15, "starts at zero"),
+        (17, "external_leakage_3"), (19, "may come to"), (20, "did you mean sine"),
+        (21, "are mixed"),
+    ):  # fmt: skip
+        lines = [each for each in found.splitlines() if f"sweep.yaml:{line}:" in each]
+        assert any(words in each for each in lines), (line, words, found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("{uniform: [16 s, 20 s]}", "{uniform: [10 s, 20 s]}", "learns what is healthy"),
+        ("{uniform: [16 s, 20 s]}", "{uniform: [16 s, 28 s]}", "may come later than"),
+        ("duration: 30 s", "duration: 17 s", "leaves nothing to judge"),
+        ("duration: 30 s", "duration: 30.2 s", "is no multiple of 0.5 s"),
+        ("duration: 30 s", "duration: 30 s\nlongest_step: 2 ms", "2 ms is above 1 ms"),
+        ("flow: {log", "coefficient: 4e-9 m^3/(s Pa^0.5)\n  flow: {log", "both flow and coeff"),
+        ("effects:", "  stiction: 1 kN\neffects:", "lets stiction come to 1 kN, below a coulomb"),
+        ("effects:", "effects:\n  viscous_friction: 300 N s/m", "is given as a parameter too"),
+        ("{normal: [0 m, 2 um]}", "{normal: [0 m, 2 %]}", "spool_null_bias"),
+    ],
+)
+def test_what_cannot_be_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
+    assert old in GOOD
+    assert says in problems_of(tmp_path, GOOD.replace(old, new))
+
+
+LAWS = st.one_of(
+    st.tuples(st.floats(-5, 5), st.floats(0, 5)).map(
+        lambda ends: Distribution("uniform", (ends[0], ends[0] + ends[1]))
+    ),
+    st.tuples(st.floats(0.01, 5), st.floats(1, 9)).map(
+        lambda ends: Distribution("log_uniform", (ends[0], ends[0] * ends[1]))
+    ),
+    st.tuples(st.floats(-1, 1), st.floats(0.01, 5)).map(
+        lambda law: Distribution("normal", law, -1.5, 1.5)
+    ),
+    st.lists(st.floats(-5, 5), min_size=1).map(lambda v: Distribution("choice", tuple(v))),
+    st.floats(-5, 5).map(lambda value: Distribution("fixed", (value,))),
+)
+
+
+@given(LAWS, st.lists(st.floats(0, 1, exclude_max=True), min_size=1))
+def test_nothing_is_drawn_outside_a_distributions_support(
+    law: Distribution, parts: list[float]
+) -> None:
+    values = law.at(np.array(parts))
+    low, high = law.support
+    assert np.all((low <= values) & (values <= high))
+
+
+def test_a_normal_quantity_has_its_mean_and_deviation() -> None:
+    parts = (np.arange(2000) + 0.5) / 2000
+    values = Distribution("normal", (5.0, 0.3)).at(parts)
+    assert values.mean() == pytest.approx(5.0, abs=1e-6)
+    assert values.std() == pytest.approx(0.3, rel=2e-3)
+
+
+def test_the_sweep_of_the_sweeps_page_reads(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[4] / "docs" / "sweeps.md").read_text()
+    (example,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "mine.yaml").write_text(example)
+    sweep = load_sweep(tmp_path / "mine.yaml")
+    assert len(sweep.motions) == 5
+    assert sweep.motions[-1].quantity == "command"

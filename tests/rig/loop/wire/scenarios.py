@@ -1,0 +1,339 @@
+"""Runs the loop on the wire in the interpreter, on a clock and a device that do as they are told.
+
+`NUMBA_DISABLE_JIT=1 python scenarios.py` prints, as JSON by scenario, what the device was sent
+and what the ring holds: patching the clock needs functions that are not compiled.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from estimator.filters.registry import OUTPUTS, run_filter, start_memory
+from rig.io.modbus_daq.compiled_exchange import ExchangeStatus
+from rig.io.modbus_daq.plan import Tally
+from rig.io.settings import HomingSettings, LoopSettings
+from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
+from rig.loop.board import DECISIONS_KEPT, Board, Word
+from rig.loop.decided import DECIDED, Decided
+from rig.loop.decision_post import DecisionPost
+from rig.loop.interlocks.check_tolerances import tolerances
+from rig.loop.interlocks.judging import interlock
+from rig.loop.interlocks.ladder import Action, Cause, limit_table
+from rig.loop.reaction import Reaction
+from rig.loop.wire import cycle as wire_cycle, null_watch
+from rig.loop.wire.layout import (
+    Count,
+    Course,
+    Drive,
+    Found,
+    Left,
+    course,
+    estimation,
+    pace,
+    shared_memory,
+    wire_channels,
+    wire_memory,
+)
+from rig.plant import Model
+from rig.plant.integrator import TICK
+from rig.plant.sensors import DATA_SHEET
+
+MS = 1_000_000
+BEGIN = 1_000 * MS
+MODEL = Model()
+MEMORY = start_memory("product", MODEL)
+CHANNELS = wire_channels(MEMORY.filter.states, open_loop=False)
+FD = 3
+
+
+@dataclass
+class World:
+    """A clock, and a device that follows its commands at once.
+
+    Attributes:
+        late: by tick, how much later than asked the loop wakes, ns.
+        before: by tick, what happens before the loop wakes.
+        status: by exchange from 0, how it ends if not well.
+        verdicts: by tick from 0, what the interlock judges if not that all is well.
+        deaf: whether the device stays enabled at 1 V, whatever it is sent.
+        same_sample: exchanges that return the sample of the one before.
+        other: by tick, what another master has the device do before the loop looks at it.
+    """
+
+    late: dict[int, int] = field(default_factory=dict)
+    before: dict[int, Callable[[Board], None]] = field(default_factory=dict)
+    status: dict[int, ExchangeStatus] = field(default_factory=dict)
+    verdicts: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    deaf: bool = False
+    same_sample: frozenset[int] = frozenset()
+    other: dict[int, dict[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.now = BEGIN
+        self.board = Board.create(len(CHANNELS))
+        self.memory = wire_memory()
+        self.plan = SimpleNamespace(
+            tally=np.zeros(len(Tally), np.int64), transactions=np.zeros((1, 4), np.int64)
+        )
+        self.look = SimpleNamespace()
+        self.looks = 0
+        self.frames: list[tuple[int, dict[str, float]]] = []
+        self.sleeps: set[int] = set()
+        self.judged = 0
+        self.position = 0.3
+        stuck = float(self.deaf)
+        self.device = {"valve_enabled": stuck, "device_command_V": stuck, "spool_m": 0.0}
+
+    def sleep_until(self, time_ns: int) -> None:
+        """Wake at a time, or as late as told."""
+        tick = (time_ns - BEGIN) // MS - 1
+        self.now = max(self.now, time_ns)
+        if tick not in self.sleeps:
+            self.sleeps.add(tick)
+            self.device |= self.other.get(tick, {})
+            self.before.get(tick, lambda board: None)(self.board)
+            self.now += self.late.get(tick, 20_000)
+
+    def exchange(self, fd: int, plan: Any, sequence: int, outputs: Any, inputs: Any,
+                 deadline_ns: int) -> int:  # fmt: skip
+        """Take a frame, and answer with a sample; a look is answered without taking anything."""
+        if plan is self.look:
+            self.looks += 1
+            self.now += 20_000
+            inputs[:] = np.nan
+            for name, value in self.device.items():
+                inputs[FAST_INPUTS.index(name)] = value
+            return int(ExchangeStatus.OK)
+        number = len(self.frames)
+        sent = dict(zip(FAST_OUTPUTS, (float(value) for value in outputs), strict=True))
+        self.frames.append((self.now, sent))
+        status = self.status.get(number, ExchangeStatus.OK)
+        gone = status != ExchangeStatus.DISCONNECTED
+        self.plan.tally[Tally.SENT_NS] = self.now + 30_000 if gone else 0
+        self.now = deadline_ns if status == ExchangeStatus.TIMEOUT else self.now + 50_000
+        inputs[:] = np.nan
+        if status == ExchangeStatus.OK:
+            self._answer(number, sent, inputs)
+        return int(status)
+
+    def _answer(self, number: int, sent: dict[str, float], inputs: Any) -> None:
+        if not self.deaf:
+            self.device |= {
+                "valve_enabled": sent["valve_enable"],
+                "device_command_V": sent["command_V"],
+            }
+        counter = number - 1 if number in self.same_sample else number
+        sample = self.device | {
+            "position_m": self.position + 1e-5 * number,
+            "pressure_1_Pa": 7e6,
+            "pressure_2_Pa": 7e6,
+            "device_counter": float(counter),
+        }
+        for name, value in sample.items():
+            inputs[FAST_INPUTS.index(name)] = value
+
+    def check_sample(self, *_: Any) -> tuple[int, int, int]:
+        """Judge as told."""
+        self.judged += 1
+        return self.verdicts.get(self.judged - 1, (0, 0, -1))
+
+    def run(self, planned: Course, ticks: int, settings: LoopSettings | None = None,
+            device_rate_hz: float = 1000.0, fd: int = FD) -> dict[str, Any]:  # fmt: skip
+        """Run a segment for so many ticks of the clock, and tell all about it."""
+        settings = settings or LoopSettings()
+        fitted = frozenset(FAST_INPUTS[:4])
+        tol = tolerances(MODEL.parameters, DATA_SHEET, fitted, TICK, 0.1, HomingSettings())
+        words = self.board.words
+        words[Word.SWITCH], words[Word.HOMED] = planned.number, 1
+        self.before.setdefault(ticks, lambda board: board.words.__setitem__(Word.SWITCH, -1))
+        memory = start_memory("product", MODEL)
+        for name, stand_in in {
+            "sleep_until": self.sleep_until,
+            "monotonic_ns": lambda: self.now,
+            "exchange": self.exchange,
+            "check_sample": self.check_sample,
+        }.items():
+            setattr(wire_cycle, name, stand_in)
+            if hasattr(null_watch, name):
+                setattr(null_watch, name, stand_in)
+        left = wire_cycle.wire_ticks(
+            planned, estimation(memory, MODEL.parameters), interlock(limit_table([], TICK), tol),
+            pace(settings, device_rate_hz), fd, self.plan, self.look, self.memory,
+            shared_memory(self.board),
+        )  # fmt: skip
+        rows = self.board.ring[: int(words[Word.ROWS])]
+        return {
+            "left": Left(left).name,
+            "frames": [{"at_ms": (at - BEGIN) / MS, **sent} for at, sent in self.frames],
+            "rows": {name: rows[:, i].tolist() for i, name in enumerate(CHANNELS)},
+            "words": {word.name: int(words[word]) for word in Word},
+            "replays": _replays(rows),
+            "looks": self.looks,
+            "found": {item.name: int(self.memory.found[item]) for item in Found},
+        }
+
+
+def _replays(rows: Any) -> bool:
+    """Return whether the filter's outputs follow from the recording, bit for bit."""
+    recorded = rows[rows[:, CHANNELS.index("segment")] >= 0]
+    if not len(recorded):
+        return True
+    at = CHANNELS.index(OUTPUTS[0])
+    again = run_filter(recorded[:, 0], recorded[:, 2].copy(), recorded[:, 3:8].copy(), MODEL)
+    outputs = recorded[:, at : at + len(OUTPUTS)]
+    states = recorded[:, at + len(OUTPUTS) : at + len(OUTPUTS) + again.states.shape[1]]
+    return np.array_equal(again.outputs, outputs, equal_nan=True) and np.array_equal(
+        again.states, states, equal_nan=True
+    )
+
+
+def tracking(ticks: int = 30, **options: Any) -> Course:
+    """Return a segment that follows a ramp of setpoints."""
+    setpoint = 0.3 + 1e-4 * np.arange(ticks, dtype=np.float64)
+    return course(1, setpoint, Drive.TRACK, valve_enable=True, **options)
+
+
+def say(word: Word, value: int) -> Callable[[Board], None]:
+    """Return what writes a word of the board."""
+    return lambda board: board.words.__setitem__(word, value)
+
+
+def posted(segment: int, *values: float) -> Callable[[Board], None]:
+    """Return what posts decisions, rows of one value each, on a segment."""
+
+    def post(board: Board) -> None:
+        for value in values:
+            DecisionPost(board).post(segment, np.full(len(DECIDED), value))
+
+    return post
+
+
+def found(at_s: float, segment: int = 1) -> Callable[[Board], None]:
+    """Return what posts that a leak was confirmed by the sample of that time."""
+    row = np.zeros(len(DECIDED))
+    row[Decided.AT_S], row[Decided.CONFIRMED], row[Decided.PRESENT] = at_s, 1.0, 5e-9
+    return lambda board: DecisionPost(board).post(segment, row)
+
+
+class Overtaken:
+    """The board's words, with so many decisions posted while the first is copied."""
+
+    def __init__(self, meanwhile: int) -> None:
+        self.posted = iter((1, 1 + meanwhile))
+
+    def __getitem__(self, word: int) -> int:
+        assert word == Word.DECISIONS
+        return next(self.posted)
+
+
+def _overtaken(meanwhile: int) -> dict[str, Any]:
+    world = World()
+    posted(1, 0.5)(world.board)
+    shared = shared_memory(world.board)._replace(words=Overtaken(meanwhile))  # type: ignore[arg-type]
+    wire_cycle._take_decision(1, world.memory.counts, world.memory, shared)
+    return {"taken": float(world.memory.decided[0]) == 0.5}
+
+
+def _leaving() -> dict[str, Any]:
+    world = World()
+    world.before[10] = lambda board: world.memory.counts.__setitem__(Count.LEAVE, 1)
+    return world.run(tracking(), 30)
+
+
+SETTINGS = LoopSettings(stale_limit=0.1, exchange_timeout=2e-3)
+TRIP = (int(Action.TRIP), int(Cause.LIMIT_HIGH), 1)
+HOLD = (int(Action.HOLD), int(Cause.LIMIT_LOW), 0)
+RAMP = (int(Action.RAMP_DOWN), int(Cause.LIMIT_LOW), 0)
+
+SCENARIOS: dict[str, Callable[[], dict[str, Any]]] = {
+    "on time": lambda: World().run(tracking(), 12),
+    "after the table": lambda: World().run(tracking(5), 12),
+    "open loop": lambda: World().run(
+        course(1, np.full(30, 3.0), Drive.TRACK, open_loop=True, limit=2.0, valve_enable=True), 8
+    ),
+    "skip": lambda: World(late={5: 3_200_000}).run(tracking(), 12),
+    "nearly the next tick": lambda: World(late={5: 700_000}).run(tracking(), 12),
+    "a little late": lambda: World(late={5: 400_000}).run(tracking(), 12),
+    "realign": lambda: World(late={5: 3_200_000}).run(
+        tracking(), 12, replace(SETTINGS, overrun="realign")
+    ),
+    "trip below its number": lambda: World(late={5: 3_200_000}).run(
+        tracking(), 12, replace(SETTINGS, overrun="trip", trip_after=4)
+    ),
+    "trip": lambda: World(late={5: 3_200_000}).run(
+        tracking(), 12, replace(SETTINGS, overrun="trip", trip_after=3)
+    ),
+    "stopped for long": lambda: World(late={5: 150 * MS}).run(tracking(400), 300, SETTINGS),
+    "stopped while another trips": lambda: World(
+        late={5: 30 * MS}, before={5: say(Word.FIELD_TRIP, Cause.BYPASS_STUCK)}
+    ).run(tracking(400), 50, SETTINGS),
+    "timeout": lambda: World(status={5: ExchangeStatus.TIMEOUT}).run(tracking(), 12, SETTINGS),
+    "no sample at first": lambda: World(
+        status=dict.fromkeys(range(3), ExchangeStatus.EXCEPTION)
+    ).run(tracking(), 12),
+    "same sample": lambda: World(same_sample=frozenset({5})).run(tracking(), 12),
+    "slow device": lambda: World().run(tracking(), 12, SETTINGS, device_rate_hz=250.0),
+    "interlock trips": lambda: World(verdicts={5: TRIP}).run(tracking(), 12),
+    "device deaf to the trip": lambda: World(verdicts={5: TRIP}, deaf=True).run(tracking(), 400),
+    "driven by another master": lambda: World(
+        verdicts={5: TRIP},
+        other={tick: {"valve_enabled": 1.0, "device_command_V": 5.0} for tick in (20, 21, 30)},
+    ).run(tracking(), 40),
+    "spool moved by another master": lambda: World(
+        verdicts={5: TRIP}, other={200: {"spool_m": 2e-4}}
+    ).run(tracking(), 300),
+    "lost after its trip": lambda: World(
+        verdicts={5: TRIP}, status=dict.fromkeys(range(20, 99), ExchangeStatus.DISCONNECTED)
+    ).run(tracking(), 90),
+    "silent after its trip": lambda: World(
+        verdicts={5: TRIP}, status=dict.fromkeys(range(20, 999), ExchangeStatus.TIMEOUT)
+    ).run(tracking(), 990, SETTINGS),
+    "stopped for long after its trip": lambda: World(
+        verdicts={5: TRIP},
+        late={20: 300 * MS},
+        status=dict.fromkeys(range(20, 25), ExchangeStatus.TIMEOUT),
+    ).run(tracking(), 400, replace(SETTINGS, stale_limit=1.0)),
+    "disconnected": lambda: World(
+        status=dict.fromkeys(range(5, 99), ExchangeStatus.DISCONNECTED)
+    ).run(tracking(), 12),
+    "interlock holds": lambda: World(verdicts={5: HOLD}).run(tracking(), 12),
+    "interlock ramps down": lambda: World(verdicts={5: RAMP}).run(tracking(2000, offset=0.0), 600),
+    "operator stops": lambda: World(before={5: say(Word.STOP, Action.HOLD)}).run(tracking(), 12),
+    "supervisor silent": lambda: World(before={0: say(Word.SUPERVISOR_BEAT, BEGIN)}).run(
+        tracking(400), 40, replace(SETTINGS, supervisor_silence=0.02)
+    ),
+    "supervisor never there": lambda: World().run(
+        tracking(400), 40, replace(SETTINGS, supervisor_silence=0.02)
+    ),
+    "leaving": _leaving,
+    "decisions": lambda: World(
+        before={3: posted(1, 0.25), 6: posted(9, 0.5), 8: posted(1, *np.arange(40.0), 0.75)}
+    ).run(tracking(), 12),
+    "hold on a fault": lambda: World(before={5: found(0.0)}).run(
+        tracking(on_fault=Reaction.HOLD), 12
+    ),
+    "trip on a fault": lambda: World(before={5: found(0.0)}).run(
+        tracking(on_fault=Reaction.TRIP), 12
+    ),
+    "tolerate a leak": lambda: World(before={5: found(0.0)}).run(
+        tracking(on_fault=Reaction.TOLERATE), 12
+    ),
+    "ignore a fault": lambda: World(before={5: found(0.0)}).run(tracking(), 12),
+    "nothing to tolerate": lambda: World().run(tracking(on_fault=Reaction.TOLERATE), 12),
+    "a fault of another test": lambda: World(before={5: found(0.0, 9)}).run(
+        tracking(on_fault=Reaction.TRIP), 12
+    ),
+    "the detector falls silent": lambda: World(before={5: found(-1.99)}).run(
+        tracking(on_fault=Reaction.TOLERATE), 20
+    ),
+    "place still whole": lambda: _overtaken(DECISIONS_KEPT - 2),
+    "place written again": lambda: _overtaken(DECISIONS_KEPT - 1),
+}
+
+
+if __name__ == "__main__":
+    print(json.dumps({name: run() for name, run in SCENARIOS.items()}))

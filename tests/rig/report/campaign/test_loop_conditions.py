@@ -1,0 +1,45 @@
+"""Of a rig on hardware the report tells what the kernel granted and how the loop kept its time."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from rig.loop.timing import TIMING, Timing
+from rig.recording import Event, Recording
+from rig.report.campaign.conditions import loop_conditions
+
+
+@pytest.fixture
+def recording() -> Recording:
+    timing = Timing(("wakeup_s", "exchange_s", "compute_s", "sent_s"), 1e-3)
+    rows = np.full((1000, 4), 50e-6)
+    rows[10] = np.nan
+    timing.take(rows)
+    grants = [
+        {"name": "SCHED_FIFO 80", "granted": False},
+        {"name": "locked memory", "granted": True},
+    ]
+    return Recording(
+        {"time_s": 1e-3 * np.arange(1000.0)},
+        {"loop": {"grants": grants}},
+        [Event(1.0, TIMING, json.dumps(timing.summary()))],
+    )
+
+
+def test_what_was_refused_is_shown_beside_what_was_granted(recording: Recording) -> None:
+    told = dict(loop_conditions(recording))
+    assert told["Loop ran with"] == "without SCHED_FIFO 80, locked memory"
+
+
+def test_missed_ticks_and_percentiles_are_told_in_short(recording: Recording) -> None:
+    told = dict(loop_conditions(recording))["Loop timing"]
+    # A percentile is known to its histogram's bin, 5 % wide.
+    assert re.match(
+        r"1 of 1000 ticks missed, wakes after (48|49|50) us \(p99 (48|49|50) us\)", told
+    )
+
+
+def test_a_simulated_rig_has_no_loop_to_tell_of() -> None:
+    assert loop_conditions(Recording({"time_s": 1e-3 * np.arange(10.0)})) == []

@@ -1,0 +1,137 @@
+"""Whatever a session runs is compiled before it is armed; an operator is told how far that is."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rig.configuration.rigs.rig import load_rig
+from rig.runner import StopFlag
+from rig.runner.campaign.compiled_pieces import Needs
+from rig.runner.campaign.compiling import ON_HARDWARE, compile_for
+
+SINE = "{type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}"
+LEAK = "[{type: external_leakage_1, at: 8 s, flow: 0.8 L/min, pressure: 6.9 MPa}]"
+CLOSED_LOOP = f"""
+name: closed_loop
+rig: simulated
+defaults: {{duration: 14 s, settle: 0.5 s, setpoint: {SINE}}}
+tests:
+  - name: healthy
+  - name: tolerated
+    on_fault: tolerate
+    faults: {LEAK}
+  - name: held
+    on_fault: hold
+    faults: {LEAK}
+  - name: spring
+    load: {{stiffness: 20 kN/m, contact: 0.2 m}}
+"""
+OPEN_LOOP = """
+name: open_loop
+rig: simulated
+defaults: {duration: 14 s, settle: 0.5 s}
+tests:
+  - name: steps
+    setpoint: {type: sine, amplitude: 3 V, frequency: 0.5 Hz}
+"""
+PATTERN = f"""
+name: pattern
+rig: simulated
+detector: {{filter: FILTER}}
+defaults: {{duration: 20 s, settle: 0.5 s, setpoint: {SINE}}}
+tests:
+  - name: leak
+    faults: {LEAK}
+  - name: healthy
+"""
+CAMPAIGNS = {
+    "closed_loop": CLOSED_LOOP,
+    "open_loop": OPEN_LOOP,
+    **{name: PATTERN.replace("FILTER", name) for name in ("thesis-6", "thesis-7-ud")},
+}
+
+# In an interpreter of its own, that has used nothing yet. The simulated rig stands for hardware, as
+# the supervisor's part in a session is the same.
+SESSION = """
+import sys
+from pathlib import Path
+
+from numba.core.dispatcher import Dispatcher
+
+from rig.configuration.campaigns.campaign import load_campaign
+from rig.loop.board import Board
+from rig.loop.decided import no_decision
+from rig.loop.decision_post import DecisionPost
+from rig.runner import run_campaign
+from rig.runner.campaign.compiled_pieces import Needs
+from rig.runner.campaign.compiling import ON_HARDWARE, SIMULATED, load
+from rig.runner.campaign.simulated_bench import SimulatedBench
+
+folder = Path(sys.argv[1])
+campaign, rig = load_campaign(str(folder / "campaign.yaml"), None, folder)
+needs = Needs(rig, campaign.filter_name)
+load(needs, ON_HARDWARE)
+load(needs, ("simulated loop",))
+
+compile_or_load = Dispatcher.compile
+def noted(self, signature):
+    print(self.py_func.__module__, self.py_func.__qualname__, signature)
+    return compile_or_load(self, signature)
+Dispatcher.compile = noted
+
+outcome = run_campaign(campaign, rig, folder / "run", bench=SimulatedBench(rig, folder))
+DecisionPost(Board.create(1)).post(1, no_decision())
+assert not any(test.message for test in outcome.tests), outcome.tests
+"""
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_a_supervisor_uses_nothing_for_the_first_time_while_its_rig_is_armed(
+    name: str, tmp_path: Path
+) -> None:
+    (tmp_path / "campaign.yaml").write_text(CAMPAIGNS[name])
+    used = subprocess.run(
+        [sys.executable, "-c", SESSION, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert used.returncode == 0, used.stderr
+    assert used.stdout == ""
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    return folder
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_what_is_compiled_is_told_piece_by_piece_and_only_once() -> None:
+    needs, told = Needs(load_rig("emulated"), "product"), list[str]()
+    compile_for(needs, ("decisions",), told.append, StopFlag())
+    assert told == [
+        "compiling for this machine, once for each version of the program: decisions",
+        "compiled the decisions, 1 of 1",
+    ]
+    compile_for(needs, ("decisions",), told.append, StopFlag())
+    assert len(told) == 2
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_a_stop_ends_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop, told = StopFlag(), list[str]()
+
+    def tell(line: str) -> None:
+        told.append(line)
+        stop.request("SIGINT")
+
+    compile_for(Needs(load_rig("emulated"), "product"), ON_HARDWARE, tell, stop)
+    assert len(told) == 1
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_a_piece_that_cannot_be_compiled_is_told_of_and_keeps_nothing_from_running() -> None:
+    told: list[str] = []
+    compile_for(Needs(load_rig("emulated"), "no filter"), ("filter",), told.append, StopFlag())
+    assert "no filter 'no filter'" in told[-1]

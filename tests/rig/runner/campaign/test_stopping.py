@@ -1,0 +1,51 @@
+import os
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from rig.runner.campaign.stopping import SIGNALS, StopFlag, stop_on_signals
+
+
+@pytest.fixture(autouse=True)
+def heeded() -> Iterator[None]:
+    """Heed every signal, as in a terminal: tests run in the background inherit them ignored."""
+    previous = {number: signal.signal(number, signal.SIG_DFL) for number in SIGNALS}
+    yield
+    for number, handler in previous.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_asks_for_a_stop_however_often_it_comes(number: int) -> None:
+    stop = StopFlag()
+    with stop_on_signals(stop):
+        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), number)
+    assert stop.requested
+    assert stop.reason == signal.Signals(number).name
+
+
+def test_the_first_reason_is_kept() -> None:
+    stop = StopFlag()
+    stop.request("one")
+    stop.request("another")
+    assert stop.reason == "one"
+
+
+def test_afterwards_signals_do_what_they_did_before() -> None:
+    before = [signal.getsignal(number) for number in SIGNALS]
+    with stop_on_signals(StopFlag()):
+        assert [signal.getsignal(number) for number in SIGNALS] != before
+    assert [signal.getsignal(number) for number in SIGNALS] == before
+
+
+def test_a_signal_that_is_ignored_stays_so() -> None:
+    previous = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        stop = StopFlag()
+        with stop_on_signals(stop):
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert not stop.requested
+    finally:
+        signal.signal(signal.SIGHUP, previous)

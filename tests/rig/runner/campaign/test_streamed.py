@@ -1,0 +1,116 @@
+"""What the live stream tells of a campaign's tests: those that are not run now have an outcome."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from estimator.leaks.detection import Decision
+from faults.campaign import Campaign, CampaignTest
+from rig.configuration.rigs.rig import Rig
+from rig.loop.board import Board
+from rig.runner import Observer, run_campaign
+from rig.runner.campaign.operator_requests import Desk, Request
+from rig.runner.campaign.streamed import StreamedRun
+from rig.supervisor.processes.streaming import Stream
+
+MakeTest = Callable[..., CampaignTest]
+MakeCampaign = Callable[..., Campaign]
+
+
+class ToldStream(Stream):
+    """A stream that keeps which tests have which status, each time that they are told."""
+
+    def __init__(self) -> None:
+        self.statuses: list[dict[str, str]] = []
+        self.told: list[Mapping[str, Any]] = []
+
+    def attach(self, board: Board, channels: tuple[str, ...]) -> None:
+        pass
+
+    def columns(self, segment: int, channels: tuple[str, ...], test: int) -> None:
+        pass
+
+    def tell(self, kind: str, content: Mapping[str, Any]) -> None:
+        if kind == "campaign":
+            self.told.append(content)
+            self.statuses.append({test["name"]: test["status"] for test in content["tests"]})
+
+    def close(self) -> None:
+        pass
+
+
+class Asks(Observer):
+    """Does something the first time that a test has come to 1 s."""
+
+    def __init__(self, act: Callable[[], object]) -> None:
+        self._act = act
+        self._done = False
+
+    def test_advances(self, time_s: float, decision: Decision | None) -> None:
+        if time_s > 1.0 and not self._done:
+            self._done = True
+            self._act()
+
+
+@pytest.fixture
+def campaign(make_test: MakeTest, make_campaign: MakeCampaign) -> Campaign:
+    return make_campaign(*(make_test(name, duration_s=5.0) for name in ("one", "two", "three")))
+
+
+def shown(campaign: Campaign, rig: Rig, out: Path, observer: Observer, **more: Any) -> ToldStream:
+    """Run a campaign; return what its stream told."""
+    stream = ToldStream()
+    run = StreamedRun(stream, observer, simulated=True, live=False)
+    try:
+        run_campaign(campaign, rig, out, observer=run, **more)
+    finally:
+        run.ends()
+    return stream
+
+
+def test_a_run_that_goes_on_tells_at_once_what_was_finished_before(
+    tmp_path: Path, rig: Rig, campaign: Campaign
+) -> None:
+    class Stops(Observer):
+        def test_begins(self, number: int, test: CampaignTest) -> None:
+            if test.name == "two":
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        shown(campaign, rig, tmp_path, Stops())
+    told = shown(campaign, rig, tmp_path, Observer(), resume=True).statuses
+    assert told[0] == {"one": told[-1]["one"], "two": "", "three": ""}
+    assert set(told[-1].values()) <= {"passed", "failed"}
+
+
+def test_a_test_that_is_to_be_skipped_is_told_as_skipped(
+    tmp_path: Path, rig: Rig, campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The list of tests is told anew at every chance, and not after half a second only.
+    monkeypatch.setattr("rig.runner.campaign.streamed.CAMPAIGN_S", 0.0)
+    desk = Desk()
+
+    def skip() -> None:
+        desk.ask(Request.SKIP, "Anna", "", "two")
+
+    told = shown(campaign, rig, tmp_path, Asks(skip), desk=desk).statuses
+    assert {"one": told[-1]["one"], "two": "skipped", "three": "running"} in told
+    assert told[-1]["two"] == "skipped"
+
+
+def test_a_pause_is_told_when_it_is_asked_for_and_when_it_is_taken_back(
+    tmp_path: Path, rig: Rig, campaign: Campaign
+) -> None:
+    desk = Desk()
+
+    def pause_and_go_on() -> None:
+        desk.ask(Request.PAUSE, "Anna")
+        desk.ask(Request.RESUME, "Anna")
+
+    told = shown(campaign, rig, tmp_path, Asks(pause_and_go_on), desk=desk).told
+    pausing = [content["pausing"] for content in told]
+    assert (pausing[0], pausing.count(True) > 0, pausing[-1]) == (False, True, False)
+    assert (told[-1]["status"], told[-1]["reason"]) == ("ended", "")
+    assert told[-1]["exit_code"] in (0, 1)

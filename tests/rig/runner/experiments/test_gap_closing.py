@@ -1,0 +1,206 @@
+"""The gap of a model is closed on a rig that hides what the model lacks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from estimator.gap.prediction.results import Check, GapResult, NamedEffect, Rival, Separation
+from rig.configuration.campaigns.dry_run import plan_campaign
+from rig.configuration.rigs.rig import Rig, load_rig
+from rig.loop.interlocks.trip import TripError
+from rig.plant import Model
+from rig.runner.campaign.campaign_run import bench_of
+from rig.runner.campaign.simulated_bench import SimulatedBench
+from rig.runner.campaign.stopping import StopFlag
+from rig.runner.experiments import gap_closing
+from rig.runner.experiments.gap_closing import Question, close_gap
+from rig.runner.experiments.gap_motions import campaign_of, strokes
+from rig.runner.experiments.gap_plan import Programme, motions_campaign, room_of
+from rig.runner.experiments.gap_results import gap_figures, rig_plant
+from rig.runner.experiments.parts import ExperimentStoppedError, Parts
+from rig.runner.outcomes.observer import Observer
+
+RIG = load_rig("simulated")
+HIDDEN_S = 3e-3
+AMONG = ("command_delay", "valve_bandwidth", "pressure_1_bias")
+BRIEF = Programme(
+    fitted=(("small fast strokes", 6.0),),
+    held=(("small steps", 5.0),),
+    check=(("small steps", 6.0),),
+    experiment_s=6.0,
+)
+
+
+def hiding(truth: Model) -> Rig:
+    return replace(RIG, plant=truth)
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory: pytest.TempPathFactory) -> GapResult:
+    rig = hiding(Model().with_effect("command_delay", value=HIDDEN_S))
+    folder = tmp_path_factory.mktemp("closed")
+    return close_gap(rig, Model(), folder, programme=BRIEF, among=AMONG)
+
+
+def test_a_hidden_delay_is_named_and_its_gap_closed_without_help(closed: GapResult) -> None:
+    assert closed.verdict == "missing_effect"
+    (effect,) = closed.effects
+    assert effect.name == "command_delay"
+    assert not effect.indistinguishable
+    assert effect.parameters[0].value == pytest.approx(HIDDEN_S, abs=1e-4)
+    # How the ram sticks in six seconds decides what is left of the other channels.
+    spool = next(gap for gap in closed.channels if gap.channel == "spool_m")
+    assert spool.after - spool.floor < 0.1 * (spool.before - spool.floor)
+
+
+def test_the_model_revised_is_adequate_on_a_run_of_its_own(closed: GapResult) -> None:
+    last = closed.rounds[-1]
+    assert last.check is not None
+    assert last.check.verdict == "adequate"
+    assert last.check.gap_after < last.check.gap_before
+
+
+def test_no_recording_that_was_fitted_to_judges(closed: GapResult) -> None:
+    fitted = {content for _, content in closed.identification}
+    assert not fitted & {content for _, content in closed.holdout}
+    assert all("check_" in source for source, _ in closed.holdout)
+
+
+def test_the_figures_tell_the_rounds(closed: GapResult) -> None:
+    rounds = gap_figures(closed, rig_plant(Model()))["rounds"]
+    assert [each["round"] for each in rounds] == list(range(1, len(closed.rounds) + 1))
+    assert rounds[-1]["check"]["verdict"] == "adequate"
+    assert rounds[0]["motions"] == ["small fast strokes"]
+
+
+def test_what_cannot_be_told_is_settled_by_its_experiment_before_any_check(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = campaign_of(strokes(room_of(RIG))["small steps"])
+    either = Separation(("command_delay", "valve_bandwidth"), "small steps", steps, 0.9, 8.0)
+    asked: list[list[str]] = []
+
+    def answers(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+        asked.append([file.stem for file in fitted])
+        rivals = (Rival("valve_bandwidth", 0.995, 2.0, 0.99),) if len(asked) == 1 else ()
+        effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0, rivals)
+        values = question.model.parameters._asdict()
+        found = GapResult("missing_effect", [], [effect], values=values)
+        found.experiments = [either] if rivals else []
+        return found
+
+    def checks(
+        question: Question, found: GapResult, fresh: Sequence[Path], held: Sequence[Path]
+    ) -> tuple[Check, GapResult]:
+        assert not set(fresh) & set(held)
+        return Check("adequate", (), 100.0, 1.0), found
+
+    monkeypatch.setattr(gap_closing, "answer_to", answers)
+    monkeypatch.setattr(gap_closing, "checked", checks)
+    found = close_gap(RIG, Model(), tmp_path, programme=BRIEF)
+    assert asked == [["small_fast_strokes"], ["small_fast_strokes", "small_steps"]]
+    first, second = found.rounds
+    assert first.check is None
+    assert second.why == "to tell command delay from valve bandwidth"
+    assert second.check is not None
+
+
+def test_a_revised_model_that_a_check_shows_to_be_worse_gives_way_to_the_one_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = Model().parameters._asdict() | {"bulk_modulus": 4e8, "command_delay": 4e-3}
+    effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
+    wrong = GapResult("missing_effect", [], [effect], values=values, names=("command_delay",))
+    monkeypatch.setattr(gap_closing, "find_gap", lambda *_: GapResult("missing_effect", []))
+    rig = hiding(Model())
+    campaign = motions_campaign("check", BRIEF.check, rig, Model(), 3)
+    bench = bench_of(campaign, rig, tmp_path, Observer(), StopFlag())
+    with bench:
+        parts = Parts(rig, tmp_path, bench, "fast", Observer(), StopFlag())
+        fresh = list(parts.record(campaign).values())
+    check, left = gap_closing.checked(Question(rig, Model()), wrong, fresh, fresh)
+    assert check.gap_after > check.gap_before
+    assert left.as_given
+    assert left.values == Model().parameters._asdict()
+    assert left.gap_after == left.gap_before
+    assert left.verdict == "unknown_effect"
+    assert not left.effects
+    assert (
+        "with command_delay, on the check, the recordings held out would be predicted worse"
+        in left.reasons[-1]
+    )
+    assert wrong.effects
+    assert not wrong.reasons
+
+
+def test_a_trip_while_the_model_is_fitted_does_not_lose_what_was_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def trips(
+        waits: Callable[[], None], function: Callable[..., Any], *args: Any, **kwargs: Any
+    ) -> Any:
+        monkeypatch.setattr(SimulatedBench, "idle", _trip)
+        waits()
+        return function(*args, **kwargs)
+
+    def answers(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
+        effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0)
+        return GapResult("missing_effect", [], [effect])
+
+    monkeypatch.setattr(gap_closing, "answer_to", answers)
+    found = close_gap(RIG, Model(), tmp_path, programme=BRIEF, worker=trips)
+    assert found.effects
+    assert len(found.rounds) == 1
+    assert "missed ticks" in found.ended_by
+
+
+def _trip(_: SimulatedBench) -> None:
+    raise TripError("tripped: the loop missed ticks")
+
+
+def test_a_model_that_lacks_nothing_is_left_after_one_round(tmp_path: Path) -> None:
+    brief = replace(BRIEF, fitted=(("small steps", 6.0),))
+    found = close_gap(hiding(Model()), Model(), tmp_path, programme=brief, among=AMONG)
+    assert found.verdict == "adequate"
+    assert not found.effects
+    assert len(found.rounds) == 1
+
+
+def test_a_stop_ends_it_with_what_was_recorded(tmp_path: Path) -> None:
+    stop = StopFlag()
+    stop.request("SIGINT")
+    with pytest.raises(ExperimentStoppedError):
+        close_gap(hiding(Model()), Model(), tmp_path, programme=BRIEF, stop=stop)
+
+
+@pytest.mark.parametrize("wanted", [Programme().fitted, Programme().held, Programme().check])
+def test_every_motion_keeps_to_the_rigs_limits(wanted: tuple[tuple[str, float], ...]) -> None:
+    rig = load_rig("simulated")
+    for planned in plan_campaign(motions_campaign("any", wanted, rig, Model(), 3), rig):
+        low, high = planned.position_range_m
+        assert rig.limits.position_min_m + 0.015 < low
+        assert high < rig.limits.position_max_m - 0.015
+        assert not planned.warnings
+
+
+@pytest.mark.parametrize(
+    ("check", "done"),
+    [
+        (Check("adequate", (), 5.0, 0.9), True),
+        (Check("adequate", (), 5.0, 1.6), False),
+        (Check("adequate", (), 5.0, 1.6, scatter=1.0), True),
+        (Check("missing_effect", ("command_delay",), 5.0, 0.0), True),
+        (Check("missing_effect", ("payload_mass",), 5.0, 0.0), False),
+        (Check("unknown_effect", (), 5.0, 0.0), False),
+    ],
+    ids=["gone", "left", "left by chance", "the same", "another", "unknown"],
+)
+def test_a_round_is_the_last_where_the_check_leaves_nothing_but_chance(
+    check: Check, done: bool
+) -> None:
+    effect = NamedEffect("command_delay", "", "spool", (), 1e4, 25.0, 20.0, ())
+    found = GapResult("missing_effect", [], [effect])
+    assert gap_closing._Closing._is_done(found, check) is done

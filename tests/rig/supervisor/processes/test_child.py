@@ -1,0 +1,92 @@
+"""A process of the session is heard to its end, whatever fails of what it says."""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from rig.loop.board import Board
+from rig.supervisor.processes.child import Child, ChildError, News
+
+PATIENCE_S = 60.0
+
+
+def unreadable() -> object:
+    """Fail, as the unpickling of a foreign object does."""
+    raise LookupError("no such class")
+
+
+class Strange:
+    """An object that can be sent, and not be read."""
+
+    def __reduce__(self) -> tuple[Callable[[], object], tuple[()]]:
+        return unreadable, ()
+
+
+def main() -> None:
+    """Be a process of the session: say news twice, something strange, and what was asked."""
+    from rig.supervisor.processes.child import child_ends
+
+    _, pipe = child_ends()
+    for text in ("first", "second"):
+        pipe.send(News(0, "part", text))
+    asked = pipe.recv()
+    pipe.send(Strange() if asked == "strange" else asked)
+    pipe.send(pipe.recv())
+    pipe.recv()
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board.create(1)
+    yield board
+    os.close(board.fd)
+
+
+def begun(board: Board, folder: Path, hear: Callable[[News], None]) -> Child:
+    return Child("part", __name__, board, folder / "log", hear)
+
+
+def test_news_that_nobody_can_take_cost_no_answer(board: Board, tmp_path: Path) -> None:
+    heard: list[str] = []
+
+    def fails(news: News) -> None:
+        heard.append(news.text)
+        raise OSError("the screen is gone")
+
+    child = begun(board, tmp_path, fails)
+    try:
+        assert child.ask("something", PATIENCE_S) == "something"
+        assert child.ask("more", PATIENCE_S) == "more"
+    finally:
+        child.end()
+    assert heard == ["first", "second"]
+    log = (tmp_path / "log").read_text()
+    assert "hearing the part process goes on after a failure: OSError: the screen is gone" in log
+
+
+def test_an_answer_that_cannot_be_read_is_an_error_with_its_reason(
+    board: Board, tmp_path: Path
+) -> None:
+    child = begun(board, tmp_path, lambda news: None)
+    try:
+        with pytest.raises(ChildError, match="sent what cannot be read: LookupError"):
+            child.ask("strange", PATIENCE_S)
+        assert child.ask("more", PATIENCE_S) == "more"
+    finally:
+        child.end()
+
+
+def test_a_process_that_ends_is_known_to_have_ended(board: Board, tmp_path: Path) -> None:
+    child = begun(board, tmp_path, lambda news: None)
+    child.ask("something", PATIENCE_S)
+    child.ask("more", PATIENCE_S)
+    child.send("go")
+    with pytest.raises(ChildError, match="ended with exit code 0"):
+        child.answer(PATIENCE_S)
+    until = time.monotonic() + PATIENCE_S
+    while child.exit_code is None:
+        assert time.monotonic() < until
+    child.end()

@@ -1,0 +1,212 @@
+"""The loop process drives a device over a real socket, and leaves it safe whichever way it ends."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.filters.registry import OUTPUTS, run_filter, start_memory
+from rig.configuration.rigs.rig import load_rig
+from rig.emulator.running import EmulatorThread
+from rig.emulator.script.fault_script import Script
+from rig.io.driver import DriverError
+from rig.io.settings import HomingSettings, LoopSettings
+from rig.loop.board import Board, Word
+from rig.loop.interlocks.check_tolerances import tolerances
+from rig.loop.interlocks.ladder import Action, Cause, limit_table
+from rig.loop.interlocks.trip import LoopStoppedError, TripError
+from rig.loop.wire.layout import Drive, wire_channels
+from rig.loop.wire.loop import WireLoop
+from rig.loop.wire.orders import Close, Closed, Open, Opened, Segment
+from rig.plant import Model
+from rig.plant.integrator import TICK
+from rig.plant.sensors import DATA_SHEET
+from rig.supervisor.processes.child import Child, News
+from tests.rig.patience import long_watchdogs, patient
+from tests.waiting import COMPILE_S, until
+
+MODEL = Model()
+# A host that stalls must not trip the loop: what is tested here is not the host.
+SETTINGS = LoopSettings(priority=0, stale_limit=10.0, exchange_timeout=0.05)
+
+
+def segment(number: int, drive: Drive, **options: Any) -> Segment:
+    memory = start_memory("product", MODEL)
+    return Segment(number, drive, memory, MODEL.parameters, **options)
+
+
+@dataclass
+class Rig:
+    """An emulated rig, and the loop process that drives it."""
+
+    emulator: EmulatorThread
+    board: Board
+    child: Child
+    news: list[News] = field(default_factory=list)
+    channels: tuple[str, ...] = wire_channels(
+        start_memory("product", MODEL).filter.states, open_loop=False
+    )
+
+    def ask(self, order: object) -> Any:
+        self.child.send(order)
+        return self.child.answer(COMPILE_S)
+
+    def open(self, port: int | None = None) -> Opened:
+        (spec,) = (spec for spec in load_rig("emulated").drivers if spec.kind == "fast")
+        self.board.words[Word.SWITCH] = 1
+        opened: Opened = self.ask(
+            Open(
+                patient(spec, port=port or int(self.emulator.ports["daq"])),
+                SETTINGS,
+                limit_table((), TICK),
+                tolerances(
+                    MODEL.parameters, DATA_SHEET, frozenset(spec.inputs), TICK,
+                    SETTINGS.stale_limit, HomingSettings(),
+                ),
+                segment(1, Drive.NULL),
+            )
+        )  # fmt: skip
+        return opened
+
+    def arm(self) -> None:
+        """Have the valve enabled, and the ram held where it is."""
+        number = int(self.board.words[Word.SWITCH]) + 1
+        armed = segment(
+            number, Drive.HOLD, valve_enable=True, reset_lamp=True, rearm=True, reset=True,
+            homed=True,
+        )  # fmt: skip
+        self.ask(armed)
+        self.board.words[Word.SWITCH] = number
+        until(lambda: self.newest("valve_enabled") == 1.0, "the valve was enabled")
+
+    def newest(self, channel: str) -> float:
+        row = self.board.ring[int(self.board.words[Word.ROWS]) - 1]
+        return float(row[self.channels.index(channel)])
+
+    def test(self, ticks: int) -> WireLoop:
+        here = self.newest("position_m")
+        setpoint = here + 2e-3 * np.sin(2.0 * np.pi * np.arange(ticks) * TICK)
+        return WireLoop(
+            self.board, self.child, segment(0, Drive.TRACK, setpoint=setpoint, valve_enable=True),
+            start_position=here, settle_ticks=100, period_s=TICK, silence_s=COMPILE_S,
+        )  # fmt: skip
+
+    @property
+    def is_null(self) -> bool:
+        device = self.emulator.status()["daq"]
+        return device["output_V"] == 0.0 and not device["valve_enabled"]
+
+
+@contextmanager
+def connected(folder: Path) -> Iterator[Rig]:
+    board = Board.create(len(Rig.channels))
+    news: list[News] = []
+    with long_watchdogs(), EmulatorThread(script=Script(attentive=True)) as emulator:
+        child = Child(
+            "loop",
+            "rig.supervisor.processes.loop_process",
+            board,
+            folder / "log",
+            on_news=news.append,
+        )
+        try:
+            yield Rig(emulator, board, child, news)
+        finally:
+            child.end()
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    with connected(tmp_path) as rig:
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """One that outlives its trips: those who use it arm it anew."""
+    with connected(tmp_path_factory.mktemp("opened")) as rig:
+        rig.open()
+        yield rig
+
+
+def test_a_test_runs_to_its_end_and_its_filter_follows_from_the_rows_bit_for_bit(rig: Rig) -> None:
+    # A device that is not there is refused with its name, and may be there later.
+    with pytest.raises(DriverError, match="daq"):
+        rig.open(port=1)
+    assert rig.open().grants
+    rig.arm()
+    loop = rig.test(300)
+    loop.position()
+    assert loop.ready() == loop.number
+    batches = []
+    while loop.ticks_left:
+        batches.append(loop.advance(70))
+    rows = np.concatenate(batches)
+    assert rows[:, loop.channels.index("tick")].tolist() == list(range(300))
+    again = run_filter(rows[:, 0], rows[:, 2].copy(), rows[:, 3:8].copy(), MODEL)
+    at = loop.channels.index(OUTPUTS[0])
+    outputs, states = np.split(rows[:, at:], [len(OUTPUTS)], axis=1)
+    assert np.array_equal(again.outputs, outputs, equal_nan=True)
+    assert np.array_equal(again.states, states[:, : again.states.shape[1]], equal_nan=True)
+    loop.safe_state()
+    assert rig.board.words[Word.SEGMENT] == loop.number + 1
+    assert rig.ask(Close()) == Closed()
+    assert rig.is_null
+
+
+def test_a_trip_of_another_process_nulls_the_valve_and_ends_the_test(opened: Rig) -> None:
+    rig = opened
+    rig.arm()
+    loop = rig.test(60_000)
+    loop.advance(10)
+    rig.board.words[Word.FIELD_TRIP] = Cause.BYPASS_STUCK
+    before = loop.advance(60_000)
+    assert len(before) < 60_000
+    with pytest.raises(LoopStoppedError, match="bypass") as stopped:
+        loop.advance(1)
+    assert (stopped.value.action, stopped.value.cause) == (Action.TRIP, Cause.BYPASS_STUCK)
+    until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
+    assert rig.is_null
+    rig.board.words[Word.FIELD_TRIP] = Cause.NONE
+
+
+def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
+    rig.open()
+    rig.arm()
+    rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
+    until(lambda: bool(rig.news), "the loss was told")
+    assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
+    assert "by another one" in rig.news[0].text
+    # It says at once that it cannot be armed any more, and is not waited for in vain.
+    with pytest.raises(TripError, match="start another"):
+        rig.arm()
+
+
+def test_a_lost_count_trips_and_the_position_is_no_longer_known(opened: Rig) -> None:
+    rig = opened
+    rig.arm()
+    assert rig.board.words[Word.HOMED] == 1
+    rig.emulator.inject(fault="lost_counts", counts=40, flagged=True)
+    until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
+    assert rig.board.words[Word.LOOP_TRIP] == Cause.ENCODER_FAULT
+    assert rig.board.words[Word.HOMED] == 0
+    assert rig.is_null
+
+
+@pytest.mark.parametrize("way", ["SIGTERM", "supervisor gone"])
+def test_however_the_loop_process_ends_the_device_is_left_at_null(rig: Rig, way: str) -> None:
+    rig.open()
+    rig.arm()
+    assert not rig.is_null
+    if way == "SIGTERM":
+        os.kill(rig.child.pid, signal.SIGTERM)
+        assert rig.child.answer(COMPILE_S) == Closed()
+    rig.child.end()
+    assert rig.is_null
+    assert rig.child.ended == "ended with exit code 0"
