@@ -36,7 +36,7 @@ it is taken to have this much, and a ram that stalls stalls."""
 
 @inlined
 def _root(drop):
-    """Return sgn(drop) sqrt(|drop|), rounded off at zero: never larger than the root, nor steeper.
+    """Return `rig.plant.signed_root` rounded off at zero: never larger than the root, nor steeper.
 
     So what is made up for never grows by more than what leaks, whatever the pressures do; and noise
     around an empty chamber is hardly taken for oil.

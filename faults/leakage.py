@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.plant import LITRE_PER_MINUTE
+from rig.plant import LITRE_PER_MINUTE, signed_roots
 
 Value = TypeVar("Value", float, NDArray[np.float64])
 """A number, or an array of any shape."""
@@ -28,7 +28,7 @@ def from_litres_per_minute(flow: Value) -> Value:
 
 def square_root_flow(coefficient: float, pressure_drop: Value) -> Value:
     """Return k sgn(dp) sqrt|dp| in m^3/s, k in m^3/(s Pa^0.5), dp in Pa (eq. 5.2, signed)."""
-    return coefficient * _signed_root(pressure_drop)
+    return coefficient * signed_roots(pressure_drop)
 
 
 def linear_flow(coefficient: float, pressure_drop: Value) -> Value:
@@ -42,16 +42,12 @@ def square_root_coefficient(flow: Value, pressure_drop: Value) -> Value:
     Flow in m^3/s, dp in Pa. It is NaN where the drop is zero: no flow there tells a coefficient. A
     meter that reads no sign, as the internal one of the rig, wants the drop's magnitude.
     """
-    return _ratio(flow, _signed_root(pressure_drop))
+    return _ratio(flow, signed_roots(pressure_drop))
 
 
 def linear_coefficient(flow: Value, pressure_drop: Value) -> Value:
     """Return q / dp in m^3/(s Pa) (eq. 5.3, in SI); flow in m^3/s, dp in Pa, NaN where dp is 0."""
     return _ratio(flow, pressure_drop)
-
-
-def _signed_root(pressure_drop: Any) -> Any:
-    return np.sign(pressure_drop) * np.sqrt(np.abs(pressure_drop))
 
 
 def _ratio(flow: Any, drive: Any) -> Any:

@@ -26,6 +26,7 @@ from rig.plant import (
     port_flows,
     signed_root,
     valve_conductance,
+    valve_drops,
 )
 
 from .nuisances import EDGE_REACHES, NUISANCE_COUNT, nuisance_index
@@ -168,8 +169,7 @@ def add_sample(
     supply = settled_supply(true_opening, p1, p2, par)
     back = settled_return(true_opening, p1, p2, par)
     extending = true_opening >= 0.0
-    drop_1 = supply - p1 if extending else p1 - back
-    drop_2 = p2 - back if extending else supply - p2
+    drop_1, drop_2 = valve_drops(true_opening, p1, p2, supply, back)
     # Flow per opening into chamber 1 and out of chamber 2.
     g1, g2 = conductance * signed_root(drop_1), conductance * signed_root(drop_2)
     q1, q2 = g1 * opening, g2 * opening

@@ -86,7 +86,7 @@ def _valve_step(par):
 
 @inlined
 def _smooth_root(drop):
-    """Return the signed root of a pressure drop (Pa^0.5) and its slope.
+    """Return the signed root of a pressure drop (Pa^0.5, `rig.plant.signed_root`) and its slope.
 
     Within 10 kPa of zero a cubic takes over in value and slope, so that the slope stays finite.
     """

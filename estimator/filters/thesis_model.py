@@ -25,7 +25,11 @@ the drop across an edge is then held at this floor, and its derivative is zero."
 
 @inlined
 def orifice(pressure_drop: float, density: float) -> Vector:
-    """Return sqrt((2/rho) dp) in m/s and its derivative, 1/(rho sqrt((2/rho) dp)) (eq. 4.19)."""
+    """Return sqrt((2/rho) dp) in m/s and its derivative, 1/(rho sqrt((2/rho) dp)) (eq. 4.19).
+
+    The thesis's form on purpose, not `rig.plant.signed_root`: it knows no flow against the drop,
+    and its rounding is that of the printed equation.
+    """
     open_edge = pressure_drop.real > PRESSURE_DROP_FLOOR
     drop = select(open_edge, pressure_drop, PRESSURE_DROP_FLOOR)
     velocity = np.sqrt(2.0 / density * drop)

@@ -18,7 +18,7 @@ from estimator.accounts import (
     reference_flow,
 )
 from estimator.filters import FilterRun
-from rig.plant import LITRE_PER_MINUTE, Model, Parameters, chamber_volumes
+from rig.plant import LITRE_PER_MINUTE, Model, Parameters, chamber_volumes, signed_roots
 
 from .confirmation import Hold, PresentLeaks
 from .finding import Finding
@@ -463,6 +463,6 @@ def leak_flow(run: FilterRun, parameters: Parameters) -> dict[str, Array]:
     p1, p2 = run.state("pressure_1_Pa"), run.state("pressure_2_Pa")
     drops = (p1 - parameters.return_pressure, p2 - parameters.return_pressure, p1 - p2)
     return {
-        leak: run.state(f"{leak}_m3_per_s_sqrtPa") * np.sign(drop) * np.sqrt(np.abs(drop))
+        leak: run.state(f"{leak}_m3_per_s_sqrtPa") * signed_roots(drop)
         for leak, drop in zip(LEAKS, drops, strict=True)
     }

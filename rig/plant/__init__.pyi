@@ -35,9 +35,11 @@ from .dynamics import (
     port_flows as port_flows,
     rest_state as rest_state,
     signed_root as signed_root,
+    signed_roots as signed_roots,
     spring_force as spring_force,
     total_mass as total_mass,
     valve_conductance as valve_conductance,
+    valve_drops as valve_drops,
     valve_flows as valve_flows,
 )
 from .effects import (

@@ -6,7 +6,7 @@ cavitates. All pressures are above that of the tank's surface.
 """
 
 from math import copysign, exp, sin, sqrt
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -61,8 +61,17 @@ def _excess(value):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def signed_root(drop):
-    """Return sgn(drop) sqrt(|drop|) in Pa^0.5: turbulent flow runs down the pressure drop."""
+    """Return sgn(drop) sqrt(|drop|) in Pa^0.5: turbulent flow runs down the pressure drop.
+
+    The orifice law of the house, from which others depart where they say so: the product filter and
+    the controller round it off at zero, each in its way, and the thesis filters keep a floor.
+    """
     return copysign(sqrt(abs(drop)), drop)
+
+
+def signed_roots(drops: Any) -> Any:
+    """Return `signed_root` of a number or an array of any shape in Pa, where Python runs."""
+    return np.sign(drops) * np.sqrt(np.abs(drops))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -71,12 +80,19 @@ def valve_conductance(par):
     return par.discharge_coefficient * par.area_gradient * sqrt(2.0 / par.density)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def valve_flows(opening, p1, p2, supply, back, conductance):
-    """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s (eqs. 2.1 and 2.2)."""
+@inlined
+def valve_drops(opening, p1, p2, supply, back):
+    """Return the drops in Pa over the open edges at ports 1 and 2 (eqs. 2.1 and 2.2)."""
     extending = opening >= 0.0
     drop_1 = select(extending, supply - p1, p1 - back)
     drop_2 = select(extending, p2 - back, supply - p2)
+    return drop_1, drop_2
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def valve_flows(opening, p1, p2, supply, back, conductance):
+    """Return (q1 into chamber 1, q2 out of chamber 2) in m^3/s (eqs. 2.1 and 2.2)."""
+    drop_1, drop_2 = valve_drops(opening, p1, p2, supply, back)
     flow = conductance * opening
     return flow * signed_root(drop_1), flow * signed_root(drop_2)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.accounts.nuisances import EDGE_REACHES, NUISANCES
 from rig.plant import Parameters
-from rig.plant.dynamics import aeration_compliance, valve_conductance
+from rig.plant.dynamics import aeration_compliance, signed_roots, valve_conductance
 from rig.plant.integrator import TICK
 
 from .courses import Course
@@ -53,7 +53,7 @@ def inflows(course: Course) -> dict[str, Array]:
     drop_1 = np.where(extending, par.supply_pressure - p1, p1 - par.return_pressure)
     drop_2 = np.where(extending, p2 - par.return_pressure, par.supply_pressure - p2)
     # Flow per opening into chamber 1 and out of chamber 2 (eqs. 2.1 and 2.2).
-    g1, g2 = valve_conductance(par) * np.array([_root(drop_1), _root(drop_2)])
+    g1, g2 = valve_conductance(par) * np.array([signed_roots(drop_1), signed_roots(drop_2)])
     q1, q2 = g1 * spool, g2 * spool
     lost_1, lost_2 = 0.5 * q1**3 / drop_1, 0.5 * q2**3 / drop_2
     side = np.sign(spool)
@@ -62,8 +62,8 @@ def inflows(course: Course) -> dict[str, Array]:
     none = np.zeros_like(q1)
     away = np.abs(spool)
     ajar = 0.5 * valve_conductance(par) * (np.hypot(1.0, away / 1e-6) - away / 1e-6)
-    through_1 = _root(par.supply_pressure - p1) - _root(p1 - par.return_pressure)
-    through_2 = _root(par.supply_pressure - p2) - _root(p2 - par.return_pressure)
+    through_1 = signed_roots(par.supply_pressure - p1) - signed_roots(p1 - par.return_pressure)
+    through_2 = signed_roots(par.supply_pressure - p2) - signed_roots(p2 - par.return_pressure)
     closed = par.supply_pressure + par.return_pressure
 
     def near(reach: int) -> Array:
@@ -75,9 +75,9 @@ def inflows(course: Course) -> dict[str, Array]:
         "edge_4um": (-g1 * side * near(2), g2 * side * near(2)),
         "edge_radius": (ajar * through_1, ajar * through_2),
         "land_leakage": (closed - 2.0 * p1, closed - 2.0 * p2),
-        "seal_leakage_1": (-_root(p1 - par.return_pressure), none),
-        "seal_leakage_2": (none, -_root(p2 - par.return_pressure)),
-        "seal_leakage_internal": (-_root(p1 - p2), _root(p1 - p2)),
+        "seal_leakage_1": (-signed_roots(p1 - par.return_pressure), none),
+        "seal_leakage_2": (none, -signed_roots(p2 - par.return_pressure)),
+        "seal_leakage_internal": (-signed_roots(p1 - p2), signed_roots(p1 - p2)),
         "edge_supply_1": (q1 * extending, none),
         "edge_return_1": (q1 * ~extending, none),
         "edge_return_2": (none, -q2 * extending),
@@ -96,10 +96,6 @@ def inflows(course: Course) -> dict[str, Array]:
 def aeration_of(pressures: Array, parameters: Parameters) -> Array:
     """Return `aeration_compliance` at each pressure, 1/Pa."""
     return np.array([aeration_compliance(pressure, parameters) for pressure in pressures])
-
-
-def _root(drop: Array) -> Array:
-    return np.asarray(np.sign(drop) * np.sqrt(np.abs(drop)))
 
 
 def known(course: Course) -> tuple[str, ...]:

@@ -40,6 +40,7 @@ from rig.plant import (
     quantities,
     reading_means,
     seen_position,
+    signed_roots,
     total_mass,
     transducers,
 )
@@ -229,8 +230,7 @@ def _chamber_rate(states: Array, values: Mapping[str, float], chamber: int) -> A
 
 def _leak_rate(states: Array, values: Mapping[str, float], chamber: int) -> Array:
     """Return the change of a chamber's pressure by an opening to the other (eqs. 5.1, 5.2)."""
-    difference = states[:, 2] - states[:, 3]
-    flow = np.sign(difference) * np.sqrt(np.abs(difference))
+    flow = signed_roots(states[:, 2] - states[:, 3])
     return (flow if chamber else -flow) * _chamber_rate(states, values, chamber)
 
 
