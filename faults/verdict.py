@@ -3,6 +3,8 @@
 from enum import StrEnum
 from typing import Final
 
+from rig.plant import FAULTS, LEAKS
+
 
 class Verdict(StrEnum):
     """A conclusion of the leak detector; equal to its name as a string."""
@@ -27,12 +29,8 @@ class Verdict(StrEnum):
     INCONCLUSIVE = "inconclusive", "the motion could not have shown a leak"
 
 
-LEAK_KINDS: Final = (
-    Verdict.EXTERNAL_LEAKAGE_1,
-    Verdict.EXTERNAL_LEAKAGE_2,
-    Verdict.INTERNAL_LEAKAGE,
-)
+LEAK_KINDS: Final = tuple(map(Verdict, LEAKS))
 """Leaks of the actuator itself, whose flow the default detector estimates."""
 
-FAULT_KINDS: Final = (*LEAK_KINDS, Verdict.SUPPLY_LEAKAGE, Verdict.RETURN_BLOCKAGE)
+FAULT_KINDS: Final = tuple(map(Verdict, FAULTS))
 """Faults the rig can inject (figure 2.3)."""

@@ -20,7 +20,7 @@ from estimator.filters.product_lanes import ProductLanes
 from estimator.filters.thesis_lanes import Thesis7Lanes
 from rig.lanes import LANES
 from rig.loop.lanes import SimulatedLanes
-from rig.plant import NO_FAULT, NOMINAL, Model, Parameters
+from rig.plant import LEAKS, NO_FAULT, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from tools.bench_campaign import RIG_SECONDS, loop_alone
 from tools.drawn_rigs import MIDDLE, drawn_rig, mixed_motion
@@ -28,7 +28,6 @@ from tools.drawn_rigs import MIDDLE, drawn_rig, mixed_motion
 Array = NDArray[np.float64]
 
 _BATCH: Final = 500
-_LEAKS: Final = ("external_leakage_1", "external_leakage_2", "internal_leakage")
 FILTERS: Final[dict[str, Callable[[], ProductLanes | Thesis7Lanes]]] = {
     "thesis-7": lambda: Thesis7Lanes(Model()),
     "thesis-7-ud": lambda: Thesis7Lanes(Model(), factored=True),
@@ -40,7 +39,7 @@ def campaign() -> tuple[SimulatedLanes, Array, Array]:
     """Return rigs with leaks of several sizes, places and onsets in the same closed-loop test."""
     time_s = np.arange(round(RIG_SECONDS / TICK)) * TICK
     setpoint = np.repeat((0.3 + 0.2 * np.sin(np.pi * time_s + 0.1))[:, None], LANES, axis=1)
-    faults = [NO_FAULT._replace(**{_LEAKS[i % 3]: 1e-9 * i}) for i in range(LANES)]
+    faults = [NO_FAULT._replace(**{LEAKS[i % 3]: 1e-9 * i}) for i in range(LANES)]
     onsets = [10_000 + 1000 * i for i in range(LANES)]
     rigs = SimulatedLanes(
         [NOMINAL] * LANES, range(LANES), [MIDDLE] * LANES, faults=faults, onsets=onsets

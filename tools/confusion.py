@@ -16,8 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.accounts.row import FAULTS
-from estimator.leaks.detection import LEAKS
+from rig.plant import FAULTS, LEAKS
 from tools.leak_trials import Plan, Trial, trials
 from tools.marked_tables import fill, markdown
 

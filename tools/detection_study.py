@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator.filters.registry import start_memory
-from estimator.leaks.detection import LEAKS, Decision
+from estimator.leaks.detection import Decision
 from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.cycle import READINGS
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, Model
+from rig.plant import FAULT_COLUMNS, LEAKS, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording

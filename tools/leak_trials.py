@@ -17,12 +17,12 @@ from rich.progress import track
 
 from estimator.accounts.flow import reference_drop
 from estimator.filters.registry import start_memory
-from estimator.leaks.detection import LEAKS, SETTLED_AFTER_S, Decision
+from estimator.leaks.detection import SETTLED_AFTER_S, Decision
 from estimator.leaks.replaying import replay
 from rig.compile_cache import source_key
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, NOMINAL, Model
+from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
@@ -50,7 +50,7 @@ class Plan:
 
     Attributes:
         seed: draws rig, motion and noise.
-        fault: one of `estimator.accounts.flow.FAULTS`, or None.
+        fault: one of `rig.plant.FAULTS`, or None.
         size: of a leak in L/min at its reference drop (supply leaks: at supply pressure), of a
             blockage in Pa/(m^3/s)^2.
         onset_s, seconds: when the fault begins, and how long the trial lasts.

@@ -32,7 +32,6 @@ from .nuisances import (
 from .regression import Regression as Regression, Scores as Scores, least_variance as least_variance
 from .row import (
     FAULT_COUNT as FAULT_COUNT,
-    FAULTS as FAULTS,
     INTERNAL_LEAKAGE as INTERNAL_LEAKAGE,
     SUPPLY_LEAKAGE as SUPPLY_LEAKAGE,
 )

@@ -13,6 +13,7 @@ from numba import njit
 
 from estimator.filters import settled_return, settled_supply
 from rig.plant import (
+    FAULTS,
     FLOW_1,
     FLOW_2,
     NO_FAULT,
@@ -31,13 +32,6 @@ from rig.plant import (
 
 from .nuisances import EDGE_REACHES, NUISANCE_COUNT, nuisance_index
 
-FAULTS: Final = (
-    "external_leakage_1",
-    "external_leakage_2",
-    "internal_leakage",
-    "supply_leakage",
-    "return_blockage",
-)
 FAULT_COUNT: Final = len(FAULTS)
 INTERNAL_LEAKAGE: Final = FAULTS.index("internal_leakage")
 SUPPLY_LEAKAGE: Final = FAULTS.index("supply_leakage")

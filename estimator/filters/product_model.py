@@ -18,6 +18,7 @@ from rig.plant import (
     ATMOSPHERE,
     FLOW_1,
     FLOW_2,
+    LEAKS,
     NOMINAL,
     SPOOL,
     TICK,
@@ -41,9 +42,7 @@ STATES: Final = (
     "velocity_m_per_s",
     "spool_velocity_m_per_s",
     "load_N",
-    "external_leakage_1_m3_per_s_sqrtPa",
-    "external_leakage_2_m3_per_s_sqrtPa",
-    "internal_leakage_m3_per_s_sqrtPa",
+    *(f"{leak}_m3_per_s_sqrtPa" for leak in LEAKS),
     "null_bias_m",
 )
 STATE_COUNT: Final = len(STATES)

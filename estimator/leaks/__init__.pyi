@@ -11,7 +11,6 @@ from .baseline_file import (
 )
 from .confirmation import CONFIRMED_AFTER_S as CONFIRMED_AFTER_S
 from .detection import (
-    LEAKS as LEAKS,
     SETTLED_AFTER_S as SETTLED_AFTER_S,
     Decision as Decision,
     Detector as Detector,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Final
 
-from estimator.accounts import FAULTS
+from rig.plant import FAULTS, LEAKS
 
 from .finding import Finding
 from .leak_verdicts import LeakVerdicts
@@ -13,8 +13,6 @@ CONFIRMED_AFTER_S: Final = 5.0
 """What is found is confirmed once it was held for that long; it is withdrawn if it passes before
 that, and does not come back for as long."""
 _LIKELIER_THAN_NOT: Final = 0.5
-_LEAKS: Final = 3
-"""How many of `FAULTS`, the first of them, are leaks."""
 
 
 class Hold:
@@ -48,7 +46,7 @@ class PresentLeaks:
 
     def __init__(self, verdicts: LeakVerdicts) -> None:
         self._verdicts = verdicts
-        self._holds = [Hold() for _ in range(_LEAKS)]
+        self._holds = [Hold() for _ in LEAKS]
         self._confirmed: dict[int, Finding] = {}
         self._ended: set[int] = set()
         self._ended_s = inf
@@ -63,7 +61,7 @@ class PresentLeaks:
             findings: what is found now.
             probabilities: as of `estimator.leaks.detection.Decision`.
         """
-        found = {finding.fault: finding for finding in findings if finding.fault < _LEAKS}
+        found = {finding.fault: finding for finding in findings if finding.fault < len(LEAKS)}
         for leak, finding in found.items():
             # What seems to have begun before leaks ended would explain those anew.
             other = self._ended and leak not in self._ended and finding.onset_s < self._ended_s

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from estimator.accounts import (
     DEAD_ZONE,
-    FAULTS,
     UNINFORMED,
     AccountBlock,
     NuisanceBelief,
@@ -18,7 +17,15 @@ from estimator.accounts import (
     reference_flow,
 )
 from estimator.filters import FilterRun
-from rig.plant import LITRE_PER_MINUTE, Model, Parameters, chamber_volumes, signed_roots
+from rig.plant import (
+    FAULTS,
+    LEAKS,
+    LITRE_PER_MINUTE,
+    Model,
+    Parameters,
+    chamber_volumes,
+    signed_roots,
+)
 
 from .confirmation import Hold, PresentLeaks
 from .finding import Finding
@@ -29,7 +36,6 @@ from .supply_test import SupplyTest
 
 Array = NDArray[np.float64]
 
-LEAKS: Final = FAULTS[:3]
 SILENT: Final = ("healthy", "inconclusive")
 """Verdicts that name no fault."""
 INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE

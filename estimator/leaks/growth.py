@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.accounts import (
-    FAULTS,
     SHIFT,
     AccountSums,
     FaultProducts,
@@ -22,6 +21,7 @@ from estimator.accounts import (
     lasting_noise,
     least_variance,
 )
+from rig.plant import LEAKS
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,6 @@ STRETCHES: Final = 8
 """Stretches of time with a coefficient each."""
 LEAST_BLOCKS: Final = 120
 """Younger leaks are sudden ones: a minute, seven seconds a stretch."""
-_LEAKS: Final = len(FAULTS) - 2
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def growths(
     marks = stretches(sums)
     _, _, total = sums.nuisances()
     found = []
-    for fault in range(_LEAKS):
+    for fault in range(len(LEAKS)):
         shapes = [SHIFT] * marks.size + [fault] * marks.size
         fit = JointFit(sums, products, shapes, [*marks, *marks], variance)
         # What is left of the missing flow, beliefs about nuisances included, tells the noise anew.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.accounts import student_quantile
 from estimator.filters import THESIS_WINDOW, FilterRun, extend_moving_average, start_moving_average
+from rig.plant import LEAKS
 
 from .detection import Decision, Samples
 
@@ -104,7 +105,7 @@ def _pieces(absolute: Array) -> Array:
     return np.asarray(sums[known] / measured[known])
 
 
-PATTERNS: Final = ("healthy", "external_leakage_1", "external_leakage_2", "internal_leakage")
+PATTERNS: Final = ("healthy", *LEAKS)
 """Verdicts, by the number that `pattern_of` gives them."""
 
 

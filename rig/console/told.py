@@ -36,6 +36,7 @@ BYPASSES: Final = (
     "external_leakage_1", "external_leakage_2", "internal_leakage", "supply_leakage",
     "return_blockage",
 )  # fmt: skip
+"""Those of `rig.plant.FAULTS`, which the console, a reader of the stream, does not know."""
 LEAK_METERS: Final = {
     "external_leakage_1": "flow_1_m3_per_s",
     "external_leakage_2": "flow_2_m3_per_s",

@@ -6,6 +6,8 @@ Values are float64 in SI; switches are 0 or 1; NaN is a value that is not there.
 
 from typing import Final
 
+from rig.plant import FAULTS
+
 FAST_INPUTS: Final = (
     "position_m",
     "pressure_1_Pa",
@@ -41,13 +43,7 @@ what the device's watchdog watches; `reset_lamp` asks the operator for the reset
 acknowledges a watchdog that has tripped by its rising edge.
 """
 
-BYPASSES: Final = (
-    "external_leakage_1",
-    "external_leakage_2",
-    "internal_leakage",
-    "supply_leakage",
-    "return_blockage",
-)
+BYPASSES: Final = FAULTS
 """The valves that make faults, by the fault each makes; the last one is a throttle without ball."""
 
 BALLS: Final = tuple(f"{bypass}_ball" for bypass in BYPASSES)

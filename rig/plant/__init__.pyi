@@ -48,7 +48,15 @@ from .effects import (
     Effect as Effect,
     EffectParameter as EffectParameter,
 )
-from .faults import FAULT_COLUMNS as FAULT_COLUMNS, NO_FAULT as NO_FAULT, FaultInput as FaultInput
+from .faults import (
+    FAULT_COLUMNS as FAULT_COLUMNS,
+    FAULTS as FAULTS,
+    LEAKS as LEAKS,
+    NO_FAULT as NO_FAULT,
+    FaultInput as FaultInput,
+    FaultName as FaultName,
+    LeakName as LeakName,
+)
 from .integrator import (
     LONGEST_STEP as LONGEST_STEP,
     SUBSTEPS as SUBSTEPS,

@@ -1,6 +1,17 @@
-"""The faults a rig can inject (figure 2.3) as the plant sees them: coefficients for each tick."""
+"""The faults a rig can inject (figure 2.3): their names, and as the plant sees them.
 
-from typing import Final, NamedTuple
+Whoever lists leaks or faults does so in the order they have here.
+"""
+
+from typing import Final, Literal, NamedTuple, get_args
+
+LeakName = Literal["external_leakage_1", "external_leakage_2", "internal_leakage"]
+FaultName = Literal[LeakName, "supply_leakage", "return_blockage"]
+
+LEAKS: Final[tuple[str, ...]] = get_args(LeakName)
+"""Leaks of the actuator itself: from chamber 1 and 2 to the return line, and past the piston."""
+FAULTS: Final[tuple[str, ...]] = get_args(FaultName)
+"""The leaks, that of the supply line to the return line, and a return line that is blocked."""
 
 
 class FaultInput(NamedTuple):

@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.accounts import BLOCK_S, FAULTS, AccountBlock
+from estimator.accounts import BLOCK_S, AccountBlock
 from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS, FilterRun
-from estimator.leaks import LEAKS, Decision, Found, OilAccountDetector, found_in, judged, samples_of
+from estimator.leaks import Decision, Found, OilAccountDetector, found_in, judged, samples_of
+from rig.plant import FAULTS, LEAKS
 from rig.recording import Recording
 
 Array = NDArray[np.float64]

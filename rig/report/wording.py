@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
 
-from estimator.leaks import LEAKS, Decision
-from rig.plant import LITRE_PER_MINUTE
+from estimator.leaks import Decision
+from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.runner.outcomes import CampaignOutcome, InjectedFault, Status, TestOutcome, in_passing
 
 _LABELS: Final = {

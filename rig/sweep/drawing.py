@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.leaks import LEAKS
 from rig.configuration import HEALTHY, Distribution, Sweep
-from rig.plant import Parameters, quantities
+from rig.plant import LEAKS, Parameters, quantities
 
 from .motions import Motions, drawn_motions
 from .setting import Setting
@@ -70,8 +69,7 @@ class Cases:
         chunk: number of the chunk that they make.
         numbers: int64 (n,), of the cases.
         parameters: float64 (fields, n), `rig.plant.parameters.Parameters` of each rig.
-        coefficients: float64 (3, n) of the leaks, in the order of
-            `estimator.leaks.detection.LEAKS`.
+        coefficients: float64 (3, n) of the leaks, in the order of `rig.plant.LEAKS`.
         onset_tick: float64 (n,), first tick at which they act; that of a healthy rig is beyond.
         noise: float64 (n,), factor on the transducers' deviations.
         seeds: uint64 (2, n), of the noise of the pressures, and of the other transducers.

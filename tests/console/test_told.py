@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from rig.console.told import sections
+from rig.console.told import BYPASSES, sections
+from rig.plant import FAULTS
 from rig.stream.view import Snapshot
 
 from .fakes import RUNNING
@@ -28,6 +29,10 @@ DECIDED: dict[str, Any] = {
     "probabilities": {"internal_leakage": 0.99996},
     "details": {"threshold_1_Pa": 55e3},
 }
+
+
+def test_the_bypasses_are_those_of_the_faults_a_rig_can_have() -> None:
+    assert BYPASSES == FAULTS
 
 
 def told(**changed: Any) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.leaks.detection import LEAKS
+from rig.plant import LEAKS
 from tools.confusion import confusion, covered, plans, sizing
 from tools.detection_limits import study, tables
 from tools.detection_limits.bound import Bound

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.leaks.detection import LEAKS
+from rig.plant import LEAKS
 from tools import leak_trials
 from tools.confusion import plans
 from tools.leak_trials import Judgement, Plan, Trial, judged, record, trials

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from estimator.accounts.flow import reference_drop
 from estimator.filters.registry import start_memory
-from estimator.leaks.detection import LEAKS, SETTLED_AFTER_S, Decision
+from estimator.leaks.detection import SETTLED_AFTER_S, Decision
 from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters
+from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording

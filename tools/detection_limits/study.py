@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.leaks.detection import LEAKS
+from rig.plant import LEAKS
 from tools.leak_trials import SETTINGS, Plan, Trial
 
 Array = NDArray[np.float64]

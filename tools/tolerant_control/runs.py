@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from estimator.accounts.flow import reference_drop
 from estimator.filters.registry import start_memory
-from estimator.leaks.detection import LEAKS
 from estimator.leaks.replaying import detector_for
 from rig.io.simulated import simulated_rig
 from rig.loop.decided import DECIDED, Decided
 from rig.loop.reaction import Reaction
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters
+from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.campaign.judging import Judge

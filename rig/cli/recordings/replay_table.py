@@ -8,9 +8,10 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from estimator.leaks import LEAKS, Decision, Found
+from estimator.leaks import Decision, Found
 from faults import Verdict, to_litres_per_minute
 from rig.cli.campaigns import leak
+from rig.plant import LEAKS
 from rig.runner.outcomes import chance, in_passing, percent
 
 _COLUMNS: Final = ("recording", "verdict", "onset", "detected", "leak flow", "statistic/threshold")

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, get_args
+from typing import Annotated, Any, Final, get_args
 
 from pydantic import Field as SchemaField, create_model
 
@@ -34,6 +34,7 @@ from rig.plant import (
     REMEMBERING,
     TICK,
     Effect,
+    LeakName,
     Model,
     Parameters,
     quantities,
@@ -72,14 +73,11 @@ class SweepFile(Schema):
     motions: Any
 
 
-Place = Literal["external_leakage_1", "external_leakage_2", "internal_leakage"]
-
-
 class LeaksFile(Schema):
     """Keys of a sweep's leaks."""
 
     healthy: Annotated[float, Physical("", 0.0, 1.0, 0.25)] = 0.25
-    places: tuple[Place, ...] = get_args(Place)
+    places: tuple[LeakName, ...] = get_args(LeakName)
     flow: Annotated[Any, Random(_FLOW)] = None
     coefficient: Annotated[Any, Random(_LEAKAGE)] = None
     pressure: Annotated[float | None, Physical("Pa", 1e3, 3.5e7, TYPICAL_PRESSURE)] = None

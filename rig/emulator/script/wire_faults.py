@@ -6,17 +6,10 @@ from math import inf
 from typing import Annotated, Any, Final, Literal
 
 from rig.emulator.instruments import Channel, Failure
-from rig.plant import Quantity as _Quantity
+from rig.plant import FaultName, Quantity as _Quantity
 
 ModbusDevice = Literal["daq", "bypass"]
 CanDevice = Literal["drive", "pump"]
-Bypass = Literal[
-    "external_leakage_1",
-    "external_leakage_2",
-    "internal_leakage",
-    "supply_leakage",
-    "return_blockage",
-]
 Start = Literal["start", "enable"]
 
 
@@ -98,7 +91,7 @@ class StuckValve:
 class StuckBypass:
     """Ball and needle of a bypass stay where they are, whatever they are told."""
 
-    target: Bypass
+    target: FaultName
 
 
 @dataclass(frozen=True)

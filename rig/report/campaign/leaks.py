@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.leaks import LEAKS, leak_flow
-from rig.plant import LITRE_PER_MINUTE
+from estimator.leaks import leak_flow
+from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.report.accounts import recorded_run
 from rig.report.panel import Panel, TestData, limits_of
 from rig.report.traces import Trace, band, line, steps

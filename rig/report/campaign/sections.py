@@ -6,9 +6,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from estimator.filters import DEFAULT_FILTER
-from estimator.leaks import LEAKS
 from rig.loop import TIMING
-from rig.plant import Model
+from rig.plant import LEAKS, Model
 from rig.recording import Event, Recording, RecordingError, read_recording, recover
 from rig.report.accounts import AccountHistory, account_history
 from rig.report.friction import friction

@@ -5,8 +5,9 @@ from math import ceil, floor, isfinite, log10
 from typing import Final
 
 from estimator.filters import DEFAULT_FILTER
-from estimator.leaks import LEAKS, LEARNING_S
+from estimator.leaks import LEARNING_S
 from faults import to_litres_per_minute
+from rig.plant import LEAKS
 from rig.report.wording import (
     acted,
     flow,

@@ -6,8 +6,9 @@ from enum import StrEnum
 from typing import Any, Final
 
 from estimator.friction import FrictionCurve
-from estimator.leaks import LEAKS, Decision, Found
+from estimator.leaks import Decision, Found
 from faults import OnFault
+from rig.plant import LEAKS
 
 from .figures import Figure
 from .reactions import FaultAction

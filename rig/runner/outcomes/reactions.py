@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.accounts import reference_flow
-from estimator.leaks import LEAKS
 from faults import to_litres_per_minute
 from rig.loop import ACTED, PRESENT, Reaction
-from rig.plant import Parameters
+from rig.plant import LEAKS, Parameters
 
 Array = NDArray[np.float64]
 

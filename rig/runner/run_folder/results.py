@@ -7,8 +7,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from estimator.leaks import LEAKS, Decision, Found
+from estimator.leaks import Decision, Found
 from faults import to_litres_per_minute
+from rig.plant import LEAKS
 from rig.recording import replacing
 from rig.runner.outcomes import CampaignOutcome, InjectedFault, TestOutcome, friction_figures
 

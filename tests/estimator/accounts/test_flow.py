@@ -14,8 +14,7 @@ from estimator.accounts.flow import (
     reference_flow,
 )
 from estimator.accounts.nuisances import NUISANCES
-from estimator.accounts.row import FAULTS
-from rig.plant import NOMINAL, Model, Parameters
+from rig.plant import FAULTS, NOMINAL, Model, Parameters
 from rig.plant.dynamics import valve_conductance
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.plant.simulation import simulate

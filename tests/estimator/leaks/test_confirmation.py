@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from estimator.accounts.row import FAULTS
 from estimator.leaks.confirmation import CONFIRMED_AFTER_S, PresentLeaks
 from estimator.leaks.finding import Finding
+from rig.plant import FAULTS
 
 LEAK, OTHER, LINE = 0, 2, FAULTS.index("supply_leakage")
 SURE = {FAULTS[LEAK]: 1.0}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from estimator.filters.registry import start_memory
-from estimator.leaks.detection import LEAKS, Decision
+from estimator.leaks.detection import Decision
 from estimator.leaks.found import found_in
 from estimator.leaks.replaying import ReplayResult, replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, NOMINAL, Model
+from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording

@@ -6,11 +6,10 @@ from numpy.typing import NDArray
 
 from estimator.accounts.joint_fit import around
 from estimator.filters.registry import start_memory
-from estimator.leaks.detection import LEAKS
 from estimator.leaks.replaying import ReplayResult, replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, NOMINAL, Model
+from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording

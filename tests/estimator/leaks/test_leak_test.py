@@ -11,12 +11,13 @@ from estimator.accounts.crossings import student_quantile
 from estimator.accounts.flow import AccountBlock
 from estimator.accounts.noise import sensor_noise
 from estimator.accounts.nuisances import NUISANCE_COUNT
-from estimator.accounts.row import FAULT_COUNT, FAULTS
+from estimator.accounts.row import FAULT_COUNT
 from estimator.accounts.sums import MARKS
 from estimator.leaks.fault_scores import WITNESSES
 from estimator.leaks.finding import Finding
 from estimator.leaks.leak_test import MINIMUM_BLOCKS, LeakTest
 from estimator.leaks.leak_verdicts import LeakVerdicts
+from rig.plant import FAULTS
 from rig.plant.parameters import LITRE_PER_MINUTE
 
 Array = NDArray[np.float64]

@@ -12,7 +12,6 @@ from scipy.stats import chi2
 from estimator.accounts.flow import SPOOL_NOISE, AccountBlock
 from estimator.accounts.noise import sensor_noise
 from estimator.accounts.nuisances import NUISANCES
-from estimator.accounts.row import FAULTS
 from estimator.accounts.sums import MARKS
 from estimator.filters.registry import FilterRun, start_memory
 from estimator.leaks.detection import Decision, OilAccountDetector, draw_up
@@ -21,7 +20,7 @@ from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, part_of, samples_of, stretch
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import NOMINAL, Model, Parameters
+from rig.plant import FAULTS, NOMINAL, Model, Parameters
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
 

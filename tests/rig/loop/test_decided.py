@@ -1,9 +1,8 @@
 from math import nan
 
-from estimator.accounts.row import FAULTS
-from estimator.leaks.detection import LEAKS
 from faults.verdict import FAULT_KINDS, LEAK_KINDS, Verdict
 from rig.loop.decided import DECIDED, PRESENT, VERDICT_CODES, Decided, no_decision, verdict_of
+from rig.plant import FAULTS, LEAKS
 
 
 def test_every_verdict_has_a_code_of_its_own_that_is_never_given_to_another() -> None:

@@ -9,11 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.filters.registry import start_memory
-from estimator.leaks.detection import LEAKS
 from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import Model
+from rig.plant import LEAKS, Model
 from rig.plant.faults import FAULT_COLUMNS
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import McapWriter, Recording, read_recording

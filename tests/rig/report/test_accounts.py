@@ -6,10 +6,10 @@ import pytest
 from estimator.accounts.nuisances import NUISANCES, NuisanceBelief
 from estimator.leaks.baseline import PATTERN_FILTERS, Baseline
 from estimator.leaks.baseline_file import content_of
-from estimator.leaks.detection import LEAKS, OilAccountDetector
+from estimator.leaks.detection import OilAccountDetector
 from estimator.leaks.pattern import HealthyLevel
 from estimator.leaks.replaying import judged, samples_of
-from rig.plant import Model
+from rig.plant import LEAKS, Model
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording, read_recording
 from rig.report.accounts import AccountHistory, account_history, recorded_run

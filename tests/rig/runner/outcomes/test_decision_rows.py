@@ -3,11 +3,11 @@ from math import isnan
 import pytest
 from hypothesis import given, strategies as st
 
-from estimator.accounts.row import FAULTS
 from estimator.leaks.confirmation import CONFIRMED_AFTER_S
 from estimator.leaks.detection import Decision
 from faults.verdict import Verdict
 from rig.loop.decided import DECIDED, verdict_of
+from rig.plant import FAULTS
 from rig.runner.outcomes.decision_rows import DecisionRows
 
 
