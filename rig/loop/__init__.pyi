@@ -66,6 +66,7 @@ from .timing import (
     in_short as in_short,
 )
 from .wire import (
+    NULL_V as NULL_V,
     Close as Close,
     Closed as Closed,
     Count as Count,

@@ -16,6 +16,7 @@ from rig.configuration import Rig
 from rig.io import FAST_INPUTS, SLOW_INPUTS, HomingSettings, exclusive
 from rig.loop import (
     NO_CHANNEL,
+    NULL_V,
     Action,
     Board,
     Cause,
@@ -69,8 +70,6 @@ LAST_NEWS_S: Final = 0.2
 """How long a trip report waits for what the slow drivers have to tell once all is safe."""
 RECENT_S: Final = 0.25
 """How old the newest value of a channel may be."""
-NULL_V: Final = 0.05
-"""An output this near to 0 V is at null, as the loop takes it."""
 NEEDLE_TOLERANCE: Final = 0.02
 """Of its stroke, by which a needle may be off: what its driver takes for arrived."""
 LOG: Final = "session.log"

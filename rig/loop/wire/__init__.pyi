@@ -1,6 +1,7 @@
 from . import orders as orders
 from .cycle import wire_ticks as wire_ticks
 from .layout import (
+    NULL_V as NULL_V,
     RAMP_S as RAMP_S,
     Count as Count,
     Drive as Drive,

@@ -103,6 +103,8 @@ class Pace(NamedTuple):
 
 RAMP_S: Final = 0.5
 """Time in which RAMP_DOWN brings the command to 0 V."""
+NULL_V: Final = 0.05
+"""An output this near to 0 V is at null: half a percent of its range, what converters are off."""
 
 
 def pace(settings: LoopSettings, device_rate_hz: float) -> Pace:

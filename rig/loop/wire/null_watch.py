@@ -11,13 +11,11 @@ from rig.io import FAST_INPUTS, ExchangeStatus, exchange, monotonic_ns
 from rig.loop.atomic import store_release
 from rig.plant import inner
 
-from .layout import Count, Found
+from .layout import NULL_V, Count, Found
 
 _SPOOL: Final = FAST_INPUTS.index("spool_m")
 _VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
 _DEVICE_COMMAND: Final = FAST_INPUTS.index("device_command_V")
-_NULL_V: Final = 0.05
-"""An output this near to 0 V is at null: half a percent of its range, what converters are off."""
 
 
 @inner
@@ -29,7 +27,7 @@ def is_null(inputs):
     command, enabled = inputs[_DEVICE_COMMAND], inputs[_VALVE_ENABLED]
     if isnan(command):
         return enabled == 0.0
-    return abs(command) <= _NULL_V and enabled != 1.0
+    return abs(command) <= NULL_V and enabled != 1.0
 
 
 @inner
@@ -52,7 +50,7 @@ def look_at_null(fd, look, transactions, tol, pace, memory):
         return
     off_null_m = _spool_off_null(seen[_SPOOL], tol, counts)
     enabled, output_V = seen[_VALVE_ENABLED] == 1.0, seen[_DEVICE_COMMAND]  # noqa: N806
-    if not (enabled or abs(output_V) > _NULL_V or off_null_m != 0.0):
+    if not (enabled or abs(output_V) > NULL_V or off_null_m != 0.0):
         return
     now = monotonic_ns()
     if found[Found.TIMES] == 0:
