@@ -139,7 +139,9 @@ _ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
 
 _FROZEN_SAMPLES: Final = 40
 """A pressure that reads the very same for so many samples is not measured any more: noise of 30 kPa
-would not let it (`rig.loop.interlocks.plausibility` has the loop's rule)."""
+would not let it. A rule of its own: these samples are only left out, whatever rig they come from;
+the loop, which trips, derives its count from the chance of a false trip at its rate
+(`rig.loop.interlocks.check_tolerances.frozen_samples`)."""
 
 
 def _alive(values: Array) -> NDArray[np.bool_]:
