@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from rig.plant import CATALOGUE, Effect, EffectParameter
+from rig.plant import CATALOGUE, EffectParameter, PlantEffect
 from tools.marked_tables import fill, markdown
 
 PAGE: Final = Path(__file__).parents[1] / "docs" / "model.md"
@@ -18,7 +18,7 @@ def _knob(knob: EffectParameter) -> str:
     return f"{knob.name}: {_code(knob.field)}"
 
 
-def _in_lines(effect: Effect, cell: str) -> str:
+def _in_lines(effect: PlantEffect, cell: str) -> str:
     """Return a cell with a line for each parameter, which `cell` formats."""
     return "<br>".join(cell.format(knob=knob) for knob in effect.parameters)
 

@@ -45,8 +45,8 @@ from .dynamics import (
 from .effects import (
     CATALOGUE as CATALOGUE,
     REMEMBERING as REMEMBERING,
-    Effect as Effect,
     EffectParameter as EffectParameter,
+    PlantEffect as PlantEffect,
 )
 from .faults import (
     FAULT_COLUMNS as FAULT_COLUMNS,

@@ -45,8 +45,8 @@ class EffectParameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
-    """A physical effect: equation, source and parameters."""
+class PlantEffect:
+    """A physical effect that a rig can be given: equation, source and parameters."""
 
     name: str
     equation: str
@@ -94,25 +94,26 @@ def _knob(
 
 def _added(
     name: str, equation: str, source: str, lower: float | None = None, upper: float | None = None
-) -> Effect:
+) -> PlantEffect:
     """Return an effect of one parameter of its own, which has its name."""
-    return Effect(name, equation, source, (_knob("value", name, lower, upper),))
+    return PlantEffect(name, equation, source, (_knob("value", name, lower, upper),))
 
 
 def _shift(
     name: str, equation: str, source: str, field: str, lower: float, upper: float,
     followed_by: str | None = None,
-) -> Effect:  # fmt: skip
+) -> PlantEffect:  # fmt: skip
     """Return an effect that shifts one parameter every rig has."""
-    return Effect(name, equation, source, (_knob("value", field, lower, upper, True, followed_by),))
+    knob = _knob("value", field, lower, upper, True, followed_by)
+    return PlantEffect(name, equation, source, (knob,))
 
 
 _LEAKAGE: Final = 2e-8
 _LINEAR_LEAKAGE: Final = 1e-11
 
 
-def _leak(name: str, equation: str) -> Effect:
-    return Effect(
+def _leak(name: str, equation: str) -> PlantEffect:
+    return PlantEffect(
         name,
         equation,
         "eqs. 5.1 and 5.2",
@@ -169,7 +170,7 @@ _LINES: Final = (
         2.5e7,
     ),
     _added("supply_droop", "p_s = p_s0 - R_s q_s^2", "Merritt 1967, ch. 3", 0.0, 2e13),
-    Effect(
+    PlantEffect(
         "supply_ripple",
         "p_s + A_r sin(2 pi f_r t + phi_r) at the valve",
         "Merritt 1967, ch. 3: flow pulses of the pump's pistons",
@@ -217,7 +218,7 @@ _LEAKS: Final = (
 )
 
 _ENVIRONMENT: Final = (
-    Effect(
+    PlantEffect(
         "spring_load",
         "F_r = K_spring max(0, x_a - x_c)",
         "sections 6.1, 7.1.1 and 7.2",
@@ -228,7 +229,7 @@ _ENVIRONMENT: Final = (
     ),
     _added("constant_force", "F_r + F_0", "eq. 6.8: a weight, or a load held", -5e3, 5e3),
     _added("payload_mass", "(m_a + m_p) dv/dt", "eq. 2.6", 0.0, 500.0),
-    Effect(
+    PlantEffect(
         "end_stop",
         "K_stop delta max(0, 1 + chi v) at depth delta beyond x_low, x_high",
         "Hunt and Crossley 1975; the stroke's ends, where nothing stops the ram before",
@@ -261,7 +262,7 @@ _EFFECTS: Final = (
     *_VALVE, *_OIL, *_LINES, *_FRICTION, *_LEAKS, *_ENVIRONMENT, *_TRANSDUCERS,
 )  # fmt: skip
 
-CATALOGUE: Final[dict[str, Effect]] = {effect.name: effect for effect in _EFFECTS}
+CATALOGUE: Final[dict[str, PlantEffect]] = {effect.name: effect for effect in _EFFECTS}
 
 REMEMBERING: Final = (
     "command_delay",

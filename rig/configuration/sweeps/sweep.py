@@ -33,10 +33,10 @@ from rig.plant import (
     NOMINAL,
     REMEMBERING,
     TICK,
-    Effect,
     LeakName,
     Model,
     Parameters,
+    PlantEffect,
     quantities,
 )
 
@@ -258,7 +258,7 @@ class _Parameters:
         self._check_together(root)
         return self
 
-    def _read_effect(self, effect: Effect, entry: Located) -> None:
+    def _read_effect(self, effect: PlantEffect, entry: Located) -> None:
         fields = {knob.name: knob.field for knob in effect.parameters}
         alone = not isinstance(entry.value, dict) or bool(set(entry.value) & set(KINDS))
         if alone and "value" in fields:

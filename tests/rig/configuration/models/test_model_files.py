@@ -19,7 +19,7 @@ from rig.plant.added_terms import (
     fields_of,
     terms_of,
 )
-from rig.plant.effects import CATALOGUE, Effect
+from rig.plant.effects import CATALOGUE, PlantEffect
 from rig.plant.model import Model
 from rig.plant.parameters import FRICTION_LAWS, KARNOPP, NOMINAL, quantities
 
@@ -202,7 +202,7 @@ def test_a_coulomb_level_takes_the_stiction_along_unless_the_file_gives_it(
 
 
 @pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE)
-def test_every_effect_is_written_and_read(tmp_path: Path, effect: Effect) -> None:
+def test_every_effect_is_written_and_read(tmp_path: Path, effect: PlantEffect) -> None:
     values = {
         knob.name: 0.75 * knob.neutral + 0.25 * (knob.upper if knob.upper > knob.neutral
                                                  else knob.lower)
