@@ -19,7 +19,7 @@ from .linear import (
 )
 from .predictor import Predictor as Predictor
 from .results import (
-    AddedTerm as AddedTerm,
+    AddedDisturbance as AddedDisturbance,
     Band as Band,
     ChannelGap as ChannelGap,
     Check as Check,

@@ -255,7 +255,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class AddedTerm:
+class AddedDisturbance:
     """An unknown disturbance in symbols as it was added to the model.
 
     Attributes:
@@ -320,7 +320,7 @@ class GapResult:
     where: list[Curve] = field(default_factory=list)
     rest: list[Curve] = field(default_factory=list)
     term: str = ""
-    added: AddedTerm | None = None
+    added: AddedDisturbance | None = None
     limits: list[DetectionLimit] = field(default_factory=list)
     experiments: list[Separation] = field(default_factory=list)
     free_runs: list[FreeRun] = field(default_factory=list)

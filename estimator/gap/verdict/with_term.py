@@ -7,7 +7,14 @@ plant, whose filter and simulation then have them, and are fitted together with 
 from typing import Final
 
 from estimator.gap.plant import Effect, Plant
-from estimator.gap.prediction import AddedTerm, Estimate, Fitted, Values, effect_variables, freed
+from estimator.gap.prediction import (
+    AddedDisturbance,
+    Estimate,
+    Fitted,
+    Values,
+    effect_variables,
+    freed,
+)
 from estimator.gap.search import TIME, Found, Refits
 
 from .unknown import Unknown
@@ -17,7 +24,9 @@ _NORMAL_95: Final = 1.96
 _UNITS: Final = {"phase": "rad"}
 
 
-def with_term(refits: Refits, found: Found, unknown: Unknown) -> tuple[AddedTerm | None, list[str]]:
+def with_term(
+    refits: Refits, found: Found, unknown: Unknown
+) -> tuple[AddedDisturbance | None, list[str]]:
     """Return an unknown disturbance as the model holds it, and what is to be said of it, in words.
 
     Args:
@@ -61,7 +70,9 @@ def with_term(refits: Refits, found: Found, unknown: Unknown) -> tuple[AddedTerm
     explained = 1.0 - excess[1] / excess[0] if excess[0] > 0.0 else float("nan")
     fitter.refresh(before.values)
     text = terms_in_words(plant, fitted.values)
-    return AddedTerm(unknown.place.name, text, estimates, dict(fitted.values), explained), said
+    return AddedDisturbance(
+        unknown.place.name, text, estimates, dict(fitted.values), explained
+    ), said
 
 
 def terms_in_words(plant: Plant, values: Values) -> str:

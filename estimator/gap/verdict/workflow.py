@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.gap.plant import Plant, Record, record_of
 from estimator.gap.prediction import (
-    AddedTerm,
+    AddedDisturbance,
     Curve,
     DetectionLimit,
     Estimate,
@@ -325,7 +325,7 @@ def _compare(result: GapResult, fitter: Fitter, judged: Fitter, found: Found) ->
 
 
 def _show_added(
-    result: GapResult, added: AddedTerm, predictor: Predictor, judged: Sequence[Record],
+    result: GapResult, added: AddedDisturbance, predictor: Predictor, judged: Sequence[Record],
     pool: ThreadPoolExecutor,
 ) -> None:  # fmt: skip
     """Set the held-out gap with the unknown term; it stays only if that is lower than without.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from estimator.gap.prediction.results import (
-    AddedTerm as Added,
+    AddedDisturbance,
     ChannelGap,
     Curve,
     Estimate,
@@ -127,7 +127,7 @@ def test_an_unknown_term_is_written_into_a_model_of_its_own(
     size = Estimate("term_1_size", "term_1_size", 9e3, 8.8e3, 9.2e3, "N/(m/s)^2", 0.0)
     values = {**unknown.values, **fields_of((term,))}
     text = "+ 9e+03 N/(m/s)^2 v |v|"
-    unknown.added = Added("force balance", text, (size,), values, 0.97, 2.5)
+    unknown.added = AddedDisturbance("force balance", text, (size,), values, 0.97, 2.5)
     monkeypatch.setattr(gap_finding, "find_gap", lambda *_: unknown)
     done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
     told = json.loads(done.out.splitlines()[-1])["term"]
