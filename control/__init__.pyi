@@ -4,7 +4,11 @@ from .position_loop import (
     proportional_command as proportional_command,
     raised_cosine as raised_cosine,
 )
-from .request import Checks as Checks, Problem as Problem, RequestError as RequestError
+from .request import (
+    Checks as Checks,
+    RequestError as RequestError,
+    RequestProblem as RequestProblem,
+)
 from .setpoints import (
     Chirp as Chirp,
     Constant as Constant,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 
-class Problem(NamedTuple):
+class RequestProblem(NamedTuple):
     """One value that cannot be granted."""
 
     where: str
@@ -26,11 +26,11 @@ class RequestError(ValueError):
         problems: the problems, never empty.
     """
 
-    def __init__(self, problems: Sequence[Problem]) -> None:
+    def __init__(self, problems: Sequence[RequestProblem]) -> None:
         super().__init__("\n".join(str(problem) for problem in problems))
         self.problems = tuple(problems)
 
-    def __reduce__(self) -> tuple[type["RequestError"], tuple[tuple[Problem, ...]]]:
+    def __reduce__(self) -> tuple[type["RequestError"], tuple[tuple[RequestProblem, ...]]]:
         # Workers of a sweep hand errors back pickled; the default would pass the message instead.
         return type(self), (self.problems,)
 
@@ -41,12 +41,12 @@ class Checks:
     def __init__(self, where: str, error: type[RequestError]) -> None:
         self.where = where
         self.error = error
-        self.problems: list[Problem] = []
+        self.problems: list[RequestProblem] = []
 
     def require(self, granted: bool, field: str, value: object, limit: str, remedy: str) -> None:
         """Note a problem with `field` unless it is granted."""
         if not granted:
-            self.problems.append(Problem(self.where, field, value, limit, remedy))
+            self.problems.append(RequestProblem(self.where, field, value, limit, remedy))
 
     def finish(self) -> None:
         """Raise the error if any problem was noted."""

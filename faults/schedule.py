@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Checks, Problem, RequestError
+from control import Checks, RequestError, RequestProblem
 from rig.plant import FAULT_COLUMNS, quantities
 
 from .bypass import NOMINAL_BYPASSES, port_opening, series_coefficient
@@ -187,7 +187,7 @@ class FaultSchedule:
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         self.faults = tuple(sorted(faults, key=lambda fault: fault.at_s))
         problems = [
-            Problem(
+            RequestProblem(
                 str(later.kind),
                 "at_s",
                 later.at_s,

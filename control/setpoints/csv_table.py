@@ -8,7 +8,7 @@ from typing import Final, TextIO
 
 import numpy as np
 
-from ..request import Problem
+from ..request import RequestProblem
 from .protocol import Quantity, Samples, SetpointError
 
 _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
@@ -34,7 +34,7 @@ def read_setpoint(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
             return _read(path, text, quantity)
     except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
-        problem = Problem(str(path), "file", "unreadable", f"({reason})", "give a CSV file")
+        problem = RequestProblem(str(path), "file", "unreadable", f"({reason})", "give a CSV file")
         raise SetpointFileError([problem]) from error
 
 
@@ -45,18 +45,22 @@ def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Sample
     _require_columns(path, reader.fieldnames, quantity)
     times: list[float] = []
     values: list[float] = []
-    problems: list[Problem] = []
+    problems: list[RequestProblem] = []
     for row in reader:
         where = f"{path}:{reader.line_num}"
         time = _number(where, "time_s", row, problems)
         values.append(_number(where, column, row, problems))
         if times and time <= times[-1]:
             problems.append(
-                Problem(where, "time_s", time, f"is not after {times[-1]}", "sort the rows by time")
+                RequestProblem(
+                    where, "time_s", time, f"is not after {times[-1]}", "sort the rows by time"
+                )
             )
         times.append(time)
     if not times:
-        problems.append(Problem(f"{path}:1", "rows", "none", "below the header", "add the samples"))
+        problems.append(
+            RequestProblem(f"{path}:1", "rows", "none", "below the header", "add the samples")
+        )
     if problems:
         raise SetpointFileError(_first(path, problems))
     return np.array(times), np.array(values)
@@ -65,7 +69,7 @@ def _read(path: Path, text: TextIO, quantity: Quantity) -> tuple[Samples, Sample
 def _require_columns(path: Path, present: list[str], quantity: Quantity) -> None:
     among = f"among {', '.join(present)}" if present else "in an empty file"
     problems = [
-        Problem(f"{path}:1", name, "no such column", among, _remedy(name, present))
+        RequestProblem(f"{path}:1", name, "no such column", among, _remedy(name, present))
         for name in ("time_s", _COLUMNS[quantity])
         if name not in present
     ]
@@ -80,7 +84,7 @@ def _remedy(missing: str, present: list[str]) -> str:
     return "name it in the header"
 
 
-def _number(where: str, column: str, row: dict[str, str], problems: list[Problem]) -> float:
+def _number(where: str, column: str, row: dict[str, str], problems: list[RequestProblem]) -> float:
     # A row shorter than the header has None there, in spite of the stated type.
     entry = (row[column] or "").strip()
     try:
@@ -89,7 +93,7 @@ def _number(where: str, column: str, row: dict[str, str], problems: list[Problem
         number = nan
     if not isfinite(number):
         problems.append(
-            Problem(
+            RequestProblem(
                 where,
                 column,
                 entry or "nothing",
@@ -100,9 +104,11 @@ def _number(where: str, column: str, row: dict[str, str], problems: list[Problem
     return number
 
 
-def _first(path: Path, problems: list[Problem]) -> list[Problem]:
+def _first(path: Path, problems: list[RequestProblem]) -> list[RequestProblem]:
     if len(problems) <= _PROBLEMS_SHOWN:
         return problems
     rest = len(problems) - _PROBLEMS_SHOWN
-    more = Problem(str(path), "rows", f"{rest} more problems", "follow", "mend those above first")
+    more = RequestProblem(
+        str(path), "rows", f"{rest} more problems", "follow", "mend those above first"
+    )
     return [*problems[:_PROBLEMS_SHOWN], more]

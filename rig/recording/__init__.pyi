@@ -1,7 +1,7 @@
 from .errors import (
     MAX_PROBLEMS as MAX_PROBLEMS,
-    Problem as Problem,
     RecordingError as RecordingError,
+    RecordingProblem as RecordingProblem,
 )
 from .exporting import export as export
 from .formats import McapWriter as McapWriter, read_mcap as read_mcap, write_csv as write_csv

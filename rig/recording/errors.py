@@ -10,7 +10,7 @@ MAX_PROBLEMS: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class RecordingProblem:
     """One thing wrong: where, what it is, what it should be, and what to do about it.
 
     `line` is the line of the (decompressed) CSV, header = 1; in other formats the row, first
@@ -39,10 +39,10 @@ class RecordingError(ValueError):
         omitted: how many more there are, by path.
     """
 
-    def __init__(self, problems: Iterable[Problem]) -> None:
+    def __init__(self, problems: Iterable[RecordingProblem]) -> None:
         found = list(problems)
         super().__init__(found)
-        self.problems: list[Problem] = []
+        self.problems: list[RecordingProblem] = []
         seen: Counter[str] = Counter()
         for problem in found:
             seen[problem.path] += 1

@@ -5,7 +5,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
 
-from .errors import Problem, RecordingError
+from .errors import RecordingError, RecordingProblem
 from .metadata import metadata_texts
 from .reading import EXTENSIONS, SIDECAR, extension_of
 from .recording import Recording
@@ -32,7 +32,7 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
     if extension is None:
         limit = f"recordings are written to {', '.join((*EXTENSIONS, MF4))}"
         value = f"unknown extension {target.suffix!r}"
-        problems.append(Problem(name, None, "file", value, limit, "choose one of these"))
+        problems.append(RecordingProblem(name, None, "file", value, limit, "choose one of these"))
     problems += target_problems(name, may_replace=True)
     if extension == ".mcap":
         from rig.recording.formats import channel_problems, write_mcap

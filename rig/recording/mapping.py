@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from .errors import Problem
+from .errors import RecordingProblem
 from .table import Table
 
 
@@ -28,7 +28,7 @@ def mapped(table: Table, columns: Mapping[str, Column], needed: Sequence[str]) -
         elif channel in needed:
             lacking.add(channel)
             table.problems.append(
-                Problem(
+                RecordingProblem(
                     table.path, None, column.name, f"missing column, which is to be {channel}",
                     f"columns present: {', '.join(table.columns)}",
                     "name the column of this file in the model file, under channels",

@@ -4,11 +4,13 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .errors import Problem
+from .errors import RecordingProblem
 from .recording import Event
 
 
-def metadata_texts(path: str, metadata: Mapping[str, Any]) -> tuple[dict[str, str], list[Problem]]:
+def metadata_texts(
+    path: str, metadata: Mapping[str, Any]
+) -> tuple[dict[str, str], list[RecordingProblem]]:
     """Return a JSON text for each key, and a problem for each value JSON does not have."""
     texts: dict[str, str] = {}
     problems = []
@@ -18,7 +20,9 @@ def metadata_texts(path: str, metadata: Mapping[str, Any]) -> tuple[dict[str, st
             texts[key] = json.dumps(value, allow_nan=False)
         except (TypeError, ValueError) as error:
             remedy = "convert the value before it is recorded"
-            problems.append(Problem(path, None, f"metadata {key!r}", str(error), limit, remedy))
+            problems.append(
+                RecordingProblem(path, None, f"metadata {key!r}", str(error), limit, remedy)
+            )
     return texts, problems
 
 

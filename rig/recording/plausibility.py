@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from .errors import Problem
+from .errors import RecordingProblem
 from .table import Table
 
 
@@ -43,7 +43,7 @@ _PRESSURE_UNITS: Final = (
 )
 
 
-def implausible_values(table: Table) -> Iterator[Problem]:
+def implausible_values(table: Table) -> Iterator[RecordingProblem]:
     """Yield a problem for each channel beyond what a rig can show, with the likely unit."""
     for name, span in _SPANS.items():
         if name in table.columns:
@@ -52,7 +52,7 @@ def implausible_values(table: Table) -> Iterator[Problem]:
     yield from _too_low(table, ["supply_pressure_Pa"])
 
 
-def _beyond(table: Table, name: str, span: _Span) -> Iterator[Problem]:
+def _beyond(table: Table, name: str, span: _Span) -> Iterator[RecordingProblem]:
     magnitude = np.abs(table.columns[name])
     # Infinity is reported where a value must be finite.
     beyond = (magnitude > span.upper) & np.isfinite(magnitude)
@@ -66,10 +66,10 @@ def _beyond(table: Table, name: str, span: _Span) -> Iterator[Problem]:
     # A wrong unit shows in the whole column, a bad sensor or a spike in some rows.
     everywhere = count > 0.1 * len(magnitude)
     remedy = span.remedy if everywhere else "check the sensor; cut these rows off or record again"
-    yield Problem(table.path, table.line_of(first), name, value, limit, remedy)
+    yield RecordingProblem(table.path, table.line_of(first), name, value, limit, remedy)
 
 
-def _too_low(table: Table, names: Sequence[str]) -> Iterator[Problem]:
+def _too_low(table: Table, names: Sequence[str]) -> Iterator[RecordingProblem]:
     present = [table.columns[name] for name in names if name in table.columns]
     finite = [np.abs(values[np.isfinite(values)]) for values in present]
     largest = max((float(values.max()) for values in finite if values.size), default=0.0)
@@ -80,4 +80,4 @@ def _too_low(table: Table, names: Sequence[str]) -> Iterator[Problem]:
     value = f"at most {largest:.6g} in the whole recording"
     for name in names:
         if name in table.columns:
-            yield Problem(table.path, None, name, value, limit, f"looks like {unit}")
+            yield RecordingProblem(table.path, None, name, value, limit, f"looks like {unit}")

@@ -8,7 +8,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
 
-from .errors import Problem, RecordingError
+from .errors import RecordingError, RecordingProblem
 from .mapping import Column, mapped
 from .metadata import events_from
 from .recording import REPLAY_CHANNELS, Recording
@@ -57,7 +57,7 @@ def read_recording(
     except OSError as error:
         remedy = "check that the file can be read"
         raise RecordingError(
-            [Problem(name, None, "file", error.strerror or str(error), "", remedy)]
+            [RecordingProblem(name, None, "file", error.strerror or str(error), "", remedy)]
         ) from None
     needed = tuple(dict.fromkeys(("time_s", *required)))
     missing = mapped(table, columns or {}, needed)
@@ -85,17 +85,21 @@ def _read_table(path: str, extension: str | None) -> Table:
     return read_csv(path)
 
 
-def _path_problems(path: str, extension: str | None) -> list[Problem]:
+def _path_problems(path: str, extension: str | None) -> list[RecordingProblem]:
     file = Path(path)
     if file.is_dir():
         remedy = f"give a file, as in {path}/*.mcap"
-        return [Problem(path, None, "file", "is a folder", "", remedy)]
+        return [RecordingProblem(path, None, "file", "is a folder", "", remedy)]
     if not file.exists():
-        return [Problem(path, None, "file", "does not exist", "", _nearest_files(file))]
+        return [RecordingProblem(path, None, "file", "does not exist", "", _nearest_files(file))]
     if extension is None:
         limit = f"recordings are {', '.join(EXTENSIONS)}"
         remedy = "rename or convert the file"
-        return [Problem(path, None, "file", f"unknown extension {file.suffix!r}", limit, remedy)]
+        return [
+            RecordingProblem(
+                path, None, "file", f"unknown extension {file.suffix!r}", limit, remedy
+            )
+        ]
     return []
 
 
@@ -120,7 +124,11 @@ def _with_sidecar(recording: Recording) -> Recording:
     except (OSError, ValueError, TypeError, KeyError) as error:
         remedy = "restore or delete it"
         raise RecordingError(
-            [Problem(str(sidecar), None, "file", f"cannot be read ({error!r})", "", remedy)]
+            [
+                RecordingProblem(
+                    str(sidecar), None, "file", f"cannot be read ({error!r})", "", remedy
+                )
+            ]
         ) from None
     if not belongs:
         warnings.warn(

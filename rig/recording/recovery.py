@@ -23,7 +23,7 @@ from rig.recording.formats import (
     write_mcap,
 )
 
-from .errors import Problem, RecordingError
+from .errors import RecordingError, RecordingProblem
 from .targets import replacing, target_problems
 
 
@@ -73,7 +73,7 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
     best = int(np.argmax(sizes))
     if not sizes[best]:
         value = "; ".join(["no sample can be read", *lost])
-        raise RecordingError([Problem(source, None, "file", value, "", "record again")])
+        raise RecordingError([RecordingProblem(source, None, "file", value, "", "record again")])
     dropped = sum(sizes) - sizes[best]
     if dropped:
         lost.append(f"{dropped} readable samples on the other side of a gap")
@@ -93,13 +93,15 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
     )
 
 
-def _path_problems(source: str, target: str) -> list[Problem]:
+def _path_problems(source: str, target: str) -> list[RecordingProblem]:
     problems = []
     if not Path(source).is_file():
-        problems.append(Problem(source, None, "file", "is no file", "", "check the path"))
+        problems.append(RecordingProblem(source, None, "file", "is no file", "", "check the path"))
     if not target.lower().endswith(".mcap"):
         limit = "must end with .mcap"
-        problems.append(Problem(target, None, "file", "not an MCAP name", limit, "rename it"))
+        problems.append(
+            RecordingProblem(target, None, "file", "not an MCAP name", limit, "rename it")
+        )
     return problems + target_problems(target, may_replace=False)
 
 

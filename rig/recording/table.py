@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Problem
+from .errors import RecordingProblem
 from .recording import Event, FloatArray
 
 
@@ -27,7 +27,7 @@ class Table:
 
     path: str
     columns: dict[str, FloatArray]
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[RecordingProblem] = field(default_factory=list)
     unreadable: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
     line_of: Callable[[int], int] = row_number
     metadata: dict[str, Any] = field(default_factory=dict)

@@ -5,18 +5,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import Problem
+from .errors import RecordingProblem
 
 
-def target_problems(path: str, *, may_replace: bool) -> list[Problem]:
+def target_problems(path: str, *, may_replace: bool) -> list[RecordingProblem]:
     """Return what keeps a file from being made at path."""
     target = Path(path)
     if not target.parent.is_dir():
         value = f"folder {target.parent} does not exist"
-        return [Problem(path, None, "file", value, "", "make it first")]
+        return [RecordingProblem(path, None, "file", value, "", "make it first")]
     if target.exists() and not may_replace:
         remedy = "delete it or choose another name"
-        return [Problem(path, None, "file", "exists already", "", remedy)]
+        return [RecordingProblem(path, None, "file", "exists already", "", remedy)]
     return []
 
 

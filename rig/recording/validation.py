@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Problem
+from .errors import RecordingProblem
 from .plausibility import implausible_values
 from .recording import FloatArray
 from .table import Table
@@ -36,14 +36,16 @@ _ALIASES: Final = {
 }
 
 
-def problems_of(table: Table, required: Sequence[str], *, of_rig: bool = True) -> list[Problem]:
+def problems_of(
+    table: Table, required: Sequence[str], *, of_rig: bool = True
+) -> list[RecordingProblem]:
     """Return everything wrong with a table, whole-file problems first, then line by line.
 
     Values are held against those of a servo-hydraulic rig if it is `of_rig`.
     """
     if not len(table):
         remedy = "record again; a recording is one line a millisecond"
-        empty = Problem(table.path, None, "file", "no samples", "", remedy)
+        empty = RecordingProblem(table.path, None, "file", "no samples", "", remedy)
         return [*table.problems, *_missing_columns(table, required), empty]
     problems = list(table.problems)
     problems += _missing_columns(table, required)
@@ -57,7 +59,7 @@ def problems_of(table: Table, required: Sequence[str], *, of_rig: bool = True) -
     return sorted(problems, key=lambda problem: (problem.line is not None, problem.line or 0))
 
 
-def _missing_columns(table: Table, required: Sequence[str]) -> Iterator[Problem]:
+def _missing_columns(table: Table, required: Sequence[str]) -> Iterator[RecordingProblem]:
     present = [name for name in table.columns if name not in required]
     for name in required:
         if name in table.columns:
@@ -67,7 +69,7 @@ def _missing_columns(table: Table, required: Sequence[str]) -> Iterator[Problem]
         remedy = f"add the column; needed are {', '.join(required)}"
         if near is not None:
             remedy = f"rename {near!r} to {name}, if it is that{_conversion(near)}"
-        yield Problem(table.path, None, name, "missing column", limit, remedy)
+        yield RecordingProblem(table.path, None, name, "missing column", limit, remedy)
 
 
 def _nearest(name: str, candidates: Sequence[str]) -> str | None:
@@ -97,7 +99,7 @@ def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
 
 
-def _missing_values(table: Table, name: str) -> Iterator[Problem]:
+def _missing_values(table: Table, name: str) -> Iterator[RecordingProblem]:
     values = table.columns[name]
     limit = f"{name} must have a value in every row"
     missing = ~np.isfinite(values) & ~table.unread(name)
@@ -111,10 +113,10 @@ def _missing_values(table: Table, name: str) -> Iterator[Problem]:
             value, remedy = "empty or NaN", "record again without dropouts, or interpolate it"
         if last > first:
             value += f" in {last - first + 1} rows up to {table.line_of(last)}"
-        yield Problem(table.path, table.line_of(first), name, value, limit, remedy)
+        yield RecordingProblem(table.path, table.line_of(first), name, value, limit, remedy)
 
 
-def _time_problems(table: Table) -> list[Problem]:
+def _time_problems(table: Table) -> list[RecordingProblem]:
     # Rows whose time is missing are reported as such; the others are judged by their distance.
     known = np.flatnonzero(np.isfinite(table.columns["time_s"]))
     if len(known) < 2:
@@ -144,12 +146,12 @@ def _time_problems(table: Table) -> list[Problem]:
     return problems
 
 
-def _not_advancing(table: Table, steps: FloatArray, known: NDArray[np.intp]) -> Problem:
+def _not_advancing(table: Table, steps: FloatArray, known: NDArray[np.intp]) -> RecordingProblem:
     row = int(known[1 + int(np.argmax(steps <= 0.0))])
     limit = "must increase in every row"
     remedy = "write time_s with at least 3 decimals, in the order of recording"
     value = "does not increase from most rows to the next"
-    return Problem(table.path, table.line_of(row), "time_s", value, limit, remedy)
+    return RecordingProblem(table.path, table.line_of(row), "time_s", value, limit, remedy)
 
 
 def _is_right(period: float, unit_s: float = 1.0) -> bool:
@@ -157,7 +159,7 @@ def _is_right(period: float, unit_s: float = 1.0) -> bool:
     return abs(period * unit_s / SAMPLE_PERIOD_S - 1.0) <= PERIOD_TOLERANCE
 
 
-def _wrong_rate(table: Table, period: float) -> Problem:
+def _wrong_rate(table: Table, period: float) -> RecordingProblem:
     remedy = (
         "resample to 1 kHz: interpolate the measured columns (numpy.interp), "
         "hold command_V from its own row to the next"
@@ -166,28 +168,32 @@ def _wrong_rate(table: Table, period: float) -> Problem:
         if _is_right(period, unit_s):
             remedy = f"the time looks like {unit}: multiply it by {unit_s:g}"
     value = f"sampled at {1.0 / period:.6g} Hz (a row every {period * 1e3:.6g} ms)"
-    return Problem(table.path, None, "time_s", value, "must be 1 kHz within 1 %", remedy)
+    return RecordingProblem(table.path, None, "time_s", value, "must be 1 kHz within 1 %", remedy)
 
 
-def _backwards(table: Table, known: NDArray[np.intp], k: int) -> Problem:
+def _backwards(table: Table, known: NDArray[np.intp], k: int) -> RecordingProblem:
     time_s = table.columns["time_s"]
     before, after = float(time_s[known[k]]), float(time_s[known[k + 1]])
     value = f"{after:.9g} s after {before:.9g} s"
     limit = "must increase in every row"
     remedy = "delete the repeated rows or sort by time_s"
-    return Problem(table.path, table.line_of(int(known[k + 1])), "time_s", value, limit, remedy)
+    return RecordingProblem(
+        table.path, table.line_of(int(known[k + 1])), "time_s", value, limit, remedy
+    )
 
 
-def _gap(table: Table, known: NDArray[np.intp], k: int) -> Problem:
+def _gap(table: Table, known: NDArray[np.intp], k: int) -> RecordingProblem:
     time_s = table.columns["time_s"]
     before, after = float(time_s[known[k]]), float(time_s[known[k + 1]])
     value = f"gap of {(after - before) * 1e3:.6g} ms, {before:.9g} s to {after:.9g} s"
     limit = f"expected step {SAMPLE_PERIOD_S * 1e3:g} ms"
     remedy = "split the recording here, or record again without dropped samples"
-    return Problem(table.path, table.line_of(int(known[k + 1])), "time_s", value, limit, remedy)
+    return RecordingProblem(
+        table.path, table.line_of(int(known[k + 1])), "time_s", value, limit, remedy
+    )
 
 
-def _too_short(table: Table, duration_s: float) -> Problem:
+def _too_short(table: Table, duration_s: float) -> RecordingProblem:
     value = f"{duration_s:.4g} s ({len(table)} rows)"
     limit = f"must be at least {MIN_DURATION_S:g} s"
-    return Problem(table.path, None, "time_s", value, limit, "record for longer")
+    return RecordingProblem(table.path, None, "time_s", value, limit, "record for longer")

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from control import Problem
+from control import RequestProblem
 from faults import (
     BypassValve,
     CalibrationError,
@@ -99,16 +99,16 @@ def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
     return {kind: rig.bypass_valves[kind] for kind in kinds}
 
 
-def _obstacle(rig: Rig, kind: str) -> Problem | None:
+def _obstacle(rig: Rig, kind: str) -> RequestProblem | None:
     """Return what keeps a valve from being calibrated."""
     if kind not in WAYS:
-        return Problem(rig.name, kind, "its flow", "passes no flow meter", _UNMETERED)
+        return RequestProblem(rig.name, kind, "its flow", "passes no flow meter", _UNMETERED)
     if kind not in rig.injectable:
-        return Problem(rig.name, kind, "its bypass", "is not there, or no driver moves it",
+        return RequestProblem(rig.name, kind, "its bypass", "is not there, or no driver moves it",
                        "describe it under `bypass_valves`, and its driver")  # fmt: skip
     meter = WAYS[kind].meter
     if not any(meter in spec.inputs for spec in rig.drivers):
-        return Problem(rig.name, kind, meter, "is read by no driver", "add the flow meters")
+        return RequestProblem(rig.name, kind, meter, "is read by no driver", "add the flow meters")
     return None
 
 
@@ -244,4 +244,4 @@ def _drop(samples: Samples, kind: str, return_pressure_Pa: float) -> Array:  # n
 
 
 def _refusal(kind: str, field: str, value: str, limit: str, remedy: str) -> CalibrationError:
-    return CalibrationError([Problem(kind, field, value, limit, remedy)])
+    return CalibrationError([RequestProblem(kind, field, value, limit, remedy)])

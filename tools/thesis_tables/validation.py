@@ -15,7 +15,7 @@ from rig.plant import Model
 from rig.plant.dynamics import PlantState
 from rig.plant.simulation import simulate
 from rig.recording import Recording, RecordingError, read_recording
-from rig.recording.errors import Problem
+from rig.recording.errors import RecordingProblem
 
 from .trials import record
 
@@ -45,7 +45,7 @@ def read_measured(folder: Path, origin: str) -> Measured:
     Raises:
         RecordingError: every problem of the two files.
     """
-    recordings, problems = {}, list[Problem]()
+    recordings, problems = {}, list[RecordingProblem]()
     for motion, name in FILES.items():
         try:
             recordings[motion] = read_recording(folder / name)

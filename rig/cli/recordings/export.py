@@ -5,7 +5,7 @@ from typing import Final
 
 import click
 
-from rig.recording import Problem, Recording, RecordingError, export, read_recording
+from rig.recording import Recording, RecordingError, RecordingProblem, export, read_recording
 
 _FORMATS: Final = ("mf4", "parquet", "csv", "csv.gz", "mcap")
 
@@ -30,7 +30,7 @@ def command(source: str, out: str, extension: str | None) -> int:
         return _export_run(Path(source), Path(out), extension or "parquet")
     if extension is not None and not out.lower().endswith(f".{extension}"):
         limit = f"does not end with .{extension}"
-        raise RecordingError([Problem(out, None, "file", "", limit, "leave --format out")])
+        raise RecordingError([RecordingProblem(out, None, "file", "", limit, "leave --format out")])
     content = read_recording(source, required=())
     _export(content, out)
     click.echo(_line(out, content))
@@ -42,12 +42,12 @@ def _export_run(run: Path, out: Path, extension: str) -> int:
 
     recordings = read_run(run).recordings
     if not recordings:
-        raise RecordingError([Problem(str(run), None, "run", "has no recording", "", "")])
+        raise RecordingError([RecordingProblem(str(run), None, "run", "has no recording", "", "")])
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unwritable(str(out), error) from error
-    problems: list[Problem] = []
+    problems: list[RecordingProblem] = []
     for recording in recordings:
         target = str(out / f"{recording.stem}.{extension}")
         try:
@@ -73,7 +73,9 @@ def _export(content: Recording, out: str) -> None:
 def _unwritable(out: str, error: OSError) -> RecordingError:
     reason = error.strerror or str(error)
     remedy = "choose another folder"
-    return RecordingError([Problem(out, None, "file", reason, "cannot be written", remedy)])
+    return RecordingError(
+        [RecordingProblem(out, None, "file", reason, "cannot be written", remedy)]
+    )
 
 
 def _line(out: str, content: Recording) -> str:

@@ -2,7 +2,7 @@
 
 import click
 
-from rig.recording import Problem, RecordingError, recover
+from rig.recording import RecordingError, RecordingProblem, recover
 
 
 @click.command()
@@ -18,7 +18,7 @@ def command(file: str, out: str) -> int:
     except OSError as error:
         path, reason = error.filename or out, error.strerror or str(error)
         raise RecordingError(
-            [Problem(str(path), None, "file", reason, "", "check the path")]
+            [RecordingProblem(str(path), None, "file", reason, "", "check the path")]
         ) from error
     click.echo(str(summary))
     return 0

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
-from rig.recording.errors import Problem, RecordingError
+from rig.recording.errors import RecordingError, RecordingProblem
 from rig.recording.recording import REPLAY_CHANNELS, FloatArray
 from rig.recording.table import Table
 
@@ -47,13 +47,13 @@ def _text(path: str) -> bytes:
     compressed = path.lower().endswith(".gz")
     if not data:
         remedy = "record again or fetch the file again"
-        raise RecordingError([Problem(path, None, "file", "empty (0 bytes)", "", remedy)])
+        raise RecordingError([RecordingProblem(path, None, "file", "empty (0 bytes)", "", remedy)])
     if data.startswith(_GZIP_MAGIC) != compressed:
         value = "not gzip-compressed" if compressed else "gzip-compressed"
         wanted = path[: -len(".gz")] if compressed else f"{path}.gz"
         raise RecordingError(
             [
-                Problem(
+                RecordingProblem(
                     path, None, "file", value, "its extension says otherwise", f"rename to {wanted}"
                 )
             ]
@@ -66,32 +66,34 @@ def _text(path: str) -> bytes:
         cut = isinstance(error, EOFError)
         value = "gzip data is cut off" if cut else f"gzip data is corrupt ({error})"
         remedy = f"fetch the file again, or keep what is readable: zcat {path} > salvaged.csv"
-        raise RecordingError([Problem(path, None, "file", value, "", remedy)]) from None
+        raise RecordingError([RecordingProblem(path, None, "file", value, "", remedy)]) from None
 
 
-def _header(path: str, text: bytes) -> tuple[list[str], list[Problem]]:
+def _header(path: str, text: bytes) -> tuple[list[str], list[RecordingProblem]]:
     try:
         line = _first_line(text).decode("utf-8-sig")
     except UnicodeDecodeError:
         remedy = "save the file as CSV in UTF-8"
         raise RecordingError(
-            [Problem(path, 1, "header", "not text", "UTF-8 column names", remedy)]
+            [RecordingProblem(path, 1, "header", "not text", "UTF-8 column names", remedy)]
         ) from None
     names = _cells(line)
     _refuse_other_delimiter(path, line, names)
     if all(_is_number(name) for name in names):
         limit = f"line 1 must name the columns: {', '.join(REPLAY_CHANNELS)}, ..."
         raise RecordingError(
-            [Problem(path, 1, "header", "has numbers only", limit, "insert a header line")]
+            [RecordingProblem(path, 1, "header", "has numbers only", limit, "insert a header line")]
         )
     problems = []
     for position, name in enumerate(names):
         if not name:
             remedy = "name the column or delete it (pandas: to_csv(index=False))"
-            problems.append(Problem(path, 1, f"column {position + 1}", "has no name", "", remedy))
+            problems.append(
+                RecordingProblem(path, 1, f"column {position + 1}", "has no name", "", remedy)
+            )
         elif name in names[:position]:
             value = f"columns {names.index(name) + 1} and {position + 1} have this name"
-            problems.append(Problem(path, 1, name, value, "", "rename or delete one"))
+            problems.append(RecordingProblem(path, 1, name, value, "", "rename or delete one"))
     return names, problems
 
 
@@ -109,7 +111,11 @@ def _refuse_other_delimiter(path: str, line: str, names: Sequence[str]) -> None:
         if len(split) > len(names) and (known or len(names) == 1):
             remedy = "convert the delimiter to a comma (and decimal commas to points)"
             raise RecordingError(
-                [Problem(path, 1, "header", f"separated by {called}", "must be commas", remedy)]
+                [
+                    RecordingProblem(
+                        path, 1, "header", f"separated by {called}", "must be commas", remedy
+                    )
+                ]
             )
 
 
@@ -160,9 +166,9 @@ def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
 
 def _careful_columns(
     path: str, text: bytes, names: Sequence[str]
-) -> tuple[list[FloatArray], NDArray[np.bool_], list[Problem]]:
+) -> tuple[list[FloatArray], NDArray[np.bool_], list[RecordingProblem]]:
     """Return columns of shape (n,), which cells are unreadable, (n_columns, n), and why."""
-    problems: list[Problem] = []
+    problems: list[RecordingProblem] = []
     rows: list[list[float]] = []
     unreadable: list[list[bool]] = []
     lines = text.splitlines()
@@ -199,25 +205,29 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _ragged(path: str, line: int, cells: int, wanted: int, last: bool) -> Problem:
+def _ragged(path: str, line: int, cells: int, wanted: int, last: bool) -> RecordingProblem:
     remedy = (
         "delete the line: the file was cut off in it" if last else "complete or delete the line"
     )
-    return Problem(path, line, "row", f"{cells} cells", f"the header has {wanted}", remedy)
+    return RecordingProblem(path, line, "row", f"{cells} cells", f"the header has {wanted}", remedy)
 
 
 def _not_numbers(
     path: str, name: str, found: Sequence[tuple[int, str]], n_rows: int
-) -> list[Problem]:
+) -> list[RecordingProblem]:
     if not found:
         return []
     limit = "every cell must be a number or empty"
     if len(found) == n_rows:
         line, cell = found[0]
         remedy = "delete the column or write numbers"
-        return [Problem(path, line, name, f"text throughout ({cell[:40]!r}, ...)", limit, remedy)]
+        return [
+            RecordingProblem(
+                path, line, name, f"text throughout ({cell[:40]!r}, ...)", limit, remedy
+            )
+        ]
     remedy = "write a number with a decimal point, or leave the cell empty"
     return [
-        Problem(path, line, name, f"{cell[:40]!r} is not a number", limit, remedy)
+        RecordingProblem(path, line, name, f"{cell[:40]!r} is not a number", limit, remedy)
         for line, cell in found
     ]

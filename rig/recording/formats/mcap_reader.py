@@ -22,7 +22,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
-from rig.recording.errors import Problem, RecordingError
+from rig.recording.errors import RecordingError, RecordingProblem
 from rig.recording.recording import REPLAY_CHANNELS, Event, FloatArray
 from rig.recording.table import Table
 
@@ -149,7 +149,7 @@ def mapped(path: str) -> Iterator[IO[bytes]]:
         if not magic or not MCAP0_MAGIC.startswith(magic):
             value = "not an MCAP file" if magic else "empty (0 bytes)"
             remedy = "give the right extension, or record again"
-            raise RecordingError([Problem(path, None, "file", value, "", remedy)])
+            raise RecordingError([RecordingProblem(path, None, "file", value, "", remedy)])
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapping:
             yield cast(IO[bytes], mapping)
 
@@ -187,12 +187,12 @@ def columns_of(
     return {name: np.ascontiguousarray(rows[:, k]) for k, name in enumerate(channels)}
 
 
-def foreign(path: str, reason: str) -> Problem:
+def foreign(path: str, reason: str) -> RecordingProblem:
     """Return the problem of an MCAP file that is another program's."""
     limit = "only recordings written by rig are read"
     columns = ", ".join(REPLAY_CHANNELS)
     remedy = f"export it as CSV from the program that made it, with columns {columns}"
-    return Problem(path, None, "file", reason, limit, remedy)
+    return RecordingProblem(path, None, "file", reason, limit, remedy)
 
 
 def _ends_properly(file: IO[bytes]) -> bool:
@@ -249,5 +249,5 @@ def _collect(file: IO[bytes], collector: SampleCollector) -> None:
         raise ValueError(f"the index leads to {found} of {promised} messages")
 
 
-def _damaged(path: str, value: str) -> Problem:
-    return Problem(path, None, "file", value, "", f"rig recover {path} OUT.mcap")
+def _damaged(path: str, value: str) -> RecordingProblem:
+    return RecordingProblem(path, None, "file", value, "", f"rig recover {path} OUT.mcap")

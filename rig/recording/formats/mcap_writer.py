@@ -12,7 +12,7 @@ import numpy as np
 from mcap.records import Channel, Message, Metadata, Schema
 from numpy.typing import NDArray
 
-from rig.recording.errors import Problem, RecordingError
+from rig.recording.errors import RecordingError, RecordingProblem
 from rig.recording.metadata import metadata_texts
 from rig.recording.recording import Event
 from rig.recording.targets import target_problems
@@ -241,18 +241,22 @@ def _topics(channels: Sequence[str]) -> list[Channel]:
     ]
 
 
-def channel_problems(path: str, channels: Sequence[str]) -> list[Problem]:
+def channel_problems(path: str, channels: Sequence[str]) -> list[RecordingProblem]:
     """Return what keeps these channels from being the fields of a sample."""
     problems = []
     if not channels or channels[0] != "time_s":
         first = repr(channels[0]) if channels else "none"
         limit = "the first channel must be time_s"
-        problems.append(Problem(path, None, "channels", first, limit, "reorder them"))
+        problems.append(RecordingProblem(path, None, "channels", first, limit, "reorder them"))
     for position, name in enumerate(channels):
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
             limit = "letters, digits and _ only, to be a protobuf field"
-            problems.append(Problem(path, None, "channels", repr(name), limit, "rename it"))
+            problems.append(
+                RecordingProblem(path, None, "channels", repr(name), limit, "rename it")
+            )
         if name in channels[:position]:
             limit = "given twice"
-            problems.append(Problem(path, None, "channels", repr(name), limit, "rename or drop it"))
+            problems.append(
+                RecordingProblem(path, None, "channels", repr(name), limit, "rename or drop it")
+            )
     return problems

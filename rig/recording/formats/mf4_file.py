@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from rig.recording.errors import Problem, RecordingError
+from rig.recording.errors import RecordingError, RecordingProblem
 from rig.recording.metadata import events_text
 from rig.recording.recording import Recording
 from rig.recording.units import unit_of
@@ -33,7 +33,9 @@ def write_mf4(recording: Recording, path: Path, name: str) -> None:
     except ImportError:
         value = "asammdf is not installed"
         remedy = "pip install 'hydraulic-rig[mf4]', or choose .parquet or .csv"
-        raise RecordingError([Problem(name, None, "file", value, "MF4 needs it", remedy)]) from None
+        raise RecordingError(
+            [RecordingProblem(name, None, "file", value, "MF4 needs it", remedy)]
+        ) from None
     signals = [
         Signal(
             samples=np.ascontiguousarray(values),

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rig.recording.errors import Problem, RecordingError
+from rig.recording.errors import RecordingError, RecordingProblem
 from rig.recording.metadata import events_from, events_text
 from rig.recording.recording import Recording
 from rig.recording.table import Table
@@ -59,7 +59,11 @@ def read_parquet(path: str) -> Table:
         reason = str(error).splitlines()[0]
         remedy = "fetch the file again, or export it again from its source"
         raise RecordingError(
-            [Problem(path, None, "file", f"cannot be read as Parquet ({reason})", "", remedy)]
+            [
+                RecordingProblem(
+                    path, None, "file", f"cannot be read as Parquet ({reason})", "", remedy
+                )
+            ]
         ) from None
     table = Table(path, {}, metadata=metadata, events=events)
     counts = Counter(arrow.column_names)
@@ -67,12 +71,16 @@ def read_parquet(path: str) -> Table:
         column = arrow.column(position)
         if counts[name] > 1:
             value = f"{counts[name]} columns have this name"
-            table.problems.append(Problem(path, None, name, value, "", "rename or delete one"))
+            table.problems.append(
+                RecordingProblem(path, None, name, value, "", "rename or delete one")
+            )
             counts[name] = 1
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
             limit = "every column must hold numbers"
             remedy = "delete the column or convert it to double"
-            table.problems.append(Problem(path, None, name, str(column.type), limit, remedy))
+            table.problems.append(
+                RecordingProblem(path, None, name, str(column.type), limit, remedy)
+            )
             # The column stands in the table all the same, lest it be reported missing as well.
             table.columns[name] = np.full(len(arrow), np.nan)
             table.unreadable[name] = np.ones(len(arrow), dtype=np.bool_)

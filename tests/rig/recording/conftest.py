@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.recording import Event, Problem, Recording, RecordingError, export, read_recording
+from rig.recording import Event, Recording, RecordingError, RecordingProblem, export, read_recording
 
 
 @pytest.fixture(scope="session")
@@ -37,10 +37,10 @@ def healthy_csv(healthy: Recording, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture
-def judge(tmp_path: Path) -> Callable[..., list[Problem]]:
+def judge(tmp_path: Path) -> Callable[..., list[RecordingProblem]]:
     """Write a file of that content and name, and return what is wrong with it."""
 
-    def problems(content: str | bytes, name: str = "run.csv") -> list[Problem]:
+    def problems(content: str | bytes, name: str = "run.csv") -> list[RecordingProblem]:
         path = tmp_path / name
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
         with pytest.raises(RecordingError) as refusal:

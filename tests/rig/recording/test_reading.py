@@ -7,10 +7,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from rig.recording import Problem, Recording, RecordingError, export, read_recording
+from rig.recording import Recording, RecordingError, RecordingProblem, export, read_recording
 
 
-def refusal(path: Path) -> Problem:
+def refusal(path: Path) -> RecordingProblem:
     with pytest.raises(RecordingError) as error:
         read_recording(path)
     assert len(error.value.problems) == 1, str(error.value)

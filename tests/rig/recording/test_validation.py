@@ -6,9 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.recording import MAX_PROBLEMS, Problem, Recording, RecordingError, export, read_recording
+from rig.recording import (
+    MAX_PROBLEMS,
+    Recording,
+    RecordingError,
+    RecordingProblem,
+    export,
+    read_recording,
+)
 
-Judge = Callable[..., list[Problem]]
+Judge = Callable[..., list[RecordingProblem]]
 
 
 def csv(lines: Sequence[str]) -> str:
@@ -31,7 +38,7 @@ def with_cell(lines: Sequence[str], line: int, name: str, cell: str) -> list[str
     return [*lines[: line - 1], ",".join(cells), *lines[line:]]
 
 
-def only(problems: Sequence[Problem]) -> Problem:
+def only(problems: Sequence[RecordingProblem]) -> RecordingProblem:
     assert len(problems) == 1, [str(problem) for problem in problems]
     return problems[0]
 
@@ -120,7 +127,7 @@ def test_a_jitter_of_a_third_of_a_step_is_no_gap(healthy: Recording) -> None:
 
 def problems_of_channels(
     healthy: Recording, changed: dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]
-) -> list[Problem]:
+) -> list[RecordingProblem]:
     from rig.recording.recording import REPLAY_CHANNELS
     from rig.recording.table import Table
     from rig.recording.validation import problems_of

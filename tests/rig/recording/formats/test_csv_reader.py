@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.recording import Problem, Recording, read_recording
+from rig.recording import Recording, RecordingProblem, read_recording
 
-Judge = Callable[..., list[Problem]]
+Judge = Callable[..., list[RecordingProblem]]
 
 
-def only(problems: list[Problem]) -> Problem:
+def only(problems: list[RecordingProblem]) -> RecordingProblem:
     assert len(problems) == 1, [str(problem) for problem in problems]
     return problems[0]
 
