@@ -1,7 +1,5 @@
 """The plant's motion between two looks at it, and what a look sees, compiled."""
 
-from math import exp
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -13,8 +11,9 @@ from rig.plant import (
     SensorParameters,
     drive_undelayed,
     follow,
-    leak_flows,
-    read_sensors,
+    follow_flows,
+    open_leaks,
+    sample_sensors,
     seen_position,
     spring_force,
 )
@@ -51,10 +50,7 @@ def advance_plant(
     while remaining > 0.0:
         # A rest of rounding is no step of its own.
         step = TICK if remaining > 1.000001 * TICK else remaining
-        leaks = leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
-        kept = exp(-step / flow_time_constant)
-        for i in range(3):
-            flows[i] = kept * flows[i] + (1.0 - kept) * abs(leaks[i])
+        follow_flows(flows, open_leaks(state, par, fault), flow_time_constant, step)
         drive_undelayed(state, path, command, par, fault, step, SUBSTEPS)
         follow(seen, state, par, step)
         remaining -= step
@@ -68,7 +64,6 @@ def sample_plant(
     offsets: Array,
     noise: Array,
     par: Parameters,
-    fault: Array,
     sensors: SensorParameters,
     fitted: Array,
     sampled: Array,
@@ -82,18 +77,12 @@ def sample_plant(
         offsets: float64 (3,), the meters' fixed errors in m^3/s.
         noise: 9 standard normal numbers.
         par: the plant's `Parameters`.
-        fault: float64 (8,), coefficients.
         sensors: data sheet.
         fitted: float64 (9,), 1 where the rig has the transducer, else NaN.
         sampled: written.
     """
-    leaks = leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
     load = spring_force(state[4], par)
-    # read_sensors moves the meters' lags by a tick a sample; here time does.
-    read_sensors(state, seen, leaks, load, flows.copy(), offsets, noise, par, sensors, sampled)
-    for i in range(3):
-        metered = flows[i] + offsets[i] + sensors.flow_noise * noise[6 + i]
-        sampled[6 + i] = max(metered, 0.0)
+    sample_sensors(state, seen, load, flows, offsets, noise, par, sensors, sampled)
     for i in range(sampled.size):
         sampled[i] *= fitted[i]
 

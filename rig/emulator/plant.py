@@ -230,7 +230,7 @@ class EmulatedPlant:
 
     def _sample(self, noise: NDArray[np.float64]) -> Reading:
         sample_plant(
-            self._state, self._seen, self._flows, self._flow_offsets, noise, self._par, self._fault,
+            self._state, self._seen, self._flows, self._flow_offsets, noise, self._par,
             self.sensors, self._fitted, self._sampled,
         )  # fmt: skip
         return Reading(*self._sampled.tolist())

@@ -23,7 +23,7 @@ from rig.plant import (
     drive,
     follow,
     inlined,
-    leak_flows,
+    open_leaks,
     read_sensors,
     spring_force,
 )
@@ -31,17 +31,7 @@ from rig.plant import (
 from .decided import DECIDED
 from .reaction import ACTED, Reaction, react, tolerating
 
-READINGS: Final = (
-    "position_m",
-    "pressure_1_Pa",
-    "pressure_2_Pa",
-    "spool_m",
-    "supply_pressure_Pa",
-    "load_N",
-    "flow_1_m3_per_s",
-    "flow_2_m3_per_s",
-    "flow_internal_m3_per_s",
-)
+READINGS: Final = FAST_INPUTS[:READING_COUNT]
 TRUTH: Final = (
     "true_position_m",
     "true_velocity_m_per_s",
@@ -214,7 +204,7 @@ def simulated_ticks(
             faults[k, 0], faults[k, 1], faults[k, 2], faults[k, 3], faults[k, 4], faults[k, 5],
             faults[k, 6], faults[k, 7],
         )  # fmt: skip
-        leaks = leak_flows(max(plant[2], 0.0), max(plant[3], 0.0), plant[8], par, fault)
+        leaks = open_leaks(plant, par, fault)
         load = spring_force(plant[4], par)
         read_sensors(
             plant, seen, leaks, load, meters, offsets, noise[k], par, sensors, reading

@@ -11,6 +11,7 @@ from typing import Final
 
 from numba import njit
 
+from rig.io import FAST_INPUTS
 from rig.lanes import align_stack, anywhere, gather, load, load_fields, scatter, select, store
 from rig.plant import (
     SHORTEST,
@@ -20,10 +21,9 @@ from rig.plant import (
     encoder_position,
     inlined,
     next_step,
-    pressure_reading,
+    noisy_readings,
     reading_means,
     resolving_step,
-    spool_reading,
 )
 
 LOGGED: Final = 7
@@ -42,14 +42,7 @@ MOST_STEPS: Final = 80
 """Rows of log that are enough for a tick: 64 steps of the shortest length, and some that end
 where a ram comes to rest."""
 
-LANE_READINGS: Final = (
-    "position_m",
-    "pressure_1_Pa",
-    "pressure_2_Pa",
-    "spool_m",
-    "supply_pressure_Pa",
-    "command_V",
-)
+LANE_READINGS: Final = (*FAST_INPUTS[:5], "command_V")
 """What a sample of rigs in lanes holds: measured values, and the command from there on."""
 READING_COUNT: Final = len(LANE_READINGS)
 NOISE_COUNT: Final = 4
@@ -186,17 +179,13 @@ def reading_ticks(log, rows, noise, parameters, like, sensors, readings):
             gather(log, row + PRESSURE_2), gather(log, row + SPOOL), gather(log, row + SUPPLY),
             par,
         )  # fmt: skip
-        position = encoder_position(shown.position, sensors)
-        deviation_1 = sensors.pressure_noise * load(noise, drawn)
-        deviation_2 = sensors.pressure_noise * load(noise, drawn + 1)
-        deviation_s = sensors.supply_pressure_noise * load(noise, drawn + 3)
-        p1 = pressure_reading(shown.pressure_1, deviation_1, sensors)
-        p2 = pressure_reading(shown.pressure_2, deviation_2, sensors)
-        supply = pressure_reading(shown.supply_pressure, deviation_s, sensors)
-        deviation = sensors.spool_noise * load(noise, drawn + 2)
+        position, p1, p2, spool, supply = noisy_readings(
+            shown, load(noise, drawn), load(noise, drawn + 1), load(noise, drawn + 2),
+            load(noise, drawn + 3), sensors,
+        )  # fmt: skip
         store(readings, first, position)
         store(readings, first + 1, p1)
         store(readings, first + 2, p2)
-        store(readings, first + 3, spool_reading(shown.spool, deviation, sensors))
+        store(readings, first + 3, spool)
         store(readings, first + 4, supply)
         store(readings, first + 5, gather(log, row + COMMAND))

@@ -32,6 +32,7 @@ from .dynamics import (
     is_real_valve as is_real_valve,
     lapped as lapped,
     leak_flows as leak_flows,
+    open_leaks as open_leaks,
     port_flows as port_flows,
     rest_state as rest_state,
     signed_root as signed_root,
@@ -80,9 +81,11 @@ from .sensors import (
     Reading as Reading,
     SensorParameters as SensorParameters,
     encoder_position as encoder_position,
+    follow_flows as follow_flows,
+    noisy_readings as noisy_readings,
     pressure_reading as pressure_reading,
     read_sensors as read_sensors,
-    spool_reading as spool_reading,
+    sample_sensors as sample_sensors,
 )
 from .simulation import simulate as simulate
 from .step_length import SHORTEST as SHORTEST, resolving_step as resolving_step

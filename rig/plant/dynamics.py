@@ -166,6 +166,12 @@ def leak_flows(p1, p2, back, par, fault):
 
 
 @inlined
+def open_leaks(state, par, fault):
+    """Return `leak_flows` of a true state (`PlantState`): a cavity's oil is at zero pressure."""
+    return leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
+
+
+@inlined
 def line_rates(opening, p1, p2, q1, q2, leak_1, leak_2, ps, pe, par, fault):
     """Return (dp_s/dt, dp_e/dt) in Pa/s: supply droop and return back pressure (Merritt, ch. 3).
 

@@ -80,9 +80,48 @@ def pressure_reading(shown, deviation, sensors):
 
 
 @inlined
-def spool_reading(spool, deviation, sensors):
-    """Return what the valve's transducer reads of its spool in m, noisy by a `deviation` in m."""
-    return _clipped(spool + deviation, -sensors.spool_range, sensors.spool_range)
+def noisy_readings(shown, noise_1, noise_2, noise_spool, noise_supply, sensors):
+    """Return what is read of `Means`, SI: position, both pressures, spool and supply pressure.
+
+    The noise is given as standard normal numbers; an encoder has none.
+    """
+    deviation = sensors.supply_pressure_noise * noise_supply
+    return (
+        encoder_position(shown.position, sensors),
+        pressure_reading(shown.pressure_1, sensors.pressure_noise * noise_1, sensors),
+        pressure_reading(shown.pressure_2, sensors.pressure_noise * noise_2, sensors),
+        _clipped(shown.spool + sensors.spool_noise * noise_spool, -sensors.spool_range,
+                 sensors.spool_range),
+        pressure_reading(shown.supply_pressure, deviation, sensors),
+    )  # fmt: skip
+
+
+@inlined
+def follow_flows(meters, leaks, time_constant, step):
+    """Let the flow meters lag behind the leaks over a step of s; they see no direction (7.2.1).
+
+    Args:
+        meters: float64 (3,), their lag states in m^3/s, advanced in place.
+        leaks: true leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s.
+        time_constant: of the meters, s.
+        step: s.
+    """
+    kept = exp(-step / time_constant)
+    for i in range(3):
+        meters[i] = kept * meters[i] + (1.0 - kept) * abs(leaks[i])
+
+
+@inlined
+def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, reading):
+    """As `read_sensors`, of flow meters that are where they are."""
+    p1, p2 = seen_pressures(seen, state[2], state[3], par)
+    shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)
+    reading[0], reading[1], reading[2], reading[3], reading[4] = noisy_readings(
+        shown, noise[1], noise[2], noise[3], noise[4], sensors
+    )
+    reading[5] = _clipped(load + sensors.load_noise * noise[5], 0.0, sensors.load_max)
+    for i in range(3):
+        reading[6 + i] = max(meters[i] + offsets[i] + sensors.flow_noise * noise[6 + i], 0.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -101,19 +140,6 @@ def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors,
         par: `Parameters`, with the transducers' gains and biases.
         sensors: `SensorParameters`.
         reading: float64 (9,), written in the order of `Reading`.
-
-    The meters lag, and see no direction (section 7.2.1).
     """
-    p1, p2 = seen_pressures(seen, state[2], state[3], par)
-    shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)
-    reading[0] = encoder_position(shown.position, sensors)
-    reading[1] = pressure_reading(shown.pressure_1, sensors.pressure_noise * noise[1], sensors)
-    reading[2] = pressure_reading(shown.pressure_2, sensors.pressure_noise * noise[2], sensors)
-    reading[3] = spool_reading(shown.spool, sensors.spool_noise * noise[3], sensors)
-    deviation = sensors.supply_pressure_noise * noise[4]
-    reading[4] = pressure_reading(shown.supply_pressure, deviation, sensors)
-    reading[5] = _clipped(load + sensors.load_noise * noise[5], 0.0, sensors.load_max)
-    kept = exp(-TICK / sensors.flow_time_constant)
-    for i in range(3):
-        meters[i] = kept * meters[i] + (1.0 - kept) * abs(leaks[i])
-        reading[6 + i] = max(meters[i] + offsets[i] + sensors.flow_noise * noise[6 + i], 0.0)
+    follow_flows(meters, leaks, sensors.flow_time_constant, TICK)
+    sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, reading)

@@ -14,12 +14,12 @@ from rig.loop.board import Board
 from rig.loop.cycle import sample_channels
 from rig.loop.decided import no_decision
 from rig.loop.reaction import Reaction, ReactionMemory, reaction_memory
-from rig.plant import Parameters
+from rig.plant import READING_COUNT, Parameters
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-STATUS: Final = FAST_INPUTS[9:]
+STATUS: Final = FAST_INPUTS[READING_COUNT:]
 """Fast inputs that are no transducers' readings: switches, counters and the valve output."""
 
 TIMINGS: Final = (
