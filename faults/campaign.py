@@ -61,7 +61,7 @@ class Campaign:
     Attributes:
         rig_name: the rig the tests were checked against.
         model: what the detector assumes of the rig.
-        filter_name: `product`, `thesis-6`, `thesis-7` or `thesis-7-ud`.
+        filter_name: `product`, `thesis-6` or `thesis-7`.
         baseline: what the detector may assume of the rig; None if it knows the model only.
         baseline_file: where that was read from.
         source_files: SHA-256 of every file the campaign was read from, by path.

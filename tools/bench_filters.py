@@ -26,7 +26,6 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator.filters import thesis
-from estimator.filters.ud import dense_covariance
 from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate
@@ -86,19 +85,6 @@ def run_thesis7(x, P, command, measured, parameters, out):
         )
 
 
-@njit(cache=True, error_model="numpy")
-def run_thesis7_ud(x, factors, command, measured, parameters, out):
-    """Run thesis-7-ud over a record, as `run_thesis6`."""
-    for k in range(command.size):
-        thesis.thesis7_ud_step(
-            x, factors, command[k], measured[k, 0], measured[k, 1], measured[k, 2], parameters, out
-        )
-
-
-def _as_it_is(covariance: Array) -> Array:
-    return covariance
-
-
 @dataclass(frozen=True)
 class Contest:
     """One of the thesis's filters in every implementation compared."""
@@ -111,8 +97,6 @@ class Contest:
     jacobian: Callable[..., Array]
     process_noise: tuple[float, ...]
     measurement_noise: tuple[float, ...]
-    dense: Callable[[Array], Array] = _as_it_is
-    """P of what the filter keeps of it; a diagonal P is kept as it is by every one of them."""
 
     @property
     def size(self) -> int:
@@ -140,17 +124,6 @@ CONTESTS: Final = (
         thesis.thesis7_jacobian,
         thesis.THESIS7_PROCESS_NOISE,
         thesis.THESIS7_MEASUREMENT_NOISE,
-    ),
-    Contest(
-        "thesis-7-ud",
-        True,
-        run_thesis7_ud,
-        "thesis7_ud_run",
-        thesis.thesis7_predict,
-        thesis.thesis7_jacobian,
-        thesis.THESIS7_PROCESS_NOISE,
-        thesis.THESIS7_MEASUREMENT_NOISE,
-        dense_covariance,
     ),
 )
 
@@ -220,7 +193,6 @@ def disagreement(library: ctypes.CDLL, contest: Contest, record: Record, length:
         c_x, covariance, c_out = x.copy(), P.copy(), out.copy()
         contest.compiled(x, P, piece.command, piece.measured, NOMINAL, out)
         run_reference(library, contest, c_x, covariance, piece, c_out)
-        P, covariance = contest.dense(P), contest.dense(covariance)
         deviation, spread = np.sqrt(np.diag(P)), np.sqrt(out[6:9])
         worst = max(
             worst,

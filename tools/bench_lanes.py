@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 _BATCH: Final = 500
 FILTERS: Final[dict[str, Callable[[], ProductLanes | Thesis7Lanes]]] = {
     "thesis-7": lambda: Thesis7Lanes(Model()),
-    "thesis-7-ud": lambda: Thesis7Lanes(Model(), factored=True),
     "product": lambda: ProductLanes(Model()),
 }
 

@@ -18,7 +18,7 @@ from .divergence import RESETS
 from .product import product_step, start_product
 from .product_model import STATE_COUNT, STATES
 from .product_noise import ProductNoise, product_noise
-from .thesis import thesis6_step, thesis7_step, thesis7_ud_step
+from .thesis import thesis6_step, thesis7_step
 from .ud import dense_covariance
 
 Array = NDArray[np.float64]
@@ -27,7 +27,6 @@ PRODUCT: Final = None
 """No number: where it is chosen the compiler leaves out the others, half of what there is to do."""
 THESIS_6: Final = 1
 THESIS_7: Final = 2
-THESIS_7_UD: Final = 3
 
 OUTPUTS: Final = (
     "innovation_position_m",
@@ -72,13 +71,6 @@ FILTERS: Final = {
         Filter("thesis-6", THESIS_6, _THESIS_STATES, "eq. 2.15 with the Karnopp friction model"),
         Filter(
             "thesis-7", THESIS_7, (*_THESIS_STATES, "load_N"), "eqs. 6.13 to 6.19, load as state"
-        ),
-        Filter(
-            "thesis-7-ud",
-            THESIS_7_UD,
-            (*_THESIS_STATES, "load_N"),
-            "thesis-7 with its covariance in factors",
-            factored=True,
         ),
     )
 }
@@ -138,7 +130,6 @@ def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET
     if chosen.code is PRODUCT:
         x, covariance = np.zeros(STATE_COUNT), np.zeros((STATE_COUNT, STATE_COUNT))
     else:
-        # P0 is diagonal, and so its own factors.
         x, covariance = thesis.initial_state(chosen.code != THESIS_6)
     noise = product_noise(sensors, model.parameters)
     return FilterMemory(chosen, x, covariance, noise, np.zeros(product.WORK_SHAPE))
@@ -165,10 +156,8 @@ def filter_step(
     out[9] = 0.0
     if code == THESIS_6:
         thesis6_step(x, covariance, command, position, p1, p2, par, out)
-    elif code == THESIS_7:
-        thesis7_step(x, covariance, command, position, p1, p2, par, out)
     else:
-        thesis7_ud_step(x, covariance, command, position, p1, p2, par, out)
+        thesis7_step(x, covariance, command, position, p1, p2, par, out)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -28,7 +28,6 @@ from rig.plant import Parameters, inlined
 
 from .covariance import THESIS6_ENTRIES, THESIS7_ENTRIES, thesis6_kalman_step, thesis7_kalman_step
 from .thesis_model import Vector, linearised_6, linearised_7
-from .thesis_ud import thesis7_ud_step as thesis7_factor_step
 
 Array = NDArray[np.float64]
 
@@ -127,37 +126,6 @@ def thesis7_step(
         entries,
         x,
         P,
-        THESIS7_PROCESS_NOISE,
-        THESIS7_MEASUREMENT_NOISE,
-        z_position,
-        z_p1,
-        z_p2,
-        out,
-    )
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def thesis7_ud_step(
-    x: Array,
-    factors: Array,
-    u: float,
-    z_position: float,
-    z_p1: float,
-    z_p2: float,
-    parameters: Parameters,
-    out: Array,
-) -> None:
-    """Advance the seven-state filter as `thesis7_step`, with P kept as its factors (7, 7).
-
-    The factors are those of `estimator.filters.ud`. Equations and tuning are the same; what
-    rounding would do to P it cannot do to them.
-    """
-    predicted, entries = linearised_7(_seven(x), u, parameters)
-    thesis7_factor_step(
-        predicted,
-        entries,
-        x,
-        factors,
         THESIS7_PROCESS_NOISE,
         THESIS7_MEASUREMENT_NOISE,
         z_position,

@@ -11,8 +11,7 @@ from rig.lanes import LANES, align_stack, aligned, empty_lanes, in_lanes, load, 
 from rig.plant import Model
 
 from .registry import OUTPUTS
-from .thesis import initial_state, thesis7_step, thesis7_ud_step
-from .ud import factors_of
+from .thesis import initial_state, thesis7_step
 
 Array = NDArray[np.float64]
 
@@ -20,17 +19,16 @@ _STATES = 7
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def thesis7_lane_ticks(x, covariance, held, readings, par, factored, out, states):
+def thesis7_lane_ticks(x, covariance, held, readings, par, out, states):
     """Run the seven-state filter over samples of `LANES` rigs, each of them measured.
 
     Args:
         x: (7, LANES) states, updated.
-        covariance: (7, 7, LANES), or its factors, updated.
+        covariance: (7, 7, LANES), updated.
         held: (1, LANES) command since the last sample in V, updated.
         readings: (ticks, 6, LANES): position, pressures 1 and 2, two not used, and the command from
             there on.
         par: `Parameters` that all filters assume.
-        factored: whether the covariance is kept as its factors (`estimator.filters.ud`).
         out: (9, LANES), outputs of the last sample.
         states: (ticks, 7, LANES), to be filled with the estimates.
     """
@@ -38,12 +36,8 @@ def thesis7_lane_ticks(x, covariance, held, readings, par, factored, out, states
     for k in range(readings.shape[0]):
         z = readings[k]
         position, p1, p2 = load(z, 0), load(z, 1), load(z, 2)
-        if factored:
-            thesis7_ud_step(in_lanes(x), in_lanes(covariance), load(held, 0), position, p1, p2,
-                            par, in_lanes(out))  # fmt: skip
-        else:
-            thesis7_step(in_lanes(x), in_lanes(covariance), load(held, 0), position, p1, p2,
-                         par, in_lanes(out))  # fmt: skip
+        thesis7_step(in_lanes(x), in_lanes(covariance), load(held, 0), position, p1, p2,
+                     par, in_lanes(out))  # fmt: skip
         for i in range(_STATES):
             store(states[k], i, load(x, i))
         store(held, 0, load(z, 5))
@@ -54,16 +48,13 @@ class Thesis7Lanes:
 
     Args:
         model: what the filters assume.
-        factored: whether to keep the covariances in factors, as thesis-7-ud does.
     """
 
-    def __init__(self, model: Model, *, factored: bool = False) -> None:
+    def __init__(self, model: Model) -> None:
         x, covariance = initial_state(with_load=True)
         self._x = aligned(np.repeat(x[:, None], LANES, axis=1))
-        first = factors_of(covariance) if factored else covariance
-        self._covariance = aligned(np.repeat(first[:, :, None], LANES, axis=2))
+        self._covariance = aligned(np.repeat(covariance[:, :, None], LANES, axis=2))
         self._parameters = model.parameters
-        self._factored = factored
         self._held = aligned(np.zeros((1, LANES)))
         self._out = aligned(np.zeros((len(OUTPUTS), LANES)))
         self._started = False
@@ -82,6 +73,6 @@ class Thesis7Lanes:
             self._started = True
         thesis7_lane_ticks(
             self._x, self._covariance, self._held, readings[first:], self._parameters,
-            self._factored, self._out, states[first:],
+            self._out, states[first:],
         )  # fmt: skip
         return states

@@ -63,20 +63,23 @@ def baseline_of(content: Mapping[str, Any]) -> Baseline:
         np.array(content["tolerance_covariance"], dtype=np.float64).reshape(count, count),
     )
     np.linalg.cholesky(belief.covariance)
-    levels = {
-        name: HealthyLevel(
-            np.array(level["mean"], dtype=np.float64).reshape(2),
-            np.array(level["deviation"], dtype=np.float64).reshape(2),
-            int(level["looks"]),
-        )
-        for name, level in content["innovation_levels_Pa"].items()
-    }
-    if set(levels) != set(PATTERN_FILTERS):
-        raise ValueError(f"it has levels of {sorted(levels)}, not {list(PATTERN_FILTERS)}")
+    told = content["innovation_levels_Pa"]
+    if not set(PATTERN_FILTERS) <= set(told):
+        raise ValueError(f"it has levels of {sorted(told)}, not {list(PATTERN_FILTERS)}")
+    # Files of earlier versions have the level of one more filter.
+    levels = {name: _level_of(told[name]) for name in PATTERN_FILTERS}
     # Files from before there was this setting do not have it.
     model_error = checked_model_error(float(content.get("model_error", 1.0)))
     recordings = dict(content["recordings"])
     return Baseline(belief, levels, recordings, str(content["model"]), model_error)
+
+
+def _level_of(content: Mapping[str, Any]) -> HealthyLevel:
+    return HealthyLevel(
+        np.array(content["mean"], dtype=np.float64).reshape(2),
+        np.array(content["deviation"], dtype=np.float64).reshape(2),
+        int(content["looks"]),
+    )
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:

@@ -65,7 +65,6 @@ def test_filterpy_computes_the_same_filter(contest: Contest, record: Record) -> 
         contest.compiled(x, P, record.command[k : k + 1], record.measured[k : k + 1], NOMINAL, out)
         ekf.predict(record.command[k])
         ekf.update(record.measured[k], lambda _: rows, lambda state: rows @ state)
-    P = contest.dense(P)
     deviation = np.sqrt(np.diag(P))
     assert np.max(np.abs(x - ekf.x) / deviation) < 1e-9
     assert np.max(np.abs(P - ekf.P) / np.outer(deviation, deviation)) < 1e-9
@@ -83,7 +82,6 @@ def test_without_the_reference_filterpy_is_still_compared(record: Record) -> Non
     assert {name: set(by_who) for name, by_who in times.items()} == {
         "thesis-6": {"ours", "filterpy"},
         "thesis-7": {"ours", "filterpy"},
-        "thesis-7-ud": {"ours", "filterpy"},
         "product": {"ours"},
     }
-    assert list(table(times).columns[2].cells) == ["-"] * 4
+    assert list(table(times).columns[2].cells) == ["-"] * 3

@@ -150,101 +150,6 @@ kalman(const int n, double *x, double *restrict P, const struct entries a, const
     EACH(i, 0) EACH(j, i) P[i * n + j] = P[j * n + i] = s[i][j];
 }
 
-/* The seven-state filter on factors of P = U D U': s[i][j] is U above its diagonal and D on it. Rows of
- * A U and a column of noise a state are orthogonalised; noise columns stand in the order they fill. */
-#define UNROLL _Pragma("GCC unroll 14")
-
-static inline __attribute__((always_inline)) void
-kalman_ud(double *x, double *restrict factors, const struct entries a, const double *q,
-          const double *r, const double *z, double *restrict out)
-{
-    enum { n = 7 };
-    double s[n][n], w[n][2 * n], weights[2 * n], gain[n];
-
-    UNROLL for (int j = 0; j < n; j++)
-        UNROLL for (int i = 0; i <= j; i++)
-            s[i][j] = factors[j * n + i];
-    UNROLL for (int j = 0; j < n; j++) {
-        double u[n];
-        UNROLL for (int i = 0; i < n; i++)
-            u[i] = i < j ? s[i][j] : i == j;
-        w[0][j] = u[0] + T * u[5];
-        w[1][j] = a.a10 * u[0] + a.a11 * u[1] + a.a13 * u[3] + a.a14 * u[4];
-        w[2][j] = a.a20 * u[0] + a.a22 * u[2] + a.a23 * u[3] + a.a24 * u[4];
-        w[3][j] = u[3] + T * u[4];
-        w[4][j] = a.a41 * u[1] + a.a42 * u[2] + u[4] + a.a46 * u[6];
-        w[5][j] = a.a50 * u[0] + a.a55 * u[5];
-        weights[j] = s[j][j];
-        weights[n + j] = q[n - 1 - j];
-    }
-    /* The load's row has a one and its noise. */
-    s[6][6] = weights[6] + q[6];
-    UNROLL for (int i = 0; i < 6; i++) {
-        s[i][6] = w[i][6] * weights[6] / s[6][6];
-        w[i][6] -= s[i][6];
-        w[i][n] = -s[i][6];
-    }
-    UNROLL for (int j = 5; j >= 0; j--) {
-        const int columns = 2 * n - 1 - j;
-        double total = q[j], v[2 * n];
-        UNROLL for (int k = 0; k < columns; k++) {
-            v[k] = w[j][k] * weights[k];
-            total += v[k] * w[j][k];
-        }
-        s[j][j] = total;
-        const double inverse = 1.0 / total;
-        UNROLL for (int i = 0; i < j; i++) {
-            double product = 0.0;
-            UNROLL for (int k = 0; k < columns; k++)
-                product += w[i][k] * v[k];
-            const double u = s[i][j] = product * inverse;
-            UNROLL for (int k = 0; k < columns; k++)
-                w[i][k] -= u * w[j][k];
-            w[i][columns] = -u;
-        }
-    }
-
-    for (int k = 0; k < 3; k++) {
-        const int h = measured[k];
-        double total = s[h][h] + r[k];
-        for (int j = h + 1; j < n; j++)
-            total += s[h][j] * s[h][j] * s[j][j];
-        out[k] = z[k] - x[h];
-        out[k + 6] = isnan(z[k]) ? NAN : total;
-    }
-    UNROLL for (int k = 0; k < 3; k++) {
-        const int h = measured[k];
-        if (isnan(z[k]))
-            continue;
-        double before = r[k], expected = before + s[h][h], inverse = 1.0 / expected;
-        gain[h] = s[h][h];
-        s[h][h] *= before * inverse;
-        UNROLL for (int i = 0; i < h; i++)
-            gain[i] = gain[h] * s[i][h];
-        UNROLL for (int j = h + 1; j < n; j++) {
-            const double f = s[h][j], g = s[j][j] * f, slope = -f * inverse;
-            before = expected;
-            expected += f * g;
-            inverse = 1.0 / expected;
-            s[j][j] *= before * inverse;
-            UNROLL for (int i = 0; i < j; i++) {
-                const double u = s[i][j];
-                s[i][j] = u + slope * gain[i];
-                gain[i] += g * u;
-            }
-            gain[j] = g;
-        }
-        const double deviation = (z[k] - x[h]) * inverse;
-        UNROLL for (int i = 0; i < n; i++)
-            x[i] += gain[i] * deviation;
-    }
-    for (int k = 0; k < 3; k++)
-        out[k + 3] = z[k] - x[measured[k]];
-    UNROLL for (int j = 0; j < n; j++)
-        UNROLL for (int i = 0; i <= j; i++)
-            factors[j * n + i] = s[i][j];
-}
-
 void thesis6_run(long samples, double *restrict x, double *restrict P, const double *u,
                  const double *z, const struct parameters *c, double *restrict out)
 {
@@ -275,22 +180,6 @@ void thesis7_run(long samples, double *restrict x, double *restrict P, const dou
         a.a44 = 1.0;
         a.a46 = -T / c->moving_mass;
         kalman(7, y, P, a, Q7, R7, z + 3 * t, out);
-        for (int i = 0; i < 7; i++)
-            x[i] = y[i];
-    }
-}
-
-void thesis7_ud_run(long samples, double *restrict x, double *restrict factors, const double *u,
-                    const double *z, const struct parameters *c, double *restrict out)
-{
-    for (long t = 0; t < samples; t++) {
-        double y[7];
-        struct entries a;
-        for (int i = 0; i < 7; i++)
-            y[i] = x[i];
-        predict(y, y[6], u[t], c, &a);
-        a.a46 = -T / c->moving_mass;
-        kalman_ud(y, factors, a, Q7, R7, z + 3 * t, out);
         for (int i = 0; i < 7; i++)
             x[i] = y[i];
     }

@@ -30,7 +30,7 @@ from .replay_table import Replayed, replay_table
     default=DEFAULT_FILTER,
     metavar="NAME",
     show_default=True,
-    help="product, thesis-6, thesis-7 or thesis-7-ud.",
+    help="product, thesis-6 or thesis-7.",
 )
 @click.option(
     "--false-alarms-per-day",

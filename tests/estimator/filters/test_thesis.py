@@ -261,6 +261,17 @@ def run_as_printed(reference: Reference, record: Record) -> Array:
     return outputs
 
 
+def test_from_the_printed_start_variances_turn_negative(record: Record) -> None:
+    """P0 = 1e4 I takes more digits than a double has."""
+    x, P = initial_state(with_load=True)
+    least = 0.0
+    for k in range(1, 100):
+        u, (position, p1, p2) = record.command[k - 1], record.measured[k]
+        thesis7_step(x, P, u, position, p1, p2, NOMINAL, np.empty(9))
+        least = min(least, np.diag(P).min())
+    assert least < 0.0
+
+
 def test_the_six_state_filter_follows_a_healthy_rig(record: Record) -> None:
     outputs = run_as_printed(SIX, record)
     innovation, residual = outputs[1000:, 1:3], outputs[1000:, 4:6]

@@ -126,6 +126,18 @@ def test_a_file_from_before_there_was_this_factor_means_one(
     assert load_baseline(path, Model().name).model_error == 1.0
 
 
+def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
+    baseline: Baseline, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.json"
+    write_baseline(baseline, path)
+    content = json.loads(path.read_text())
+    levels = content["innovation_levels_Pa"]
+    levels["thesis-7-ud"] = levels["thesis-7"]
+    path.write_text(json.dumps(content))
+    assert set(load_baseline(path, Model().name).levels) == {"thesis-6", "thesis-7"}
+
+
 def test_a_leaking_recording_is_no_baseline() -> None:
     leaking = recorded(6)
     leaking.channels["spool_m"][10000:] += 8e-6

@@ -97,7 +97,7 @@ def test_a_filter_that_was_lost_is_reported() -> None:
     assert json_object(lost)["filter_resets_s"] == [1.5, 12.0]
 
 
-@pytest.mark.parametrize("name", ["thesis-6", "thesis-7", "thesis-7-ud"])
+@pytest.mark.parametrize("name", ["thesis-6", "thesis-7"])
 def test_the_thesis_s_filters_replay_too(invoke: Invoke, recordings: Path, name: str) -> None:
     done = invoke("replay", "--json", "--filter", name, recordings / "leak_low.mcap")
     assert done.code == 0

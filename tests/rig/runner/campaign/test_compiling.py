@@ -49,7 +49,7 @@ tests:
 CAMPAIGNS = {
     "closed_loop": CLOSED_LOOP,
     "open_loop": OPEN_LOOP,
-    **{name: PATTERN.replace("FILTER", name) for name in ("thesis-6", "thesis-7-ud")},
+    **{name: PATTERN.replace("FILTER", name) for name in ("thesis-6", "thesis-7")},
 }
 
 # In an interpreter of its own, that has used nothing yet. The simulated rig stands for hardware, as
