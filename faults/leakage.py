@@ -21,11 +21,6 @@ def to_litres_per_minute(flow: Value) -> Value:
     return flow / LITRE_PER_MINUTE
 
 
-def from_litres_per_minute(flow: Value) -> Value:
-    """Return a flow in L/min as m^3/s."""
-    return flow * LITRE_PER_MINUTE
-
-
 def square_root_flow(coefficient: float, pressure_drop: Value) -> Value:
     """Return k sgn(dp) sqrt|dp| in m^3/s, k in m^3/(s Pa^0.5), dp in Pa (eq. 5.2, signed)."""
     return coefficient * signed_roots(pressure_drop)

@@ -2,13 +2,14 @@
 
 `python -m tools.bench_lanes` runs in turn, round after round, the closed-loop test of
 `tools.bench_campaign` in all lanes, each with a seed, a leak and an onset of its own: simulation
-alone, then with each filter; rigs drawn at random in mixed motion; and the compiled loop with the
-same filters. Times are of the processor, for a busy machine's sake.
+alone, then with the product filter; rigs drawn at random in mixed motion; and the compiled loop
+with the same filter. Times are of the processor, for a busy machine's sake.
 """
 
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -17,21 +18,16 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator.filters.product_lanes import ProductLanes
-from estimator.filters.thesis_lanes import Thesis7Lanes
 from rig.lanes import LANES
-from rig.loop.lanes import SimulatedLanes
 from rig.plant import LEAKS, NO_FAULT, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from tools.bench_campaign import RIG_SECONDS, loop_alone
 from tools.drawn_rigs import MIDDLE, drawn_rig, mixed_motion
+from tools.simulated_lanes import SimulatedLanes
 
 Array = NDArray[np.float64]
 
 _BATCH: Final = 500
-FILTERS: Final[dict[str, Callable[[], ProductLanes | Thesis7Lanes]]] = {
-    "thesis-7": lambda: Thesis7Lanes(Model()),
-    "product": lambda: ProductLanes(Model()),
-}
 
 
 def campaign() -> tuple[SimulatedLanes, Array, Array]:
@@ -57,10 +53,10 @@ def mixed() -> tuple[SimulatedLanes, Array, Array]:
     return rigs, setpoint, is_open.astype(np.float64)
 
 
-def in_lanes(setting: Callable[[], tuple[SimulatedLanes, Array, Array]], name: str | None) -> float:
-    """Run a setting with a filter, or none; return the processor's time in s."""
+def in_lanes(setting: Callable[[], tuple[SimulatedLanes, Array, Array]], filtered: bool) -> float:
+    """Run a setting, with the product filter or without; return the processor's time in s."""
     rigs, setpoint, is_open = setting()
-    filters = FILTERS[name]() if name else None
+    filters = ProductLanes(Model()) if filtered else None
     start = time.process_time()
     for first in range(0, setpoint.shape[0], _BATCH):
         part = slice(first, first + _BATCH)
@@ -70,10 +66,10 @@ def in_lanes(setting: Callable[[], tuple[SimulatedLanes, Array, Array]], name: s
     return time.process_time() - start
 
 
-def alone(name: str) -> float:
-    """Run the compiled loop with a filter, one rig; return the processor's time in s."""
+def alone() -> float:
+    """Run the compiled loop with the product filter, one rig; return the processor's time in s."""
     start = time.process_time()
-    loop_alone(name)
+    loop_alone("product")
     return time.process_time() - start
 
 
@@ -81,11 +77,10 @@ def measure(rounds: int) -> Table:
     """Time every stage in turn, round after round, and return the table of medians."""
     stages: dict[str, tuple[Callable[[], float], int]] = {}
     for title, setting in (("campaign", campaign), ("mixed motion", mixed)):
-        for name in (None, *FILTERS):
-            what = f"{title}, {LANES} lanes, {name or 'simulation alone'}"
-            stages[what] = (lambda setting=setting, name=name: in_lanes(setting, name), LANES)  # type: ignore[misc]
-    for name in FILTERS:
-        stages[f"one rig in the loop, {name}"] = (lambda name=name: alone(name), 1)  # type: ignore[misc]
+        for filtered in (False, True):
+            what = f"{title}, {LANES} lanes, {'product' if filtered else 'simulation alone'}"
+            stages[what] = partial(in_lanes, setting, filtered), LANES
+    stages["one rig in the loop, product"] = alone, 1
     times: dict[str, list[float]] = {what: [] for what in stages}
     for run, _ in stages.values():
         run()

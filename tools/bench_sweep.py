@@ -80,8 +80,8 @@ def cluster(workers: int, folder: Path) -> Iterator[str]:
 
 
 def lanes_alone() -> float:
-    """Return the rate of the lanes with the thesis's filter, by the processor."""
-    return LANES * RIG_SECONDS / in_lanes(campaign, "thesis-7")
+    """Return the rate of rigs simulated in lanes, without a filter, by the processor."""
+    return LANES * RIG_SECONDS / in_lanes(campaign, filtered=False)
 
 
 def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: Console) -> None:
@@ -102,8 +102,8 @@ def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: C
             same = tables[0].read_bytes() == tables[1].read_bytes()
     title = f"rig sweep {reference}, {found[0]['cases']} cases by {found[0]['filter']}"
     table = Table(title=f"{title}: rig-seconds per second of one process")
-    for column in ("run", "wall, start-up apart", "wall, of chunks", "processor", "of lanes alone",
-                   "start-up s", "processes"):  # fmt: skip
+    for column in ("run", "wall, start-up apart", "wall, of chunks", "processor",
+                   "of simulation alone", "start-up s", "processes"):  # fmt: skip
         table.add_column(column, justify="left" if column == "run" else "right")
     speed = float(np.median(alone))
     for number, summary in enumerate(found):
@@ -118,7 +118,7 @@ def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: C
         )
     console.print(table)
     best = max(each["timing"]["rig_seconds_per_second"][_RATES[0]] for each in found)
-    console.print(f"Lanes alone, one motion, thesis-7: {speed:.0f} by the processor.")
+    console.print(f"Simulation alone, one motion: {speed:.0f} by the processor.")
     console.print(
         f"Best by the wall clock: {best:.0f}; asked for: {WANTED:.0f} on a quiet machine."
     )

@@ -38,10 +38,10 @@ from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
 from estimator.leaks.detection import OilAccountDetector, Samples
 from rig.compile_cache import source_key
 from rig.lanes import LANES
-from rig.loop.lanes import SimulatedLanes
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from tools.drawn_rigs import MIDDLE, drawn_rig, known_rig, mixed_motion
+from tools.simulated_lanes import SimulatedLanes
 
 Array = NDArray[np.float64]
 

@@ -24,21 +24,6 @@ def dense_covariance(factors: Array) -> Array:
     return np.asarray((upper * np.diag(factors)) @ upper.T)
 
 
-def factors_of(covariance: Array) -> Array:
-    """Return the factors (n, n) of a covariance P (n, n).
-
-    Raises:
-        ValueError: P is not positive definite.
-    """
-    # The lower Cholesky factor of the states in reverse order, reversed again, is an upper one.
-    try:
-        upper = np.linalg.cholesky(covariance[::-1, ::-1])[::-1, ::-1]
-    except np.linalg.LinAlgError:
-        raise ValueError("the covariance is not positive definite") from None
-    root = np.diag(upper)
-    return np.asarray((upper / root).T + np.diag(root**2 - 1.0))
-
-
 @inlined
 def variance_of(factors, index):
     """Return P[index, index]."""

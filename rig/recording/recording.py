@@ -76,14 +76,6 @@ class Recording:
         """Time of each sample (s), shape (n,)."""
         return self.channels["time_s"]
 
-    @property
-    def sample_period_s(self) -> float:
-        """Mean sample period (s) rounded to 1 ns, so that 1 kHz is exactly 1e-3; NaN if n < 2."""
-        if len(self) < 2:
-            return float("nan")
-        span = float(self.time_s[-1] - self.time_s[0])
-        return round(span / (len(self) - 1) * 1e9) / 1e9
-
     unit_of = staticmethod(unit_of)
 
     def content_hash(self) -> str:

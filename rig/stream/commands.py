@@ -33,7 +33,6 @@ LONGEST_TEST: Final = 200
 KEY_BYTES: Final = 32
 SENDERS_KEPT: Final = 1024
 """Senders whose sequence is remembered; each for as long as what it sent is not stale."""
-LOCAL_NAME: Final = "local"
 
 _ENVELOPE: Final = {"version": int, "by": str, "body": bytes, "mac": bytes}
 _BODY: Final = {

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from faults.leakage import (
-    from_litres_per_minute,
     linear_coefficient,
     linear_flow,
     square_root_coefficient,
@@ -30,7 +29,6 @@ coefficients = st.floats(1e-12, 1e-6)
 def test_the_factor_of_eq_5_3_is_one_litre_per_minute() -> None:
     assert pytest.approx(1.67e-5, rel=3e-3) == LITRE_PER_MINUTE
     assert to_litres_per_minute(1e-3) == pytest.approx(60.0)
-    assert from_litres_per_minute(60.0) == pytest.approx(1e-3)
 
 
 def test_the_low_leak_of_section_5_1_1_passes_the_same_by_both_laws() -> None:

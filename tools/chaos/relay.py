@@ -11,7 +11,7 @@ from pathlib import Path
 from signal import SIGKILL
 from typing import Any, Final
 
-from rig.runner.run_folder.journal import JOURNAL, Entry, of_kind, read_journal
+from rig.runner.run_folder.journal import JOURNAL, Entry, read_journal
 
 from .judge import driven, lost_s, readable, safe_at
 from .records import TICK_S, finished_in, main_s, record_problems, standing_in, told_problems
@@ -185,7 +185,8 @@ class Relay:
     def _entries(self, *kinds: str) -> list[Entry]:
         """Return the journal's entries of some kinds; none where it is not there yet."""
         path = self._stage.out / JOURNAL
-        return list(of_kind(read_journal(path), *kinds)) if path.exists() else []
+        read = read_journal(path) if path.exists() else []
+        return [entry for entry in read if entry.kind in kinds]
 
     def _await_entries(self, count: int, *kinds: str) -> None:
         """Wait until the journal has so many entries, or the run has ended."""

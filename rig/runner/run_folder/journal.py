@@ -8,7 +8,7 @@ import fcntl
 import json
 import os
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -211,11 +211,6 @@ def sync(path: Path) -> None:
         return
     finally:
         os.close(file)
-
-
-def of_kind(entries: list[Entry], *kinds: str) -> Iterator[Entry]:
-    """Yield the entries of some kinds."""
-    return (entry for entry in entries if entry.kind in kinds)
 
 
 def _lock(file: int, busy: str) -> None:

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from estimator.filters.product_lanes import ProductLanes
 from estimator.filters.registry import FilterRun, run_filter
 from rig.lanes import LANES
-from rig.loop.lanes import SimulatedLanes
 from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
+from tools.simulated_lanes import SimulatedLanes
 
 pytestmark = pytest.mark.long
 

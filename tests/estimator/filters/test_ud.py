@@ -61,17 +61,6 @@ def is_sound(factors: Array) -> bool:
     return bool(np.isfinite(factors).all() and np.diag(factors).min() >= 0.0)
 
 
-@given(seeds)
-def test_a_covariance_and_its_factors_are_the_same(seed: int) -> None:
-    factors = random_factors(np.random.default_rng(seed))
-    assert ud.factors_of(ud.dense_covariance(factors)) == pytest.approx(factors, abs=1e-7)
-
-
-def test_a_covariance_that_is_none_has_no_factors() -> None:
-    with pytest.raises(ValueError, match="not positive definite"):
-        ud.factors_of(-np.eye(3))
-
-
 @given(seeds, indices, st.booleans())
 def test_a_measurement_corrects_as_kalman_has_it(seed: int, index: int, known: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from estimator.filters.registry import start_memory
 from rig.io.simulated import simulated_rig
-from rig.lanes import LANES
-from rig.loop.lanes import SimulatedLanes
 from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import CATALOGUE, NO_FAULT, NOMINAL, REMEMBERING, Model
+from rig.plant import CATALOGUE, NO_FAULT, Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
 
@@ -171,10 +169,3 @@ def test_a_transducers_effect_is_in_its_reading_and_never_in_the_truth(
     others = {"position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m"} - {reading}
     if name != "pressure_lag" and not name.startswith("position"):
         assert all(np.array_equal(found[other], plain[other]) for other in others)
-
-
-@pytest.mark.parametrize("field", REMEMBERING)
-def test_rigs_in_lanes_with_a_memory_are_refused(field: str) -> None:
-    rigs = [NOMINAL] * (LANES - 1) + [NOMINAL._replace(**{field: 1e-5})]
-    with pytest.raises(ValueError, match=f"rigs: {field} of rig {LANES - 1}"):
-        SimulatedLanes(rigs, range(LANES), [0.3] * LANES)

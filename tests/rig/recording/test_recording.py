@@ -33,10 +33,6 @@ def test_a_name_without_a_known_suffix_has_no_unit(channel: str) -> None:
     assert unit_of(channel) == ""
 
 
-def test_a_kilohertz_recording_has_a_period_of_exactly_one_millisecond(healthy: Recording) -> None:
-    assert healthy.sample_period_s == 1e-3
-
-
 def test_a_missing_channel_is_named_with_those_present(healthy: Recording) -> None:
     with pytest.raises(KeyError, match=r"no channel 'load_N'.*pressure_2_Pa, spool_m"):
         healthy["load_N"]

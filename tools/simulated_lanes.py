@@ -1,7 +1,7 @@
 """Many independent simulated rigs at once, as samples: parameters, loads, motions, faults, noise.
 
 The physics is that of `SimulatedLoop`, by the same source; each rig comes to the same samples, to
-rounding, whoever is beside it. Campaigns and studies that need thousands of hours run here.
+rounding, whoever is beside it. Studies that need thousands of hours run here.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,14 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, POSITION_GAIN
 from rig.lanes import LANES, aligned, empty_lanes, fill_normal, start_streams
+from rig.loop.lane_ticks import (
+    LOGGED,
+    MOST_STEPS,
+    NOISE_COUNT,
+    READING_COUNT,
+    plant_ticks,
+    reading_ticks,
+)
 from rig.plant import (
     DATA_SHEET,
     LONGEST_STEP,
@@ -23,8 +31,6 @@ from rig.plant import (
     SensorParameters,
     rest_state,
 )
-
-from .lane_ticks import LOGGED, MOST_STEPS, NOISE_COUNT, READING_COUNT, plant_ticks, reading_ticks
 
 Array = NDArray[np.float64]
 

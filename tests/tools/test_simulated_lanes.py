@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
 from rig.lanes import LANES
 from rig.loop.lane_ticks import LANE_READINGS
-from rig.loop.lanes import SimulatedLanes
-from rig.plant import KARNOPP, NO_FAULT, NOMINAL, FaultInput, Parameters
+from rig.plant import KARNOPP, NO_FAULT, NOMINAL, REMEMBERING, FaultInput, Parameters
 from rig.plant.added_terms import AddedTerm, fields_of
 from rig.plant.dynamics import PlantState, rest_state
 from rig.plant.integrator import TICK, advance
 from rig.plant.sensors import DATA_SHEET
+from tools.simulated_lanes import SimulatedLanes
 
 Array = NDArray[np.float64]
 
@@ -168,3 +168,10 @@ def test_what_does_not_fit_the_lanes_is_refused() -> None:
     mixed = [NOMINAL._replace(friction_law=KARNOPP), *[NOMINAL] * (LANES - 1)]
     with pytest.raises(ValueError, match="friction law"):
         SimulatedLanes(mixed, range(LANES), [0.3] * LANES)
+
+
+@pytest.mark.parametrize("field", REMEMBERING)
+def test_rigs_in_lanes_with_a_memory_are_refused(field: str) -> None:
+    rigs = [NOMINAL] * (LANES - 1) + [NOMINAL._replace(**{field: 1e-5})]
+    with pytest.raises(ValueError, match=f"rigs: {field} of rig {LANES - 1}"):
+        SimulatedLanes(rigs, range(LANES), [0.3] * LANES)
