@@ -63,7 +63,7 @@ _REACH: Final = 5
 """Ticks from one measured sample to the next that the filter bridges. In between, the flow is that
 of the valve's model, whose spool is off by 2 um (`product_noise`): by 0.2 L/min, anew from gap to
 gap. Over the n gaps of a block that is 0.2 L/min / n^0.5: 0.02 L/min at 5 ms, twice the noise that
-the test expects of a block (`account_noise.NOISE`), which it finds and allows for."""
+the test expects of a block (`noise.NOISE`), which it finds and allows for."""
 _BRIDGED_PART: Final = 0.9
 """Part of a block's time that must have been bridged for it to count."""
 

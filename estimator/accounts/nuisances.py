@@ -22,7 +22,7 @@ class Nuisance(NamedTuple):
 
 
 _HALF_SUPPLY: Final = 6.9e6
-"""Pa, at which a chamber's leak is quoted; internal leaks at 2.5 MPa (`flow_account`)."""
+"""Pa, at which a chamber's leak is quoted; internal leaks at 2.5 MPa (`flow.reference_drop`)."""
 _BEARING: Final = 0.03 * LITRE_PER_MINUTE / sqrt(_HALF_SUPPLY)
 _SEAL: Final = 0.05 * LITRE_PER_MINUTE / sqrt(2.5e6)
 _LEAK_UNIT: Final = "m^3/(s Pa^0.5)"

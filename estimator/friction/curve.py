@@ -91,7 +91,7 @@ class FrictionCurve:
     """What a recording tells of friction.
 
     Attributes:
-        estimates: by name, those of `friction_fit.PARAMETERS`.
+        estimates: by name, those of `fit.PARAMETERS`.
         bins: retracting first, in the order of velocity.
         fit: the fit behind the estimates, identified or not.
         slowest, fastest: speeds of quasi-steady sliding, m/s; None without any.
@@ -140,8 +140,8 @@ def identify_friction(
     """Return what the estimates of a recording tell of friction.
 
     Args:
-        blocks: the recording (`friction_samples.BlockCollector`).
-        lag: the filter's (`friction_samples.load_lag`).
+        blocks: the recording (`samples.BlockCollector`).
+        lag: the filter's (`samples.load_lag`).
         spring: the environment.
         parameters: what the filter assumed.
     """

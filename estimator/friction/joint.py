@@ -42,7 +42,7 @@ class JointFit:
     """The fitted friction law.
 
     Attributes:
-        estimates: by name, those of `friction_fit.PARAMETERS`.
+        estimates: by name, those of `fit.PARAMETERS`.
         covariance: (5, 5), in that order.
         measured_stiction, measured_error: of the break-aways alone, pre-sliding made up for, N.
         deficit: what was made up for, N.

@@ -2,8 +2,8 @@
 
 Row k of a recording is one sample, the filter's update by it with the command held since t_{k-1},
 and the command that holds from t_k on. This is the same on every backend. On the simulated one the
-command of row k follows from sample k; on the wire (`wire_cycle`) from sample k-1, as both travel
-in one transaction.
+command of row k follows from sample k; on the wire (`rig.loop.wire.cycle`) it follows from sample
+k-1, as both travel in one transaction.
 """
 
 from math import isnan, nan

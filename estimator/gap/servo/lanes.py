@@ -1,6 +1,6 @@
 """The rig's own plant side by side in lanes (`rig.lanes`): eight runs, or one and its slopes.
 
-The same physics as `servo_actuator`, to the last digits: each lane has its own state, parameters
+The same physics as `actuator`, to the last digits: each lane has its own state, parameters
 and memory, and takes the integration steps that its own motion asks for. Of what `command_path` and
 `transducers` keep, the memory here holds what samples that follow one another need: no times.
 """
@@ -158,7 +158,7 @@ def _remember(states, memory, parameters, first):
     par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
     store(memory, _REFERENCE, load(memory, _NEXT_REFERENCE))
     count, position = int(memory[_COUNT, 0]), load(states, 4)
-    # See `servo_actuator`: what a late reading corrects, it corrects of the past as well.
+    # See `actuator`: what a late reading corrects, it corrects of the past as well.
     moved = load(memory, _CORRECTED) + (load(memory, _STEPPED) - load(memory, _REMEMBERED))
     corrected = select(par.position_delay != 0.0, moved, 0.0)
     store(memory, _CORRECTED, corrected)

@@ -47,7 +47,7 @@ ACTING: Final[dict[str, tuple[dict[str, float], str, float]]] = {
 OF_READINGS: Final = frozenset(
     effect for effect in CATALOGUE if effect.startswith(("pressure_", "position_"))
 )
-"""Effects of the transducers, which leave the true states as they are (`test_readings.py`)."""
+"""Effects of the transducers, which leave the true states as they are (`test_transducers.py`)."""
 NEEDS: Final = {
     ("spring_load", "contact"): {"stiffness": 2e4},
     ("supply_ripple", "frequency"): {"amplitude": 3e5},
