@@ -14,7 +14,7 @@ from typing import Final
 MOST_TOLD: Final = 100
 """Different failures that are told; a thread that lives for weeks fills no log."""
 LONGEST: Final = 300
-"""Characters of an error's own text."""
+"""Most characters of an error's type and text that are told."""
 
 
 class Surviving:

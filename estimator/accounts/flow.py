@@ -54,7 +54,7 @@ then its block grows, by half a second at a time, and is given up after 8 s."""
 
 
 _SHARE: Final = 0.01
-"""Of the latest sample in the averages of the spool and of its noise: they take 0.1 s."""
+"""Weight of the latest sample in the averages of the spool and of its noise: they take 0.1 s."""
 SPOOL_NOISE: Final = 0.43 * DATA_SHEET.spool_noise
 """m: what a transducer's noise makes of the product filter's estimate of a spool at rest. Where the
 estimate varies by more than that, the spool moves."""

@@ -12,7 +12,7 @@ from .sums import SHIFT, AccountSums, FaultProducts, product_weights, square_wei
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Stretch = tuple[int, int]
-"""From a mark to another one, before which it ends."""
+"""Blocks from one mark on, up to another mark, before which the stretch ends."""
 
 _MOST_LEVERAGE: Final = 0.999
 """Leverage of a block that settles a coefficient all alone, but for round-off."""

@@ -30,8 +30,8 @@ the nuisances. 0.1 um of metering edge is 0.01 L/min; edges near null, where a r
 works, look most like an internal leak; supply and return pressures wander by more than leaks."""
 _DEAD_ZONE: Final = np.array(DEAD_ZONE)
 _LEAST_PART: Final = np.array([0.0, 0.0, 0.0, 0.25, 0.25])
-"""Of the dead zone, that stays if a model errs less than usual: what supply and return do is not
-linear in their tolerances, by which the accounts follow them."""
+"""Part of each fault's dead zone that stays however exact a model is said to be: what supply and
+return do is not linear in their tolerances, by which the accounts follow them."""
 RELATIVE_DEAD_ZONE: Final = 0.05
 """Beside a fault, another one must exceed this part of its flow too, and a fault that is down to it
 has gone: the leak law is not exact."""

@@ -18,25 +18,25 @@ from rig.plant import inlined
 SQUARES: Final = 0
 """Index in a `Watch` row: sum of squared innovations of the window."""
 READINGS: Final = 1
-"""Their number, the degrees of freedom."""
+"""Index: how many squares were summed, the degrees of freedom."""
 TICKS: Final = 2
-"""Of the window so far."""
+"""Index: ticks of the window so far."""
 RESETS: Final = 3
-"""Since the filter's first sample."""
+"""Index: how often the filter has started anew since its first sample."""
 PATIENCE: Final = 4
-"""Windows to wait before the next reset, unless one is good."""
+"""Index: windows to wait before the next reset, unless one is good."""
 SUPPLY: Final = 5
-"""The newest supply pressure, Pa."""
+"""Index: the newest supply pressure, Pa."""
 
 WINDOW: Final = 500.0
 """Ticks: half a second, in which every state but leaks and null settles."""
 TOLERATED: Final = 3.0
 LARGEST: Final = 100.0
-"""Square that a reading counts for at most: ten standard deviations."""
+"""The most that the squared innovation of one reading counts for: ten standard deviations."""
 QUANTILE: Final = 6.0
-"""Of the normal distribution at 1 - 1e-9."""
+"""Quantile of the normal distribution at 1 - 1e-9, from which the bound of a window follows."""
 PAUSE: Final = 20.0
-"""Windows."""
+"""Windows that the filter has after a reset before it may be reset again."""
 
 
 @inlined

@@ -13,15 +13,19 @@ DRY: Final = 1e5
 times the noise of a 20.7 MPa transducer."""
 
 _ZERO_SHIFT: Final = 0.02
-"""Of a transducer's range: lower than its least by more than this and the vacuum is no reading."""
+"""Part of a transducer's range by which its zero may be off: a reading lower than its least by the
+vacuum and more than this is none."""
 _VACUUM: Final = 1e5
 _HEADROOM: Final = 1.5
-"""Of the supply pressure: what a chamber may reach that a load or the ram's momentum compresses."""
+"""Times the supply pressure that a chamber may reach when a load or the ram's momentum compresses
+it."""
 _FINEST: Final = 2.0**-16
-"""Of a transducer's range: no converter on such a rig resolves more."""
+"""Part of a transducer's range that is its least noise: no converter on such a rig resolves
+more."""
 _FULL_COMMAND: Final = 10.0
 _NEGATIVE_LEAK: Final = 2.0 * LITRE_PER_MINUTE
-"""At half supply pressure: some twice what a stroke end makes of a bulk modulus wrong by 15 %."""
+"""Largest estimate of a leak of the wrong sign, m^3/s at half the supply pressure: some twice what
+a stroke end feigns where the bulk modulus is wrong by 15 %."""
 _NULL_BIAS: Final = 5e-5
 """m; the range of `Parameters.spool_null_bias`."""
 

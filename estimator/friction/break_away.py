@@ -27,8 +27,8 @@ CREEP_S: Final = 0.5
 TAKEN_OFF_M: Final = 5e-4
 """Travel after which a ram slides: four times what bristles bend by (docs/model.md)."""
 _SHARE: Final = 0.8
-"""Of the speed below: 0.77 to 0.83, computed without noise for three drawn rigs with two ramps each
-(docs/friction.md)."""
+"""Factor on the formula's value: it came out as 0.77 to 0.83, computed without noise for three
+drawn rigs with two ramps each (docs/friction.md)."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ LEAST_STROKES: Final = 6
 LEAST_SAMPLES: Final = 30
 _GRID: Final = 48
 _GROUPS: Final = 40
-"""Of speeds, that each have their own spread."""
+"""Groups of speeds, at most; each has a spread of its own."""
 _ROUNDS: Final = 6
 _HUBER: Final = 2.0
 """Residuals beyond this many standard deviations count linearly (Huber 1964)."""

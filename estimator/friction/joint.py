@@ -29,8 +29,9 @@ DEFICIT_KNOWN_TO: Final = 0.5
 """Share of what makes up for pre-sliding that may be wrong: one standard deviation. It goes with
 the root of the bristles' stiffness, which nobody measures."""
 LARGEST_FALL: Final = 0.5
-"""Of what Stribeck's part falls by with speed, as a share of what the viscous part rises by. Where
-they balanced, at 0.17 m/s on a drawn rig, strokes that looked steady were 8 N off."""
+"""Greatest fall of Stribeck's part with speed, as a share of the viscous part's rise, at which a
+stroke is used. Where they balanced, at 0.17 m/s on a drawn rig, strokes that looked steady were
+8 N off."""
 DISAGREEMENT: Final = 4.0
 """Standard errors between extrapolated and measured stiction, from which the law is doubted. Rigs
 that obey the law came to 3.4 at most, in 40 (docs/friction.md)."""

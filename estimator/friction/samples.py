@@ -172,7 +172,7 @@ class BlockCollector:
 
     @property
     def blocks(self) -> MotionBlocks:
-        """All complete blocks so far."""
+        """All blocks that are complete so far."""
         columns = np.concatenate([np.empty((0, 6)), *self._pieces]).T
         time_s, velocity, spread, load, position, sound = columns
         return MotionBlocks(time_s, velocity, spread, load, position, sound > 0.5)

@@ -12,7 +12,7 @@ class Found:
     """A fault that a detector named for some time.
 
     Attributes:
-        decision: on it, as it stood out most.
+        decision: the one on this fault in which it stood out most.
         detected_at_s: sample time at which it was first named.
         ended_s: when it was gone again, to half a second or so; where the accounts do not tell, the
             last time at which it was named; None while it may be there.

@@ -50,7 +50,7 @@ DROOP_ERROR: Final = 0.1
 """Dead zone, part of the change of the droop from before to after the onset: the squared flow is
 off by 10 % where the valve's flow is by 5 % (`NUISANCES`), and not alike in every motion."""
 SUPPLY_SIGMA: Final = 0.05
-"""Prior of the supply pressure, one standard deviation, part of itself."""
+"""Prior of the supply pressure: one standard deviation, as a part of that pressure."""
 DROOP_SIGMA: Final = 2e12
 """Pa/(m^3/s)^2. Prior of the droop, one standard deviation."""
 _OTHER_FLOW: Final = 1.0 * LITRE_PER_MINUTE

@@ -9,7 +9,8 @@ REQUEST_S: Final = 15.0
 """How long a request may take, from its connection, or the one before, to its answer's end; longer
 than the longest order."""
 MOST_CONNECTIONS: Final = 200
-"""Beyond, the one that has waited longest for its request to be complete is closed."""
+"""Connections at a time; for one more, that which has waited longest for its request to be complete
+is closed."""
 
 
 class Connection(H11Protocol):

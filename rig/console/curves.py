@@ -19,7 +19,7 @@ SHOWN_S: Final = 10.0
 POINT_S: Final = 0.01
 POINTS: Final = round(SHOWN_S / POINT_S)
 AVERAGED_S: Final = 4.0
-"""Of the moving average of absolute innovations, as in the thesis (section 4.4)."""
+"""Length of the moving average of absolute innovations, as in the thesis (section 4.4)."""
 
 LARGEST: Final = 1e9
 """What is beyond, in any unit of the screen, is no sample: infinity is no JSON, and an axis whose

@@ -26,7 +26,8 @@ JOURNAL: Final = "journal.jsonl"
 MOST_RUNS: Final = 8
 """Unfinished runs that are offered, the newest."""
 TAIL_BYTES: Final = 1 << 20
-"""Of a journal, in which its last line begins."""
+"""How much of a journal's end is read: its last line begins within. A first line is no longer,
+either."""
 LOG_BYTES: Final = 2000
 ASK_S: Final = 1.0
 """How long a run may take to say that it stops, before it is interrupted."""

@@ -30,7 +30,7 @@ _KEYS: Final = frozenset({"order", "rig", "text", "name"})
 
 
 class MalformedError(ValueError):
-    """What is no order; says why."""
+    """A request that is no order at all; the message says why."""
 
 
 @dataclass(frozen=True)

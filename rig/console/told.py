@@ -15,7 +15,7 @@ MOST_TESTS: Final = 2000
 MOST_HELD: Final = 10
 TOLD_OF_TESTS: Final = ("name", "expect", "status", "verdict", "message")
 CELSIUS: Final = -273.15
-"""To add to a temperature in K."""
+"""What is added to a temperature in K to have it in degrees Celsius."""
 
 READINGS: Final = (
     ("position", "position_m", MM, 2, "mm"),

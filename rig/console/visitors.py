@@ -13,7 +13,7 @@ from typing import Final
 from rig.stream import local_state, make_key, read_key
 
 LIFETIME_S: Final = 12 * 3600.0
-"""After which a visitor has to log in anew: a shift."""
+"""How long a login lasts: a shift."""
 FAILURES: Final = 5
 """Wrong tokens within `FAILURES_S` after which the next wrong one is not even judged."""
 FAILURES_S: Final = 60.0

@@ -4,7 +4,8 @@ import os
 from typing import Final
 
 PRIORITY: Final = 50
-"""Of SCHED_FIFO: below a 1 kHz loop at its usual 80, so that the emulator never delays it."""
+"""Priority of SCHED_FIFO: below a 1 kHz loop at its usual 80, so that the emulator never delays
+it."""
 
 
 def raise_priority(priority: int = PRIORITY) -> bool:

@@ -56,7 +56,7 @@ class Guard(NamedTuple):
     """How a simulated rig's samples are judged."""
 
     watched: bool
-    """Whether they are at all."""
+    """Whether the samples are judged at all."""
     interlock: Interlock
     ends_from: int
     """The least `Action` that ends the ticks."""

@@ -20,7 +20,8 @@ BACK_OFF: Final = 0.02
 SLOWER: Final = 0.6
 """Speed of the second approach in that of the first; a null bias of 10 um must not stop it."""
 REPEATABLE_COUNTS: Final = 5
-"""By which both approaches may differ: the stop gives way by two at the force of contact."""
+"""How many counts both approaches may be apart: the stop gives way by two at the force of
+contact."""
 _CONTACT: Final = 0.5
 """Part of the load-pressure limit that the ram must push with to be at a stop."""
 _OVERTRAVEL: Final = 1.05

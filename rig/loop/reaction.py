@@ -37,7 +37,7 @@ class Reaction(IntEnum):
     HOLD = 2
     """The ram is held where it is, to the end of the test."""
     TRIP = 3
-    """As any trip."""
+    """The rig trips, as for any other cause."""
 
 
 _IGNORE: Final = int(Reaction.IGNORE)

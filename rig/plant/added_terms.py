@@ -27,11 +27,12 @@ QUANTITIES: Final = {
 }  # fmt: skip
 """What a term depends on, with its unit; the first is nothing."""
 FORMS: Final = ("1", "x", "|x|", "x^2", "x |x|", "wave", "bump")
-"""Of the quantity x: sin(2 pi x / at + by) is a wave, exp(-((x - at) / by)^2) a bump."""
+"""How a term depends on its quantity x; sin(2 pi x / at + by) is a wave, exp(-((x - at) / by)^2) a
+bump."""
 WAVE: Final = FORMS.index("wave")
 BUMP: Final = FORMS.index("bump")
 POWERS: Final = (0, 1, 1, 2, 2, 0, 0)
-"""Of the quantity in each form, for the unit of a size."""
+"""Power of the quantity in each form, from which the unit of a size follows."""
 
 FORCE: Final = 1.0
 FLOW_1: Final = 2.0

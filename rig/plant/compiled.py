@@ -69,7 +69,7 @@ inner: Final[Any] = njit(**_OPTIONS, forceinline=False)
 """Compile a function that only compiled code calls."""
 
 inlined: Final[Any] = njit(**_OPTIONS, forceinline=True)
-"""As `inner`, and put its code where it is called, whatever its size."""
+"""Compile as `inner` does, and put the code where it is called, whatever its size."""
 
 
 def compile_part(part: Any, *arguments: Any) -> None:

@@ -48,7 +48,7 @@ _SPEED_RATE: Final = 2000.0
 """1/s. Acceleration over the velocity scale on which friction changes."""
 
 _BELL_SCALE: Final = 0.3
-"""That scale near standstill, over the width v_s1 of the bristles' damping."""
+"""That velocity scale near standstill, as a part of the width v_s1 of the bristles' damping."""
 
 _LOADING_RATE: Final = 200.0
 """1/s. Rate of the bristles' force over the Coulomb level."""

@@ -20,7 +20,8 @@ from .parameters import Parameters
 Array = NDArray[np.float64]
 
 _ENTRIES: Final = LONGEST_DELAY_TICKS + 2
-"""Of the position's history: at least a tick apart, so that they reach back over 20 ms."""
+"""Entries of the position's history: they are at least a tick apart, so that they reach back over
+20 ms."""
 _LAGGED, _LAST, _ENCODER, _TIME, _NEWEST = 0, 2, 4, 5, 6
 _TIMES: Final = 7
 _POSITIONS: Final = _TIMES + _ENTRIES
@@ -81,7 +82,7 @@ def _follow_position(seen, position, backlash, step):
 
 @inner
 def _delayed(seen, delay):
-    """Return the encoder's position a delay (s) ago, evenly between the notes around it."""
+    """Return the position of a delay (s) ago, interpolated between the entries around it."""
     wanted = seen[_TIME] - delay
     later_time, later = seen[_TIME], seen[_ENCODER]
     entry = int(seen[_NEWEST])

@@ -40,7 +40,7 @@ _BODY: Final = {
     "text": str,
 }  # fmt: skip
 _BODY_OF_A_TEST: Final = {**_BODY, "test": str}
-"""Of a command that names a test."""
+"""Keys of the body of a command that names a test."""
 
 
 class KeyFileError(ValueError):

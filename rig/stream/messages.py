@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 VERSION: Final = 1
-"""Of the schema, in every key and every message. Keys are added to messages without a new one."""
+"""Version of the schema, which is in every key and every message. Keys are added to messages
+without a new one."""
 
 PREFIX: Final = "rig"
 KINDS: Final = (

@@ -18,7 +18,8 @@ from .messages import KEPT, LASTING, VERSION, alive_key, key, pack
 QUESTIONS_KEPT: Final = 64
 """Late joiners' questions that may wait; more are not answered, and ask again."""
 MESSAGES_KEPT: Final = 10_000
-"""Of either kind that is kept: samples of minutes, and more events than a rig has in a day."""
+"""Messages that are kept of either kind of `KEPT`: samples of minutes, and more events than a rig
+has in a day."""
 
 _BEFORE_ALL: Final = -1
 

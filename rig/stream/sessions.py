@@ -15,8 +15,8 @@ RETRY_MS: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increas
 DROP_WAIT_US: Final = 1000
 """How long a message waits for room before it is dropped: what a slow reader costs the others."""
 QUEUED_BATCHES: Final = 16
-"""Of 64 KiB, that wait for a reader's connection, the most there can be: a router or reader that is
-not run for a tenth of a second loses nothing of a hundred rigs."""
+"""Batches of 64 KiB that may wait for a reader's connection, the most that Zenoh allows: a router
+or reader that is not run for a tenth of a second loses nothing of a hundred rigs."""
 LARGEST_RECEIVED: Final = 64 * 1024
 """Bytes of a message that a publisher takes: it is sent commands and questions only."""
 REACH_MS: Final = 2000

@@ -52,7 +52,7 @@ class Way(NamedTuple):
 
     meter: str
     direction: float
-    """Of the stroke that puts pressure on it: 1 out, -1 in."""
+    """Direction of the stroke that puts pressure on the bypass: 1 out, -1 in."""
 
 
 WAYS: Final = {

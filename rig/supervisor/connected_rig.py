@@ -62,7 +62,7 @@ STOP_S: Final = 5.0
 """How long bringing the motion to rest may take."""
 POLL_S: Final = 0.01
 LAST_S: Final = 2.0
-"""What a trip report shows of all channels."""
+"""How much of the rig's last seconds a trip report shows, of all channels."""
 SHOWN_ROWS: Final = 20
 SHOWN_S: Final = 0.2
 """Rows of the loop that show the safe state to whoever watches, and how long they may take."""
@@ -71,7 +71,7 @@ LAST_NEWS_S: Final = 0.2
 RECENT_S: Final = 0.25
 """How old the newest value of a channel may be."""
 NEEDLE_TOLERANCE: Final = 0.02
-"""Of its stroke, by which a needle may be off: what its driver takes for arrived."""
+"""Part of its stroke by which a needle may be off: what its driver takes for arrived."""
 LOG: Final = "session.log"
 """What the processes write to stderr, in the run's folder; removed if it stays empty."""
 

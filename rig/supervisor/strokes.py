@@ -26,7 +26,7 @@ RETURN_S: Final = 2.5
 SPEED: Final = 0.05
 """m/s. Fast enough that friction is smooth, slow beside what the valve passes."""
 _MARGIN_M: Final = 0.05
-"""Of the limits of position: room for the loop to lag and to overshoot."""
+"""How far strokes stay from the limits of position: room for the loop to lag and to overshoot."""
 _BATCH_TICKS: Final = 250
 
 

@@ -250,7 +250,7 @@ def kept_trip_report(
 
 
 def trip_error(report: TripReport, path: Path | None) -> TripError:
-    """Return the error that ends what was being done, for a trip with a report, kept or not."""
+    """Return the error by which a trip ends what was being done; it names the report, if kept."""
     return TripError(report.summary + (f" ({path})" if path is not None else ""), path)
 
 

@@ -64,7 +64,8 @@ _SETTLED: Final = 2000.0
 
 _FRICTION_LAW: Final = Parameters._fields.index("friction_law")
 _ROUNDING_S: Final = 1e-9
-"""As in `control.setpoints.held`: without it a step could come a tick late."""
+"""Added to a time before its step is looked up, as in `control.setpoints.held`: without it a step
+could come a tick late."""
 
 
 @inlined

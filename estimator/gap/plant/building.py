@@ -36,7 +36,7 @@ PERIOD: Final = 1e-3
 _STEERED_S: Final = 0.5
 """s within which steering brings a simulation back to its course."""
 _SMALL: Final = 0.01
-"""Of a state's spread: a small change of it, for derivatives by differences."""
+"""Part of a state's spread by which the state is changed, for derivatives by differences."""
 
 
 class Views:

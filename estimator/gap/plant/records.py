@@ -25,7 +25,7 @@ TIMES_OF_EXCHANGE = ("sent_s", "exchange_s")
 BLIND_S = 0.05
 """Without two of the readings for longer, a filter does not know where the plant went."""
 UNTIMELY_S = 1.5e-4
-"""That a sample may come later or earlier than usual: at 0.2 m/s a count of the encoder."""
+"""How much later or earlier than usual a sample may come, s: at 0.2 m/s a count of the encoder."""
 
 
 @dataclass(frozen=True, eq=False)

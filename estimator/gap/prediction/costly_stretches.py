@@ -14,7 +14,7 @@ from .linear import slices_of
 STRETCH: Final = 8
 """Blocks that are kept together; one before them lets the filter's answer settle."""
 MOST_BLOCKS: Final = 48
-"""Of all records together: 24 s."""
+"""Greatest number of blocks that are kept, of all records together: 24 s."""
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,11 @@ from .predictor import Predictor
 from .variables import Values, Variable
 
 Changes = list[Array]
-"""Of each record float64 (n, outputs): change of its innovations by a unit step along a column."""
+"""An array a record, float64 (n, outputs): how its innovations change by a unit step along a
+column."""
 
 _SHARES: Final = (1.0, 0.4, 0.1)
-"""Of a step, tried in turn until one lowers the cost."""
+"""Parts of a step, which are tried in turn until one lowers the cost."""
 _HOPELESS: Final = 1e300
 """Cost of a block that a model cannot predict at all."""
 _BREAKDOWN: Final = 1e8

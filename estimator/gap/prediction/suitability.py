@@ -21,18 +21,20 @@ FITTED_BLOCKS: Final = 8
 """Blocks of half a second to fit to: the scatter of fewer tells no standard error."""
 JUDGED_BLOCKS: Final = 4
 MOVES: Final = 10.0
-"""Times its noise that a channel must move, with readings averaged over 50 samples: an effect of
-a tenth of that would then be as large as the noise of one reading."""
+"""How far a channel must move, in multiples of its noise, with readings averaged over 50 samples:
+an effect of a tenth of that would then be as large as the noise of one reading."""
 SATURATED: Final = 0.5
 """Share of the readings of a channel that may be at an end of its range."""
 NOISIER: Final = 10.0
-"""Times the stated noise; the oil's oscillation, curved over 3 samples, is read as 4 at most."""
+"""How noisy readings may be, in multiples of the stated noise; the oil's oscillation, curved over 3
+samples, is read as 4 at most."""
 LOST: Final = 100.0
 """Standard deviations that one-step predictions miss by in the median: no effect of any plant does
 this, a channel in other units does."""
 WORSE: Final = 4.0
-"""Times the squared error of "nothing changes" that a prediction must miss by, beside the noise: an
-effect that is missing may well cost more than resting, in a slow motion, another rig far more."""
+"""A prediction whose squared error is more than this many times that of "nothing changes", beside
+the noise, says nothing of the rig. In a slow motion a missing effect may well cost more than
+resting; another rig costs far more."""
 _AVERAGED: Final = 50
 
 

@@ -11,7 +11,7 @@ from .linear import Column
 Values = Mapping[str, float]
 
 _LARGEST_SHARE = 0.1
-"""Of a value on a logarithmic scale that a probe may change."""
+"""Part of a value on a logarithmic scale by which a probe may change it."""
 
 
 @dataclass(frozen=True, slots=True)

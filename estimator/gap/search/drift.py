@@ -39,7 +39,7 @@ def drifts(
         floor: cost per reading of a rig that is the model.
 
     Returns:
-        Of each parameter whose trend is beyond chance its course over the longest recording, best
+        For each parameter whose trend is beyond chance, its course over the longest recording, best
         first; `equation` is the parameter's name, `region` the time.
     """
     columns = fitter.columns(values, variables)

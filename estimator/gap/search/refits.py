@@ -18,9 +18,9 @@ from estimator.gap.prediction import (
 from .findings import Found, Screened
 
 _ROUNDS: Final = 5
-"""Times that gains and values follow each other at most."""
+"""How often, at most, the gains are computed anew for the values, and the values for the gains."""
 _SETTLED: Final = 1e-3
-"""Part of the cost below which a step leaves the gains as they are."""
+"""A step that lowers the cost by a smaller part than this ends the rounds."""
 
 
 class Refits:

@@ -14,8 +14,8 @@ _TRIED: Final = 7
 _NEAR: Final = 0.2
 """Part of an effect's gain that another must have had at some stage to be tried in its place."""
 _ASTRAY: Final = 0.1
-"""Part of what an effect gains with the gains found that it gains with those of the model without
-it: less, and the gains found lead a model without it astray."""
+"""Part of an effect's gain that must be left where the model without it has filter gains of its
+own: if less is left, the gains that were found led that model astray."""
 
 
 class Rivals:

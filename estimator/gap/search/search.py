@@ -37,21 +37,21 @@ from .screening import Screening
 from .twins import FEW, Twins
 
 OVER_TWIN: Final = 5.0
-"""Times the greatest gain among twins that a gain must be."""
+"""How large a gain must be, in multiples of the greatest gain among twins."""
 MOST: Final = 0.5
-"""Part of the excess held out that an effect must take away to be named for that alone."""
+"""An effect that takes away this part of the held-out excess is named for that alone."""
 _TRIED: Final = 5
 _TRIED_AGAIN: Final = 2
 _PROMISED: Final = 2.0
-"""Times the best gain so far that an effect must promise, by the linearisation, to be tried again
-with gains of its own."""
+"""What an effect must promise by the linearisation, in multiples of the best gain so far, to be
+tried again with filter gains of its own."""
 _CLOSE: Final = 0.7
 """Part of the best gain from which an effect is tried again beside the best."""
 _FAR: Final = 4.0
 """Cost of a reading above which it is so: gains of a model that is off by several standard
 deviations favour what is wrong as well as what is right."""
 _SWAPS: Final = 3
-"""Times that alternatives are tried; each but the last may exchange one effect for another."""
+"""How often alternatives are tried; each time but the last may exchange one effect for another."""
 
 
 class Search:

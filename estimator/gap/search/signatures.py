@@ -28,16 +28,18 @@ from .findings import CHANCE, FEW_BLOCKS, MATERIAL, Found
 from .search import Search
 
 ABSORBED: Final = 0.1
-"""Part of what an effect changes that the refit of nuisances must leave to be told from it."""
+"""An effect of whose change a refit of the nuisances leaves less than this part is not told from
+them."""
 _REFITTED: Final = 0.01
-"""Of a nuisance's value: a refit that is worth a remark."""
+"""Smallest change of a nuisance by its refit, as a part of its value, that is worth a remark."""
 _TRIES: Final = 4
 _FAR: Final = 30.0
-"""Times a size that the next one tried is at most."""
+"""Greatest factor from one size that is tried to the next."""
 _FEW: Final = 2.0
-"""Times a size that shows in a few blocks only."""
+"""Least factor to the next size after one that shows in a few blocks only."""
 _NEAR: Final = 0.2
-"""Of the logarithm of a size."""
+"""How near, in the logarithm, the next size must be to the one tried for the search to end; a size
+may be beyond the plausible range by this part of it."""
 ENDLESS: Final = 10.0
 """A neutral value so many times above all that is plausible is a limit that no motion reaches."""
 _LIMITS: Final = 7

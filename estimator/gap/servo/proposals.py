@@ -25,13 +25,15 @@ _CONTACTS: Final = 5e-5
 _RISES: Final = 300.0
 """N by which a force has to grow towards the farthest position to look like a stop."""
 _STIFFER: Final = (0.6, 1.0, 1.8)
-"""Times the stiffness that the force's growth shows: friction blurs it."""
+"""Factors on the stiffness that the force's growth shows, each of which is proposed: friction blurs
+it."""
 _RIPPLE: Final = 3e4
 """Pa: a ripple as large as the noise of a reading."""
 _SLOWEST, _FASTEST = 5.0, 400.0
 """Hz, of a pump's ripple."""
 _FINER: Final = 4
-"""Times finer than the resolution of the longest recording, so that a phase keeps to its end."""
+"""How many times finer the frequencies tried are than the longest recording resolves, so that a
+phase is kept to its end."""
 _LATEST: Final = 20
 """Ticks that a position may be late by."""
 _MOVED: Final = 20
@@ -39,7 +41,8 @@ _MOVED: Final = 20
 _BAND: Final = 20.0
 """Hz. A line whose reach comes and goes with the opening spreads over some Hz."""
 _OVER_NOISE: Final = 20.0
-"""Of a line in a spectrum over its median; the highest of 1e5 chance lines is at 17."""
+"""How far a line must stand above the median of its spectrum; the highest of 1e5 chance lines
+stands at 17 times."""
 
 
 def propose_spring(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:

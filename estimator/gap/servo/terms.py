@@ -8,11 +8,13 @@ from estimator.gap.plant import DIRECTION, TIME_NAME, Array, Held, Knob, Term
 from rig.plant import MOST_TERMS, PLACES, QUANTITIES, AddedTerm, Parameters, fields_of, terms_of
 
 _SHARE: Final = 0.03
-"""Of a size, a width or, for a phase, of a radian: a small but visible change."""
+"""Probe of a knob, a small but visible change: this part of a size or a width, or of a radian for a
+phase."""
 _FINE: Final = 1e-3
-"""Of a period: over a stroke of ten it shifts the last by a hundredth."""
+"""Probe of a period, as a part of it: over a stroke of ten periods it shifts the last by a
+hundredth."""
 _REACH: Final = 10.0
-"""Times its first estimate that a size may become."""
+"""How large a size may become, in multiples of its first estimate; for a phase, in radians."""
 _WIDER: Final = 3.0
 _SHIFTED: Final = 2.0
 """Widths by which a bump may move."""
@@ -84,7 +86,7 @@ def _knobs(number: int, term: AddedTerm) -> list[Knob]:
 
 
 def held_terms(values: Mapping[str, float]) -> tuple[str, list[tuple[Term, list[float]]]]:
-    """Return place and terms, with their coefficients, that values of all parameters hold."""
+    """Return place, terms and their coefficients that the values of all parameters hold."""
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     found: list[tuple[Term, list[float]]] = []
     place = ""

@@ -28,7 +28,7 @@ from estimator.gap.search import FORM, Alternative, Found, Named, cosines, devia
 SETTLES: Final = 5.0
 """Normal deviate that must be predicted of an experiment: three decides, and predictions err."""
 SURE: Final = 2.0
-"""Times the part `FORM` by which a rival must be predicted to explain less, all data together."""
+"""By how many times `FORM` a rival must be predicted to explain less, all data together."""
 
 
 @dataclass(frozen=True)

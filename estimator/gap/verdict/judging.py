@@ -12,7 +12,8 @@ from estimator.gap.search import CHANCE, HELD_OUT, MATERIAL, MOST_EFFECTS, Found
 from .unsettled import LEFT, Unsettled
 
 EXPLAINED: Final = 0.8
-"""Of the excess in prediction error: what named effects must take away to be the whole answer."""
+"""Part of the excess in prediction error that named effects must take away to be the whole
+answer."""
 SEVERAL: Final = 2
 """Channels that must be predicted worse than by resting: a single one may have a gap of its own."""
 TOO_MUCH: Final = 25.0
@@ -23,7 +24,8 @@ share if force, both flows and the spool were wrong alike."""
 FREE: Final = 0.05
 """Part of the excess that a free curve may still take away once the whole answer is named."""
 PINNED: Final = 1e-3
-"""Of a size's plausible range: nearer to one of its ends it would go further if it might."""
+"""Part of a size's plausible range: a size nearer than that to one of its ends would go further if
+it might."""
 AHEAD: Final = 5.0
 """Noise variances of gap over the horizon held out that are too much to be left, where names took
 less than half away or are as many as may be. Chosen with blind trials in sight (docs/gap.md)."""

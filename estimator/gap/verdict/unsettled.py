@@ -18,7 +18,7 @@ from estimator.gap.prediction import Fitter, Values, cost_of
 from estimator.gap.search import TIME
 
 BINS: Final = 8
-"""Of a quantity, equally often visited."""
+"""Bins that a quantity's range is divided into, each visited equally often."""
 STIRRED: Final = 0.1
 """Predicted variances of a channel that must go with the motion: ten times what matters in all
 channels together, and three times what a bin of a recording of half a minute is known to."""

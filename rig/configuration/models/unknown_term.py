@@ -35,7 +35,7 @@ from rig.plant import (
 KEY: Final = "unknown_term"
 _CONSTANT: Final = "constant"
 _LEAST: Final = 1e-9
-"""Of a pitch or a width, SI."""
+"""Least value of a pitch or a width, SI."""
 _FORMS: Final = {_CONSTANT if form == "1" else form: form for form in FORMS}
 _EXAMPLE: Final = "write `- {to: force balance, form: constant, size: 100 N}`"
 

@@ -28,7 +28,7 @@ from rig.stream import (
 )
 
 OFF: Final = "off"
-"""In place of a profile: no stream."""
+"""What is written in place of a profile where no stream is wanted."""
 DEFAULT: Final = "loopback"
 
 

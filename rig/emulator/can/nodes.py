@@ -7,7 +7,7 @@ from typing import Final, Protocol
 import can
 
 Send = Callable[[can.Message], None]
-"""Puts a frame on the bus."""
+"""What puts a frame on the bus."""
 
 Note = Callable[..., None]
 """Takes note of an event by its name and details, as `rig.emulator.record.Record.note`."""

@@ -144,4 +144,5 @@ class ValveBank:
 
 
 SWITCHES: Final = {_OPEN: (True, False), _SHUT: (False, True)}
-"""Of a ball at an end of its travel: open switch, shut switch; both are off between."""
+"""What the switches of a ball say at either end of its travel: that of open, that of shut. Both are
+off between."""

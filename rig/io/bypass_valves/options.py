@@ -10,7 +10,8 @@ from rig.plant import Quantity as _Quantity
 from .registers import STANDARD_REGISTERS, BypassRegisters
 
 _CYCLE_CHARACTERS: Final = 38 + 4 * 3.5
-"""Of an RTU line for one `read`: both requests and replies, each followed by a silence of 3.5."""
+"""Characters that one `read` takes on an RTU line: both requests and replies, each followed by a
+silence of 3.5."""
 _BITS_PER_CHARACTER: Final = 11
 """Start, 8 data, parity or stop, stop (Modbus over serial line V1.02, section 2.5.1)."""
 

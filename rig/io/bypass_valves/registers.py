@@ -19,7 +19,7 @@ THROTTLE: Final = BYPASSES[-1]
 """The bypass without a ball."""
 
 NEEDLE_FULL_SCALE: Final = 10_000
-"""What a needle's registers hold at 1."""
+"""What a needle's registers hold when it is wide open, opening 1."""
 
 IDENTITY: Final = 0x4256
 """What the identity register holds: "BV"."""

@@ -36,7 +36,7 @@ _LAST_ADDRESS: Final = 0xFFFF
 
 
 class MapProblem(NamedTuple):
-    """One thing that a map cannot have."""
+    """One rule that a register map breaks: where, what, and what would mend it."""
 
     path: tuple[str | int, ...]
     """Field by field and index by index, where it stands in the map."""

@@ -74,7 +74,7 @@ class Tolerances(NamedTuple):
     unhomed_command_V: float  # noqa: N815
     unhomed_load_pressure_Pa: float  # noqa: N815
     conductance: float
-    """Of the nominal valve, m^2/(s Pa^0.5) (eq. 2.1)."""
+    """Conductance of the nominal valve, m^2/(s Pa^0.5) (eq. 2.1)."""
     par: Parameters
     """The nominal plant."""
 

@@ -43,9 +43,11 @@ _FADING: Final = 0.25
 _GENTLE: Final = 0.75
 """Part of the limit of load pressure to which a ram that is not homed may be pushed."""
 _RELIEF: Final = 0.4
-"""Part of the command that relieves it; more would swing, with the small chamber so stiff."""
+"""Part of the command with which a ram that pushes too hard is relieved; more would swing, as the
+small chamber is so stiff."""
 _INWARD_M: Final = 5e-3
-"""How far within its limits a ram is held: an off null leaves the position loop short by less."""
+"""How far within its limits a ram is held: a null that is off leaves the position loop short by
+less."""
 _COUNTERS: Final = 65536
 """Values of `host_counter`."""
 

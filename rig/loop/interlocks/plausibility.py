@@ -32,9 +32,9 @@ _NOT_FOLLOWING: Final = int(Cause.SPOOL_NOT_FOLLOWING)
 _RELATIVE: Final = 1.0
 _HOMED: Final = 2.0
 _SUBSTEPS: Final = 4
-"""Of the nominal valve's second-order lag in a tick: some 0.16 rad each."""
+"""Steps a tick in which the nominal valve's second-order lag is advanced: some 0.16 rad each."""
 _SETTLED_TICKS: Final = 200
-"""After which any valve has come to its command."""
+"""Ticks after which any valve has come to its command."""
 _SMOOTHING: Final = 5e-3
 """s. Pressures are smoothed before their rate is taken; what is smoothed away comes later."""
 _DRY: Final = 5e5
@@ -42,7 +42,7 @@ _DRY: Final = 5e5
 _UNHOMED_COMPRESSION: Final = 1.2
 """Part of the compressed volume that is unknown while the position in the stroke is."""
 _HOMED_COMPRESSION: Final = 0.3
-"""As above, once homed: bulk modulus 15 %, and air."""
+"""The same part once the ram is homed: bulk modulus 15 %, and air."""
 
 
 class Evidence(NamedTuple):
@@ -54,9 +54,9 @@ class Evidence(NamedTuple):
     """Spool of the nominal valve under the commands sent."""
     spool_velocity: float = 0.0
     position_m: float = 0.0
-    """At the last fresh sample."""
+    """Position at the last fresh sample."""
     pressure_1_Pa: float = 0.0  # noqa: N815
-    """Smoothed."""
+    """Pressure of chamber 1, smoothed."""
     pressure_2_Pa: float = 0.0  # noqa: N815
     gap_ticks: float = 0.0
     """Since the last fresh sample."""

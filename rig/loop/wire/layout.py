@@ -69,7 +69,7 @@ class Overrun(IntEnum):
     REALIGN = 1
     """The time grid is moved to now: no tick is skipped, the recording's clock runs late."""
     TRIP = 2
-    """As `SKIP`, and too many in a row trip."""
+    """It is treated as by `SKIP`, and too many in a row trip."""
 
 
 class Left(IntEnum):
@@ -140,7 +140,7 @@ class Course(NamedTuple):
     drive: int
     open_loop: bool
     gain: float
-    """Of the position loop, V/m."""
+    """Gain of the position loop, V/m."""
     limit: float
     """Greatest command of either sign, V."""
     on_fault: int
@@ -240,15 +240,16 @@ class Handling(IntEnum):
     RAMP_FROM = 1
     """Command from which it is brought to rest, V."""
     RAMP_TICK = 2
+    """Tick at which that began."""
 
 
 class WireMemory(NamedTuple):
     """What the loop on the wire keeps from segment to segment."""
 
     counts: Integers
-    """By `Count`."""
+    """Numbers that are kept, by `Count`."""
     found: Integers
-    """By `Found`."""
+    """What was found at null, by `Found`."""
     inputs: Array
     """(FAST_INPUTS,) of the last exchange."""
     seen: Array
@@ -262,7 +263,7 @@ class WireMemory(NamedTuple):
     device_counter: Array
     """(1,) of the newest sample."""
     handling: Array
-    """By `Handling`."""
+    """How the ram is held or brought to rest, by `Handling`; NaN before."""
     posted: Array
     """(1 + len(DECIDED),) scratch: a decision as it stands on the board."""
     decided: Array

@@ -31,7 +31,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC
 from numpy.typing import NDArray
 
 COMPRESSION_LEVEL: Final = -5
-"""Of zstd. Noisy doubles hardly shrink: level 1 saves another 10 % for twice the time."""
+"""Level of zstd. Noisy doubles hardly shrink: level 1 saves another 10 % for twice the time."""
 
 INDEX_ENTRY: Final = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 """One message in a chunk's index: its time (ns) and where it begins in the chunk."""

@@ -180,7 +180,7 @@ def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
 
 
 def share(part: float) -> str:
-    """Return a part as a percentage."""
+    """Return a part of 1 in words, as a percentage."""
     return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
 
 

@@ -254,4 +254,4 @@ PIECES: Final[dict[str, Piece]] = {
     "decisions": Piece(_decisions),
     "loop": Piece(_loop, after=("filter",)),
 }
-"""By the names that an operator is told."""
+"""All pieces, by the names that an operator is told."""

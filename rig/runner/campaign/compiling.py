@@ -33,11 +33,12 @@ Names = tuple[str, ...]
 SIMULATED: Final[Names] = (
     "estimates", "plant", "interlock", "simulated loop", "detector", "filter",
 )  # fmt: skip
-"""Of a campaign on a simulated rig; of pieces that could be next, the first is."""
+"""Pieces of a campaign on a simulated rig; of those that could be compiled next, the first one
+is."""
 ON_HARDWARE: Final[Names] = ("filter", "detector", "loop", "decisions")
-"""Of a campaign on hardware."""
+"""Pieces of a campaign on hardware."""
 WITHOUT_TESTS: Final[Names] = ("filter", "loop")
-"""Of a session on hardware that moves the ram and judges nothing."""
+"""Pieces of a session on hardware that moves the ram and judges nothing."""
 OF_THE_LOOP: Final = ("loop",)
 """What the loop process of a session loads itself, before it answers that it is ready."""
 

@@ -26,14 +26,14 @@ CREEP_SPEED: Final = 8.4e-4
 """m/s that the ramp's greatest command would give the ram. The oil that it lets in in half a ramp
 is 5 mm of stroke: 2 mm compress the oil against stiction, the rest moves the ram."""
 RAMP_S: Final = 24.0
-"""Of a ramp up, down, and back to null."""
+"""Duration of a ramp of the command up, down, and back to null."""
 LOOP_SPEED: Final = 0.014
 """m/s that the greatest command of a ramp in closed loop would give the ram: 0.2 V on table 2.1's
 rig, 5.6 um of spool. The loop keeps the ram from running away with it."""
 LOOP_RAMP_S: Final = 80.0
 
 _MARGIN_M: Final = 0.02
-"""From the limits of the stroke: the ram overshoots by less."""
+"""How far motions stay from the limits of the stroke: the ram overshoots by less."""
 _SINE_S: Final = 60.0
 _SINE_AMPLITUDE_M: Final = 0.2
 _SINE_HZ: Final = 0.5

@@ -49,7 +49,7 @@ from .parts import ExperimentStoppedError, Parts
 ROUNDS: Final = 4
 """Most rounds: the programme, two experiments, and one for what a check finds."""
 CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
-"""That a recording must have."""
+"""Channels that a recording must have for a gap to be found in it."""
 CLOSED: Final = 0.8
 """Part of the gap that must be gone on a check for a model with rivals left to be called done; or
 all but what chance leaves."""

@@ -16,10 +16,11 @@ from estimator.gap import Array, Motion
 from rig.plant import TICK
 
 MARGIN_M: Final = 0.02
-"""Of motions from the limits of the stroke: the ram overshoots by less."""
+"""How far motions stay from the limits of the stroke: the ram overshoots by less."""
 EXPERIMENT_S: Final = 20.0
 _GREATEST_V: Final = 9.0
-"""That a step may ask of the valve by the loop's gain: beyond its range nothing is told apart."""
+"""Greatest command that a step may ask of the valve by the loop's gain: beyond the valve's range
+nothing is told apart."""
 _ROUNDED: Final = 4
 """Decimals of lengths in m: a campaign file holds what is run."""
 

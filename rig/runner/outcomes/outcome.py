@@ -23,9 +23,9 @@ class Status(StrEnum):
     ABORTED = "aborted"
     TRIPPED = "tripped"
     SKIPPED = "skipped"
-    """By an operator."""
+    """An operator had it left out, or ended."""
     INTERRUPTED = "interrupted"
-    """By a kill, a condition or an operator, and to be run again."""
+    """A kill, a condition or an operator ended it; it is to be run again."""
     NOT_RUN = "not_run"
 
 

@@ -50,9 +50,9 @@ class Change(StrEnum):
 
     SAME = "same"
     MOVED = "moved"
-    """Beyond its tolerance, or not there any more."""
+    """It differs by more than its tolerance, or is not there any more."""
     NEW = "new"
-    """In the candidate only."""
+    """Only the candidate has it."""
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,10 @@ _OTHERS: Final = (SOCKET, JUNIT, REPORT, ERRORS, RESULTS)
 _SESSION_FILES: Final = ("session.log", "trip-[0-9]*.json", "trip-[0-9]*.txt", "trip-[0-9]*.csv")
 """What a session with a rig on hardware leaves besides (`rig.supervisor`)."""
 _LIBRARY: Final = b"rig.recording "
-"""In the header of every recording that `McapWriter` wrote."""
+"""Text in the header of every recording that `McapWriter` wrote, by which it is known."""
 ATTEMPT: Final = "~"
-"""Before the number of an earlier attempt in its recording's name; in no other recording's."""
+"""Character before the number of an earlier attempt in its recording's name; no other name has
+it."""
 _LONGEST_NAME: Final = 100
 
 

@@ -18,7 +18,7 @@ REPEAT_S: Final = 1.0
 
 _THROTTLE: Final = "return_blockage_needle"
 _FREE: Final = 0.1
-"""Of its stroke, by which a needle may be off: more than its driver takes for arrived."""
+"""Part of its stroke by which a needle may be off: more than its driver takes for arrived."""
 
 
 @dataclass(frozen=True)

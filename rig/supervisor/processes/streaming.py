@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 OPEN_S: Final = 30.0
 """How long the publisher may take to open its stream."""
 SILENCE_S: Final = 5.0
-"""After which a publisher hangs, and is killed."""
+"""How long a publisher may give no sign of life before it is killed."""
 POLL_S: Final = 0.1
 RESTART_S: Final = (0.2, 1.0, 5.0, 30.0)
 """Time before a publisher is started again: longer each time, unless it worked for a while."""
