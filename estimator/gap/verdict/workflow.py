@@ -54,8 +54,8 @@ from .with_term import with_term
 _NORMAL_95: Final = 1.96
 _FORM: Final = 5e-3
 """Part of an effect's size that is added to its standard error, because the rig's effect, and all
-else of the rig, is never quite the model's, which no scatter of the recordings shows. An interval of
-twice that is 1 % to either side."""
+else of the rig, is never quite the model's, which no scatter of the recordings shows. Twice that
+is 1 %."""
 
 
 @dataclass
