@@ -37,7 +37,7 @@ class ControlError(ValueError):
 
 
 class EndlessLineError(ValueError):
-    """What was received is no line; says why."""
+    """What was received is no line: it does not end in time, or is too long."""
 
 
 def ask(

@@ -39,7 +39,7 @@ def least_variance(model_error: float) -> float:
 
 @dataclass(frozen=True)
 class Scores:
-    """What each column would do for the regression: float64 (marks, 5).
+    """What each fault's column would explain beside the nuisances, float64 (marks, 5) each.
 
     Attributes:
         coefficient: its estimate.

@@ -227,7 +227,7 @@ class OilAccountDetector:
 
     @property
     def claimed(self) -> Sequence[Finding]:
-        """What the last decision found; nothing where it is on what was found before."""
+        """Return the faults that the last decision found; none if it only keeps an earlier one."""
         return self._claimed
 
     def evidence(self) -> tuple[float, float]:

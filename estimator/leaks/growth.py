@@ -33,7 +33,7 @@ LEAST_BLOCKS: Final = 120
 
 @dataclass(frozen=True)
 class Growth:
-    """What a leak has grown by.
+    """How much a leak has grown, stretch by stretch, and how sure that is.
 
     Attributes:
         fault: index into `FAULTS`.

@@ -33,7 +33,7 @@ GREATEST_FLOW: Final = 4.0
 
 
 class LeakVerdicts:
-    """What is said of the blocks that a leak test has taken so far.
+    """Answers questions about the blocks that a leak test has taken, beside what it finds.
 
     Args:
         test: all findings are its own.

@@ -39,7 +39,7 @@ class Address:
 
     @property
     def url(self) -> str:
-        """Where to go with a browser."""
+        """Return the address to open in a browser."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'https' if self.secure else 'http'}://{host}:{self.port}/"
 

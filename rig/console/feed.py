@@ -57,7 +57,7 @@ class Sections:
 
 
 class RigFeed:
-    """What is shown of one rig."""
+    """The sections and curves that are shown of one rig, brought up to date from its stream."""
 
     def __init__(self, rig: str) -> None:
         self.rig = rig
@@ -104,7 +104,7 @@ class RigFeed:
 
 
 class Cursor:
-    """What one viewer has been sent."""
+    """How far one viewer has been told: the rig looked at, and what was sent of it."""
 
     def __init__(self) -> None:
         self.rig = ""

@@ -134,7 +134,7 @@ class EmulatedPlant:
 
     @property
     def _acting_command(self) -> float:
-        """What moves the spool, V: a stuck one is driven by what holds it where it is."""
+        """Return the command in V that the spool follows; a stuck one has that of its place."""
         return self._command if self._stuck_at is None else self._stuck_at / self._par.valve_gain
 
     @property

@@ -117,7 +117,7 @@ class SimulatedLoop:
 
     @property
     def stopped(self) -> LoopStoppedError:
-        """What stopped it."""
+        """Return what stopped the loop, as the error to raise: action, cause and channel."""
         action, cause, _ = self._guard.stopped
         return LoopStoppedError(Action(int(action)), Cause(int(cause)), self._channel)
 

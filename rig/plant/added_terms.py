@@ -44,7 +44,7 @@ turns is friction: it belongs to the bristles' level."""
 
 
 class AddedTerm(NamedTuple):
-    """One term.
+    """One term of a disturbance that a model holds: where it enters, of what, and how large.
 
     Attributes:
         place: of `PLACES`.

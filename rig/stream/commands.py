@@ -81,7 +81,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Credentials:
-    """By what a sender is known: its name, and its secret key."""
+    """What a sender proves itself by: its name, and its secret key."""
 
     name: str
     key: bytes

@@ -29,7 +29,7 @@ FINISH_S: Final = 10.0
 
 
 class _Session(Protocol):
-    """What a test needs of its session."""
+    """The part of a session that a test on it needs."""
 
     def prepare(self, test: CampaignTest, segment: int) -> None:
         """Bring the bypass valves to where a test begins, and schedule its faults."""

@@ -139,7 +139,7 @@ _CONFIRMED: Final = Guard(
 
 
 class Transition(NamedTuple):
-    """One row of the table."""
+    """One row of the table: what an event leads to in a state, if the guards allow it."""
 
     state: State
     event: Event

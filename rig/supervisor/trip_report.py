@@ -32,7 +32,7 @@ _UNCONFIRMED: Final = {
 
 @dataclass(frozen=True)
 class Note:
-    """Who did or asked what, when (CLOCK_MONOTONIC in ns)."""
+    """A line of the report: who did or asked what, and when (CLOCK_MONOTONIC in ns)."""
 
     at_ns: int
     who: str

@@ -93,7 +93,7 @@ class Cases:
 
     @property
     def count(self) -> int:
-        """How many."""
+        """Return how many cases these are."""
         return int(self.noise.size)
 
     def of(self, at: NDArray[np.intp], chunk: int) -> "Cases":

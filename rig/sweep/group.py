@@ -59,7 +59,7 @@ class Group:
 
     @property
     def names(self) -> str:
-        """Which cases these are, for messages."""
+        """Return the numbers of these cases in words, for messages."""
         return f"cases {', '.join(map(str, np.unique(self.cases.numbers[self.at])))}"
 
 

@@ -23,7 +23,7 @@ _UNITS: Final = {"frequency": "Hz", "start_frequency": "Hz", "end_frequency": "H
 
 
 class Draws(Protocol):
-    """Where random numbers come from: `rig.sweep.drawing.Streams`."""
+    """A source of random numbers, one stream a case and name: `rig.sweep.drawing.Streams`."""
 
     count: int
 

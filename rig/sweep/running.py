@@ -60,7 +60,7 @@ class Timing:
 
     @property
     def workers(self) -> set[str]:
-        """Which processes they were."""
+        """Return the names of the processes that ran the cases."""
         return set(self.ready_s)
 
     def told(self) -> dict[str, Any]:

@@ -84,7 +84,7 @@ class PowerCurve:
 
     @property
     def cases(self) -> int:
-        """How many leaks it is of."""
+        """Return how many leaks the curve was drawn from."""
         return sum(each.right.of for each in self.bins)
 
     @property

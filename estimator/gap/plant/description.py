@@ -40,7 +40,7 @@ def slope(channel: str) -> Start:
 
 @dataclass(frozen=True, slots=True)
 class StateOf:
-    """One state.
+    """One state of a described plant.
 
     Attributes:
         name: an attribute of `state` in the plant's functions.
@@ -75,7 +75,7 @@ class Input:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What is measured.
+    """One channel of a recording that a described plant predicts.
 
     Attributes:
         channel: column of a recording.

@@ -335,7 +335,7 @@ class GapResult:
 
     @property
     def written(self) -> Written:
-        """What the model written is."""
+        """Return which model was written: as given, refitted, or with effects."""
         if self.as_given:
             return "as given"
         return "with effects" if self.effects else "refitted"

@@ -105,7 +105,7 @@ def _merit(trial: Trial) -> tuple[bool, float]:
 
 
 class _Stage:
-    """One motion of a rig that is exactly the model found."""
+    """Simulates one motion of a rig that is the model found, and what it would tell of rivals."""
 
     def __init__(
         self,

@@ -60,7 +60,7 @@ is 1 %."""
 
 @dataclass
 class _Seen:
-    """What else is told of each named effect.
+    """What is told of each named effect beside its fit.
 
     Attributes:
         held_out: normal deviate of its gain held out, by effect.

@@ -166,7 +166,7 @@ def _absolute(reference: str) -> str:
 
 
 class _Hands:
-    """What a schedule has done for it in earnest."""
+    """The clock, the processes and the hooks of a schedule that runs in earnest."""
 
     def __init__(self, schedule: Schedule, stop: StopFlag) -> None:
         self._schedule = schedule

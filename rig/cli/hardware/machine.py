@@ -25,7 +25,7 @@ _SAMPLE_BYTES: Final = 16 << 20
 
 
 class Finding(NamedTuple):
-    """One thing that was looked at.
+    """One property of the machine that was looked at, graded, with its remedy.
 
     Attributes:
         subject: what was looked at.

@@ -40,7 +40,7 @@ _KEYS: Final[Mapping[str, Mapping[str, type]]] = {
 
 
 class Steered(Protocol):
-    """What the control port steers."""
+    """What the control port needs of an emulator: its faults, its operator and its record."""
 
     injection: Injection
     operator: EmulatedOperator

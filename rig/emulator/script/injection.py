@@ -12,7 +12,7 @@ from .wire_faults import WireFault
 
 
 class Effects(Protocol):
-    """What faults do to an emulated rig."""
+    """What lets faults act on an emulated rig: `rig.emulator.script.effects.FaultEffects`."""
 
     def require(self, *faults: Any) -> None:
         """Verify that the rig has what the faults concern.

@@ -81,7 +81,7 @@ WALK: Final = (DriveState.INIT, DriveState.DISABLED, DriveState.HOLD, DriveState
 
 
 class Transition(NamedTuple):
-    """One arrow of the state machine.
+    """One transition of the drive's state machine, an arrow of its figure 19.
 
     Attributes:
         number: its name in figure 19, "TR2".

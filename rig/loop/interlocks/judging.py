@@ -113,7 +113,7 @@ def interlock_memory(limits: LimitTable) -> InterlockMemory:
 
 
 class Interlock(NamedTuple):
-    """What `judged_sample` judges by."""
+    """Limits, tolerances and memory by which `judged_sample` judges."""
 
     limits: LimitTable
     tolerances: Tolerances

@@ -63,7 +63,7 @@ class Loop(Protocol):
 
 
 class Writer(Protocol):
-    """What a test is recorded by."""
+    """What keeps the rows and events of a test in its recording."""
 
     def write(self, rows: Array) -> None:
         """Take rows, unless they reach the disk by themselves."""

@@ -18,7 +18,7 @@ MOST_RESUMES: Final = 3
 
 
 class Hands(Protocol):
-    """What the scheduler has done for it; a test has others than `rig schedule run`."""
+    """What acts for the scheduler, which only decides; tests give it hands of their own."""
 
     def now(self) -> datetime:
         """Return the time, UTC."""
