@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from control import proportional_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
 from rig.io import FAST_INPUTS
-from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, judged_sample
+from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, Tick, judged_sample
 from rig.plant import (
     READING_COUNT,
     SUBSTEPS,
@@ -263,10 +263,8 @@ def judge(reading, command, guard):
         return Action.NONE.value
     for i in range(READING_COUNT):
         guard.inputs[i] = reading[i]
-    action, cause, channel = judged_sample(
-        guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True,
-        guard.interlock.limits, guard.interlock.tolerances, guard.interlock.memory,
-    )  # fmt: skip
+    tick = Tick(guard.inputs, True, 1, 0.0, 0, command, 0.0, True, True)
+    action, cause, channel = judged_sample(tick, guard.interlock)
     if action > guard.stopped[0]:
         _stop(action, cause, channel, guard)
     return action

@@ -1,6 +1,7 @@
 from .check_tolerances import Tolerances as Tolerances, tolerances as tolerances
 from .judging import (
     Interlock as Interlock,
+    Tick as Tick,
     allowed_command as allowed_command,
     check_sample as check_sample,
     held_position as held_position,

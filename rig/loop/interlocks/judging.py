@@ -160,21 +160,32 @@ def held_position(position, homed, limits):
     return position
 
 
+class Tick(NamedTuple):
+    """What the interlock is told of one tick."""
+
+    inputs: NDArray[np.float64]
+    """(len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`."""
+    fresh: bool
+    """Whether a sample came in this tick."""
+    elapsed_ticks: int
+    """Ticks since the last call: 1, and more where ticks were missed."""
+    exchange_ticks: float
+    """How long this tick's exchange took, in ticks."""
+    age_ticks: int
+    """Ticks since the newest sample that the device took."""
+    command: float
+    """V, as written in this tick's exchange: what stands at the valve from now on."""
+    counter: float
+    """`host_counter` written with it."""
+    driving: bool
+    """Whether the valve is meant to be enabled, and was confirmed to be once."""
+    homed: bool
+    """Whether the position is known; if not, its limits say nothing, and command and load pressure
+    are limited instead (`unhomed_command_V`, `unhomed_load_pressure_Pa` of the tolerances)."""
+
+
 @inlined
-def judged_sample(
-    inputs,
-    fresh,
-    elapsed_ticks,
-    exchange_ticks,
-    age_ticks,
-    command,
-    counter,
-    driving,
-    homed,
-    limits,
-    tol,
-    memory,
-):
+def judged_sample(tick, interlock):
     """Return (action, cause, channel) for one tick: numbers of `Action` and `Cause`.
 
     To be called every tick that is not missed, also when no sample came. A trip is returned until
@@ -182,20 +193,11 @@ def judged_sample(
     acts upon. The channel is an index in `FAST_INPUTS`, -1 where the cause concerns none.
 
     Args:
-        inputs: float64 (len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`.
-        fresh: whether a sample came in this tick.
-        elapsed_ticks: ticks since the last call: 1, and more where ticks were missed.
-        exchange_ticks: how long this tick's exchange took, in ticks.
-        age_ticks: ticks since the newest sample that the device took.
-        command: V, as written in this tick's exchange: what stands at the valve from now on.
-        counter: `host_counter` written with it.
-        driving: whether the valve is meant to be enabled, and was confirmed to be once.
-        homed: whether the position is known; if not, its limits say nothing, and command and load
-            pressure are limited instead (`tol.unhomed_command_V`, `tol.unhomed_load_pressure_Pa`).
-        limits: `rig.loop.interlocks.ladder.LimitTable`.
-        tol: `rig.loop.interlocks.check_tolerances.Tolerances`.
-        memory: `InterlockMemory`, updated.
+        tick: `Tick`.
+        interlock: `Interlock`; its memory is updated.
     """
+    inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks, command, counter, driving, homed = tick
+    limits, tol, memory = interlock
     sampled = fresh and _take(inputs, tol, memory)
     action, cause, channel = _chain(driving, tol, memory)
     if action < _TRIP:
@@ -225,25 +227,9 @@ def judged_sample(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def check_sample(
-    inputs,
-    fresh,
-    elapsed_ticks,
-    exchange_ticks,
-    age_ticks,
-    command,
-    counter,
-    driving,
-    homed,
-    limits,
-    tol,
-    memory,
-):
+def check_sample(tick, interlock):
     """Return `judged_sample` of the same arguments, compiled once for whoever calls it."""
-    return judged_sample(
-        inputs, fresh, elapsed_ticks, exchange_ticks, age_ticks, command, counter, driving, homed,
-        limits, tol, memory,
-    )  # fmt: skip
+    return judged_sample(tick, interlock)
 
 
 @inlined

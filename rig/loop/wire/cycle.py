@@ -20,6 +20,7 @@ from rig.loop.interlocks import (
     NO_CHANNEL,
     Action,
     Cause,
+    Tick,
     allowed_command,
     check_sample,
     held_position,
@@ -146,11 +147,11 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         held = command
         if fd >= 0:
             age = (ended - counts[Count.SAMPLED_NS]) // pace.period_ns
-            judged, cause, channel = check_sample(
+            told = Tick(
                 memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
                 outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
-                interlock.limits, interlock.tolerances, interlock.memory,
             )  # fmt: skip
+            judged, cause, channel = check_sample(told, interlock)
             if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
                 _trip(words, cause, channel, ended)
                 _exchange(fd, plan, 0.0, 0.0, course, pace, memory, words)

@@ -11,7 +11,7 @@ from rig.io.signals import FAST_INPUTS
 from rig.io.simulated import SimulatedRig, simulated_rig
 from rig.loop.homing import Homing, HomingError, HomingSample, Phase
 from rig.loop.interlocks.check_tolerances import tolerances
-from rig.loop.interlocks.judging import allowed_command, check_sample, interlock_memory
+from rig.loop.interlocks.judging import Tick, allowed_command, check_sample, interlock
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
 from rig.plant import NO_FAULT, NOMINAL, Model
 from rig.plant.integrator import TICK, advance
@@ -32,10 +32,10 @@ class HomedRig:
         self.rig: SimulatedRig = simulated_rig(model, 1)
         self.rig.state[4] = SWITCHED_ON_AT
         self.homing = Homing(settings, NOMINAL, DATA_SHEET.position_resolution)
-        self.limits = limit_table([ChannelLimit("position_m", 0.005, 0.6)], TICK)
-        self.memory = interlock_memory(self.limits)
         supplied = frozenset({"position_m", "pressure_1_Pa", "pressure_2_Pa"})
-        self.tol = tolerances(NOMINAL, DATA_SHEET, supplied, TICK, 0.1, settings)
+        limits = limit_table([ChannelLimit("position_m", 0.005, 0.6)], TICK)
+        tol = tolerances(NOMINAL, DATA_SHEET, supplied, TICK, 0.1, settings)
+        self.interlock = interlock(limits, tol)
         self.encoder: Callable[[float], float] = lambda position: position - SWITCHED_ON_AT
         self.worst = (0, 0, -1)
         self.greatest_load_pressure = 0.0
@@ -49,20 +49,11 @@ class HomedRig:
             counts = round(self.encoder(state[4]) / DATA_SHEET.position_resolution)
             inputs[0] = counts * DATA_SHEET.position_resolution
             inputs[1:3] = np.maximum(state[2:4], 0.0) + noise[1:3]
-            allowed = allowed_command(command, False, self.tol, self.memory)
+            allowed = allowed_command(
+                command, False, self.interlock.tolerances, self.interlock.memory
+            )
             found = check_sample(
-                inputs,
-                True,
-                1,
-                0.15,
-                0,
-                allowed,
-                tick,
-                True,
-                False,
-                self.limits,
-                self.tol,
-                self.memory,
+                Tick(inputs, True, 1, 0.15, 0, allowed, tick, True, False), self.interlock
             )
             self.worst = max(self.worst, found)
             self.greatest_load_pressure = max(
@@ -155,7 +146,5 @@ def test_a_blocked_ram_that_is_pushed_hard_trips_with_its_cause() -> None:
     inputs = np.full(len(FAST_INPUTS), np.nan)
     for tick in range(100):
         inputs[:3] = 0.0, 1e7 + 1e3 * tick, 1e6 + 1e3 * tick
-        found = check_sample(
-            inputs, True, 1, 0.15, 0, 0.5, tick, True, False, rig.limits, rig.tol, rig.memory
-        )
+        found = check_sample(Tick(inputs, True, 1, 0.15, 0, 0.5, tick, True, False), rig.interlock)
     assert found[:2] == (Action.TRIP, Cause.HOMING_FORCE)

@@ -11,6 +11,8 @@ from rig.io.settings import HomingSettings
 from rig.io.signals import FAST_INPUTS
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import (
+    Interlock as Judged,
+    Tick,
     allowed_command,
     check_sample,
     held_position,
@@ -60,8 +62,9 @@ class Interlock:
         } | values
         inputs = np.array([sample.get(name, nan) for name in FAST_INPUTS])
         action, cause, channel = check_sample(
-            inputs, fresh, 1, 0.15, self.age, command, self.tick % 65536, self.driving,
-            self.homed, self.limits, TOL, self.memory,
+            Tick(inputs, fresh, 1, 0.15, self.age, command, self.tick % 65536, self.driving,
+                 self.homed),
+            Judged(self.limits, TOL, self.memory),
         )  # fmt: skip
         return Action(action), Cause(cause), FAST_INPUTS[channel] if channel >= 0 else ""
 

@@ -17,7 +17,13 @@ from rig.io.settings import HomingSettings
 from rig.io.signals import FAST_INPUTS
 from rig.io.simulated import simulated_rig
 from rig.loop.interlocks.check_tolerances import Tolerances, frozen_samples, sigmas, tolerances
-from rig.loop.interlocks.judging import InterlockMemory, check_sample, interlock_memory
+from rig.loop.interlocks.judging import (
+    Interlock,
+    InterlockMemory,
+    Tick,
+    check_sample,
+    interlock_memory,
+)
 from rig.loop.interlocks.ladder import Cause, LimitTable, limit_table
 from rig.loop.interlocks.plausibility import Evidence
 from rig.plant import NOMINAL, Parameters
@@ -148,7 +154,8 @@ def _interlocked(
             late = elapsed - 1
             elapsed, exchange, owed = 1 + owed, exchange + late, late
         action, cause, channel = check_sample(
-            inputs, fresh, elapsed, exchange, age, command, k, True, True, limits, tol, memory
+            Tick(inputs, fresh, elapsed, exchange, age, command, k, True, True),
+            Interlock(limits, tol, memory),
         )
         elapsed = 0
         for i in range(peak.size):
