@@ -17,8 +17,8 @@ from rich.table import Table
 from estimator.filters.registry import start_memory
 from estimator.leaks.detection import Decision
 from estimator.leaks.replaying import replay
+from rig.channels import READINGS
 from rig.io.simulated import simulated_rig
-from rig.loop.cycle import READINGS
 from rig.loop.simulated_loop import Motion, SimulatedLoop
 from rig.plant import FAULT_COLUMNS, LEAKS, Model
 from rig.plant.integrator import TICK

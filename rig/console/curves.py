@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.channels import KPA, LITRES_PER_MINUTE, MM, MPA
 from rig.stream import Window
 
 Array = NDArray[np.float64]
@@ -25,11 +26,6 @@ LARGEST: Final = 1e9
 """What is beyond, in any unit of the screen, is no sample: infinity is no JSON, and an axis whose
 steps are less than its rounding is never drawn to its end."""
 
-MM: Final = 1e3
-MPA: Final = 1e-6
-KPA: Final = 1e-3
-LITRES_PER_MINUTE: Final = 6e4
-
 PLAIN: Final = {
     "position_mm": ("position_m", MM, 2),
     "setpoint_mm": ("setpoint_m", MM, 2),
@@ -42,7 +38,7 @@ PLAIN: Final = {
     "leak_low_L_per_min": ("decided_leak_low_m3_per_s", LITRES_PER_MINUTE, 4),
     "leak_high_L_per_min": ("decided_leak_high_m3_per_s", LITRES_PER_MINUTE, 4),
 }
-"""Curves that are a channel: its name, the factor to the unit of the screen, digits behind it."""
+"""Curves that are a channel: its name, the unit of the screen, digits behind it."""
 AVERAGED: Final = {
     "average_1_kPa": "innovation_pressure_1_Pa",
     "average_2_kPa": "innovation_pressure_2_Pa",
@@ -140,8 +136,8 @@ class Curves:
         self, values: Mapping[str, Array], test: NDArray[np.int64], shown: Any, period_s: float
     ) -> list[list[float | None]]:
         found = []
-        for channel, factor, digits in PLAIN.values():
-            found.append(_listed(values[channel][shown] * factor, digits))
+        for channel, unit, digits in PLAIN.values():
+            found.append(_listed(values[channel][shown] * unit.factor, digits))
         averages: dict[str, list[Array]] = {name: [] for name in AVERAGED}
         # What a filter innovated in one test says nothing of the next one.
         for begin, end in _stretches(test):
@@ -151,7 +147,9 @@ class Curves:
                 self._averages = {name: MovingAverage(length) for name in AVERAGED}
             for name, channel in AVERAGED.items():
                 averages[name].append(self._averages[name].take(values[channel][begin:end]))
-        found += [_listed(np.concatenate(averages[name])[shown] * KPA, 2) for name in AVERAGED]
+        found += [
+            _listed(np.concatenate(averages[name])[shown] * KPA.factor, 2) for name in AVERAGED
+        ]
         return found
 
 

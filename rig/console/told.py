@@ -5,38 +5,20 @@ from contextlib import suppress
 from math import isfinite
 from typing import Any, Final
 
+from rig.channels import BYPASSES, KPA, LITRES_PER_MINUTE, SHOWN
 from rig.stream import Snapshot
-
-from .curves import KPA, LITRES_PER_MINUTE, MM, MPA
 
 EVENTS: Final = 60
 VERDICTS: Final = 30
 MOST_TESTS: Final = 2000
 MOST_HELD: Final = 10
 TOLD_OF_TESTS: Final = ("name", "expect", "status", "verdict", "message")
-CELSIUS: Final = -273.15
-"""What is added to a temperature in K to have it in degrees Celsius."""
 
-READINGS: Final = (
-    ("position", "position_m", MM, 2, "mm"),
-    ("setpoint", "setpoint_m", MM, 2, "mm"),
-    ("command", "command_V", 1.0, 3, "V"),
-    ("spool", "spool_m", MM, 4, "mm"),
-    ("pressure 1", "pressure_1_Pa", MPA, 3, "MPa"),
-    ("pressure 1, estimated", "est_pressure_1_Pa", MPA, 3, "MPa"),
-    ("pressure 2", "pressure_2_Pa", MPA, 3, "MPa"),
-    ("pressure 2, estimated", "est_pressure_2_Pa", MPA, 3, "MPa"),
-    ("supply", "supply_pressure_Pa", MPA, 3, "MPa"),
-    ("load", "load_N", 1e-3, 3, "kN"),
-    ("compensation", "compensation_V", 1.0, 3, "V"),
+READINGS: Final = sorted(
+    SHOWN, key=lambda row: row[0] not in ("position_m", "setpoint_m", "command_V", "spool_m")
 )
-"""Name, channel, factor and digits of what is shown as a number, with its unit."""
+"""What is shown as a number: first where the ram is, and what the valve does about it."""
 
-BYPASSES: Final = (
-    "external_leakage_1", "external_leakage_2", "internal_leakage", "supply_leakage",
-    "return_blockage",
-)  # fmt: skip
-"""Those of `rig.plant.FAULTS`, which the console, a reader of the stream, does not know."""
 LEAK_METERS: Final = {
     "external_leakage_1": "flow_1_m3_per_s",
     "external_leakage_2": "flow_2_m3_per_s",
@@ -87,19 +69,12 @@ def _life(snapshot: Snapshot) -> dict[str, Any]:
 
 def _readings(snapshot: Snapshot) -> list[dict[str, Any]]:
     found = []
-    for name, channel, factor, digits, unit in READINGS:
+    for channel, (title, unit, digits, _) in READINGS:
         value = snapshot.latest.get(channel)
         if value is not None:
-            found.append(_reading(name, value * factor, digits, unit))
-    oil_K = snapshot.latest.get("oil_temperature_K")  # noqa: N806
-    if oil_K is not None:
-        found.append(_reading("oil", oil_K + CELSIUS, 1, "°C"))
+            text = f"{unit.shown(value):.{digits}f}" if isfinite(value) else None
+            found.append({"name": title, "value": text, "unit": unit.text})
     return found
-
-
-def _reading(name: str, value: float, digits: int, unit: str) -> dict[str, Any]:
-    text = f"{value:.{digits}f}" if isfinite(value) else None
-    return {"name": name, "value": text, "unit": unit}
 
 
 def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
@@ -112,7 +87,7 @@ def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
         if ball is None and needle is None:
             continue
         flow = latest.get(LEAK_METERS.get(bypass, ""), float("nan"))
-        metered = _rounded(flow * LITRES_PER_MINUTE, 2)
+        metered = _rounded(LITRES_PER_MINUTE.shown(flow), 2)
         # Through a valve that is shut nothing flows: what its meter reads then is its zero.
         opening = needle if ball is None else ball
         is_shut = opening is not None and opening <= SHUT
@@ -233,7 +208,8 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
         "statistic": _rounded(decision.get("statistic"), 2),
         "threshold": _rounded(decision.get("threshold"), 2),
         "thresholds_kPa": [
-            _rounded(_scaled(details.get(f"threshold_{chamber}_Pa"), KPA), 1) for chamber in (1, 2)
+            _rounded(_scaled(details.get(f"threshold_{chamber}_Pa"), KPA.factor), 1)
+            for chamber in (1, 2)
         ],
         "onset_s": _rounded(decision.get("onset_s"), 1),
         "ended_s": _rounded(decision.get("ended_s"), 1),
@@ -259,7 +235,7 @@ def _verdict(content: Mapping[str, Any]) -> dict[str, Any]:
         "time_s": _rounded(content.get("time_s"), 1),
         "at_ms": _milliseconds(content.get("sent_ns")),
         "leak_L_per_min": [
-            _rounded(_scaled(value, LITRES_PER_MINUTE), 3)
+            _rounded(_scaled(value, LITRES_PER_MINUTE.factor), 3)
             for value in (content.get("leak_m3_per_s"), *ends)
         ],
     }

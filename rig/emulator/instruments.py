@@ -2,25 +2,21 @@
 
 from dataclasses import dataclass
 from math import nan
-from typing import Final, Literal, get_args
+from typing import TYPE_CHECKING, Final, Literal
 
+from rig.channels import READINGS
 from rig.plant import Reading, SensorParameters
 
 from .plant import EmulatedPlant
 
-Channel = Literal[
-    "position_m",
-    "pressure_1_Pa",
-    "pressure_2_Pa",
-    "spool_m",
-    "supply_pressure_Pa",
-    "load_N",
-    "flow_1_m3_per_s",
-    "flow_2_m3_per_s",
-    "flow_internal_m3_per_s",
-]
-CHANNELS: Final[tuple[Channel, ...]] = get_args(Channel)
+CHANNELS: Final = READINGS
 """Signals of the transducers, in the order of `Reading`."""
+
+if TYPE_CHECKING:
+    Channel = str
+else:
+    # The schema of a script is made of this: one of the names, and no other.
+    Channel = Literal[CHANNELS]
 
 Failure = Literal["nan", "zero", "low", "high", "drift"]
 

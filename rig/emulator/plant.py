@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from faults import BypassValve, Verdict
-from rig.io import BYPASSES
+from rig.channels import BYPASSES
 from rig.plant import (
     DATA_SHEET,
     FAULT_COLUMNS,

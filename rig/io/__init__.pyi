@@ -78,7 +78,6 @@ from .registry import (
 from .settings import HomingSettings as HomingSettings, LoopSettings as LoopSettings
 from .signals import (
     BALLS as BALLS,
-    BYPASSES as BYPASSES,
     FAST_INPUTS as FAST_INPUTS,
     FAST_OUTPUTS as FAST_OUTPUTS,
     METERS as METERS,

@@ -1,32 +1,15 @@
 """The names of everything that passes between the rig and the software, with its unit.
 
-A driver maps its wire to these names; the loop, the limits and the recordings know nothing else.
+What is read follows from the table of channels (`rig.channels`). A driver maps its wire to these
+names; the loop, the limits and the recordings know nothing else.
 Values are float64 in SI; switches are 0 or 1; NaN is a value that is not there.
 """
 
 from typing import Final
 
-from rig.plant import FAULTS
+from rig.channels import BYPASSES, Kind, Source, names_from, names_of
 
-FAST_INPUTS: Final = (
-    "position_m",
-    "pressure_1_Pa",
-    "pressure_2_Pa",
-    "spool_m",
-    "supply_pressure_Pa",
-    "load_N",
-    "flow_1_m3_per_s",
-    "flow_2_m3_per_s",
-    "flow_internal_m3_per_s",
-    "estop_closed",
-    "reset_button",
-    "valve_enabled",
-    "watchdog_tripped",
-    "encoder_fault",
-    "device_counter",
-    "device_echo",
-    "device_command_V",
-)
+FAST_INPUTS: Final = names_of(Kind.READING, Kind.STATUS, Kind.CARRIED)
 """What a fast driver may read in one exchange; the first nine are those of `Reading`.
 
 `position_m` of an incremental encoder counts from where it was switched on, until homed.
@@ -43,26 +26,21 @@ what the device's watchdog watches; `reset_lamp` asks the operator for the reset
 acknowledges a watchdog that has tripped by its rising edge.
 """
 
-BYPASSES: Final = FAULTS
-"""The valves that make faults, by the fault each makes; the last one is a throttle without ball."""
-
 BALLS: Final = tuple(f"{bypass}_ball" for bypass in BYPASSES)
 """Position of each ball valve, 0 shut to 1 open; as output 0 or 1."""
 
 NEEDLES: Final = tuple(f"{bypass}_needle" for bypass in BYPASSES)
 """Opening of each needle valve, 0 to 1, as output and as input."""
 
-DRIVE: Final = ("drive_state", "drive_spool_m", "drive_setpoint")
-"""A digital servovalve's state (`rig.io.can.ds408.DriveState`), spool and setpoint (-1 to 1)."""
-
-PUMP: Final = ("pump_pressure_Pa", "oil_temperature_K", "pump_loaded")
-"""The pump unit's transducers, and 1 while it delivers pressure (0: unloaded)."""
-
-METERS: Final = ("flow_1_m3_per_s", "flow_2_m3_per_s", "flow_internal_m3_per_s")
+METERS: Final = names_from(Source.METERS)
 """The leak-flow meters, which a slow driver may supply instead of the fast one."""
 
-SLOW_INPUTS: Final = (*METERS, *BALLS, *NEEDLES, *DRIVE, *PUMP)
-"""What slow drivers may read, in the order in which the field process publishes it."""
+SLOW_INPUTS: Final = (*METERS, *names_of(Kind.SLOW))
+"""What slow drivers may read, in the order in which the field process publishes it.
+
+`drive_state` is a digital servovalve's state (`rig.io.can.ds408.DriveState`), `drive_setpoint` runs
+from -1 to 1; `pump_loaded` is 1 while the pump unit delivers pressure (0: unloaded).
+"""
 
 SLOW_OUTPUTS: Final = (*BALLS, *NEEDLES, "drive_target", "drive_setpoint", "pump_load")
 """What slow drivers may write: `drive_target` is the `DriveState` asked for."""

@@ -1,5 +1,5 @@
 from .board import RING_ROWS as RING_ROWS, Board as Board, Word as Word
-from .cycle import READINGS as READINGS, guard as guard, judge as judge, sample_row as sample_row
+from .cycle import guard as guard, judge as judge, sample_row as sample_row
 from .decided import (
     PRESENT as PRESENT,
     PROBABILITIES as PROBABILITIES,

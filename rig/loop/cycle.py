@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from control import proportional_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
+from rig.channels import READINGS
 from rig.io import FAST_INPUTS
 from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, Tick, judged_sample
 from rig.plant import (
@@ -31,7 +32,6 @@ from rig.plant import (
 from .decided import DECIDED
 from .reaction import ACTED, Reaction, react, tolerating
 
-READINGS: Final = FAST_INPUTS[:READING_COUNT]
 TRUTH: Final = (
     "true_position_m",
     "true_velocity_m_per_s",

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from control import COMMAND_LIMIT, POSITION_GAIN, raised_cosine
 from estimator.accounts import BLOCK_TICKS
 from estimator.filters import FilterMemory, FilterRun
+from rig.channels import READINGS
 from rig.io import FAST_INPUTS, HomingSettings, SimulatedRig
 from rig.loop.interlocks import (
     NO_CHANNEL,
@@ -23,7 +24,7 @@ from rig.loop.interlocks import (
 from rig.loop.wire import RAMP_S
 from rig.plant import NO_FAULT, TICK, Parameters
 
-from .cycle import READINGS, READINGS_AT, guard, row_channels, simulated_ticks
+from .cycle import READINGS_AT, guard, row_channels, simulated_ticks
 from .decided import no_decision
 from .reaction import Reaction, reaction_memory
 

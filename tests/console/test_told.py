@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from rig.console.told import BYPASSES, sections
+from rig.channels import BYPASSES
+from rig.console.told import sections
 from rig.plant import FAULTS
 from rig.stream.view import Snapshot
 

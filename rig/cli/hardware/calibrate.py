@@ -14,10 +14,11 @@ from rich.table import Table
 from control import RequestError
 from estimator.filters import DEFAULT_FILTER
 from faults import CalibratedPoint, Measurement, NeedleCalibration, to_litres_per_minute
+from rig.channels import BYPASSES
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED
 from rig.cli.screen import Screen
 from rig.configuration import dump_calibration, load_model, load_rig
-from rig.io import BYPASSES, DriverError
+from rig.io import DriverError
 from rig.loop import TripError
 from rig.runner import StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for

@@ -9,14 +9,12 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from rig.channels import LITRES_PER_MINUTE, SHOWN
 from rig.stream import Snapshot
 
 EVENTS: Final = 6
 STYLES: Final = {"live": "green", "ended": "dim", "dead": "bold red", "unheard": "dim"}
-_MPA: Final = 1e-6
-_MM: Final = 1e3
 _US: Final = 1e6
-_L_PER_MIN: Final = 6e4
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
@@ -93,17 +91,10 @@ def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
     latest, health, decision = snapshot.latest, snapshot.health, snapshot.decision
     if snapshot.state:
         yield "state", str(snapshot.state.get("state", ""))
-    for name, channel, factor, unit in (
-        ("position", "position_m", _MM, "mm"),
-        ("setpoint", "setpoint_m", _MM, "mm"),
-        ("command", "command_V", 1.0, "V"),
-        ("pressure 1", "pressure_1_Pa", _MPA, "MPa"),
-        ("pressure 2", "pressure_2_Pa", _MPA, "MPa"),
-        ("supply", "supply_pressure_Pa", _MPA, "MPa"),
-    ):
+    for channel, (title, unit, _, on_monitor) in SHOWN:
         value = latest.get(channel, float("nan"))
-        if isfinite(value):
-            yield name, f"{factor * value:.2f} {unit}"
+        if on_monitor and isfinite(value):
+            yield title, f"{unit.shown(value):.2f} {unit.text}"
     if decision:
         yield "verdict", _verdict(decision)
         statistic, threshold = decision.get("statistic"), decision.get("threshold")
@@ -137,7 +128,7 @@ def _verdict(decision: Mapping[str, Any]) -> str:
     chance = decision.get("probabilities", {}).get(text)
     flow = decision.get("leak_m3_per_s")
     text += "" if chance is None else f" {100.0 * chance:.0f} %"
-    return text if flow is None else f"{text}, {_L_PER_MIN * flow:.3f} L/min"
+    return text if flow is None else f"{text}, {LITRES_PER_MINUTE.shown(flow):.3f} L/min"
 
 
 def _event(event: Mapping[str, Any]) -> str:

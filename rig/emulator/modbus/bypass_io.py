@@ -14,10 +14,11 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from rig.channels import BYPASSES
 from rig.emulator.addresses import AddressError
 from rig.emulator.pseudo_terminal import PseudoTerminal
 from rig.emulator.record import Record
-from rig.io import BYPASSES, IDENTITY, NEEDLE_FULL_SCALE, STANDARD_REGISTERS, THROTTLE
+from rig.io import IDENTITY, NEEDLE_FULL_SCALE, STANDARD_REGISTERS, THROTTLE
 
 from .rtu_line import RtuLine
 from .server import Wire

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from rig.channels import BYPASSES
 from rig.emulator.record import Record
-from rig.io import BYPASSES, THROTTLE
+from rig.io import THROTTLE
 
 _SHUT, _OPEN = 0.0, 1.0
 

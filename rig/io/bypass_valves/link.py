@@ -9,8 +9,8 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from rig.channels import BYPASSES
 from rig.io.driver import DriverError
-from rig.io.signals import BYPASSES
 
 from .registers import IDENTITY, NEEDLE_FULL_SCALE, THROTTLE, BypassRegisters
 

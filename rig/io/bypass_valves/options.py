@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from rig.io.signals import BYPASSES
+from rig.channels import BYPASSES
 from rig.plant import Quantity as _Quantity
 
 from .registers import STANDARD_REGISTERS, BypassRegisters

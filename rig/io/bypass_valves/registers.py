@@ -12,7 +12,7 @@ set free by the device itself.
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from rig.io.signals import BYPASSES
+from rig.channels import BYPASSES
 from rig.plant import Quantity as _Quantity
 
 THROTTLE: Final = BYPASSES[-1]

@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, POSITION_GAIN
 from estimator.filters import FilterMemory, ProductNoise
-from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, SLOW_INPUTS, LoopSettings
+from rig.channels import READINGS, Kind, names_of
+from rig.io import FAST_INPUTS, FAST_OUTPUTS, LoopSettings
 from rig.loop.board import Board
 from rig.loop.cycle import sample_channels
 from rig.loop.decided import no_decision
 from rig.loop.reaction import Reaction, ReactionMemory, reaction_memory
-from rig.plant import READING_COUNT, Parameters
+from rig.plant import Parameters
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-STATUS: Final = FAST_INPUTS[READING_COUNT:]
-"""Fast inputs that are no transducers' readings: switches, counters and the valve output."""
+STATUS: Final = FAST_INPUTS[len(READINGS) :]
+"""Fast inputs that no filter takes: switches, counters, the valve output, carried transducers."""
 
 TIMINGS: Final = (
     "wakeup_s",
@@ -39,7 +40,7 @@ without exchange; segment and tick, -1 outside its table; `Action`."""
 MEASURED: Final = TIMINGS.index("segment")
 """Timings that are measured, the first ones; the others say what the tick was for."""
 
-SLOW: Final = SLOW_INPUTS[len(METERS) :]
+SLOW: Final = names_of(Kind.SLOW)
 """Slow inputs with columns of their own; the meters stand among the readings."""
 
 
@@ -279,7 +280,7 @@ def wire_memory() -> WireMemory:
         np.full(len(FAST_INPUTS), nan),
         np.full(len(FAST_INPUTS), nan),
         np.zeros(len(FAST_OUTPUTS)),
-        np.full(9, nan),
+        np.full(len(READINGS), nan),
         np.full(1, nan),
         np.full(1, nan),
         np.full(len(Handling), nan),

@@ -9,18 +9,10 @@ import numpy as np
 
 from estimator.filters import FilterMemory
 from faults import CampaignTest, FaultSchedule
+from rig.channels import READINGS
 from rig.configuration import Rig
 from rig.io import HomingSettings, simulated_rig
-from rig.loop import (
-    READINGS,
-    Interlock,
-    Motion,
-    Reaction,
-    SimulatedLoop,
-    interlock,
-    limit_table,
-    tolerances,
-)
+from rig.loop import Interlock, Motion, Reaction, SimulatedLoop, interlock, limit_table, tolerances
 from rig.plant import TICK, Model
 from rig.recording import McapWriter
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from rig.channels import BYPASSES
 from rig.configuration.reading.document import Sources
 from rig.configuration.reading.lookup import shipped_config_dir
 from rig.configuration.rigs.register_maps import read_map
@@ -25,7 +26,6 @@ from rig.io.flow_meters.driver import FlowMeterOptions, FlowMeters
 from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
 from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_types
-from rig.io.signals import BYPASSES
 from rig.plant import Model
 from tests.rig.io.can.test_pump import PumpBench
 from tests.rig.io.can.test_valve import ValveBench

@@ -9,11 +9,11 @@ from hypothesis import given, strategies as st
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
+from rig.channels import BYPASSES
 from rig.emulator.addresses import AddressError
 from rig.emulator.modbus.bypass_io import BypassIo
 from rig.emulator.modbus.valve_bank import ValveBank
 from rig.emulator.record import Record
-from rig.io.signals import BYPASSES
 from tests.rig.io.conftest import DeviceThread, ManualClock
 
 IDENTITY, WATCHDOG = 100, 101

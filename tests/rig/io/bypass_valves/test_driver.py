@@ -3,8 +3,8 @@ from typing import Any
 
 import pytest
 
+from rig.channels import BYPASSES
 from rig.io.driver import Driver, DriverError
-from rig.io.signals import BYPASSES
 from tests.rig.io.conftest import BypassBench
 from tests.waiting import until
 

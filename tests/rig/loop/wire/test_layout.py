@@ -5,9 +5,9 @@ from typing import get_args
 import pytest
 
 from estimator.filters.registry import FILTERS
+from rig.channels import READINGS
 from rig.io.settings import LoopSettings, Overrun as Policy
 from rig.io.signals import FAST_INPUTS, SLOW_INPUTS
-from rig.loop.cycle import READINGS
 from rig.loop.decided import PROBABILITIES
 from rig.loop.wire.layout import Overrun, pace, wire_channels
 from rig.recording.formats.mcap_writer import channel_problems
