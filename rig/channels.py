@@ -120,6 +120,12 @@ CHANNELS: Final = (
     Channel("device_counter", Kind.STATUS),
     Channel("device_echo", Kind.STATUS),
     Channel("device_command_V", Kind.STATUS),
+    Channel(
+        "tank_temperature_K",
+        Kind.CARRIED,
+        shown=Shown("tank", CELSIUS, 1, True),
+        ends=(223.15, 423.15),
+    ),
     *(Channel(f"{bypass}_ball", Kind.SLOW, Source.BYPASS) for bypass in BYPASSES),
     *(Channel(f"{bypass}_needle", Kind.SLOW, Source.BYPASS) for bypass in BYPASSES),
     Channel("drive_state", Kind.SLOW, Source.DRIVE),

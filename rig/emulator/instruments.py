@@ -4,13 +4,17 @@ from dataclasses import dataclass
 from math import nan
 from typing import TYPE_CHECKING, Final, Literal
 
-from rig.channels import READINGS
+from rig.channels import ENDS, READINGS, Kind, names_of
 from rig.plant import Reading, SensorParameters
 
 from .plant import EmulatedPlant
 
-CHANNELS: Final = READINGS
-"""Signals of the transducers, in the order of `Reading`."""
+CARRIED: Final = names_of(Kind.CARRIED)
+STEADY: Final = {"tank_temperature_K": 313.15}
+"""What carried transducers measure, SI: the plant knows nothing of it, so that it never changes."""
+
+CHANNELS: Final = (*READINGS, *CARRIED)
+"""Signals of the transducers: those of `Reading` in its order, then those that are carried."""
 
 if TYPE_CHECKING:
     Channel = str
@@ -45,16 +49,25 @@ class Instruments:
         self._failed: dict[int, FailedSensor] = {}
 
     def read(self) -> Reading:
-        """Return one sample of all transducers, SI."""
+        """Return one sample of the transducers that filters may take, SI."""
         reading = self.plant.reading()
         if not self._frozen and not self._failed:
             return reading
-        values = list(reading)
-        for index, failed in self._failed.items():
-            values[index] = self._wrong(index, values[index], failed)
-        for index, value in self._frozen.items():
-            values[index] = value
-        return Reading(*values)
+        return Reading(*(self._told(index, value) for index, value in enumerate(reading)))
+
+    def read_carried(self) -> dict[str, float]:
+        """Return what the carried transducers read, SI, by channel in the order of `CARRIED`."""
+        return {
+            name: self._told(index, STEADY[name])
+            for index, name in enumerate(CARRIED, len(READINGS))
+        }
+
+    def _told(self, index: int, value: float) -> float:
+        """Return what a transducer tells, an index in `CHANNELS`, of a true value."""
+        if index in self._frozen:
+            return self._frozen[index]
+        failed = self._failed.get(index)
+        return value if failed is None else self._wrong(index, value, failed)
 
     def _wrong(self, index: int, value: float, failed: FailedSensor) -> float:
         if failed.reads == "nan":
@@ -70,7 +83,7 @@ class Instruments:
         """Hold a channel at its value of now, or let it go."""
         index = CHANNELS.index(channel)
         if frozen:
-            self._frozen[index] = self.read()[index]
+            self._frozen[index] = (*self.read(), *self.read_carried().values())[index]
         else:
             self._frozen.pop(index, None)
 
@@ -85,7 +98,7 @@ class Instruments:
 
 
 def rails(sensors: SensorParameters) -> tuple[tuple[float, float], ...]:
-    """Return the ends (low, high) of every transducer's range, SI, in the order of `Reading`.
+    """Return the ends (low, high) of every transducer's range, SI, in the order of `CHANNELS`.
 
     A broken wire reads the low end, a short circuit the high one. The encoder and the flow meters
     count and have no range of their own: they rail at zero and at something absurd.
@@ -93,4 +106,7 @@ def rails(sensors: SensorParameters) -> tuple[tuple[float, float], ...]:
     pressure = (sensors.pressure_min, sensors.pressure_max)
     spool = (-sensors.spool_range, sensors.spool_range)
     counted, flow = (0.0, 10.0), (0.0, 1e-2)
-    return (counted, pressure, pressure, spool, pressure, (0.0, sensors.load_max), flow, flow, flow)
+    return (
+        counted, pressure, pressure, spool, pressure, (0.0, sensors.load_max), flow, flow, flow,
+        *(ENDS[name] for name in CARRIED),
+    )  # fmt: skip

@@ -47,6 +47,12 @@ def test_values_are_in_the_units_of_the_screen() -> None:
     assert readings["load"] == (None, "kN")
 
 
+def test_the_tank_is_shown_in_degrees_and_of_a_stream_without_it_nothing() -> None:
+    warm = told(latest={"tank_temperature_K": 313.15})["readings"]
+    assert warm == [{"name": "tank", "value": "40.0", "unit": "°C"}]
+    assert "tank" not in [reading["name"] for reading in told()["readings"]]
+
+
 def test_a_leak_has_its_interval_in_litres_a_minute() -> None:
     decision = told(decision=DECIDED)["decision"]
     assert decision["leak_L_per_min"] == [0.6, 0.54, 0.66]

@@ -11,7 +11,7 @@ from math import isfinite, isnan
 from struct import Struct
 from typing import Final
 
-from rig.emulator.instruments import Instruments
+from rig.emulator.instruments import CARRIED, Instruments
 from rig.emulator.plant import COMMAND_RANGE
 from rig.emulator.record import Record
 
@@ -30,7 +30,7 @@ WATCHDOG_MS: Final = 100
 WATCHDOG_LIMIT_MS: Final = 1000
 
 _WRITTEN: Final = Struct(">HHf")
-_READ: Final = Struct(">HHHHIiffffff")
+_READ: Final = Struct(f">HHHHIiffffff{len(CARRIED)}f")
 _SETUP: Final = Struct(">HHHHHH")
 _BLOCKS: Final = {
     WRITE_BLOCK: _WRITTEN.size // 2,
@@ -311,6 +311,7 @@ class IoNode:
             (now - self._power_up_ns) // 1000 & 0xFFFFFFFF, counts,
             1e-3 * reading.pressure_1, 1e-3 * reading.pressure_2, 1e-3 * reading.supply_pressure,
             1e6 * reading.spool, reading.load, self._output,
+            *self._instruments.read_carried().values(),
         )  # fmt: skip
         return self._sample
 

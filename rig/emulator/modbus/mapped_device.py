@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 from math import isnan
 from typing import Final
 
-from rig.emulator.instruments import CHANNELS, Instruments
+from rig.channels import READINGS
+from rig.emulator.instruments import Instruments
 from rig.emulator.record import Record
 from rig.io import Register, RegisterMap, RegisterValue
 
@@ -230,11 +231,12 @@ class MappedDevice:
 
     def _found(self) -> dict[str, float]:
         """Return what there is to read, SI."""
-        found: dict[str, float] = dict(zip(CHANNELS, self._instruments.read(), strict=True))
+        found: dict[str, float] = dict(zip(READINGS, self._instruments.read(), strict=True))
         self._samples = (self._samples + 1) & 0xFFFF
         resolution = self._instruments.plant.sensors.position_resolution
         return {
             **found,
+            **self._instruments.read_carried(),
             "position_m": found["position_m"] - resolution * self._zero,
             "estop_closed": float(self._estop_closed),
             "reset_button": float(self._button),

@@ -216,9 +216,9 @@ def exchange(fd, plan, sequence, outputs, inputs, deadline_ns):
         fd: a connected socket in blocking mode.
         plan: of this connection; changed.
         sequence: number of the exchange, counting up by one; the transaction ids follow from it.
-        outputs: float64 (5,), `FAST_OUTPUTS`, SI.
-        inputs: float64 (17,), filled with `FAST_INPUTS`, SI; NaN where the device has no register,
-            and all NaN unless the status is OK.
+        outputs: float64 (outputs,), `FAST_OUTPUTS`, SI.
+        inputs: float64 (inputs,), filled with `FAST_INPUTS`, SI; NaN where the device has no
+            register, and all NaN unless the status is OK.
         deadline_ns: when to give up, on CLOCK_MONOTONIC.
     """
     inputs[:] = np.nan

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT
+from rig.channels import ENDS
 from rig.io import FAST_INPUTS, HomingSettings
 from rig.plant import Parameters, SensorParameters, total_mass, valve_conductance
 
@@ -125,7 +126,7 @@ def tolerances(
     # An empty chamber reads the low end of its range; only beyond it is a transducer broken.
     span = sensors.pressure_max - sensors.pressure_min
     pressure_range = (sensors.pressure_min - 0.05 * span, sensors.pressure_max)
-    ranges = {
+    ranges = ENDS | {
         "pressure_1_Pa": pressure_range,
         "pressure_2_Pa": pressure_range,
         "supply_pressure_Pa": pressure_range,

@@ -3,7 +3,8 @@ from typing import Any
 
 import pytest
 
-from rig.emulator.instruments import CHANNELS, Instruments, rails
+from rig.channels import Kind, names_of
+from rig.emulator.instruments import CARRIED, CHANNELS, STEADY, Instruments, rails
 from rig.emulator.plant import EmulatedPlant
 from rig.io.signals import FAST_INPUTS
 from rig.plant.sensors import DATA_SHEET, Reading
@@ -17,7 +18,8 @@ def instruments(plant: EmulatedPlant) -> Instruments:
 
 
 def test_channels_are_the_signals_of_the_transducers() -> None:
-    assert FAST_INPUTS[: len(Reading._fields)] == CHANNELS
+    assert (*FAST_INPUTS[: len(Reading._fields)], *names_of(Kind.CARRIED)) == CHANNELS
+    assert STEADY.keys() == set(CARRIED)
     assert len(rails(DATA_SHEET)) == len(CHANNELS)
 
 
@@ -57,3 +59,20 @@ def test_a_drifting_sensor_goes_away_at_its_rate(instruments: Instruments, clock
     before = instruments.read().position
     clock.advance(2.0)
     assert instruments.read().position - before == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("reads", "expected"), [("zero", 0.0), ("low", 223.15), ("high", 423.15), ("drift", 315.15)]
+)
+def test_a_carried_transducer_fails_like_any_other(
+    instruments: Instruments, clock: Clock, reads: Any, expected: float
+) -> None:
+    instruments.fail("tank_temperature_K", reads, rate_per_s=1.0)
+    clock.advance(2.0)
+    instruments.read()
+    assert instruments.read_carried()["tank_temperature_K"] == pytest.approx(expected)
+    instruments.freeze("tank_temperature_K", True)
+    instruments.mend("tank_temperature_K")
+    assert instruments.read_carried()["tank_temperature_K"] == pytest.approx(expected)
+    instruments.freeze("tank_temperature_K", False)
+    assert instruments.read_carried()["tank_temperature_K"] == 313.15

@@ -209,6 +209,13 @@ def test_a_dead_stream_is_shown_as_dead_with_its_age() -> None:
     assert "DEAD" not in shown(ended)
 
 
+def test_the_tank_is_shown_in_degrees_where_it_is_measured() -> None:
+    warm = replace(DEAD, latest={"tank_temperature_K": 313.15})
+    assert "tank 40.00 °C" in line(warm)
+    assert "40.00 °C" in shown(warm)
+    assert "tank" not in line(DEAD)
+
+
 def test_the_screen_shows_what_an_operator_asks_for() -> None:
     text = shown(DEAD)
     for told in ("300.00 mm", "internal_leakage 97 %, 0.300 L/min", "9.00 of -", "p99 30 us",

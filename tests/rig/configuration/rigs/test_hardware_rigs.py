@@ -253,6 +253,11 @@ def test_a_limit_of_any_channel_in_the_loop_adds_a_rung(load_text: LoadText) -> 
         ),
         (
             "drivers:",
+            LIMITS % "{channel: tank_temperature_K, high: 60 K, action: indicate}" + "drivers:",
+            "rig.yaml:8:68 channels: tank_temperature_K has a limit and is not read by the fast dr",
+        ),
+        (
+            "drivers:",
             LIMITS % "{channel: position_m, high: 1 kN, action: trip}" + "drivers:",
             "rig.yaml:8:101 high: 1 kN is not a length; write a length, such as 0.3 m",
         ),

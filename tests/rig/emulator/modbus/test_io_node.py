@@ -5,10 +5,11 @@ from typing import Any
 
 import pytest
 
+from rig.channels import Kind, names_of
 from rig.configuration.rigs.rig import load_rig
 from rig.emulator.modbus.functions import ModbusException, serve
 from rig.emulator.modbus.io_node import Control, IoNode, Status
-from rig.io.signals import FAST_INPUTS
+from rig.io.signals import FAST_INPUTS, METERS
 
 Bench = Any
 
@@ -301,7 +302,7 @@ def test_registers_that_cannot_be_written_are_refused(bench: Bench, address: int
     assert code(bench.node, address, b"\0\0") == 2
 
 
-@pytest.mark.parametrize(("address", "count"), [(4, 1), (3, 2), (255, 1), (275, 2), (518, 1)])
+@pytest.mark.parametrize(("address", "count"), [(4, 1), (3, 2), (255, 1), (277, 2), (518, 1)])
 def test_registers_that_there_are_not_are_refused(bench: Bench, address: int, count: int) -> None:
     with pytest.raises(ModbusException) as refused:
         bench.node.read(address, count)
@@ -315,7 +316,14 @@ def test_what_the_host_wrote_can_be_read_back(bench: Bench, host: Host) -> None:
 
 def test_a_node_has_every_signal_but_the_flows_which_meters_measure(bench: Bench) -> None:
     daq = next(spec for spec in load_rig("emulated").drivers if spec.kind == "fast")
-    assert {name for name in FAST_INPUTS if "flow" not in name} == set(daq.inputs)
+    assert set(FAST_INPUTS) - set(daq.inputs) == {*METERS, *names_of(Kind.CARRIED)}
+
+
+def test_a_node_carries_the_tank_s_temperature_behind_what_every_node_has(bench: Bench) -> None:
+    whole = bench.node.read(256, 22)
+    assert unpack(">f", whole[40:]) == (pytest.approx(313.15, abs=1e-4),)
+    bench.instruments.fail("tank_temperature_K", "high")
+    assert unpack(">f", bench.node.read(276, 2)) == (pytest.approx(423.15, abs=1e-4),)
 
 
 def test_the_shipped_register_map_reads_what_the_node_packs(bench: Bench, host: Host) -> None:

@@ -1,13 +1,19 @@
 import pickle
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rig.channels import Kind, names_of
+from rig.configuration.reading.document import Sources
+from rig.configuration.reading.lookup import shipped_config_dir
+from rig.configuration.rigs.register_maps import read_map
 from rig.io.modbus_daq.register_map import (
     Fact,
     Register,
+    RegisterMap,
     RegisterMapError,
     RegisterValue,
     Span,
@@ -16,7 +22,7 @@ from rig.io.modbus_daq.register_map import (
     feedback_bytes,
     spans,
 )
-from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
+from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS, METERS
 from tests.rig.io.modbus_bench import map_of, shipped_map
 
 COMMAND = Register("command_V", 0, "F32", "rw", unit="V")
@@ -29,14 +35,26 @@ def problems_of(*registers: Register, **changes: Any) -> list[str]:
     return [str(problem) for problem in caught.value.problems]
 
 
-def test_the_io_node_has_every_signal_but_the_leak_flows() -> None:
+def test_the_io_node_has_every_signal_but_the_leak_flows_and_what_not_every_node_carries() -> None:
     node = shipped_map("io_node")
 
     signals = {register.signal for register in node.registers}
     missing = {name for name in (*FAST_INPUTS, *FAST_OUTPUTS) if name not in signals}
-    assert missing == {"flow_1_m3_per_s", "flow_2_m3_per_s", "flow_internal_m3_per_s"}
+    assert missing == {*METERS, *names_of(Kind.CARRIED)}
     assert block(node.written) == Span(0, 4)
     assert block(node.read) == Span(256, 20)
+
+
+def test_the_io_node_s_map_takes_in_what_a_node_carries_line_by_line(tmp_path: Path) -> None:
+    shipped = (shipped_config_dir() / "maps" / "io_node.yaml").read_text()
+    path = tmp_path / "my_node.yaml"
+    path.write_text(shipped.replace("  # - {signal", "  - {signal"))
+    found = read_map(path, Sources())
+
+    assert isinstance(found, RegisterMap)
+    carried = found.registers[len(shipped_map("io_node").registers) :]
+    assert tuple(register.signal for register in carried) == names_of(Kind.CARRIED)
+    assert block(found.read) == Span(256, 20 + 2 * len(carried))
 
 
 @pytest.mark.parametrize("name", ["io_node", "labjack_t7", "labjack_t8"])

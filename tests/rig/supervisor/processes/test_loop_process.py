@@ -4,7 +4,7 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,10 @@ from rig.configuration.rigs.rig import load_rig
 from rig.emulator.running import EmulatorThread
 from rig.emulator.script.fault_script import Script
 from rig.io.driver import DriverError
+from rig.io.limits import ChannelLimit
+from rig.io.modbus_daq.register_map import Register
 from rig.io.settings import HomingSettings, LoopSettings
+from rig.io.signals import FAST_INPUTS
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
@@ -27,11 +30,13 @@ from rig.loop.wire.orders import Close, Closed, Open, Opened, Segment
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
+from rig.recording import McapWriter, read_recording
 from rig.supervisor.processes.child import Child, News
 from tests.rig.patience import long_watchdogs, patient
 from tests.waiting import COMPILE_S, until
 
 MODEL = Model()
+TANK = "tank_temperature_K"
 # A host that stalls must not trip the loop: what is tested here is not the host.
 SETTINGS = LoopSettings(priority=0, stale_limit=10.0, exchange_timeout=0.05)
 
@@ -57,14 +62,16 @@ class Rig:
         self.child.send(order)
         return self.child.answer(COMPILE_S)
 
-    def open(self, port: int | None = None) -> Opened:
+    def open(
+        self, port: int | None = None, limits: tuple[ChannelLimit, ...] = (), **options: Any
+    ) -> Opened:
         (spec,) = (spec for spec in load_rig("emulated").drivers if spec.kind == "fast")
         self.board.words[Word.SWITCH] = 1
         opened: Opened = self.ask(
             Open(
-                patient(spec, port=port or int(self.emulator.ports["daq"])),
+                patient(spec, port=port or int(self.emulator.ports["daq"]), **options),
                 SETTINGS,
-                limit_table((), TICK),
+                limit_table(limits, TICK),
                 tolerances(
                     MODEL.parameters, DATA_SHEET, frozenset(spec.inputs), TICK,
                     SETTINGS.stale_limit, HomingSettings(),
@@ -197,6 +204,36 @@ def test_a_lost_count_trips_and_the_position_is_no_longer_known(opened: Rig) -> 
     assert rig.board.words[Word.LOOP_TRIP] == Cause.ENCODER_FAULT
     assert rig.board.words[Word.HOMED] == 0
     assert rig.is_null
+
+
+def test_a_carried_transducer_is_recorded_and_its_limits_warn_and_then_trip(
+    rig: Rig, tmp_path: Path
+) -> None:
+    (spec,) = (spec for spec in load_rig("emulated").drivers if spec.kind == "fast")
+    registers = patient(spec).options.map
+    register = Register(TANK, 276, "F32", "r", unit="K")
+    rig.open(
+        map=replace(registers, registers=(*registers.registers, register)),
+        limits=(ChannelLimit(TANK, high=310.0, action="indicate"), ChannelLimit(TANK, high=330.0)),
+    )
+    rig.arm()
+    loop = rig.test(60_000)
+    rows = [loop.advance(10)]
+    words = rig.board.words
+    assert (words[Word.ACTION], words[Word.ACTION_CAUSE]) == (Action.INDICATE, Cause.LIMIT_HIGH)
+    assert words[Word.ACTION_CHANNEL] == FAST_INPUTS.index(TANK)
+    rig.emulator.inject(fault="sensor", target=TANK, reads="drift", rate=12.0)
+    rows.append(loop.advance(60_000))
+    until(lambda: bool(words[Word.VALVE_NULL_AT]), "null was confirmed")
+    assert words[Word.LOOP_TRIP] == Cause.LIMIT_HIGH
+    assert rig.is_null
+
+    path = tmp_path / "tank.mcap"
+    with McapWriter(path, rig.channels) as writer:
+        writer.write(np.concatenate(rows))
+    recording = read_recording(path, required=())
+    assert recording[TANK][0] == pytest.approx(313.15, abs=1e-4)
+    assert 329.0 < np.nanmax(recording[TANK]) < 331.0
 
 
 @pytest.mark.parametrize("way", ["SIGTERM", "supervisor gone"])
