@@ -13,7 +13,7 @@ import numpy as np
 from estimator.filters import start_memory
 from rig.compile_cache import telling_of_compiling
 from rig.configuration import Rig
-from rig.io import FAST_INPUTS, SLOW_INPUTS, HomingSettings, exclusive
+from rig.io import SLOW_INPUTS, HomingSettings, exclusive
 from rig.loop import (
     NO_CHANNEL,
     NULL_V,
@@ -36,20 +36,17 @@ from rig.plant import Model
 from rig.supervisor.processes import (
     Child,
     ChildError,
-    Driven,
     MakeSafe,
-    News,
     Onlooker,
     OpenField,
     Parts,
     Safety,
     Watch,
     WriteOutputs,
-    trips_of,
 )
 
+from .happenings import Happenings, loop_channel
 from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, SessionState, State
-from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
 
 OPEN_S: Final = 300.0
 """How long opening may take: the loop may have to be compiled first."""
@@ -61,13 +58,9 @@ SAFE_S: Final = 20.0
 STOP_S: Final = 5.0
 """How long bringing the motion to rest may take."""
 POLL_S: Final = 0.01
-LAST_S: Final = 2.0
-"""How much of the rig's last seconds a trip report shows, of all channels."""
 SHOWN_ROWS: Final = 20
 SHOWN_S: Final = 0.2
 """Rows of the loop that show the safe state to whoever watches, and how long they may take."""
-LAST_NEWS_S: Final = 0.2
-"""How long a trip report waits for what the slow drivers have to tell once all is safe."""
 RECENT_S: Final = 0.25
 """How old the newest value of a channel may be."""
 NEEDLE_TOLERANCE: Final = 0.02
@@ -132,19 +125,15 @@ class ConnectedRig:
         self.model = model
         self.say = say
         self._onlooker = onlooker or Onlooker()
-        self._journal = journal
+        self._happenings = Happenings(rig, directory, say, journal)
         self.offset_m = 0.0
         self._memory = lambda: start_memory(filter_name, model, rig.sensors)
         self._directory = directory
         self._stop = stop
         self._state = SessionState()
-        self._notes: list[Note] = []
         self._outputs = {output for spec in rig.drivers for output in spec.outputs}
         self._devices = ExitStack()
         self._indicated = (0, NO_CHANNEL)
-        self._driven: dict[tuple[str, str], Driven] = {}
-        self._report: TripReport | None = None
-        self._reported: Path | None = None
 
     @property
     def state(self) -> State:
@@ -170,7 +159,13 @@ class ConnectedRig:
         log = self._directory / LOG
         self.parts = Parts(
             *(
-                Child(name, f"rig.supervisor.processes.{module}", self.board, log, self._on_news)
+                Child(
+                    name,
+                    f"rig.supervisor.processes.{module}",
+                    self.board,
+                    log,
+                    self._happenings.take,
+                )
                 for name, module in (
                     ("loop", "loop_process"),
                     ("field", "field"),
@@ -180,7 +175,7 @@ class ConnectedRig:
         )
         self._watch = Watch(
             self.board, self.parts, self.configured.loop, self.configured.drivers, self.note,
-            self._on_news,
+            self._happenings.take,
         )  # fmt: skip
         try:
             self._open()
@@ -297,16 +292,7 @@ class ConnectedRig:
 
     def note(self, who: str, what: str) -> None:
         """Note who did what, for a trip report."""
-        self._notes.append(Note(time.monotonic_ns(), who, what))
-
-    def _on_news(self, news: News) -> None:
-        text = news.text
-        if isinstance(news, Driven):
-            self._driven[news.who, news.part] = news
-            text = news.sentence
-            self._journal(text)
-        self._notes.append(Note(news.at_ns, news.who, text))
-        self.say(f"{news.who}: {text}")
+        self._happenings.note(who, what)
 
     def _compiles(self, name: str) -> None:
         """Note that something was not compiled in time: it keeps the supervisor from beating."""
@@ -375,12 +361,7 @@ class ConnectedRig:
             self.handle(Event.TRIP)
         if not safe:
             self.note("supervisor", "not everything was made safe in time")
-        if self._report is None:
-            # Slow drivers are read again only now; what ails one may be why the loop tripped.
-            time.sleep(LAST_NEWS_S)
-            self._report = self._trip_report()
-            self._reported = kept_trip_report(self._report, self._directory, self.say)
-        return trip_error(self._report, self._reported)
+        return self._happenings.tripped(self.board, self._channels)
 
     def stopped(self, error: LoopStoppedError) -> TripError:
         """Return the error for a motion that the loop ended by itself."""
@@ -388,30 +369,6 @@ class ConnectedRig:
             return self.tripped()
         self.note("loop", str(error))
         return TripError(str(error))
-
-    @property
-    def _loop_channel(self) -> str:
-        """Name of the channel that the loop's action concerns; empty if it concerns none."""
-        channel = int(self.board.words[Word.ACTION_CHANNEL])
-        return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
-
-    def _trip_report(self) -> TripReport:
-        words = self.board.words
-        steps = {
-            "valve null": Word.VALVE_NULL_AT,
-            "bypass shut": Word.BYPASS_SHUT_AT,
-            "pump unloaded": Word.PUMP_UNLOADED_AT,
-        }
-        return TripReport(
-            trips=trips_of(self.board),
-            confirmations=[Confirmation(what, int(words[at])) for what, at in steps.items()],
-            notes=tuple(self._notes),
-            channels=self._channels,
-            rows=RingReader(self.board).latest(round(LAST_S * self.configured.loop.rate)),
-            channel=self._loop_channel,
-            limits=self.configured.ladder,
-            driven=tuple(self._driven.values()),
-        )
 
     def alive(self) -> None:
         """Show the watch that the supervisor works, and the operator what the loop indicates."""
@@ -421,7 +378,7 @@ class ConnectedRig:
         if words[Word.ACTION] != Action.INDICATE or indicated == self._indicated:
             return
         self._indicated = indicated
-        sentence, remedy = explain(Cause(indicated[0]), self._loop_channel)
+        sentence, remedy = explain(Cause(indicated[0]), loop_channel(self.board))
         self.note("loop", sentence)
         self.say(f"loop: {sentence}; {remedy}")
 
@@ -461,13 +418,13 @@ class ConnectedRig:
                 self.ramp_down()
             if not self._watch.tripped:
                 unsafe |= self._make_field_safe()
-            if self._watch.tripped and self._report is None:
+            if self._watch.tripped and not self._happenings.has_report:
                 ended = self.tripped()
         finally:
             self._watch.stop()
             unsafe |= self._close_loop()
             self._end_parts()
-            self._complete_report()
+            self._happenings.complete_report()
         self.handle(Event.DISCONNECT)
         told = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
         if told and self._watch.tripped:
@@ -477,15 +434,6 @@ class ConnectedRig:
             ended = TripError(f"{told}; look at the rig before going near it")
         if ended is not None:
             raise ended
-
-    def _complete_report(self) -> None:
-        """Write a trip report anew that does not tell all of what another master did."""
-        report, driven = self._report, tuple(self._driven.values())
-        if report is not None and report.driven != driven:
-            self._report = replace(report, driven=driven, notes=tuple(self._notes))
-            self._reported = kept_trip_report(
-                self._report, self._directory, self.say, self._reported
-            )
 
     def _make_field_safe(self) -> Mapping[str, str]:
         """Have the slow drivers safe; return what each could not do, by its name."""

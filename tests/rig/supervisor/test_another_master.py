@@ -14,9 +14,7 @@ from rig.configuration.rigs.rig import load_rig
 from rig.io.can.ds408 import DriveState
 from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
-from rig.plant import Model
-from rig.runner import StopFlag
-from rig.supervisor.connected_rig import ConnectedRig
+from rig.supervisor.happenings import Happenings
 from rig.supervisor.processes.driven import Driven, Tally, departures
 from rig.supervisor.trip_report import TripReport, write_trip_report
 from tests.rig.supervisor.processes.test_loop_process import Rig, connected
@@ -168,16 +166,13 @@ def test_what_comes_after_the_report_was_written_is_added_and_kept_in_the_journa
 ) -> None:
     kept: list[str] = []
     said: list[str] = []
-    rig = ConnectedRig(
-        load_rig("emulated"), "product", Model(), tmp_path, StopFlag(), said.append,
-        journal=kept.append,
-    )  # fmt: skip
+    happenings = Happenings(load_rig("emulated"), tmp_path, said.append, kept.append)
     trips = {"loop": (Cause.LIMIT_HIGH, 1_000_000)}
-    rig._report = TripReport(trips, (), (), (), np.empty((0, 0)))
-    rig._reported = write_trip_report(rig._report, tmp_path)
+    happenings._report = TripReport(trips, (), (), (), np.empty((0, 0)))
+    happenings._reported = write_trip_report(happenings._report, tmp_path)
     found = Driven(3_000_000, "loop", "enabled", "valve", 2, 2_000_000, 3_000_000)
-    rig._on_news(found)
-    rig._complete_report()
+    happenings.take(found)
+    happenings.complete_report()
     report = json.loads((tmp_path / "trip-1.json").read_text())
     assert [told["part"] for told in report["driven_by_another_master"]] == ["valve"]
     assert report["notes"][0]["what"] == found.sentence

@@ -1,0 +1,113 @@
+"""What happens while a session is connected, and what a trip report tells of it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from rig.configuration import Rig
+from rig.io import FAST_INPUTS
+from rig.loop import NO_CHANNEL, Board, RingReader, TripError, Word
+from rig.supervisor.processes import Driven, News, trips_of
+
+from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
+
+LAST_S: Final = 2.0
+"""How much of the rig's last seconds a trip report shows, of all channels."""
+LAST_NEWS_S: Final = 0.2
+"""How long a trip report waits for what the slow drivers have to tell once all is safe."""
+
+_STEPS: Final = {
+    "valve null": Word.VALVE_NULL_AT,
+    "bypass shut": Word.BYPASS_SHUT_AT,
+    "pump unloaded": Word.PUMP_UNLOADED_AT,
+}
+
+
+def loop_channel(board: Board) -> str:
+    """Return the name of the channel that the loop's action concerns; empty if it concerns none."""
+    channel = int(board.words[Word.ACTION_CHANNEL])
+    return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
+
+
+class Happenings:
+    """Notes of who did what, what another master drove, and the report of the trip.
+
+    Args:
+        rig: as configured.
+        directory: of the run; a trip report goes there.
+        say: shows a line to the operator.
+        journal: keeps what another master drives, in words.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        directory: Path,
+        say: Callable[[str], None],
+        journal: Callable[[str], None],
+    ) -> None:
+        self._rig = rig
+        self._directory = directory
+        self._say = say
+        self._journal = journal
+        self._notes: list[Note] = []
+        self._driven: dict[tuple[str, str], Driven] = {}
+        self._report: TripReport | None = None
+        self._reported: Path | None = None
+
+    @property
+    def has_report(self) -> bool:
+        """Whether a trip has been reported."""
+        return self._report is not None
+
+    def note(self, who: str, what: str) -> None:
+        """Note who did what, now."""
+        self._notes.append(Note(time.monotonic_ns(), who, what))
+
+    def take(self, news: News) -> None:
+        """Note what a part tells, and show it to the operator."""
+        text = news.text
+        if isinstance(news, Driven):
+            self._driven[news.who, news.part] = news
+            text = news.sentence
+            self._journal(text)
+        self._notes.append(Note(news.at_ns, news.who, text))
+        self._say(f"{news.who}: {text}")
+
+    def tripped(self, board: Board, channels: tuple[str, ...]) -> TripError:
+        """Return the trip as an error; the first time, its report is made and kept.
+
+        Args:
+            board: shared by all processes.
+            channels: names of a row's columns.
+        """
+        if self._report is None:
+            # Slow drivers are read again only now; what ails one may be why the loop tripped.
+            time.sleep(LAST_NEWS_S)
+            self._report = self._trip_report(board, channels)
+            self._reported = kept_trip_report(self._report, self._directory, self._say)
+        return trip_error(self._report, self._reported)
+
+    def _trip_report(self, board: Board, channels: tuple[str, ...]) -> TripReport:
+        words = board.words
+        return TripReport(
+            trips=trips_of(board),
+            confirmations=[Confirmation(what, int(words[at])) for what, at in _STEPS.items()],
+            notes=tuple(self._notes),
+            channels=channels,
+            rows=RingReader(board).latest(round(LAST_S * self._rig.loop.rate)),
+            channel=loop_channel(board),
+            limits=self._rig.ladder,
+            driven=tuple(self._driven.values()),
+        )
+
+    def complete_report(self) -> None:
+        """Write a trip report anew that does not tell all of what another master did."""
+        report, driven = self._report, tuple(self._driven.values())
+        if report is not None and report.driven != driven:
+            self._report = replace(report, driven=driven, notes=tuple(self._notes))
+            self._reported = kept_trip_report(
+                self._report, self._directory, self._say, self._reported
+            )
