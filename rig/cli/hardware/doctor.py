@@ -16,11 +16,10 @@ from rig.cli.application import EXIT_CRASHED
 from rig.cli.ranges import Range
 from rig.cli.screen import Screen
 from rig.configuration import Rig, load_rig
-from rig.io import LoopSettings
+from rig.io import DriverError, DriverSpec, LoopSettings, exclusive
 from rig.loop import Grant, RealTime, StageTimes, wakeup_lateness
 
 from .machine import Finding, machine
-from .probing import probe
 
 STYLES: Final = {"good": "green", "weak": "yellow", "bad": "bold red"}
 
@@ -70,7 +69,8 @@ def _findings(
         yield _granted(grant)
     yield from machine(Path.cwd())
     if rig is not None:
-        yield from probe(rig.drivers)
+        for spec in rig.drivers:
+            yield _opened(spec)
     yield _judged(timing, loop)
 
 
@@ -78,6 +78,22 @@ def _granted(grant: Grant) -> Finding:
     if grant.granted:
         return Finding(grant.name, f"granted: {grant.why}")
     return Finding(grant.name, f"refused: {grant.why}", "weak", grant.remedy)
+
+
+def _opened(spec: DriverSpec) -> Finding:
+    """Open a driver and close it again: whether the device answers and is the one expected."""
+    subject = f"driver {spec.name}"
+    try:
+        driver = spec.create()
+        try:
+            with exclusive([spec]):
+                driver.open()
+        finally:
+            driver.close()
+    except DriverError as error:
+        found = f"{error.channel}: {error.state}" if error.channel else error.state
+        return Finding(subject, found, "bad", error.action)
+    return Finding(subject, f"{spec.type} answers, {spec.kind}, {spec.rate_hz:g} Hz")
 
 
 def _timing(lateness: NDArray[np.float64]) -> dict[str, Any]:
