@@ -152,3 +152,54 @@ def test_every_function_that_is_not_compiled_is_annotated(package: str) -> None:
         for function in unannotated(ast.parse(file.read_text()))
     ]
     assert found == []
+
+
+def called_uncompiled(node: ast.AST, parts: set[str]) -> Iterator[str]:
+    """Yield the parts that functions below `node` call which numba does not compile."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef):
+            decorators = [ast.unparse(each).split("(")[0] for each in child.decorator_list]
+            if {name.rsplit(".")[-1] for name in decorators} & COMPILERS:
+                continue
+        if isinstance(child, ast.Call) and isinstance(child.func, ast.Name):
+            yield from {child.func.id} & parts
+        yield from called_uncompiled(child, parts)
+
+
+def parts_known_to(file: Path, tree: ast.AST, parts: set[tuple[Path, str]]) -> set[str]:
+    """Return the names of parts that a module defines or imports, by way of a face or not."""
+    known = {name for where, name in parts if where == file}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            start = file.parents[node.level - 1] if node.level else ROOT
+            source = start.joinpath(*(node.module or "").split("."))
+            known |= {
+                alias.asname or alias.name
+                for alias in node.names
+                for where, name in parts
+                if name == alias.name and where.with_suffix("").is_relative_to(source)
+            }
+    return known
+
+
+def test_what_only_compiled_code_may_call_is_called_by_nothing_else() -> None:
+    trees = {
+        file: ast.parse(file.read_text())
+        for folder in (*PRODUCT, "tools", "tests")
+        for file in (ROOT / folder).rglob("*.py")
+    }
+    parts = {
+        (file, node.name)
+        for file, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        and {ast.unparse(each) for each in node.decorator_list} & {"inner", "inlined"}
+    }
+    assert len(parts) > 50
+    # Called from Python, a part ends the process: it has nothing that Python could call it by.
+    found = {
+        f"{file.relative_to(ROOT)}: {name}"
+        for file, tree in trees.items()
+        for name in called_uncompiled(tree, parts_known_to(file, tree, parts))
+    }
+    assert found == set()

@@ -59,7 +59,7 @@ the Jacobian, the rows to orthogonalise, and the command path's memory
 (`estimator.filters.readings`)."""
 
 
-@inner
+@njit(cache=True, error_model="numpy")
 def start_product(x, factors, position, p1, p2, spool, command, par, noise, work):
     """Set the state (11,) and its covariance's factors (11, 11) by a first sample.
 
