@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 _COMPILED: Final = (
+    "rig/channels.py",
     "rig/lanes",
     "rig/plant",
     "rig/io",
@@ -32,7 +33,8 @@ def source_key(root: Path) -> str:
     """Return a digest of every source file that may hold compiled code, below the folder `root`."""
     digest = sha256(sys.version.encode())
     for package in _COMPILED:
-        for path in sorted((root / package).rglob("*.py")):
+        here = root / package
+        for path in [here] if here.is_file() else sorted(here.rglob("*.py")):
             digest.update(str(path.relative_to(root)).encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
