@@ -108,7 +108,16 @@ class JointFit:
         return float((influence**2 / (1.0 - leverage)).sum())
 
     def left_out(self) -> tuple[Array, Array]:
-        """Return the last coefficient without each block, and its variance: (marks,) each."""
+        """Return the last coefficient as it would be without the blocks after each mark.
+
+        These are the blocks up to the next mark: one, or several where old marks were thinned out.
+        Nothing is fitted anew: what the other columns explain stays as in the whole fit. Blocks
+        that are passed over change nothing.
+
+        Returns:
+            The coefficients and their variances, (marks,) each. A variance is the larger of that
+            for noise that is the same in all blocks and that for noise that differs.
+        """
         influence, leverage = self._influences()
         kept = 1.0 - leverage
         shares = influence**2 / kept

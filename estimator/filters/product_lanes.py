@@ -196,9 +196,12 @@ class ProductLanes:
 
     @property
     def squares(self) -> Array:
-        """Mean squared innovation over its variance, (LANES,), in the window so far.
+        """Return each lane's mean squared innovation, each over its expected variance: (LANES,).
 
-        A window is half a second from the first sample on; with its last sample the next begins.
+        The mean covers the readings of the present window so far. A window has 500 samples, half a
+        second; the sample that starts the filter belongs to none, and a reset begins a new one. The
+        window's sums are cleared with its last sample, so that this is 0 right after it: read it
+        one sample before. No single reading counts for more than `LARGEST`.
         """
         return np.asarray(self._watch[SQUARES] / np.maximum(self._watch[READINGS], 1.0))
 

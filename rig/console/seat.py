@@ -9,7 +9,10 @@ from .visitors import Visitor
 
 
 class SeatTaken(Exception):  # noqa: N818 (a refusal, not a failure)
-    """Somebody else has control; says who."""
+    """A visitor may not act or take control; the message says who has control, or that nobody has.
+
+    `Seat.take` raises it if somebody else has control, `Seat.require` also if nobody has.
+    """
 
 
 @dataclass

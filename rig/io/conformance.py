@@ -119,7 +119,7 @@ def check_open_moves_nothing(factory: Factory) -> None:
 
 
 def check_readings(factory: Factory) -> None:
-    """It reads its inputs and nothing else, as finite floats or NaN."""
+    """The driver reads every input sooner or later and nothing else, as finite floats or NaN."""
     with factory() as specimen:
         driver = specimen.driver
         driver.open()

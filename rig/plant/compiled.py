@@ -73,10 +73,14 @@ inlined: Final[Any] = njit(**_OPTIONS, forceinline=True)
 
 
 def compile_part(part: Any, *arguments: Any) -> None:
-    """Compile a part for arguments of these types, which may be numba types themselves.
+    """Compile a part ahead of the functions that call it.
 
-    It is compiled when something that calls it is, so that this is never needed; but then it need
-    not be compiled any more, and several processes can share the work.
+    A caller would compile the part anyway, so this call is never necessary. It puts the part into
+    the cache, so that several processes can share the work of compiling.
+
+    Args:
+        part: a function that is decorated with `inner` or `inlined`.
+        arguments: one for each parameter: an example value, whose type is taken, or a numba type.
     """
     part.compile(
         tuple(each if isinstance(each, types.Type) else typeof(each) for each in arguments)

@@ -115,7 +115,12 @@ def when(started: str) -> str:
 
 
 def latency(test: TestOutcome) -> str:
-    """Return how long after the first injection the fault was found; empty if it was not."""
+    """Return the time from the first injected fault to the final verdict, in words.
+
+    The verdict counts from when it was first held, and it may name the wrong fault. The text is
+    "before the injection" if the verdict came earlier than the fault. It is empty if nothing was
+    injected, or if the final verdict names no fault.
+    """
     if test.latency_s is None:
         return ""
     return seconds(test.latency_s) if test.latency_s >= 0.0 else "before the injection"

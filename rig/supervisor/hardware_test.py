@@ -51,10 +51,14 @@ class _Session(Protocol):
 
 
 class HardwareTest:
-    """A test on the wire, with the session around it.
+    """One test on the hardware rig, as the campaign runner steps through it.
+
+    Each step drives the loop on the wire and reports to the session, which is open already and
+    stays open: the session checks that the step is allowed, sets the bypass valves, schedules the
+    faults, and turns a stop of the loop into a `TripError`.
 
     Attributes:
-        channels: names of the rows' columns.
+        channels: names of the columns of the rows that `advance` returns.
     """
 
     def __init__(self, session: _Session, wire: WireLoop, test: CampaignTest) -> None:

@@ -53,7 +53,13 @@ def propose_spring(traces: Sequence[Trace], values: Mapping[str, float]) -> Star
 
 
 def propose_end_stop(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return stops where the pistons' force begins to grow towards the farthest positions."""
+    """Return places and stiffnesses of end stops from which a fit can start.
+
+    At either end of the recorded motion the pistons' force is searched for a place beyond which it
+    grows with the position. Each place found gives three starts: its `low` or `high`, each time
+    with the stiffness that the growth shows times 0.6, 1 or 1.8. An end where the force does not
+    grow gives none.
+    """
     area = values["piston_area"]
     # As read: on a stop that the model has not, the filter's states are of no use.
     readings = np.concatenate([trace.readings for trace in traces])

@@ -98,13 +98,18 @@ class Worse:
 def why_worse(
     held_out: Growth, gap: tuple[float, float], fitted_to: Growth | None = None, *, named: bool
 ) -> Worse | None:
-    """Return why a model is worse than the one given; None if it is not.
+    """Return why a fitted model predicts worse than the model as given; None if it does not.
+
+    It is worse on the recordings held out if `held_out` matters (`Growth.matters`), or if the gap
+    has risen. It is also worse if `fitted_to` matters.
 
     Args:
-        held_out: growth of its errors on the recordings held out.
-        gap: held out, of the model as given and of this one, above the floor of this one.
-        fitted_to: as `held_out`, on the recordings fitted to.
-        named: whether it has effects that were named: then a trifle does not count.
+        held_out: how much its errors over the horizon grew on the recordings held out.
+        gap: the gap on the recordings held out, first of the model as given, then of the fitted
+            one. Both are in noise variances above the floor of the fitted model.
+        fitted_to: how much its errors grew on the recordings it was fitted to; None skips this.
+        named: whether effects were named. If so, the gap may rise by `TRIFLE`; if not, it may not
+            rise at all.
     """
     given, left = gap
     if held_out.matters or left > given + (TRIFLE if named else 0.0):

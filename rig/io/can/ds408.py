@@ -95,7 +95,13 @@ class Transition(NamedTuple):
     word: str
 
     def made_by(self, word: int, previous_word: int) -> bool:
-        """Tell whether a control word makes it, after the one before it."""
+        """Tell whether the valve makes this transition when it receives a control word.
+
+        The bits of `word` decide by their level. `previous_word`, the control word that came
+        before, matters only where this transition needs a rising edge, which is the reset of a
+        fault. A transition that a fault causes is made by no word. Whether the valve is in the
+        source state is for the caller to check.
+        """
         if self.word == FAULT:
             return False
         for symbol, bit in zip(self.word, (R, M, H, D), strict=True):

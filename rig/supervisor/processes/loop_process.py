@@ -86,7 +86,13 @@ class LoopProcess:
         self._nulled_at = -_REPEAT_S
 
     def run(self) -> None:
-        """Serve until told to close, or until nobody is there to tell."""
+        """Obey the orders on the pipe until the session ends, then leave the device safe.
+
+        The session ends when a `Close` comes, when the supervisor is gone, after `terminate`, or by
+        an exception. A loop thread that ends by itself does not end it: the valve is then held at
+        null. At the end the loop is stopped, the driver is put into its safe state and closed, and
+        the supervisor is sent `Closed`, which says why the safe state was not confirmed.
+        """
         cause = Cause.CRASH
         try:
             cause = self._serve()
