@@ -166,9 +166,9 @@ def called_uncompiled(node: ast.AST, parts: set[str]) -> Iterator[str]:
         yield from called_uncompiled(child, parts)
 
 
-def parts_known_to(file: Path, tree: ast.AST, parts: set[tuple[Path, str]]) -> set[str]:
+def parts_known_to(file: Path, tree: ast.AST, parts: dict[str, set[Path]]) -> set[str]:
     """Return the names of parts that a module defines or imports, by way of a face or not."""
-    known = {name for where, name in parts if where == file}
+    known = {name for name, places in parts.items() if file in places}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             start = file.parents[node.level - 1] if node.level else ROOT
@@ -176,8 +176,8 @@ def parts_known_to(file: Path, tree: ast.AST, parts: set[tuple[Path, str]]) -> s
             known |= {
                 alias.asname or alias.name
                 for alias in node.names
-                for where, name in parts
-                if name == alias.name and where.with_suffix("").is_relative_to(source)
+                for where in parts.get(alias.name, ())
+                if where.with_suffix("").is_relative_to(source)
             }
     return known
 
@@ -188,13 +188,13 @@ def test_what_only_compiled_code_may_call_is_called_by_nothing_else() -> None:
         for folder in (*PRODUCT, "tools", "tests")
         for file in (ROOT / folder).rglob("*.py")
     }
-    parts = {
-        (file, node.name)
-        for file, tree in trees.items()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef)
-        and {ast.unparse(each) for each in node.decorator_list} & {"inner", "inlined"}
-    }
+    parts: dict[str, set[Path]] = {}
+    for file, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                decorators = {ast.unparse(each) for each in node.decorator_list}
+                if decorators & {"inner", "inlined"}:
+                    parts.setdefault(node.name, set()).add(file)
     assert len(parts) > 50
     # Called from Python, a part ends the process: it has nothing that Python could call it by.
     found = {
