@@ -118,6 +118,32 @@ def test_the_wheel_holds_every_shipped_configuration(wheel_files: list[str]) -> 
     assert shipped <= set(wheel_files)
 
 
+def test_the_wheel_holds_the_face_of_every_package(wheel_files: list[str]) -> None:
+    faces = {
+        file.relative_to(ROOT).as_posix()
+        for package in PRODUCT
+        for file in (ROOT / package).rglob("__init__.pyi")
+    }
+    assert len(faces) > 30
+    assert faces <= set(wheel_files)
+
+
+@pytest.mark.parametrize("package", ["rig.stream", "rig.recording", "rig.console"])
+def test_a_package_that_needs_no_compiler_loads_none_whichever_module_is_used(package: str) -> None:
+    folder = ROOT.joinpath(*package.split("."))
+    modules = [
+        ".".join(file.relative_to(ROOT).with_suffix("").parts) for file in folder.rglob("*.py")
+    ]
+    program = f"import sys\nfrom importlib import import_module\nfor name in {modules}:\n"
+    found = subprocess.run(
+        [sys.executable, "-c", program + "    import_module(name)\nprint(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert {"numba", "llvmlite"}.isdisjoint(found.stdout.split())
+
+
 @pytest.mark.parametrize("module", ["rig", "rig.cli"])
 def test_a_quick_start_loads_neither_compiler_nor_plots_nor_tables(module: str) -> None:
     found = subprocess.run(
