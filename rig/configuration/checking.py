@@ -83,7 +83,7 @@ class CheckReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What will not go as commanded, with the test it concerns."""
+        """The warnings of what will not go as commanded, each with the test that it concerns."""
         return tuple(f"{test.name}: {warning}" for test in self.tests for warning in test.warnings)
 
     def __str__(self) -> str:

@@ -34,7 +34,7 @@ class Address:
 
     @property
     def secure(self) -> bool:
-        """Whether it is served over TLS."""
+        """Whether the page is served over TLS."""
         return self.certificate is not None
 
     @property

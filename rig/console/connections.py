@@ -42,7 +42,7 @@ class Connection(H11Protocol):
 
     @property
     def waits_since(self) -> float | None:
-        """When it began to wait for a whole request, on the loop's clock; None if it does not."""
+        """When this connection began to wait for a whole request, s; None if it does not wait."""
         # The cycle is of the newest request whose head has come; before the first there is none.
         waits = not self.cycle or self.cycle.response_complete or self.cycle.more_body
         return self._until.when() if self._until is not None and waits else None

@@ -71,7 +71,7 @@ class RigFeed:
         self._refused_at = -REFUSED_S
 
     def refusals(self, snapshot: Snapshot, now: float) -> str:
-        """Return what is to be told of messages that were none; nothing if it was told already."""
+        """Return the notice of unreadable messages; nothing if viewers have had it."""
         new = snapshot.refused - self._refused
         if not new or now - self._refused_at < REFUSED_S:
             return ""

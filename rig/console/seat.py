@@ -67,7 +67,7 @@ class Seat:
             raise SeatTaken(f"{self.holder.name} has control")
 
     def content(self) -> dict[str, Any]:
-        """Return what everybody may know of it."""
+        """Return what everybody may know of who has control."""
         holder = self.holder
         return {
             "number": None if holder is None else holder.number,

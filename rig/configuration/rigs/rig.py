@@ -69,7 +69,7 @@ class Rig:
 
     @property
     def injectable(self) -> tuple[str, ...]:
-        """The kinds of fault whose valves it has, and can move."""
+        """The kinds of fault whose valves the rig has and can move."""
         fitted = (*self.bypass_valves, *(["return_blockage"] if self.return_valve else []))
         if self.backend == "simulated":
             return fitted

@@ -90,7 +90,7 @@ class CanDevices:
         return COMMAND_RANGE * self.valve.acting_command(command_V / COMMAND_RANGE)
 
     def state(self) -> dict[str, Any]:
-        """Return how they stand, for the control port."""
+        """Return the states of the CAN devices for the control port."""
         return {
             "drive": self.valve.state.name if self.valve is not None else "analog",
             "pump_loaded": self._plant.pump_loaded,

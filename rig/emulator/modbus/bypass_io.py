@@ -119,7 +119,7 @@ class BypassIo:
         return self.valves.positions()
 
     def state(self) -> dict[str, object]:
-        """Return how it stands, for the control port and the record."""
+        """Return the state of the device for the control port and the record."""
         return {
             "requests": self.requests,
             "watchdog_ms": self.valves.watchdog_ms,

@@ -44,7 +44,7 @@ class Device(Protocol):
 
     @property
     def functions(self) -> frozenset[int]:
-        """Function codes it serves."""
+        """Function codes that the device serves."""
 
     connections: int
 

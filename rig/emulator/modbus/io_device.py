@@ -41,4 +41,4 @@ class IoDevice(Device, Protocol):
         """Whether the valve's relay is closed."""
 
     def state(self) -> dict[str, object]:
-        """Return how it stands, for the control port and the record."""
+        """Return the state of the device for the control port and the record."""

@@ -270,7 +270,7 @@ class IoNode:
         return self._enabled
 
     def state(self) -> dict[str, object]:
-        """Return how it stands, for the control port and the record."""
+        """Return the state of the device for the control port and the record."""
         return {
             "exchanges": self.exchanges,
             "host_counter": self._host_counter,

@@ -203,7 +203,7 @@ class MappedDevice:
         return asked and self._estop_closed and not self._tripped
 
     def state(self) -> dict[str, object]:
-        """Return how it stands, for the control port and the record."""
+        """Return the state of the device for the control port and the record."""
         return {
             "exchanges": self.exchanges,
             "command_V": self._given["command_V"],

@@ -36,7 +36,7 @@ class _Injected:
 
     @property
     def begin_ns(self) -> float:
-        """When it begins; inf while what it waits for has not happened."""
+        """When the fault begins, ns; inf while the event that it waits for has not happened."""
         return inf if self.origin_ns is None else self.origin_ns + 1e9 * self.fault.at_s
 
     @property

@@ -197,5 +197,5 @@ class WireFault:
     for_s: float = inf
 
     def described(self) -> dict[str, Any]:
-        """Return it as the record and the control port show it."""
+        """Return the fault as the record and the control port show it."""
         return {"fault": self.kind, **asdict(self.options)}

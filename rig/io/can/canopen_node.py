@@ -129,7 +129,7 @@ class CanopenNode:
         return self._transfer(entry, read_request(entry), "read")
 
     def write(self, entry: Entry, value: int) -> None:
-        """Set an entry of its object dictionary.
+        """Set an entry of the node's object dictionary.
 
         Raises:
             DriverError: it refuses, or does not answer.

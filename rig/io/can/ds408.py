@@ -72,7 +72,7 @@ class DriveState(IntEnum):
 
     @property
     def disabled(self) -> bool:
-        """Whether the electronics have let go of the spool: it is in its fail-safe position."""
+        """Whether the electronics have let go of the spool: it is at its fail-safe position."""
         return not self & H
 
 

@@ -31,7 +31,7 @@ class LoopProcess(Protocol):
         """Send an order."""
 
     def answer(self, timeout_s: float) -> Any:
-        """Return its next answer."""
+        """Return the next answer of the loop process."""
 
 
 class WireLoop:
