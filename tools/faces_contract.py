@@ -41,7 +41,8 @@ class FacesContract(Contract):
     def render_broken_contract(self, check: ContractCheck) -> None:
         """Print the imports that go past a face, and what to import instead."""
         for importer, imported, face, line in check.metadata["past"]:
-            output.print_error(f"{importer} imports {imported} (l.{line}): import {face} instead")
+            where = f"{importer} (l.{line}) reaches past a face for {imported}"
+            output.print_error(f"{where}: import the name from {face}")
 
 
 def _names(field: Any) -> list[str]:

@@ -11,7 +11,7 @@ from .plant import EmulatedPlant
 
 CARRIED: Final = names_of(Kind.CARRIED)
 STEADY: Final = {"tank_temperature_K": 313.15}
-"""What carried transducers measure, SI: the plant knows nothing of it, so that it never changes."""
+"""What each carried transducer measures, SI. It never changes: the emulated plant lacks it."""
 
 CHANNELS: Final = (*READINGS, *CARRIED)
 """Signals of the transducers: those of `Reading` in its order, then those that are carried."""
@@ -19,7 +19,7 @@ CHANNELS: Final = (*READINGS, *CARRIED)
 if TYPE_CHECKING:
     Channel = str
 else:
-    # The schema of a script is made of this: one of the names, and no other.
+    # The keys of a script are checked against this type, which admits these names alone.
     Channel = Literal[CHANNELS]
 
 Failure = Literal["nan", "zero", "low", "high", "drift"]
@@ -63,7 +63,7 @@ class Instruments:
         }
 
     def _told(self, index: int, value: float) -> float:
-        """Return what a transducer tells, an index in `CHANNELS`, of a true value."""
+        """Return what the transducer at an index in `CHANNELS` reads of a true value, SI."""
         if index in self._frozen:
             return self._frozen[index]
         failed = self._failed.get(index)

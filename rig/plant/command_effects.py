@@ -135,7 +135,8 @@ def drive_undelayed(state, path, command, par, fault, duration, substeps):
     if (par.valve_hysteresis != 0.0) | (par.supply_ripple != 0.0):
         _drive_for(state, path, command, par, fault, duration, substeps)
     else:
-        # Not a literal, as above: that would be another compilation.
+        # int() hides a caller's literal from the compiler, which would compile `advance` once more
+        # for it than for the number of `_drive_for`.
         advance(state, command, par, fault, duration, int(substeps))
 
 

@@ -113,7 +113,7 @@ def follow_flows(meters, leaks, time_constant, step):
 
 @inlined
 def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, reading):
-    """As `read_sensors`, of flow meters that are where they are."""
+    """Sample every transducer as `read_sensors` does, but leave the flow meters' lag as it is."""
     p1, p2 = seen_pressures(seen, state[2], state[3], par)
     shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)
     reading[0], reading[1], reading[2], reading[3], reading[4] = noisy_readings(

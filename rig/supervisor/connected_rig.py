@@ -45,7 +45,7 @@ from rig.supervisor.processes import (
     WriteOutputs,
 )
 
-from .happenings import Happenings, loop_channel
+from .event_log import EventLog, loop_channel
 from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, SessionState, State
 
 OPEN_S: Final = 300.0
@@ -125,7 +125,7 @@ class ConnectedRig:
         self.model = model
         self.say = say
         self._onlooker = onlooker or Onlooker()
-        self._happenings = Happenings(rig, directory, say, journal)
+        self._event_log = EventLog(rig, directory, say, journal)
         self.offset_m = 0.0
         self._memory = lambda: start_memory(filter_name, model, rig.sensors)
         self._directory = directory
@@ -164,7 +164,7 @@ class ConnectedRig:
                     f"rig.supervisor.processes.{module}",
                     self.board,
                     log,
-                    self._happenings.take,
+                    self._event_log.take,
                 )
                 for name, module in (
                     ("loop", "loop_process"),
@@ -175,7 +175,7 @@ class ConnectedRig:
         )
         self._watch = Watch(
             self.board, self.parts, self.configured.loop, self.configured.drivers, self.note,
-            self._happenings.take,
+            self._event_log.take,
         )  # fmt: skip
         try:
             self._open()
@@ -292,7 +292,7 @@ class ConnectedRig:
 
     def note(self, who: str, what: str) -> None:
         """Note who did what, for a trip report."""
-        self._happenings.note(who, what)
+        self._event_log.note(who, what)
 
     def _compiles(self, name: str) -> None:
         """Note that something was not compiled in time: it keeps the supervisor from beating."""
@@ -361,7 +361,7 @@ class ConnectedRig:
             self.handle(Event.TRIP)
         if not safe:
             self.note("supervisor", "not everything was made safe in time")
-        return self._happenings.tripped(self.board, self._channels)
+        return self._event_log.tripped(self.board, self._channels)
 
     def stopped(self, error: LoopStoppedError) -> TripError:
         """Return the error for a motion that the loop ended by itself."""
@@ -418,13 +418,13 @@ class ConnectedRig:
                 self.ramp_down()
             if not self._watch.tripped:
                 unsafe |= self._make_field_safe()
-            if self._watch.tripped and not self._happenings.has_report:
+            if self._watch.tripped and not self._event_log.has_report:
                 ended = self.tripped()
         finally:
             self._watch.stop()
             unsafe |= self._close_loop()
             self._end_parts()
-            self._happenings.complete_report()
+            self._event_log.complete_report()
         self.handle(Event.DISCONNECT)
         told = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
         if told and self._watch.tripped:

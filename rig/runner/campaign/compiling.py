@@ -109,7 +109,7 @@ def _compile(marks: Path, needs: Needs, names: Names, tell: Tell, stop: StopFlag
     workers = [_Worker(needs) for _ in range(min(len(names), len(os.sched_getaffinity(0))))]
     try:
         while (waiting or any(worker.piece for worker in workers)) and not stop.requested:
-            for worker in workers:
+            for number, worker in enumerate(workers):
                 if not worker.piece:
                     name = _next(waiting, [other.piece for other in workers])
                     if name:
@@ -121,7 +121,7 @@ def _compile(marks: Path, needs: Needs, names: Names, tell: Tell, stop: StopFlag
                     worker.piece = ""
                 elif worker.has_ended:
                     tell(f"compiling the {worker.piece} failed: {worker.failure()}")
-                    workers[workers.index(worker)] = _Worker(needs)
+                    workers[number] = _Worker(needs)
             time.sleep(_LOOK_S)
     finally:
         for worker in workers:
@@ -139,7 +139,7 @@ class _Worker:
     """A process that compiles pieces, in a session of its own: Ctrl-C is for its parent.
 
     Attributes:
-        piece: that it compiles now; empty: it waits for one.
+        piece: the name of what it compiles now; empty while it waits for work.
     """
 
     def __init__(self, needs: Needs) -> None:

@@ -14,7 +14,7 @@ from rig.configuration.rigs.rig import load_rig
 from rig.io.can.ds408 import DriveState
 from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
-from rig.supervisor.happenings import Happenings
+from rig.supervisor.event_log import EventLog
 from rig.supervisor.processes.driven import Driven, Tally, departures
 from rig.supervisor.trip_report import TripReport, write_trip_report
 from tests.rig.supervisor.processes.test_loop_process import Rig, connected
@@ -166,13 +166,13 @@ def test_what_comes_after_the_report_was_written_is_added_and_kept_in_the_journa
 ) -> None:
     kept: list[str] = []
     said: list[str] = []
-    happenings = Happenings(load_rig("emulated"), tmp_path, said.append, kept.append)
+    event_log = EventLog(load_rig("emulated"), tmp_path, said.append, kept.append)
     trips = {"loop": (Cause.LIMIT_HIGH, 1_000_000)}
-    happenings._report = TripReport(trips, (), (), (), np.empty((0, 0)))
-    happenings._reported = write_trip_report(happenings._report, tmp_path)
+    event_log._report = TripReport(trips, (), (), (), np.empty((0, 0)))
+    event_log._reported = write_trip_report(event_log._report, tmp_path)
     found = Driven(3_000_000, "loop", "enabled", "valve", 2, 2_000_000, 3_000_000)
-    happenings.take(found)
-    happenings.complete_report()
+    event_log.take(found)
+    event_log.complete_report()
     report = json.loads((tmp_path / "trip-1.json").read_text())
     assert [told["part"] for told in report["driven_by_another_master"]] == ["valve"]
     assert report["notes"][0]["what"] == found.sentence

@@ -135,3 +135,40 @@ def test_a_piece_that_cannot_be_compiled_is_told_of_and_keeps_nothing_from_runni
     told: list[str] = []
     compile_for(Needs(load_rig("emulated"), "no filter"), ("filter",), told.append, StopFlag())
     assert "no filter 'no filter'" in told[-1]
+
+
+# Beside one another, the parts are compiled for the very types that the loop calls them with.
+PARTS = """
+import sys
+from pathlib import Path
+
+from numba.core import event
+
+from rig.configuration import load_rig
+from rig.runner.campaign.compiled_pieces import PIECES, Needs
+
+class Listener(event.Listener):
+    def on_start(self, event):
+        print(piece, event.data["dispatcher"].py_func.__qualname__)
+    def on_end(self, event):
+        pass
+
+needs = Needs(load_rig("simulated"), sys.argv[1])
+with event.install_listener("numba:compile", Listener()):
+    for piece in (*PIECES["simulated loop"].after, "simulated loop"):
+        PIECES[piece].run(needs)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("empty_cache")
+@pytest.mark.parametrize("name", ["product", "thesis-7"])
+def test_the_simulated_loop_compiles_nothing_that_its_parts_have_compiled(name: str) -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", PARTS, name], capture_output=True, text=True, check=True
+    ).stdout
+    compiled = [tuple(line.rsplit(" ", 1)) for line in told.splitlines()]
+    before = {function for piece, function in compiled if piece != "simulated loop"}
+    within = {function for piece, function in compiled if piece == "simulated loop"}
+    assert "simulated_ticks" in within
+    assert within & before == set()

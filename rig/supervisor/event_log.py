@@ -31,8 +31,8 @@ def loop_channel(board: Board) -> str:
     return "" if channel == NO_CHANNEL else FAST_INPUTS[channel]
 
 
-class Happenings:
-    """Notes of who did what, what another master drove, and the report of the trip.
+class EventLog:
+    """Log of a session: who did what, what another master drove, and the report of the trip.
 
     Args:
         rig: as configured.
