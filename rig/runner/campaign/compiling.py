@@ -12,13 +12,14 @@ that has been compiled leaves a mark in the cache, beside what numba keeps there
 
 import fcntl
 import gc
+import multiprocessing
 import os
-import pickle
-import subprocess
-import sys
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Final
 
@@ -44,6 +45,7 @@ OF_THE_LOOP: Final = ("loop",)
 
 _LOOK_S: Final = 0.05
 _LOCK: Final = "lock"
+_FORK: Final = multiprocessing.get_context("fork")
 
 
 def compile_for(needs: Needs, names: Names, tell: Tell, stop: StopFlag) -> None:
@@ -110,19 +112,20 @@ def _compile(marks: Path, needs: Needs, names: Names, tell: Tell, stop: StopFlag
     try:
         while (waiting or any(worker.piece for worker in workers)) and not stop.requested:
             for number, worker in enumerate(workers):
-                if not worker.piece:
-                    name = _next(waiting, [other.piece for other in workers])
-                    if name:
-                        waiting.remove(name)
-                        worker.begin(name)
-                elif _mark(marks, needs, worker.piece).exists():
-                    compiled += 1
-                    tell(f"compiled the {worker.piece}, {compiled} of {len(names)}")
-                    worker.piece = ""
-                elif worker.has_ended:
-                    tell(f"compiling the {worker.piece} failed: {worker.failure()}")
-                    workers[number] = _Worker(needs)
-            time.sleep(_LOOK_S)
+                if worker.piece and (failure := worker.failure()) is not None:
+                    if failure:
+                        tell(f"compiling the {worker.piece} failed: {failure}")
+                        worker.end()
+                        worker = workers[number] = _Worker(needs)
+                    else:
+                        compiled += 1
+                        _mark(marks, needs, worker.piece).touch()
+                        tell(f"compiled the {worker.piece}, {compiled} of {len(names)}")
+                        worker.piece = ""
+                if not worker.piece and (name := _next(waiting, [each.piece for each in workers])):
+                    waiting.remove(name)
+                    worker.begin(name)
+            wait([worker.replies for worker in workers], _LOOK_S)
     finally:
         for worker in workers:
             worker.end()
@@ -138,66 +141,63 @@ def _next(waiting: Sequence[str], running: Sequence[str]) -> str:
 class _Worker:
     """A process that compiles pieces, in a session of its own: Ctrl-C is for its parent.
 
+    It is forked, so that it has loaded already what its parent has, the compiler above all.
+
     Attributes:
         piece: the name of what it compiles now; empty while it waits for work.
+        replies: where it answers, and where its end is seen.
     """
 
     def __init__(self, needs: Needs) -> None:
         self.piece = ""
-        program = f"from {__name__} import main; main()"
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", program],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        self.replies, theirs = Pipe()
+        self._process = _FORK.Process(
+            target=_compile_what_is_asked, args=(needs, theirs, self.replies), daemon=True
         )
-        self._send(pickle.dumps(needs))
+        self._process.start()
+        theirs.close()
 
     def begin(self, piece: str) -> None:
         """Have it compile a piece."""
         self.piece = piece
-        self._send(f"{piece}\n".encode())
-
-    def _send(self, data: bytes) -> None:
-        assert self._process.stdin is not None
-        # It may have ended; that is seen, and told, by who looks at it.
+        # It may have ended; that is seen where it would have answered.
         with suppress(OSError):
-            self._process.stdin.write(data)
-            self._process.stdin.flush()
+            self.replies.send(piece)
 
-    @property
-    def has_ended(self) -> bool:
-        return self._process.poll() is not None
-
-    def failure(self) -> str:
-        """Return what it said last, once it has ended."""
-        lines = self._output().decode(errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"ended with {self._process.returncode}"
+    def failure(self) -> str | None:
+        """Return why its piece was not compiled; empty if it was, None while that is open."""
+        try:
+            return str(self.replies.recv()) if self.replies.poll() else None
+        except (EOFError, OSError):
+            self._process.join()
+            return f"its process ended with {self._process.exitcode}"
 
     def end(self) -> None:
         """End it, whatever it does."""
         self._process.kill()
-        self._output()
-
-    def _output(self) -> bytes:
-        pipe, self._process.stdin = self._process.stdin, None
-        with suppress(OSError):
-            if pipe is not None:
-                pipe.close()
-        return self._process.communicate()[1]
+        self._process.join()
+        self._process.close()
+        self.replies.close()
 
 
-def main() -> None:
-    """Compile by the needs on the standard input the pieces that are named there, until it ends."""
-    needs: Needs = pickle.load(sys.stdin.buffer)
-    marks = marks_folder()
+def _compile_what_is_asked(needs: Needs, orders: Connection, others_end: Connection) -> None:
+    """Compile the pieces that are named, and answer to each name what went wrong, until the end."""
+    others_end.close()
+    os.setsid()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    silent = os.open(os.devnull, os.O_RDWR)
+    for stream in range(3):
+        os.dup2(silent, stream)
     # The compiler makes millions of small objects that live as long as this process: to look for
     # garbage among them takes a sixth of the time, and finds none.
     gc.disable()
-    for line in sys.stdin.buffer:
-        name = line.decode().strip()
-        PIECES[name].run(needs)
-        if marks is not None:
-            _mark(marks, needs, name).touch()
+    with suppress(EOFError, OSError):
+        while True:
+            name = orders.recv()
+            try:
+                PIECES[name].run(needs)
+            except Exception as error:
+                orders.send(f"{type(error).__name__}: {error}".splitlines()[0])
+            else:
+                orders.send("")
