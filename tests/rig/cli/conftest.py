@@ -1,6 +1,8 @@
 """Runs the command line in this process, and campaigns short enough for it."""
 
+import io
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +37,16 @@ tests:
 """
 
 
+def tell_of_no_compiling(patch: pytest.MonkeyPatch) -> None:
+    """Compile nothing ahead: what there is to compile, and to tell, depends on what ran before."""
+    for module in (
+        "rig.cli.hardware.home",
+        "rig.cli.hardware.calibrate",
+        "rig.runner.campaign.campaign_run",
+    ):
+        patch.setattr(f"{module}.compile_for", lambda *arguments: None)
+
+
 @pytest.fixture
 def invoke(
     capsys: pytest.CaptureFixture[str],
@@ -44,13 +56,7 @@ def invoke(
 ) -> Invoke:
     """Run `rig` with arguments in an empty working directory, its tracebacks kept elsewhere."""
     monkeypatch.chdir(tmp_path)
-    # What is compiled, and told of that, depends on what ran before.
-    for module in (
-        "rig.cli.hardware.home",
-        "rig.cli.hardware.calibrate",
-        "rig.runner.campaign.campaign_run",
-    ):
-        monkeypatch.setattr(f"{module}.compile_for", lambda *arguments: None)
+    tell_of_no_compiling(monkeypatch)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path_factory.mktemp("temporary")))
 
     def run(*arguments: object) -> Done:
@@ -70,3 +76,16 @@ def campaign_file(tmp_path: Path) -> Path:
     path = tmp_path / "short.yaml"
     path.write_text(CAMPAIGN)
     return path
+
+
+@pytest.fixture(scope="session")
+def short_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run of that campaign, for tests that change nothing in it."""
+    folder = tmp_path_factory.mktemp("short")
+    (folder / "short.yaml").write_text(CAMPAIGN)
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()):
+        tell_of_no_compiling(patch)
+        with pytest.raises(SystemExit) as done:
+            main(["run", str(folder / "short.yaml"), "--out", str(folder / "run")])
+    assert done.value.code == 0
+    return folder / "run"

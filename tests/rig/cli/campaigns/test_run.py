@@ -57,11 +57,6 @@ def test_a_campaign_ends_with_verdict_table_counts_and_report(
     assert (tmp_path / "out" / "report.html").stat().st_size > 0
 
 
-def test_a_log_holds_no_control_codes(invoke: Invoke, campaign_file: Path) -> None:
-    done = invoke("run", campaign_file)
-    assert not [code for code in done.out if ord(code) < 32 and code != "\n"]
-
-
 def test_a_terminal_shows_a_bar_with_the_live_verdict_and_gets_its_cursor_back(
     invoke: Invoke, campaign_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,10 +74,11 @@ def test_a_terminal_shows_a_bar_with_the_live_verdict_and_gets_its_cursor_back(
     assert shown.rindex("\x1b[?25h") > shown.rindex("\x1b[?25l")
 
 
-def test_without_out_results_go_to_a_new_folder_below_runs(
+def test_without_out_results_go_to_a_new_folder_below_runs_and_a_log_holds_no_control_codes(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
-    invoke("run", campaign_file)
+    done = invoke("run", campaign_file)
+    assert not [code for code in done.out if ord(code) < 32 and code != "\n"]
     (folder,) = (tmp_path / "runs").iterdir()
     assert folder.name.startswith("short-2")
     assert (folder / "results.json").exists()
@@ -99,16 +95,13 @@ def test_a_verdict_other_than_expected_is_exit_1(
     assert "2 tests: 1 passed, 1 failed" in done.out
 
 
-def test_another_rig_can_be_named(invoke: Invoke, campaign_file: Path, tmp_path: Path) -> None:
-    invoke("run", campaign_file, "--rig", "ideal", "--out", tmp_path / "out")
-    assert json.loads((tmp_path / "out" / "results.json").read_text())["rig"] == "ideal"
-
-
-def test_the_report_tells_to_run_it_again_on_the_same_rig(
+def test_another_rig_can_be_named_and_the_report_tells_to_run_it_again_on_the_same(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
     invoke("run", campaign_file, "--rig", "ideal", "--out", tmp_path / "out")
-    told = json.loads((tmp_path / "out" / "results.json").read_text())["provenance"]["command"]
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["rig"] == "ideal"
+    told = results["provenance"]["command"]
     assert told == ["rig", "run", str(campaign_file), "--rig", "ideal"]
 
 

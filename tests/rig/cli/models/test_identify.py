@@ -11,10 +11,9 @@ Invoke = Callable[..., Any]
 
 
 @pytest.fixture
-def healthy(invoke: Invoke, campaign_file: Path, tmp_path: Path) -> Path:
+def healthy(short_run: Path) -> Path:
     """The recording of ten seconds of a sine."""
-    invoke("run", campaign_file, "--out", tmp_path / "run")
-    return tmp_path / "run" / "healthy.mcap"
+    return short_run / "healthy.mcap"
 
 
 def test_friction_is_told_with_the_change_from_first_to_last(invoke: Invoke, healthy: Path) -> None:

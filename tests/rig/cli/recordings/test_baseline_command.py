@@ -5,31 +5,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 Invoke = Callable[..., Any]
 
 
-@pytest.fixture
-def recordings(invoke: Invoke, campaign_file: Path, tmp_path: Path) -> Path:
-    """A folder with the recordings of the short campaign."""
-    invoke("run", campaign_file, "--out", tmp_path / "run")
-    return tmp_path / "run"
-
-
 def test_a_baseline_of_a_healthy_recording_is_used_by_replay(
-    invoke: Invoke, recordings: Path
+    invoke: Invoke, short_run: Path
 ) -> None:
-    learnt = invoke("baseline", recordings / "healthy.mcap", "--out", "rig.json")
+    learnt = invoke("baseline", short_run / "healthy.mcap", "--out", "rig.json")
     assert (learnt.code, learnt.err) == (0, "")
     assert Path("rig.json").is_file()
-    done = invoke("replay", "--json", "--baseline", "rig.json", recordings / "leak_low.mcap")
+    done = invoke("replay", "--json", "--baseline", "rig.json", short_run / "leak_low.mcap")
     assert done.code == 0
     assert json.loads(done.out)["verdict"] == "external_leakage_1"
 
 
-def test_a_baseline_tells_how_far_the_model_may_be_off(invoke: Invoke, recordings: Path) -> None:
-    healthy = recordings / "healthy.mcap"
+def test_a_baseline_tells_how_far_the_model_may_be_off(invoke: Invoke, short_run: Path) -> None:
+    healthy = short_run / "healthy.mcap"
     assert invoke("baseline", healthy, "--model-error", "0.5", "--out", "rig.json").code == 0
     assert json.loads(Path("rig.json").read_text())["model_error"] == 0.5
     refused = invoke("baseline", healthy, "--model-error", "11", "--out", "other.json")
@@ -38,17 +29,17 @@ def test_a_baseline_tells_how_far_the_model_may_be_off(invoke: Invoke, recording
 
 
 def test_a_leaking_recording_is_refused_and_nothing_written(
-    invoke: Invoke, recordings: Path
+    invoke: Invoke, short_run: Path
 ) -> None:
-    done = invoke("baseline", recordings / "leak_low.mcap", "--out", "rig.json")
+    done = invoke("baseline", short_run / "leak_low.mcap", "--out", "rig.json")
     assert done.code == 2
     assert "leak_low.mcap: the recording is external_leakage_1" in done.err
     assert not Path("rig.json").exists()
 
 
-def test_all_that_is_wrong_is_told_at_once(invoke: Invoke, recordings: Path) -> None:
+def test_all_that_is_wrong_is_told_at_once(invoke: Invoke, short_run: Path) -> None:
     done = invoke(
-        "baseline", "nowhere.mcap", recordings / "healthy.mcap", "--model", "nominl",
+        "baseline", "nowhere.mcap", short_run / "healthy.mcap", "--model", "nominl",
         "--out", "no_folder/rig.json",
     )  # fmt: skip
     assert done.code == 2
@@ -57,22 +48,22 @@ def test_all_that_is_wrong_is_told_at_once(invoke: Invoke, recordings: Path) -> 
     assert "no_folder" in done.err
 
 
-def test_a_folder_is_no_file_to_write_a_baseline_to(invoke: Invoke, recordings: Path) -> None:
-    done = invoke("baseline", recordings / "healthy.mcap", "--out", recordings)
+def test_a_folder_is_no_file_to_write_a_baseline_to(invoke: Invoke, short_run: Path) -> None:
+    done = invoke("baseline", short_run / "healthy.mcap", "--out", short_run)
     assert done.code == 2
     assert "is a directory" in done.err
 
 
-def test_the_same_recording_does_not_count_twice(invoke: Invoke, recordings: Path) -> None:
-    healthy = recordings / "healthy.mcap"
+def test_the_same_recording_does_not_count_twice(invoke: Invoke, short_run: Path) -> None:
+    healthy = short_run / "healthy.mcap"
     done = invoke("baseline", healthy, healthy, "--out", "rig.json")
     assert (done.code, Path("rig.json").exists()) == (2, False)
     assert done.err == f"{healthy}: the same samples as {healthy}; give them once\n"
 
 
-def test_a_baseline_that_is_none_is_named(invoke: Invoke, recordings: Path) -> None:
+def test_a_baseline_that_is_none_is_named(invoke: Invoke, short_run: Path) -> None:
     Path("rig.json").write_text("{}")
-    done = invoke("replay", "--baseline", "rig.json", recordings / "healthy.mcap")
+    done = invoke("replay", "--baseline", "rig.json", short_run / "healthy.mcap")
     assert done.code == 2
     assert done.err.startswith("rig.json: not a baseline")
     assert done.out == ""
