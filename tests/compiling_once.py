@@ -5,6 +5,7 @@ in the cache yet.
 """
 
 import fcntl
+import gc
 import importlib
 import os
 import time
@@ -57,7 +58,7 @@ def compile_once(folder: Path) -> None:
                 return compile_alone(self, sig)
             held.add(name)
             try:
-                with only_one(folder / name, PATIENCE_S):
+                with only_one(folder / name, PATIENCE_S), without_looking_for_garbage():
                     return compile_alone(self, sig)
             finally:
                 held.remove(name)
@@ -92,6 +93,18 @@ def only_one(path: Path, patience_s: float) -> Iterator[None]:
         with suppress(OSError):
             fcntl.flock(opened, fcntl.LOCK_UN)
         os.close(opened)
+
+
+@contextmanager
+def without_looking_for_garbage() -> Iterator[None]:
+    """Leave garbage alone: compiler and imports make millions of objects, hardly any of it."""
+    looking = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if looking:
+            gc.enable()
 
 
 def compile_apart(worker: int) -> None:

@@ -1,6 +1,8 @@
 """Settings of every test: Hypothesis draws the same examples on every machine of the CI."""
 
+import gc
 import os
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -8,7 +10,7 @@ from hypothesis import settings
 
 from rig.compile_cache import use_compile_cache
 
-from .compiling_once import compile_apart, compile_once
+from .compiling_once import compile_apart, compile_once, without_looking_for_garbage
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -29,6 +31,15 @@ def pytest_configure(config: pytest.Config) -> None:
     here = Path(__file__).parent
     if any(here.is_relative_to(Path(asked).resolve()) for asked in config.args):
         compile_apart(int(worker.removeprefix("gw")))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Import all tests without looking for garbage, and never look at what that has made."""
+    with without_looking_for_garbage():
+        collected = yield
+    gc.freeze()
+    return collected
 
 
 # A first call may compile for seconds: a deadline per example would measure the compiler.
