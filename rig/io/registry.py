@@ -6,6 +6,7 @@ cost nothing, and a third party's driver that cannot be imported hurts nobody el
 
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, Literal
 
@@ -94,8 +95,13 @@ def _entry_point(driver_type: str) -> EntryPoint:
     return next(iter(found.values()))
 
 
+@cache
 def _installed() -> Mapping[str, Mapping[str, EntryPoint]]:
-    """Return the entry points by name, and by the class they name: one found twice counts once."""
+    """Return the entry points by name, and by the class they name: one found twice counts once.
+
+    They are looked up once a process: a rig file asks for them dozens of times, and each look reads
+    a file of every package installed.
+    """
     installed: dict[str, dict[str, EntryPoint]] = {}
     for entry in entry_points(group=ENTRY_POINTS):
         installed.setdefault(entry.name, {})[entry.value] = entry

@@ -1,17 +1,19 @@
 """Drivers of third parties, installed for one test as pip would install them."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
 
+from rig.io import registry
+
 Install = Callable[..., None]
 
 
 @pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
     """Install a package of one module, with the types of driver that it names as entry points."""
     site = tmp_path / "site-packages"
     site.mkdir()
@@ -25,8 +27,10 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
         (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
         lines = [f"{name} = {package}:{target}" for name, target in drivers.items()]
         (about / "entry_points.txt").write_text("\n".join(["[hydraulic_rig.drivers]", *lines]))
+        registry._installed.cache_clear()
 
-    return install
+    yield install
+    registry._installed.cache_clear()
 
 
 @pytest.fixture
