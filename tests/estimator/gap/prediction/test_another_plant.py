@@ -15,6 +15,7 @@ from estimator.gap.plant.records import record_of
 from estimator.gap.prediction.model_error import likely_model_error
 from estimator.gap.prediction.predictor import Predictor
 from estimator.gap.verdict.workflow import find_gap
+from rig.cli import main
 from rig.configuration.models.plant_file import PlantModel
 from rig.configuration.models.plant_loading import load_plant
 from rig.recording import Recording
@@ -72,20 +73,23 @@ def test_a_hidden_delay_is_named_from_outside_the_package(tmp_path: Path) -> Non
     assert revised.plant.nominal["delay"] == pytest.approx(found, rel=1e-6)
 
 
-def test_a_mistake_in_the_plant_ends_the_program_with_one_line_and_code_2(tmp_path: Path) -> None:
+def test_a_mistake_in_the_plant_ends_the_program_with_one_line_and_code_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = (EXAMPLE / "axis.py").read_text().replace("par.mass, grip_rate", "par.mas, grip_rate")
     (tmp_path / "axis.py").write_text(text)
     copy(EXAMPLE / "axis.yaml", tmp_path / "axis.yaml")
-    # fmt: off
-    done = subprocess.run(
-        [Path(sys.executable).with_name("rig"), "gap", "fit.csv", "--holdout", "held.csv",
-         "--plant", "axis:axis", "--model", "axis.yaml", "--out", "out"],
-        cwd=tmp_path, capture_output=True, text=True, check=False, env=dict(os.environ),
-    )
-    # fmt: on
-    assert done.returncode == 2
-    assert "did you mean mass?" in done.stderr
-    assert "Traceback" not in done.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "axis", raising=False)
+    with pytest.raises(SystemExit) as done:
+        main(
+            ["gap", "fit.csv", "--holdout", "held.csv", "--plant", "axis:axis",
+             "--model", "axis.yaml", "--out", "out"]
+        )  # fmt: skip
+    assert done.value.code == 2
+    told = capsys.readouterr().err
+    assert "did you mean mass?" in told
+    assert "Traceback" not in told
     assert not (tmp_path / "out").exists()
 
 

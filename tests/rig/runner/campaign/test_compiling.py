@@ -13,8 +13,8 @@ from rig.runner.campaign.compiling import ON_HARDWARE, compile_for
 
 SINE = "{type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}"
 LEAK = "[{type: external_leakage_1, at: 8 s, flow: 0.8 L/min, pressure: 6.9 MPa}]"
-CLOSED_LOOP = f"""
-name: closed_loop
+PRODUCT = f"""
+name: product
 rig: simulated
 defaults: {{duration: 14 s, settle: 0.5 s, setpoint: {SINE}}}
 tests:
@@ -27,14 +27,8 @@ tests:
     faults: {LEAK}
   - name: spring
     load: {{stiffness: 20 kN/m, contact: 0.2 m}}
-"""
-OPEN_LOOP = """
-name: open_loop
-rig: simulated
-defaults: {duration: 14 s, settle: 0.5 s}
-tests:
-  - name: steps
-    setpoint: {type: sine, amplitude: 3 V, frequency: 0.5 Hz}
+  - name: open loop
+    setpoint: {{type: sine, amplitude: 3 V, frequency: 0.5 Hz}}
 """
 PATTERN = f"""
 name: pattern
@@ -47,8 +41,7 @@ tests:
   - name: healthy
 """
 CAMPAIGNS = {
-    "closed_loop": CLOSED_LOOP,
-    "open_loop": OPEN_LOOP,
+    "product": PRODUCT,
     **{name: PATTERN.replace("FILTER", name) for name in ("thesis-6", "thesis-7")},
 }
 
