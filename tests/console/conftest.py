@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -103,10 +104,17 @@ class Served:
         until(lambda: any(text in line for line in list(self.log)), f"{text} in {self.log}")
 
 
+@pytest.fixture(scope="session")
+def leaving() -> Iterator[ExitStack]:
+    """Wait for all servers to have ended."""
+    with ExitStack() as servers:
+        yield servers
+
+
 @pytest.fixture
-def site() -> Iterator[Site]:
+def site(leaving: ExitStack) -> Iterator[Site]:
     """Return a console that a test feeds itself."""
-    with site_served() as site:
+    with site_served(leaving) as site:
         yield site
 
 

@@ -7,7 +7,7 @@ import re
 import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -98,8 +98,13 @@ class Site:
 
 
 @contextmanager
-def site_served(certificate: Path | None = None, key: Path | None = None) -> Iterator[Site]:
-    """Serve a console of one rig that runs, over TLS if there is a certificate."""
+def site_served(
+    leaving: ExitStack, certificate: Path | None = None, key: Path | None = None
+) -> Iterator[Site]:
+    """Serve a console of one rig that runs, over TLS if there is a certificate.
+
+    The server takes a fifth of a second to end, which `leaving` waits for.
+    """
     anywhere = address_of("127.0.0.1:0", (), certificate, key)
     listener = listener_of(anywhere)
     address = with_port(anywhere, listener.getsockname()[1])
@@ -114,5 +119,5 @@ def site_served(certificate: Path | None = None, key: Path | None = None) -> Ite
         yield Site(client, console, address.port, log, certificate)
     finally:
         server.should_exit = True
-        serving.join()
-        listener.close()
+        leaving.callback(listener.close)
+        leaving.callback(serving.join)

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -43,7 +44,7 @@ def test_the_cookie_of_a_login_is_the_browsers_alone(site: Site) -> None:
     assert (page.status, "Rig console" in page.text) == (200, True)
 
 
-def test_over_tls_the_cookie_goes_over_tls_only(tmp_path: Path) -> None:
+def test_over_tls_the_cookie_goes_over_tls_only(tmp_path: Path, leaving: ExitStack) -> None:
     if shutil.which("openssl") is None:
         pytest.skip("openssl, which makes the certificate, is not installed")
     subprocess.run(
@@ -52,7 +53,7 @@ def test_over_tls_the_cookie_goes_over_tls_only(tmp_path: Path) -> None:
          "-addext", "subjectAltName=IP:127.0.0.1"],
         cwd=tmp_path, check=True, capture_output=True,
     )  # fmt: skip
-    with site_served(tmp_path / "this.pem", tmp_path / "this.key") as site:
+    with site_served(leaving, tmp_path / "this.pem", tmp_path / "this.key") as site:
         reply = site.log_in()
         assert (reply.status, reply.headers["set-cookie"].endswith("; Secure")) == (303, True)
         assert "max-age" in reply.headers["strict-transport-security"]
