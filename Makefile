@@ -20,10 +20,10 @@ demo: $(INSTALLED) ## run the quickstart campaign on the simulated rig, write it
 	if [ -f runs/demo/report.html ]; then echo "Open the report: $(CURDIR)/runs/demo/report.html"; fi; \
 	exit $$status
 
-# A file's tests share what they set up, so that files are what the workers share out. Three of them
-# on two processors: tests of processes mostly wait.
+# A file's tests share what they set up, so that files are what the workers share out, in the order
+# that tests/conftest.py gives them. Three of them on two processors: tests of processes mostly wait.
 test: $(INSTALLED_DEV) ## run the tests
-	@$(BIN)/python -m pytest -n 3 --dist loadfile
+	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 test-long: $(INSTALLED_DEV) ## run the tests that test leaves out for their length
 	@$(BIN)/python -m pytest -n 2 -m long

@@ -12,6 +12,31 @@ from rig.compile_cache import use_compile_cache
 
 from .compiling_once import compile_apart, compile_once, without_looking_for_garbage
 
+HERE = Path(__file__).parent
+LONGEST = (
+    "console/test_in_chromium.py",
+    "estimator/gap/prediction/test_another_plant.py",
+    "rig/supervisor/processes/test_publisher.py",
+    "console/test_started.py",
+    "chaos/test_ways_to_end.py",
+    "rig/runner/campaign/test_compiling.py",
+    "chaos/test_kill_and_resume.py",
+    "rig/cli/models/test_sweep.py",
+    "rig/supervisor/processes/test_loop_process.py",
+    "tools/hidden_effects/test_blind_trials.py",
+    "rig/runner/campaign/test_wire_replay.py",
+    "rig/cli/campaigns/test_run.py",
+    "console/test_standing.py",
+    "console/test_page.py",
+    "rig/runner/experiments/test_gap_closing.py",
+    "estimator/gap/verdict/test_keeping.py",
+    "estimator/leaks/test_detection.py",
+    "estimator/leaks/test_leak_test.py",
+    "estimator/leaks/test_leak_sizes.py",
+)
+"""Files that take ten seconds and more, with whose tests the workers begin: none of them is then
+left with one when the others have done."""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let the picture of the console in the README be taken by the test that looks at it."""
@@ -28,8 +53,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if not folder:
         return
     compile_once(Path(folder) / "locks")
-    here = Path(__file__).parent
-    if any(here.is_relative_to(Path(asked).resolve()) for asked in config.args):
+    if any(HERE.is_relative_to(Path(asked).resolve()) for asked in config.args):
         compile_apart(int(worker.removeprefix("gw")))
 
 
@@ -40,6 +64,12 @@ def pytest_collection() -> Generator[None, object, object]:
         collected = yield
     gc.freeze()
     return collected
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of the files that take longest first."""
+    places = {HERE / file: place for place, file in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path, len(places)))
 
 
 # A first call may compile for seconds: a deadline per example would measure the compiler.
