@@ -63,8 +63,6 @@ class Record:
         variances: float64 (n, outputs); infinite where a reading is missing or saturated.
         first: samples of its recording before it.
         gains: of the last filter run.
-        tangent: parameters, transitions (n, states, states) and slopes (n, outputs, states) that
-            disturbances were last followed with.
     """
 
     source: str
@@ -73,9 +71,6 @@ class Record:
     variances: Array
     first: int = 0
     gains: Gains = field(init=False, repr=False)
-    tangent: tuple[dict[str, float], Array, Array] | None = field(
-        init=False, repr=False, default=None
-    )
 
     def anew(self, states: int) -> Gains:
         """Return room for new gains of so many states, which are now the record's."""
@@ -86,10 +81,6 @@ class Record:
     def unfiltered(self) -> "Record":
         """Return the same recording without gains, to be filtered beside this one."""
         return replace(self)
-
-    def release(self) -> None:
-        """Forget what disturbances were followed with; it is large."""
-        self.tangent = None
 
     def __len__(self) -> int:
         """Return the number of samples."""

@@ -79,8 +79,6 @@ class Fitter:
         self._filtered = dict(values)
         self._bases.clear()
         self._changes.clear()
-        for record in self.records:
-            record.release()
         key = tuple(values.values())
         known = self._gains.pop(key, None)
         if known is None:
@@ -138,8 +136,6 @@ class Fitter:
         at = tuple(values.values())
         keys = [(at, column.name, column.size, tuple(column.values.values())) for column in columns]
         missing = [i for i, key in enumerate(keys) if key not in self._changes]
-        by_kicks = [i for i in missing if columns[i].kicks is not None]
-        by_values = [i for i in missing if columns[i].kicks is None]
         found: dict[int, Changes] = {}
         bases = self.innovations(values)
 
@@ -156,26 +152,14 @@ class Fitter:
                 _change(each, base, columns[i].size) for i, each in zip(group, changed, strict=True)
             ]
 
-        def disturb(number: int) -> Array:
-            record, states = self.records[number], bases[number][1]
-            kicks = [columns[i].kicks for i in by_kicks]
-            stack = np.stack([kick(record, states) for kick in kicks if kick], axis=-1)
-            sizes = np.array([columns[i].size for i in by_kicks])
-            return self.predictor.disturbed(record, values, stack) / sizes
-
         count = range(len(self.records))
-        groups = self.predictor.groups([columns[i].values for i in by_values])
-        tasks = [([by_values[k] for k in group], number) for group in groups for number in count]
+        groups = self.predictor.groups([columns[i].values for i in missing])
+        tasks = [([missing[k] for k in group], number) for group in groups for number in count]
         for (group, _), changes in zip(tasks, self.pool.map(run, tasks), strict=True):
             for i, change in zip(group, changes, strict=True):
                 found.setdefault(i, []).append(change)
-        if by_kicks:
-            together = list(self.pool.map(disturb, count))
-            for place, i in enumerate(by_kicks):
-                found[i] = [np.ascontiguousarray(part[:, :, place]) for part in together]
-        for i in by_values:
-            self._changes[keys[i]] = found[i]
-        return [found[i] if i in found else self._changes[keys[i]] for i in range(len(columns))]
+        self._changes |= {keys[i]: found[i] for i in missing}
+        return [self._changes[key] for key in keys]
 
     def linearise(
         self, values: Values, columns: Sequence[Column], kept: Mapping[str, Changes] | None = None

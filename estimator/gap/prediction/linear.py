@@ -6,7 +6,7 @@ squares, and standard errors that hold for innovations which are correlated in t
 blocks are not (sandwich of block scores).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
@@ -34,7 +34,6 @@ class Column:
         size: of the change, in the units in which steps along it are given.
         lower: least step.
         upper: greatest step.
-        kicks: disturbance instead of a change of parameters: (states (n, count)) -> (n, count).
     """
 
     name: str
@@ -42,7 +41,6 @@ class Column:
     size: float
     lower: float = -np.inf
     upper: float = np.inf
-    kicks: Callable[[Record, Array], Array] | None = None
 
 
 def mean_squares(errors: Array) -> Array:

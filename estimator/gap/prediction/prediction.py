@@ -142,12 +142,12 @@ def predict_covariance(transition, noises, product, covariance):
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR,
-         _MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE, _CUBE, _CUBE),
+         _MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter(
     drive, step, remember, read, inputs, readings, variances, parameters, start, spread, changes,
-    noises, shares, memory, gains, innovation_variances, couplings, transitions, slopes,
+    noises, shares, memory, gains, innovation_variances, couplings,
 ):  # fmt: skip
     """Run the filter over a recording and keep its gains.
 
@@ -170,9 +170,6 @@ def run_filter(
         innovation_variances: float64 (n, outputs), written; infinite where not used.
         couplings: float64 (n, outputs, outputs), written: how much of an innovation is in that of
             a later reading of the sample, before the state is corrected by it.
-        transitions: float64 (n, states, states), written: derivatives of the state after a step
-            by that before; (0, ., .) if they are not to be kept.
-        slopes: float64 (n, outputs, states), written: derivatives of the readings; likewise.
     """
     count, outputs = start.size, readings.shape[1]
     remembered = memory[0]
@@ -181,7 +178,6 @@ def run_filter(
     covariance = np.diag(spread * spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
     slope = np.empty((outputs, count))
-    kept = transitions.shape[0] > 0
     for t in range(inputs.shape[0]):
         correct(
             read, remembered, parameters, changes, shares, readings[t], variances[t], x, covariance,
@@ -196,9 +192,6 @@ def run_filter(
             step(point, remembered, parameters)
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
-        if kept:
-            transitions[t] = transition
-            slopes[t] = slope
         predict_covariance(transition, noises, product, covariance)
         remember(x, ahead, remembered, parameters)
         x[:] = ahead
@@ -206,12 +199,12 @@ def run_filter(
 
 @njit(
     void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _CUBE, _CUBE, _VECTOR, _VECTOR, _MATRIX, _MATRIX,
-         _MATRIX, _MATRIX),
+         _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_frozen(
     drive, step, remember, read, inputs, readings, innovation_variances, gains, couplings,
-    parameters, start, memory, kicks, innovations, states,
+    parameters, start, memory, innovations, states,
 ):  # fmt: skip
     """Predict a recording one sample ahead with given gains.
 
@@ -228,7 +221,6 @@ def run_frozen(
         parameters: of the plant.
         start: float64 (states,).
         memory: float64 (1, length), of `Plant.begin`.
-        kicks: float64 (n, states) added to the state after each step; (0, states) for none.
         innovations: float64 (n, outputs), written: over their standard deviations, 0 if not used.
         states: float64 (n, states), written: filtered.
     """
@@ -236,7 +228,6 @@ def run_frozen(
     remembered = memory[0]
     x = start.copy()
     expected = np.empty(outputs)
-    kicked = kicks.shape[0] > 0
     for t in range(inputs.shape[0]):
         read(x, remembered, parameters, expected)
         for i in range(outputs):
@@ -257,64 +248,7 @@ def run_frozen(
             states[t, j] = x[j]
         drive(inputs[t], remembered, parameters)
         step(x, remembered, parameters)
-        if kicked:
-            for j in range(count):
-                x[j] += kicks[t, j]
         remember(states[t], x, remembered, parameters)
-
-
-@njit(
-    void(_MATRIX, _CUBE, _CUBE, _CUBE, _CUBE, _CUBE, _CUBE),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
-def run_tangent(innovation_variances, gains, couplings, transitions, slopes, kicks, innovations):
-    """Follow small disturbances of the state through the filter, all of them at once.
-
-    Args:
-        innovation_variances: float64 (n, outputs), of `run_filter`.
-        gains: float64 (n, outputs, states), likewise.
-        couplings: float64 (n, outputs, outputs), likewise.
-        transitions: float64 (n, states, states), likewise.
-        slopes: float64 (n, outputs, states), likewise.
-        kicks: float64 (n, states, columns), added to the state after each step.
-        innovations: float64 (n, outputs, columns), written: what they add to the innovations,
-            over the standard deviations of these.
-    """
-    count, outputs, columns = kicks.shape[1], slopes.shape[1], kicks.shape[2]
-    x, ahead = np.zeros((count, columns)), np.zeros((count, columns))
-    change = np.zeros((outputs, columns))
-    for t in range(kicks.shape[0]):
-        for i in range(outputs):
-            variance = innovation_variances[t, i]
-            change[i, :] = 0.0
-            if variance < np.inf:
-                for j in range(count):
-                    slope = slopes[t, i, j]
-                    if slope != 0.0:
-                        for c in range(columns):
-                            change[i, c] -= slope * ahead[j, c]
-                for k in range(i):
-                    coupling = couplings[t, i, k]
-                    for c in range(columns):
-                        change[i, c] -= coupling * change[k, c]
-            scale = 1.0 / sqrt(variance)
-            for c in range(columns):
-                innovations[t, i, c] = scale * change[i, c]
-        for j in range(count):
-            for c in range(columns):
-                x[j, c] = ahead[j, c]
-            for i in range(outputs):
-                gain = gains[t, i, j]
-                for c in range(columns):
-                    x[j, c] += gain * change[i, c]
-        for j in range(count):
-            for c in range(columns):
-                ahead[j, c] = kicks[t, j, c]
-            for k in range(count):
-                rate = transitions[t, j, k]
-                if rate != 0.0:
-                    for c in range(columns):
-                        ahead[j, c] += rate * x[k, c]
 
 
 @njit(

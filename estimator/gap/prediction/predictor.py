@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from estimator.gap.plant import Array, Gains, Plant, Record, made_of, roughness
+from estimator.gap.plant import Array, Plant, Record, made_of, roughness
 from rig.lanes import LANES, aligned, empty_lanes
 
-from .prediction import predict_ahead, run_filter, run_free, run_frozen, run_tangent
+from .prediction import predict_ahead, run_filter, run_free, run_frozen
 from .side_by_side import run_filter_in_lanes, run_frozen_in_lanes
 
 Values = Mapping[str, float]
@@ -16,11 +16,6 @@ _FIRST = 20
 """Samples at the start of a record that the state is started from."""
 _FEWEST = 3
 """Runs that are worth lanes."""
-
-
-def _none() -> tuple[Array, Array]:
-    """Return what tells `run_filter` to keep no derivatives."""
-    return np.empty((0, 0, 0)), np.empty((0, 0, 0))
 
 
 class Predictor:
@@ -43,16 +38,11 @@ class Predictor:
 
     def filter(self, record: Record, values: Values) -> None:
         """Estimate the gains of a record anew."""
-        self._run_filter(record, record.anew(len(self._changes)), values, *_none())
-
-    def _run_filter(
-        self, record: Record, gains: Gains, values: Values, transitions: Array, slopes: Array
-    ) -> None:
-        plant = self.plant
+        plant, gains = self.plant, record.anew(len(self._changes))
         start, spread = self._start(record, values)
         variances = record.variances + roughness(record, plant, values)
         parameters = plant.vector(values)
-        rest = (gains.states, gains.variances, gains.couplings, transitions, slopes)
+        rest = (gains.states, gains.variances, gains.couplings)
         shares = np.ones((len(plant.outputs), len(plant.states)))
         if plant.shares is not None:
             shares = plant.shares(values)
@@ -75,12 +65,10 @@ class Predictor:
             aligned(memory), *rest,
         )  # fmt: skip
 
-    def innovations(
-        self, record: Record, values: Values, kicks: Array | None = None
-    ) -> tuple[Array, Array]:
+    def innovations(self, record: Record, values: Values) -> tuple[Array, Array]:
         """Return innovations (n, outputs) over their standard deviations and filtered states.
 
-        With the gains of the last `filter`. `kicks` (n, states) are added to the state each sample.
+        With the gains of the last `filter`.
         """
         count = len(self._changes)
         start = self._start(record, values)[0]
@@ -90,8 +78,7 @@ class Predictor:
         run_frozen(
             *self._functions, record.inputs, record.readings,
             gains.variances, gains.states, gains.couplings, self.plant.vector(values), start,
-            self._memory(start, record, values),
-            np.empty((0, count)) if kicks is None else kicks, innovations, states,
+            self._memory(start, record, values), innovations, states,
         )  # fmt: skip
         return innovations, states
 
@@ -135,34 +122,6 @@ class Predictor:
             aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded)), innovations,
         )  # fmt: skip
         return [innovations[:, :, lane] for lane in range(len(values))]
-
-    def disturbed(self, record: Record, values: Values, kicks: Array) -> Array:
-        """Return what small kicks of the state (n, states, columns) add to innovations.
-
-        They are as of `innovations`, with the same gains (n, outputs, columns), to first order
-        about the filter's own course with `values`.
-        """
-        count, outputs = len(self._changes), record.readings.shape[1]
-        if self.plant.remembers(values):
-            base = self.innovations(record, values)[0]
-            changed = [
-                self.innovations(record, values, np.ascontiguousarray(kicks[:, :, c]))[0] - base
-                for c in range(kicks.shape[2])
-            ]
-            return np.stack(changed, axis=-1)
-        if record.tangent is None or record.tangent[0] != values:
-            transitions = np.empty((len(record), count, count))
-            slopes = np.empty((len(record), outputs, count))
-            unused = Gains.empty(len(record), outputs, count)
-            self._run_filter(record, unused, values, transitions, slopes)
-            record.tangent = (dict(values), transitions, slopes)
-        innovations = np.empty((len(record), outputs, kicks.shape[2]))
-        gains = record.gains
-        run_tangent(
-            gains.variances, gains.states, gains.couplings, *record.tangent[1:],
-            np.ascontiguousarray(kicks), innovations,
-        )  # fmt: skip
-        return innovations
 
     def ahead(self, record: Record, values: Values, states: Array) -> Array:
         """Return readings less predictions (n, outputs) over the plant's horizon, NaN at starts."""

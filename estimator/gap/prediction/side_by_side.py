@@ -89,13 +89,12 @@ def run_frozen_in_lanes(
 @njit(
     void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MATRIX, _MATRIX, _MATRIX, _MATRIX,
          _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _MATRIX, _CUBE, _MATRIX,
-         _CUBE, _CUBE, _CUBE),
+         _CUBE),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter_in_lanes(
     drive, step, remember, keep, read, inputs, readings, variances, parameters, first, start,
     spread, changes, noises, shares, memory, in_lanes, gains, innovation_variances, couplings,
-    transitions, slopes,
 ):  # fmt: skip
     """Run the filter over a recording as `run_filter` does, the derivatives of its step in lanes.
 
@@ -120,8 +119,6 @@ def run_filter_in_lanes(
         gains: as of `run_filter`.
         innovation_variances: likewise.
         couplings: likewise.
-        transitions: likewise.
-        slopes: likewise.
     """
     count, outputs = start.size, readings.shape[1]
     remembered = memory[0]
@@ -130,7 +127,6 @@ def run_filter_in_lanes(
     covariance = np.diag(spread * spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
     slope = np.empty((outputs, count))
-    kept = transitions.shape[0] > 0
     # Column 0 is the course itself, column 1 + j that with a change of state j.
     batches = (count + LANES) // LANES
     points = empty_lanes(batches * count).reshape((batches, count, LANES))
@@ -155,9 +151,6 @@ def run_filter_in_lanes(
             batch, lane = (1 + j) // LANES, (1 + j) % LANES
             for i in range(count):
                 transition[i, j] = (points[batch, i, lane] - ahead[i]) / changes[j]
-        if kept:
-            transitions[t] = transition
-            slopes[t] = slope
         predict_covariance(transition, noises, product, covariance)
         remember(points[0], in_lanes, parameters, first)
         keep(x, ahead, remembered, first)

@@ -1,4 +1,4 @@
-"""Predictions with frozen gains, disturbances to first order, and twins."""
+"""Predictions with frozen gains, and twins."""
 
 from dataclasses import replace
 
@@ -55,33 +55,6 @@ def test_the_state_that_is_found_is_that_of_the_rig(plant: Plant, record: Record
     # The spool of a fast valve follows the command; the ram is where the encoder says.
     assert np.abs(states[1000:, 4] - record.readings[1000:, 0]).max() < 3e-5
     assert np.abs(states[1000:, 0] - record.readings[1000:, 3]).std() < 1.2e-6
-
-
-def test_small_disturbances_to_first_order_are_what_the_plant_makes_of_them(
-    plant: Plant, record: Record
-) -> None:
-    predictor = Predictor(plant)
-    base, states = predictor.innovations(record, plant.nominal)
-    kicks = np.zeros((*states.shape, 2))
-    kicks[:, 5, 0] = 1e-6 * np.tanh(states[:, 5] / 0.02)
-    kicks[:, 2, 1] = 200.0 * np.sign(states[:, 0])
-    found = predictor.disturbed(record, plant.nominal, kicks)
-    for column in range(2):
-        kick = np.ascontiguousarray(kicks[:, :, column])
-        wanted = predictor.innovations(record, plant.nominal, kick)[0] - base
-        assert np.linalg.norm(wanted) > 0.01
-        off = np.linalg.norm(found[:, :, column] - wanted)
-        assert off < 0.05 * np.linalg.norm(wanted)
-
-
-def test_a_reading_that_is_late_is_followed_by_differences(plant: Plant, record: Record) -> None:
-    predictor = Predictor(plant)
-    late = {**plant.nominal, "position_delay": 4e-3}
-    kicks = np.zeros((len(record), len(plant.states), 1))
-    kicks[1000:1100, 5, 0] = 1e-4
-    found = predictor.disturbed(record, late, kicks)
-    assert np.abs(found[:1001]).max() == 0.0
-    assert np.abs(found[1003:1100, 1]).max() > 0.1
 
 
 @pytest.mark.parametrize("delay", [1e-3, 5e-3, 12e-3, 20e-3])

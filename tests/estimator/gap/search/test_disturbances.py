@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -189,12 +190,13 @@ def test_the_linearised_course_answers_to_kicks_as_the_filter_does() -> None:
     record = _moved(lambda x, v: 0.0)
     predictor = Predictor(SLED)
     predictor.filter(record, SLED.nominal)
-    kicks = np.zeros((len(record), 2))
-    kicks[:, 1] = 1e-5 * np.sin(np.arange(len(record)) / 50.0)
+    kicks = 1e-5 * np.sin(np.arange(len(record)) / 50.0)
+    pushed = replace(record, inputs=record.inputs + MASS / TICK * kicks[:, None])
+    pushed.gains = record.gains
     base = predictor.innovations(record, SLED.nominal)[0]
-    changed = predictor.innovations(record, SLED.nominal, kicks)[0] - base
+    changed = predictor.innovations(pushed, SLED.nominal)[0] - base
     course = course_of(predictor, record, SLED.nominal, (), np.arange(len(record)))
-    answer = course.answers([1], kicks[:, 1:, None])[:, :, 0]
+    answer = course.answers([1], kicks[:, None, None])[:, :, 0]
     assert answer == pytest.approx(changed, rel=1e-5, abs=1e-6 * float(np.abs(changed).max()))
 
 
