@@ -56,9 +56,8 @@ def smallest_shown(files: Sequence[Path], nuisances: Mapping[str, float]) -> dic
     values = {**plant.nominal, **{_MODELLED[name]: value for name, value in nuisances.items()}}
     records = usable([record_of(read_recording(file), plant) for file in files], plant)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        fitter = Fitter(Predictor(plant), records, pool)
-        fitter.refresh(values)
-        found = limits(fitter, values, [nuisance_variable(n) for n in plant.nuisances])
+        filtered = Fitter(Predictor(plant), records, pool).filtered(values)
+        found = limits(filtered, values, [nuisance_variable(n) for n in plant.nuisances])
     return {limit.effect: limit.size for limit in found}
 
 

@@ -28,6 +28,7 @@ from .interface import (
     Trace as Trace,
 )
 from .records import (
+    BoolArray as BoolArray,
     Gains as Gains,
     Record as Record,
     made_of as made_of,

@@ -1,7 +1,7 @@
 """A recording as the filter takes it: inputs, readings, and how far each reading can be trusted."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,19 +42,10 @@ class Gains:
     variances: Array
     couplings: Array
 
-    @classmethod
-    def empty(cls, samples: int, outputs: int, states: int) -> "Gains":
-        """Return room for the gains of so many samples, outputs and states."""
-        return cls(
-            np.empty((samples, outputs, states)),
-            np.empty((samples, outputs)),
-            np.empty((samples, outputs, outputs)),
-        )
 
-
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Record:
-    """One recording, and the gains with which it was last filtered.
+    """One recording.
 
     Attributes:
         source: where it comes from.
@@ -62,7 +53,6 @@ class Record:
         readings: float64 (n, outputs).
         variances: float64 (n, outputs); infinite where a reading is missing or saturated.
         first: samples of its recording before it.
-        gains: of the last filter run.
     """
 
     source: str
@@ -70,17 +60,6 @@ class Record:
     readings: Array
     variances: Array
     first: int = 0
-    gains: Gains = field(init=False, repr=False)
-
-    def anew(self, states: int) -> Gains:
-        """Return room for new gains of so many states, which are now the record's."""
-        samples, outputs = self.readings.shape
-        self.gains = Gains.empty(samples, outputs, states)
-        return self.gains
-
-    def unfiltered(self) -> "Record":
-        """Return the same recording without gains, to be filtered beside this one."""
-        return replace(self)
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -99,8 +78,8 @@ def record_of(recording: Recording, plant: Plant) -> Record:
     readings[~np.isfinite(late)] = np.nan
     record = made_of(recording.source, inputs, readings, plant)
     # What it was at the time that all others are of: 50 us at 0.3 m/s are half a count.
-    record.readings -= np.nan_to_num(late)[:, None] * _rates(record.readings, plant.period)
-    return record
+    moved = np.nan_to_num(late)[:, None] * _rates(record.readings, plant.period)
+    return replace(record, readings=record.readings - moved)
 
 
 def seen_parts(record: Record, period: float) -> list[Record]:

@@ -1,5 +1,5 @@
 from .costly_stretches import Excerpt as Excerpt, excerpts as excerpts
-from .fit import Changes as Changes, Fitted as Fitted, Fitter as Fitter
+from .fit import Changes as Changes, Filtered as Filtered, Fitted as Fitted, Fitter as Fitter
 from .free_simulation import free_runs as free_runs
 from .held_out import (
     channel_gaps as channel_gaps,

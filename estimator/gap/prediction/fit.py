@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Gains, Record
+from estimator.gap.plant import Array, BoolArray, Gains, Record
 
 from .linear import Column, Linear, assemble, cost_of, slices_of
 from .predictor import Predictor
@@ -52,13 +52,11 @@ _KEPT: Final = 3
 
 
 class Fitter:
-    """Fits a plant's parameters to records.
-
-    What was run is kept until the gains change: searches ask for the same columns again and again.
+    """Filters records of a plant, so that its parameters can be fitted to them.
 
     Args:
         predictor: of the plant.
-        records: to fit to; their gains are those of the last `refresh`.
+        records: to fit to.
         pool: threads to run in.
     """
 
@@ -67,35 +65,60 @@ class Fitter:
     ) -> None:
         self.predictor, self.records, self.pool = predictor, tuple(records), pool
         self.blocks = [slices_of(record, predictor.plant.period) for record in self.records]
-        self._bases: dict[tuple[float, ...], list[tuple[Array, Array]]] = {}
-        self._changes: dict[tuple[object, ...], Changes] = {}
-        self._filtered: dict[str, float] = {}
-        self._gains: dict[tuple[float, ...], list[Gains]] = {}
+        self._gains: dict[tuple[float, ...], tuple[Gains, ...]] = {}
 
-    def refresh(self, values: Values) -> None:
-        """Filter the records anew with these values, for their gains; the last few are kept."""
-        if self._filtered == values:
-            return
-        self._filtered = dict(values)
-        self._bases.clear()
-        self._changes.clear()
+    def filtered(self, values: Values) -> "Filtered":
+        """Return the records filtered with these values; the gains of the last few are kept."""
         key = tuple(values.values())
-        known = self._gains.pop(key, None)
-        if known is None:
-            list(self.pool.map(lambda record: self.predictor.filter(record, values), self.records))
-            known = [record.gains for record in self.records]
-        for record, gains in zip(self.records, known, strict=True):
-            record.gains = gains
-        self._gains[key] = known
+        gains = self._gains.pop(key, None)
+        if gains is None:
+            run = self.pool.map(lambda record: self.predictor.filter(record, values), self.records)
+            gains = tuple(run)
+        self._gains[key] = gains
         while len(self._gains) > _KEPT:
             self._gains.pop(next(iter(self._gains)))
+        return Filtered(self, values, gains)
+
+
+class Filtered:
+    """Records with the gains of a filter whose parameters had given values.
+
+    With these gains it predicts, scores and fits, whatever values the predictions are made with.
+    What it returns follows from the records, the gains and the arguments alone. What was run is
+    kept, since searches ask for the same columns again and again.
+
+    Attributes:
+        fitter: of the records.
+        predictor: of the plant.
+        records: to fit to.
+        blocks: of each record.
+        pool: threads to run in.
+        values: of all parameters, that the records were filtered with.
+        gains: of each record.
+    """
+
+    def __init__(self, fitter: Fitter, values: Values, gains: Sequence[Gains]) -> None:
+        self.fitter, self.predictor, self.pool = fitter, fitter.predictor, fitter.pool
+        self.records, self.blocks = fitter.records, fitter.blocks
+        self.values, self.gains = dict(values), tuple(gains)
+        self._bases: dict[tuple[float, ...], list[tuple[Array, Array]]] = {}
+        self._changes: dict[tuple[object, ...], Changes] = {}
+
+    def at(self, values: Values) -> "Filtered":
+        """Return the records filtered with these values: this itself if they are its own."""
+        return self if self.values == values else self.fitter.filtered(values)
+
+    @property
+    def used(self) -> list[BoolArray]:
+        """Of each record whether a reading is used, bool (n, outputs)."""
+        return [np.isfinite(gains.variances) for gains in self.gains]
 
     @property
     def samples(self) -> int:
         """Readings used, those of the settling left out."""
         return sum(
-            int(np.isfinite(record.gains.variances[block]).sum())
-            for record, blocks in zip(self.records, self.blocks, strict=True)
+            int(used[block].sum())
+            for used, blocks in zip(self.used, self.blocks, strict=True)
             for block in blocks
         )
 
@@ -104,8 +127,11 @@ class Fitter:
         key = tuple(values.values())
         if key not in self._bases:
             self._bases[key] = list(
-                self.pool.map(lambda r: self.predictor.innovations(r, values), self.records)
-            )
+                self.pool.map(
+                    lambda record, gains: self.predictor.innovations(record, gains, values),
+                    self.records, self.gains,
+                )
+            )  # fmt: skip
         return self._bases[key]
 
     def costs(self, values: Values) -> Array:
@@ -132,39 +158,46 @@ class Fitter:
         return [variable.column(values) for variable in variables]
 
     def changes(self, values: Values, columns: Sequence[Column]) -> list[Changes]:
-        """Return of each column and record the change of innovations by a unit step."""
+        """Return of each column and record the change of innovations by a unit step.
+
+        Columns that are asked for together are run side by side where the plant can (`groups`).
+        Lanes round otherwise than a run alone does, so that it is kept which of the two it was.
+        """
+        groups = self.predictor.groups([column.values for column in columns])
+        alone = {group[0] for group in groups if len(group) == 1}
         at = tuple(values.values())
-        keys = [(at, column.name, column.size, tuple(column.values.values())) for column in columns]
-        missing = [i for i, key in enumerate(keys) if key not in self._changes]
-        found: dict[int, Changes] = {}
+        keys = [
+            (at, tuple(column.values.values()), column.size, number in alone)
+            for number, column in enumerate(columns)
+        ]
+        missing = [[i for i in group if keys[i] not in self._changes] for group in groups]
         bases = self.innovations(values)
 
         def run(task: tuple[list[int], int]) -> list[Array]:
             group, number = task
+            record, gains, base = self.records[number], self.gains[number], bases[number][0]
             values_of = [columns[i].values for i in group]
-            record, base = self.records[number], bases[number][0]
-            if len(group) == 1:
-                changed = [self.predictor.innovations(record, values_of[0])[0]]
+            if group[0] in alone:
+                changed = [self.predictor.innovations(record, gains, values_of[0])[0]]
             else:
-                # Lanes round otherwise, and where a ram sticks and slips that is not little.
-                base, *changed = self.predictor.innovations_of(record, [values, *values_of])
+                # Against a base in lanes too: where a ram sticks and slips, that is not little.
+                base, *changed = self.predictor.innovations_of(record, gains, [values, *values_of])
             return [
                 _change(each, base, columns[i].size) for i, each in zip(group, changed, strict=True)
             ]
 
-        count = range(len(self.records))
-        groups = self.predictor.groups([columns[i].values for i in missing])
-        tasks = [([missing[k] for k in group], number) for group in groups for number in count]
+        found: dict[int, Changes] = {}
+        tasks = [(group, n) for group in missing if group for n in range(len(self.records))]
         for (group, _), changes in zip(tasks, self.pool.map(run, tasks), strict=True):
             for i, change in zip(group, changes, strict=True):
                 found.setdefault(i, []).append(change)
-        self._changes |= {keys[i]: found[i] for i in missing}
+        self._changes |= {keys[i]: changes for i, changes in found.items()}
         return [self._changes[key] for key in keys]
 
     def linearise(
         self, values: Values, columns: Sequence[Column], kept: Mapping[str, Changes] | None = None
     ) -> Linear:
-        """Return the linearisation of the innovations about some values, with present gains.
+        """Return the linearisation of the innovations about some values.
 
         Columns whose changes are in `kept`, by name, are taken from there.
         """
@@ -173,25 +206,28 @@ class Fitter:
         found = dict(kept)
         found |= zip([column.name for column in asked], self.changes(values, asked), strict=True)
         bases = [innovations for innovations, _ in self.innovations(values)]
-        used = [np.isfinite(record.gains.variances) for record in self.records]
         changes = [found[column.name] for column in columns]
-        return assemble(columns, bases, changes, used, self.blocks, self.pool)
+        return assemble(columns, bases, changes, self.used, self.blocks, self.pool)
 
     def fit(
         self, values: Values, variables: Sequence[Variable], steps: int = 4,
         tolerance: float = 1e-4, kept: Mapping[str, Changes] | None = None,
+        first: Mapping[str, Changes] | None = None,
     ) -> Fitted:  # fmt: skip
         """Return the best values of variables, starting from `values`.
 
         Stops where a step gains less than `tolerance` of the cost. Columns in `kept`, by name, are
-        not run again (chord method): with these, nuisances follow at the cost of none.
+        not run again (chord method): with these, nuisances follow at the cost of none. Those in
+        `first` are those at `values`, and not run for the first step.
         """
         present = Fitted(dict(values), self.costs(values))
         if not present.cost < _BREAKDOWN * self.samples:
             return present
+        known = {**(kept or {}), **(first or {})}
         for _ in range(steps):
             columns = self.columns(present.values, variables)
-            linear = self.linearise(present.values, columns, kept)
+            linear = self.linearise(present.values, columns, known)
+            known = {**(kept or {})}
             step, _ = linear.solve([column.name for column in columns])
             better = None
             for share in _SHARES:

@@ -35,8 +35,8 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
 
 def filtered_errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array]:
     """Return errors over the horizon, SI, and innovations, (n, outputs); the gains are its own."""
-    predictor.filter(record, values)
-    innovations, states = predictor.innovations(record, values)
+    gains = predictor.filter(record, values)
+    innovations, states = predictor.innovations(record, gains, values)
     return predictor.ahead(record, values, states), innovations
 
 
@@ -49,7 +49,7 @@ def channel_gaps(
     def run(task: tuple[Values, int, int | None]) -> tuple[Array, Array, Array]:
         values, index, twin = task
         if twin is None:
-            return _errors(predictor, records[index].unfiltered(), values)
+            return _errors(predictor, records[index], values)
         made = predictor.twin(records[index], values, seed + index + len(records) * twin)
         return _errors(predictor, made, values)
 

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Record
+from estimator.gap.plant import Array, BoolArray, Record
 
 BLOCK_S: Final = 0.5
 """s. The ram's slowest mode of its own, the settling of the position loop, is shorter."""
@@ -151,7 +151,7 @@ def bounded_least_squares(matrix: Array, slope: Array, lower: Array, upper: Arra
 
 def assemble(
     columns: Sequence[Column], bases: Sequence[Array], changes: Sequence[Sequence[Array]],
-    used: Sequence[Array], blocks: Sequence[Sequence[slice]], pool: ThreadPoolExecutor,
+    used: Sequence[BoolArray], blocks: Sequence[Sequence[slice]], pool: ThreadPoolExecutor,
 ) -> Linear:  # fmt: skip
     """Return a linearisation from what records gave.
 

@@ -50,10 +50,10 @@ def _likelihood(
     predictor = Predictor(replace(plant, states=states))
     total = 0.0
     for record in usable([record_of(recording, plant) for recording in recordings], plant):
-        predictor.filter(record, values)
-        innovations = predictor.innovations(record, values)[0]
+        gains = predictor.filter(record, values)
+        innovations = predictor.innovations(record, gains, values)[0]
         for block in slices_of(record, plant.period):
-            variances = record.gains.variances[block]
+            variances = gains.variances[block]
             used = np.isfinite(variances)
             total -= 0.5 * float(np.sum(np.log(variances[used]) + innovations[block][used] ** 2))
     return total if np.isfinite(total) else -np.inf

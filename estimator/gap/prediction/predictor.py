@@ -1,10 +1,11 @@
 """Predictions of one plant over records, for given values of its parameters."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from estimator.gap.plant import Array, Plant, Record, made_of, roughness
+from estimator.gap.plant import Array, Gains, Plant, Record, made_of, roughness
 from rig.lanes import LANES, aligned, empty_lanes
 
 from .prediction import predict_ahead, run_filter, run_free, run_frozen
@@ -14,8 +15,6 @@ Values = Mapping[str, float]
 
 _FIRST = 20
 """Samples at the start of a record that the state is started from."""
-_FEWEST = 3
-"""Runs that are worth lanes."""
 
 
 class Predictor:
@@ -36,14 +35,20 @@ class Predictor:
         first[0] = record.readings[0]
         return self.plant.start(first, record.inputs[:_FIRST], values)
 
-    def filter(self, record: Record, values: Values) -> None:
-        """Estimate the gains of a record anew."""
-        plant, gains = self.plant, record.anew(len(self._changes))
+    def filter(self, record: Record, values: Values) -> Gains:
+        """Return the gains of a filter of a record."""
+        plant = self.plant
+        samples, outputs, states = *record.readings.shape, len(plant.states)
+        gains = Gains(
+            np.empty((samples, outputs, states)),
+            np.empty((samples, outputs)),
+            np.empty((samples, outputs, outputs)),
+        )
         start, spread = self._start(record, values)
         variances = record.variances + roughness(record, plant, values)
         parameters = plant.vector(values)
         rest = (gains.states, gains.variances, gains.couplings)
-        shares = np.ones((len(plant.outputs), len(plant.states)))
+        shares = np.ones((outputs, states))
         if plant.shares is not None:
             shares = plant.shares(values)
         known = (
@@ -55,7 +60,7 @@ class Predictor:
                 *self._functions, record.inputs, record.readings, variances, parameters, *known,
                 *rest,
             )  # fmt: skip
-            return
+            return gains
         together = np.repeat(start[:, None], LANES, axis=1)
         memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
         run_filter_in_lanes(
@@ -64,17 +69,20 @@ class Predictor:
             aligned(np.repeat(parameters[:, None], LANES, axis=1)), parameters, *known,
             aligned(memory), *rest,
         )  # fmt: skip
+        return gains
 
-    def innovations(self, record: Record, values: Values) -> tuple[Array, Array]:
+    def innovations(self, record: Record, gains: Gains, values: Values) -> tuple[Array, Array]:
         """Return innovations (n, outputs) over their standard deviations and filtered states.
 
-        With the gains of the last `filter`.
+        Args:
+            record: to be predicted.
+            gains: of `filter`, with these values or others.
+            values: of all parameters.
         """
         count = len(self._changes)
         start = self._start(record, values)[0]
         innovations = np.empty_like(record.readings)
         states = np.empty((len(record), count))
-        gains = record.gains
         run_frozen(
             *self._functions, record.inputs, record.readings,
             gains.variances, gains.states, gains.couplings, self.plant.vector(values), start,
@@ -102,19 +110,18 @@ class Predictor:
             found += [members[k::rounds] for k in range(rounds)]
         return found
 
-    def innovations_of(self, record: Record, values: Sequence[Values]) -> list[Array]:
+    def innovations_of(self, record: Record, gains: Gains, values: Sequence[Values]) -> list[Array]:
         """Return innovations (n, outputs) as `innovations` does, with each of a group's values.
 
         But for the last digits: e^x of lanes rounds otherwise.
         """
         plant, in_lanes = self.plant, self.plant.in_lanes
-        if len(values) < _FEWEST or in_lanes is None:
-            return [self.innovations(record, each)[0] for each in values]
+        if in_lanes is None or in_lanes.kind(values[-1]) is None:
+            return [self.innovations(record, gains, each)[0] for each in values]
         padded = [*values, *[values[-1]] * (LANES - len(values))]
         starts = aligned(np.column_stack([self._start(record, each)[0] for each in padded]))
         parameters = aligned(np.column_stack([plant.vector(each) for each in padded]))
         innovations = empty_lanes(record.readings.size).reshape((*record.readings.shape, LANES))
-        gains = record.gains
         run_frozen_in_lanes(
             in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, record.inputs,
             record.readings, gains.variances, gains.states, gains.couplings, parameters,
@@ -165,5 +172,4 @@ class Predictor:
         twin = made_of(f"twin of {record.source}", driven, simulated, self.plant)
         # What the recording does not tell, its twin must not tell either.
         twin.variances[~np.isfinite(record.variances)] = np.inf
-        twin.first = record.first
-        return twin
+        return replace(twin, first=record.first)

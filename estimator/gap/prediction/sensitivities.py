@@ -14,7 +14,7 @@ import numpy as np
 from numba import float64, int64, njit, types, void
 from numpy.typing import NDArray
 
-from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array, Record
+from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array, Gains, Record
 
 from .predictor import Predictor
 from .variables import Values
@@ -195,21 +195,23 @@ class Course:
 def course_of(
     predictor: Predictor,
     record: Record,
+    gains: Gains,
     values: Values,
     probes: Sequence[Mapping[str, float]],
     samples: NDArray[np.int64],
 ) -> Course:
-    """Return stretches of a record, linearised about `values` with the record's present gains.
+    """Return stretches of a record, linearised about `values` with given gains.
 
     Args:
         predictor: of the plant.
-        record: filtered before.
+        record: of which these are stretches.
+        gains: of a filter of the record.
         values: of all parameters.
         probes: values of all parameters, one of them changed.
         samples: int64 (m,), of the record, ascending; a stretch begins where one is left out.
     """
     plant = predictor.plant
-    innovations, states = predictor.innovations(record, values)
+    innovations, states = predictor.innovations(record, gains, values)
     count, outputs = states.shape[1], innovations.shape[1]
     places = np.full(len(record), -1, dtype=np.int64)
     places[samples] = np.arange(len(samples))
@@ -227,7 +229,7 @@ def course_of(
     )  # fmt: skip
     return Course(
         samples, innovations[samples], states[samples], record.inputs[samples], transitions,
-        slopes, np.ascontiguousarray(record.gains.states[samples]),
-        np.ascontiguousarray(record.gains.variances[samples]),
+        slopes, np.ascontiguousarray(gains.states[samples]),
+        np.ascontiguousarray(gains.variances[samples]),
         np.concatenate([[1], (np.diff(samples) != 1).astype(np.int64)]), shifts,
     )  # fmt: skip

@@ -17,8 +17,8 @@ def check_course(recording: Recording, plant: Plant) -> None:
     """
     predictor, record = Predictor(plant), record_of(recording, plant)
     with np.errstate(all="ignore"):
-        predictor.filter(record, plant.nominal)
-        innovations, states = predictor.innovations(record, plant.nominal)
+        gains = predictor.filter(record, plant.nominal)
+        innovations, states = predictor.innovations(record, gains, plant.nominal)
     finite = np.isfinite(states)
     if finite.all() and np.isfinite(innovations).all():
         return

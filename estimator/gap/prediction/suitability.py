@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.plant import Array, Output, Plant, Record, seen_parts
+from estimator.gap.plant import Array, Gains, Output, Plant, Record, seen_parts
 
 from .fit import Fitter
 from .linear import BLOCK_S, SETTLING_S, mean_squares, slices_of
@@ -53,8 +53,8 @@ def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
     """Return why recordings cannot support a verdict, in words; empty if they can.
 
     Args:
-        fitter: of the records to fit to; filtered with the model as given, if they come so far.
-        judged: of those held out, likewise.
+        fitter: of the records to fit to.
+        judged: of those held out.
     """
     plant = fitter.predictor.plant
     reasons = [
@@ -132,11 +132,9 @@ def _noise(readings: Array) -> float:
 
 def _lost(fitter: Fitter) -> list[str]:
     plant = fitter.predictor.plant
-    fitter.refresh(plant.nominal)
+    innovations_of = fitter.filtered(plant.nominal).innovations(plant.nominal)
     found = []
-    for record, (innovations, _) in zip(
-        fitter.records, fitter.innovations(plant.nominal), strict=True
-    ):
+    for record, (innovations, _) in zip(fitter.records, innovations_of, strict=True):
         with np.errstate(all="ignore"):
             missed = np.median(np.abs(innovations), axis=0)
         found += [
@@ -153,14 +151,13 @@ def _told(miss: float) -> str:
     return f"{miss:.0f}" if np.isfinite(miss) else "no number"
 
 
-def worse_than_resting(predictor: Predictor, record: Record, values: Values) -> list[str]:
-    """Return the channels predicted worse over the horizon than "nothing changes" would be.
-
-    The record's gains are those of these values.
-    """
+def worse_than_resting(
+    predictor: Predictor, record: Record, gains: Gains, values: Values
+) -> list[str]:
+    """Return the channels predicted worse over the horizon than "nothing changes" would be."""
     plant = predictor.plant
     horizon = round(plant.horizon / plant.period)
-    states = predictor.innovations(record, values)[1]
+    states = predictor.innovations(record, gains, values)[1]
     errors = predictor.ahead(record, values, states)
     from_ = np.arange(len(record)) // horizon * horizon
     resting = record.readings - record.readings[from_]

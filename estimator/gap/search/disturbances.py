@@ -20,7 +20,7 @@ from estimator.gap.prediction import (
     Course,
     Curve,
     Excerpt,
-    Fitter,
+    Filtered,
     Linear,
     Values,
     Variable,
@@ -89,33 +89,34 @@ class Attribution:
     """Disturbances of a plant's equations and readings, against a fit of its variables.
 
     Args:
-        fitter: filtered with `values` (`Fitter.refresh`).
+        filtered: the records, with `values`.
         values: of all parameters.
         variables: what was fitted: disturbances must explain what these cannot.
-        parts: of the fitter's records, see `excerpts`.
+        parts: of the records, see `excerpts`.
     """
 
     def __init__(
-        self, fitter: Fitter, values: Values, variables: Sequence[Variable],
+        self, filtered: Filtered, values: Values, variables: Sequence[Variable],
         parts: Sequence[Excerpt],
     ) -> None:  # fmt: skip
-        self.plant = fitter.predictor.plant
+        self.plant = filtered.predictor.plant
         self.values = values
         self._period = self.plant.period
-        self._base = fitter.columns(values, variables)
-        kept = [(r, p) for r, p in zip(fitter.records, parts, strict=True) if p.blocks]
-        self._blocks = [part.blocks for _, part in kept]
-        self._first = [record.first for record, _ in kept]
+        self._base = filtered.columns(values, variables)
+        whole = zip(filtered.records, filtered.gains, parts, strict=True)
+        kept = [(record, gains, part) for record, gains, part in whole if part.blocks]
+        self._blocks = [part.blocks for *_, part in kept]
+        self._first = [record.first for record, *_ in kept]
+        probes = [column.values for column in self._base]
         self.courses: list[Course] = list(
-            fitter.pool.map(
-                lambda pair: course_of(
-                    fitter.predictor, pair[0], values, [c.values for c in self._base],
-                    pair[1].samples,
+            filtered.pool.map(
+                lambda each: course_of(
+                    filtered.predictor, each[0], each[1], values, probes, each[2].samples
                 ),
                 kept,
             )
-        )  # fmt: skip
-        self._pool = fitter.pool
+        )
+        self._pool = filtered.pool
         rows = range(len(self.plant.states) + len(self.plant.outputs))
         sizes = np.array([column.size for column in self._base])
         self._known = [course.answers(rows, course.shifts / sizes) for course in self.courses]
@@ -240,13 +241,13 @@ class Attribution:
         return sorted((c for c in found if c is not None), key=lambda curve: -curve.gain)
 
 
-def attribution(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> Attribution:
+def attribution(filtered: Filtered, values: Values, variables: Sequence[Variable]) -> Attribution:
     """Return the attribution of what the records disagree with `values` by, where it costs most.
 
     Args:
-        fitter: filtered with `values`.
+        filtered: the records, with `values`.
         values: of all parameters.
         variables: that were fitted.
     """
-    parts = excerpts(fitter.records, fitter.predictor.plant.period, fitter.costs(values))
-    return Attribution(fitter, values, variables, parts)
+    parts = excerpts(filtered.records, filtered.predictor.plant.period, filtered.costs(values))
+    return Attribution(filtered, values, variables, parts)

@@ -14,7 +14,7 @@ import numpy as np
 from estimator.gap.plant import Array, Plant
 from estimator.gap.prediction import (
     Curve,
-    Fitter,
+    Filtered,
     Values,
     Variable,
     bounded_least_squares,
@@ -28,12 +28,12 @@ CERTAIN: Final = 4.0
 
 
 def drifts(
-    fitter: Fitter, values: Values, variables: Sequence[Variable], floor: float
+    filtered: Filtered, values: Values, variables: Sequence[Variable], floor: float
 ) -> list[Curve]:
     """Return the trends of fitted parameters that would explain the cost above a floor.
 
     Args:
-        fitter: filtered with `values`.
+        filtered: the records, with `values`.
         values: of all parameters, fitted.
         variables: that were fitted.
         floor: cost per reading of a rig that is the model.
@@ -42,10 +42,10 @@ def drifts(
         For each parameter whose trend is beyond chance, its course over the longest recording, best
         first; `equation` is the parameter's name, `region` the time.
     """
-    columns = fitter.columns(values, variables)
+    columns = filtered.columns(values, variables)
     names = [column.name for column in columns]
-    linear = fitter.linearise(values, columns)
-    time_s = _times(fitter)
+    linear = filtered.linearise(values, columns)
+    time_s = _times(filtered)
     lower = np.array([column.lower for column in columns])
     upper = np.array([column.upper for column in columns])
     products, slopes = linear.products, linear.slopes
@@ -67,18 +67,18 @@ def drifts(
         z = abs(float(steps[-1])) / max(float(error), 1e-300)
         if gains.sum() < CHANCE or z < CERTAIN:
             continue
-        found.append(_curve(fitter.predictor.plant, values, variable, names[j], steps, j,
+        found.append(_curve(filtered.predictor.plant, values, variable, names[j], steps, j,
                             float(time_s.max()), float(gains.sum()), z, excess))  # fmt: skip
     return sorted(found, key=lambda curve: -curve.gain)
 
 
-def _times(fitter: Fitter) -> Array:
+def _times(filtered: Filtered) -> Array:
     """Return the middle of each block since its recording began, s (blocks,)."""
-    period = fitter.predictor.plant.period
+    period = filtered.predictor.plant.period
     return np.array(
         [
             (record.first + 0.5 * (block.start + block.stop)) * period
-            for record, blocks in zip(fitter.records, fitter.blocks, strict=True)
+            for record, blocks in zip(filtered.records, filtered.blocks, strict=True)
             for block in blocks
         ]
     )

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import Array
-from estimator.gap.prediction import Fitted, Variable
+from estimator.gap.prediction import Filtered, Fitted, Variable
 
 MATERIAL: Final = 0.01
 """Squared shift of predictions, over their variance, that an effect must cause where it acts."""
@@ -86,6 +86,7 @@ class Found:
         given: cost of each block with the model as given.
         refitted: with its nuisances refitted.
         fitted: with all that was found.
+        filtered: the records with the gains that `fitted` has its costs by.
         variables: that were fitted.
         named: effects, in the order in which they were found.
         floor: cost of a twin of the final model, per reading.
@@ -95,6 +96,7 @@ class Found:
     given: Fitted
     refitted: Fitted
     fitted: Fitted
+    filtered: Filtered
     variables: tuple[Variable, ...]
     named: list[Named]
     floor: float = 0.0

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from estimator.gap.prediction import Fitted, Variable, freed
+from estimator.gap.prediction import Filtered, Fitted, Variable, freed
 
 from .findings import CHANCE, Alternative, Found, Named, Screened, deviate
 from .refits import Refits
@@ -39,11 +39,12 @@ class Rivals:
         taken = {named.effect for named in found.named}
         for position, named in enumerate(found.named):
             # With one and the same gains, or an equal rival would seem better by their difference.
-            self._fitter.refresh(found.fitted.values)
-            found.fitted = Fitted(found.fitted.values, self._fitter.costs(found.fitted.values))
+            values = found.fitted.values
+            found.filtered = found.filtered.at(values)
+            found.fitted = Fitted(values, found.filtered.costs(values))
             variables, without = self._refits.without(found, named.effect)
             lost = self.lost(found, variables, without)
-            without = lost or without
+            without, filtered = lost or (without, found.filtered)
             # With gains of its own a model without the effect may seem better than it is.
             gain = max(without.cost - found.fitted.cost, named.bar)
             most = {name: max(c.gain for c in stages) for name, stages in seen.items()}
@@ -53,22 +54,23 @@ class Rivals:
                 if name not in taken and reached > _NEAR * most.get(named.effect, 0.0)
             }
             screened = self._screening.screen(
-                self._fitter, without.values, variables, near | {named.effect}
+                filtered, without.values, variables, near | {named.effect}
             )
             own = next((c.gain for c in screened if c.effect == named.effect), 0.0)
             likely = [c for c in screened if c.effect != named.effect and c.gain > 0.4 * own]
             alternatives = []
-            self._fitter.refresh(found.fitted.values)
             for candidate in likely[:_TRIED]:
                 fitted = (
-                    self._refits.with_effect(without, variables, candidate)
+                    self._refits.with_effect(filtered, without.values, variables, candidate)
                     if lost is None
                     else self._led_with(found, lost, variables, candidate)
                 )
                 if found.fitted.cost - fitted.cost > CHANCE:
                     effect = self._plant.effects[candidate.effect]
                     found.variables = freed(variables, effect)
-                    found.fitted = self._refits.settled(fitted, found.variables)
+                    found.fitted, found.filtered = self._refits.settled(
+                        fitted.values, found.variables
+                    )
                     better = deviate(without.costs - fitted.costs)
                     found.named[position] = Named(
                         effect.name, without.cost - fitted.cost,
@@ -88,30 +90,34 @@ class Rivals:
             )  # fmt: skip
         return False
 
-    def lost(self, found: Found, variables: tuple[Variable, ...], without: Fitted) -> Fitted | None:
+    def lost(
+        self, found: Found, variables: tuple[Variable, ...], without: Fitted
+    ) -> tuple[Fitted, Filtered] | None:
         """Return the fit without an effect with gains of its own, if those found lead it astray.
 
         A ram held near break-away, that the model without the effect lets go, is corrected like one
-        that sticks: no linearisation about that course tells of anything. None if all is well;
-        otherwise the records stay filtered with the fit that is returned.
+        that sticks: no linearisation about that course tells of anything. None if all is well.
         """
-        self._fitter.refresh(without.values)
-        own = float(self._fitter.costs(without.values).sum())
+        own = float(self._fitter.filtered(without.values).costs(without.values).sum())
         if own - found.fitted.cost > _ASTRAY * (without.cost - found.fitted.cost):
-            self._fitter.refresh(found.fitted.values)
             return None
-        settled = self._refits.settled(without, variables)
-        self._fitter.refresh(settled.values)
-        return Fitted(settled.values, self._fitter.costs(settled.values))
+        settled, filtered = self._refits.settled(without.values, variables)
+        filtered = filtered.at(settled.values)
+        return Fitted(settled.values, filtered.costs(settled.values)), filtered
 
     def _led_with(
-        self, found: Found, lost: Fitted, variables: tuple[Variable, ...], candidate: Screened
-    ) -> Fitted:
+        self, found: Found, lost: tuple[Fitted, Filtered], variables: tuple[Variable, ...],
+        candidate: Screened,
+    ) -> Fitted:  # fmt: skip
         """Return the fit with a candidate with the gains of what was found, led to it by its own.
 
-        The records stay filtered with what was found.
+        Args:
+            found: whose gains these are.
+            lost: of the model without the effect that it takes the place of (`lost`).
+            variables: of that model.
+            candidate: to be added.
         """
-        self._fitter.refresh(lost.values)
-        led = self._refits.with_own_gains(lost, variables, candidate)
-        self._fitter.refresh(found.fitted.values)
-        return self._fitter.fit(led.values, freed(variables, self._plant.effects[candidate.effect]))
+        without, filtered = lost
+        led = self._refits.with_own_gains(filtered, without.values, variables, candidate)
+        effect = self._plant.effects[candidate.effect]
+        return found.filtered.fit(led.values, freed(variables, effect))

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 
 from estimator.gap.plant import Effect, Plant, Trace
-from estimator.gap.prediction import Column, Fitter, Values, Variable, effect_variables, started
+from estimator.gap.prediction import Column, Filtered, Values, Variable, effect_variables, started
 
 from .findings import Screened
 
@@ -20,13 +20,13 @@ class Screening:
 
     def screen(
         self,
-        fitter: Fitter,
+        filtered: Filtered,
         values: Values,
         variables: tuple[Variable, ...],
         effects: Collection[str] | None = None,
     ) -> list[Screened]:
         """Return all candidates that a linearisation says gain something, best first."""
-        columns = fitter.columns(values, variables)
+        columns = filtered.columns(values, variables)
         base = [column.name for column in columns]
         starts: dict[str, tuple[str, Mapping[str, float], list[str]]] = {}
         fitted = {variable.parameter for variable in variables if variable.key}
@@ -35,7 +35,7 @@ class Screening:
                 continue
             if effects is not None and effect.name not in effects:
                 continue
-            given = self._starts(fitter, values, effect)
+            given = self._starts(filtered, values, effect)
             for number, start in enumerate(given):
                 column = Column(
                     f"{effect.name}#{number}", started(self.plant, values, effect, start), 1.0, 0.0
@@ -43,12 +43,12 @@ class Screening:
                 columns.append(column)
                 starts[column.name] = (effect.name, start, [column.name])
             if not effect.starts and effect.propose is None:
-                added = fitter.columns(values, effect_variables(effect))
+                added = filtered.columns(values, effect_variables(effect))
                 columns += added
                 starts[added[0].name] = (effect.name, {}, [column.name for column in added])
-        linear = fitter.linearise(values, columns)
+        linear = filtered.linearise(values, columns)
         without = linear.solve(base)[1]
-        reached = self._reached(fitter, values, [c for c in columns if "#" in c.name])
+        reached = self._reached(filtered, values, [c for c in columns if "#" in c.name])
         best: dict[str, Screened] = {}
         for name, (added_effect, start, names) in starts.items():
             parameters = {v.parameter for v in effect_variables(self.plant.effects[added_effect])}
@@ -67,19 +67,19 @@ class Screening:
         return sorted(best.values(), key=lambda candidate: -candidate.gain)
 
     def _reached(
-        self, fitter: Fitter, values: Values, columns: Sequence[Column]
+        self, filtered: Filtered, values: Values, columns: Sequence[Column]
     ) -> dict[str, float]:
         """Return what the cost loses at starts themselves: large effects are far from linear."""
-        before = fitter.costs(values).sum()
-        changes = fitter.changes(values, columns)
-        costs = fitter.pool.map(lambda change: fitter.changed_costs(values, change), changes)
+        before = filtered.costs(values).sum()
+        changes = filtered.changes(values, columns)
+        costs = filtered.pool.map(lambda change: filtered.changed_costs(values, change), changes)
         return {
             column.name: float(before - left.sum())
             for column, left in zip(columns, costs, strict=True)
         }
 
     def _starts(
-        self, fitter: Fitter, values: Values, effect: Effect
+        self, filtered: Filtered, values: Values, effect: Effect
     ) -> tuple[Mapping[str, float], ...]:
         """Return where fits of an effect start: stated ones and those that the records propose."""
         if effect.propose is None:
@@ -87,7 +87,7 @@ class Screening:
         traces = [
             Trace(record.inputs, states, innovations, record.readings)
             for record, (innovations, states) in zip(
-                fitter.records, fitter.innovations(values), strict=True
+                filtered.records, filtered.innovations(values), strict=True
             )
         ]
         return (*effect.starts, *effect.propose(traces, values))

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from estimator.gap.plant import Effect
-from estimator.gap.prediction import Fitted, Fitter, Values, freed
+from estimator.gap.prediction import Filtered, Fitted, Fitter, Values, freed
 
 from .findings import (
     CHANCE,
@@ -68,11 +68,10 @@ class Search:
 
     def run(self) -> Found:
         """Return what the model lacks, as far as the records tell."""
-        values = {**self.plant.nominal}
-        self.fitter.refresh(values)
-        given = Fitted(dict(values), self.fitter.costs(values))
-        present = self.refits.settled(given, self.refits.nuisances)
-        found = Found(given, present, present, self.refits.nuisances, [])
+        values = dict(self.plant.nominal)
+        given = Fitted(values, self.fitter.filtered(values).costs(values))
+        present, filtered = self.refits.settled(values, self.refits.nuisances)
+        found = Found(given, present, present, filtered, self.refits.nuisances, [])
         screened = self._grow(found)
         for _ in range(_SWAPS):
             self._eliminate(found)
@@ -89,7 +88,7 @@ class Search:
         """Add effects while they earn their place; return what was screened at any stage."""
         seen: dict[str, list[Screened]] = {}
         while len(found.named) < MOST_EFFECTS:
-            screened = self._screening.screen(self.fitter, found.fitted.values, found.variables)
+            screened = self._screening.screen(found.filtered, found.fitted.values, found.variables)
             for candidate in screened:
                 seen.setdefault(candidate.effect, []).append(candidate)
             added = self._next(found, screened) or self._next_held_out(found, screened)
@@ -99,7 +98,7 @@ class Search:
             effect, fitted, bar = added
             before = found.fitted
             found.variables = freed(found.variables, effect)
-            found.fitted = self.refits.settled(fitted, found.variables)
+            found.fitted, found.filtered = self.refits.settled(fitted.values, found.variables)
             gain = before.cost - fitted.cost
             found.named.append(
                 Named(
@@ -115,7 +114,7 @@ class Search:
         """Return the effect to add, its fit, and the bar it passed."""
         before = found.fitted
         taken = {named.effect for named in found.named}
-        found.samples = self.fitter.samples
+        found.samples = found.filtered.samples
         hopeful = [
             candidate
             for candidate in screened
@@ -126,7 +125,9 @@ class Search:
         best: tuple[Effect, Fitted, float] | None = None
         gains: dict[str, float] = {}
         for candidate in hopeful:
-            fitted = self.refits.with_effect(before, found.variables, candidate)
+            fitted = self.refits.with_effect(
+                found.filtered, before.values, found.variables, candidate
+            )
             gains[candidate.effect] = before.cost - fitted.cost
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
@@ -140,7 +141,11 @@ class Search:
             if len(close) > 1:
                 again, best = [*close, *(c for c in again if c not in close)], None
         for candidate in again:
-            fitted = self.refits.with_own_gains(before, found.variables, candidate)
+            fitted = self.refits.with_own_gains(
+                found.filtered, before.values, found.variables, candidate
+            )
+            # What comes after has the gains of the model itself, not of the last step towards it.
+            found.filtered = found.filtered.at(before.values)
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
             if earns(before, fitted, bar) and (best is None or fitted.cost < best[1].cost):
@@ -161,7 +166,9 @@ class Search:
         best: tuple[Effect, Fitted, float] | None = None
         least = (1.0 - MOST) * excess
         for candidate in hopeful:
-            fitted = self.refits.with_effect(before, found.variables, candidate)
+            fitted = self.refits.with_effect(
+                found.filtered, before.values, found.variables, candidate
+            )
             bar = self._bar(candidate, chance, 0.0)
             if not earns(before, fitted, bar):
                 continue
@@ -177,15 +184,14 @@ class Search:
         """
         if self.judged is None:
             return float("nan")
-        self.judged.refresh(values)
         predictor = self.judged.predictor
         twins = [
             predictor.twin(record, values, self._seed + 500 + index)
             for index, record in enumerate(self.judged.records)
         ]
-        twin = Fitter(predictor, twins, self.judged.pool)
-        twin.refresh(values)
-        costs = [f.costs(values).sum() / f.samples for f in (self.judged, twin)]
+        both = (self.judged, Fitter(predictor, twins, self.judged.pool))
+        filtered = [fitter.filtered(values) for fitter in both]
+        costs = [each.costs(values).sum() / each.samples for each in filtered]
         return float(costs[0] - costs[1])
 
     def _bar(self, candidate: Screened, chance: Mapping[str, float], material: float) -> float:
@@ -196,14 +202,14 @@ class Search:
     def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
         """Return what each of some effects gains at most on twins of the present model."""
         most: dict[str, float] = {}
-        for fitter in self.twins(found.fitted.values):
-            screened = self._screening.screen(fitter, found.fitted.values, found.variables, effects)
+        for twin in self.twins(found.fitted.values):
+            screened = self._screening.screen(twin, found.fitted.values, found.variables, effects)
             for candidate in screened:
                 most[candidate.effect] = max(most.get(candidate.effect, 0.0), candidate.gain)
         return most
 
-    def twins(self, values: Values, count: int = FEW) -> list[Fitter]:
-        """Return fitters of records that a rig exactly like the model would have made."""
+    def twins(self, values: Values, count: int = FEW) -> list[Filtered]:
+        """Return records that a rig exactly like the model would have made, filtered with it."""
         return self._twins.of(values, count)
 
     # After the search
@@ -217,4 +223,4 @@ class Search:
             if without.cost - found.fitted.cost < named.bar:
                 found.named.remove(named)
                 found.variables = variables
-                found.fitted = self.refits.settled(without, variables)
+                found.fitted, found.filtered = self.refits.settled(without.values, variables)

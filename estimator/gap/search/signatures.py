@@ -15,7 +15,7 @@ from estimator.gap.prediction import (
     Changes,
     Column,
     DetectionLimit,
-    Fitter,
+    Filtered,
     Linear,
     Values,
     Variable,
@@ -59,21 +59,21 @@ def left(linear: Linear, names: Sequence[str], nuisances: Sequence[str]) -> Arra
 
 
 def cosines(
-    fitter: Fitter, values: Values, variables: Sequence[Variable], changes: Mapping[str, Values]
+    filtered: Filtered, values: Values, variables: Sequence[Variable], changes: Mapping[str, Values]
 ) -> Array:
     """Return the cosine of the first of some changes with each (changes,).
 
     NaN where the model breaks down without any of them, as beyond a stop that it does not have.
 
     Args:
-        fitter: of the records, with gains.
+        filtered: the records, with some gains.
         values: without any of the changes.
         variables: to be projected out.
         changes: values of all parameters with a change, by its name.
     """
-    base = fitter.columns(values, variables)
+    base = filtered.columns(values, variables)
     columns = [Column(name, changed, 1.0) for name, changed in changes.items()]
-    linear = fitter.linearise(values, [*base, *columns])
+    linear = filtered.linearise(values, [*base, *columns])
     if not np.isfinite(linear.products).all():
         return np.full(len(changes), np.nan)
     products = left(linear, list(changes), [column.name for column in base])
@@ -87,9 +87,9 @@ def absorbed(search: Search, found: Found) -> list[str]:
     Of the pairs that are the same on principle (`Plant.not_told_apart`), those whose effect would
     change these recordings by hardly more than the nuisances make up for.
     """
-    plant, fitter, values = search.plant, search.fitter, found.fitted.values
+    plant, filtered, values = search.plant, found.filtered, found.fitted.values
     named = {each.effect for each in found.named}
-    base = fitter.columns(values, found.variables)
+    base = filtered.columns(values, found.variables)
     said = []
     for nuisance in plant.nuisances:
         shift = values[nuisance.parameter] / plant.nominal[nuisance.parameter] - 1.0
@@ -100,8 +100,8 @@ def absorbed(search: Search, found: Found) -> list[str]:
             if len(others) != 1 or others & named or not others <= plant.effects.keys():
                 continue
             (other,) = others
-            column = fitter.columns(values, effect_variables(plant.effects[other])[:1])[0]
-            linear = fitter.linearise(values, [*base, column])
+            column = filtered.columns(values, effect_variables(plant.effects[other])[:1])[0]
+            linear = filtered.linearise(values, [*base, column])
             products = left(linear, [column.name], [each.name for each in base])
             whole = float(linear.products[:, -1, -1].sum())
             # What size of it the refit would be: air makes no oil stiffer.
@@ -118,7 +118,9 @@ def absorbed(search: Search, found: Found) -> list[str]:
     return said
 
 
-def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> list[DetectionLimit]:
+def limits(
+    filtered: Filtered, values: Values, variables: Sequence[Variable]
+) -> list[DetectionLimit]:
     """Return the smallest size of each effect that these motions would show.
 
     The distance from the value written at which its gain, what it adds to the cost once the
@@ -128,8 +130,8 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
     is the largest value that shows; 0 if none does. Other effects whose starts depend on the motion
     are left out: they have no first order.
     """
-    plant = fitter.predictor.plant
-    base = fitter.columns(values, variables)
+    plant = filtered.predictor.plant
+    base = filtered.columns(values, variables)
     columns = {column.name: column for column in base}
     tried: dict[str, list[tuple[str, Mapping[str, float]]]] = {}
     endless = [effect for effect in plant.effects.values() if _is_endless(plant, effect)]
@@ -143,10 +145,10 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
             tried[effect.name].append((name, start))
         if not tried[effect.name] and effect.propose is None:
             knob = effect_variables(effect)[0]
-            column = fitter.columns(values, [knob])[0]
+            column = filtered.columns(values, [knob])[0]
             columns[column.name] = column
             tried[effect.name].append((column.name, {}))
-    linear = fitter.linearise(values, list(columns.values()))
+    linear = filtered.linearise(values, list(columns.values()))
     found: list[DetectionLimit] = []
     guesses: dict[int, _Guess] = {}
     for effect in plant.effects.values():
@@ -165,7 +167,7 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
             variable = effect_variables(effect)[0]
             guesses[len(found)] = _Guess(variable, nuisances, sign * limit.size)
         found.append(limit)
-    _check(fitter, values, list(guesses.values()))
+    _check(filtered, values, list(guesses.values()))
     for place, guess in guesses.items():
         found[place] = replace(found[place], size=guess.size(values))
     found = [_beyond_tolerance(plant, values, limit) for limit in found]
@@ -173,7 +175,7 @@ def limits(fitter: Fitter, values: Values, variables: Sequence[Variable]) -> lis
         limited = effect.knobs[0]
         # One that was found has no size from which it would have shown.
         if _far_above(values[limited.parameter], limited):
-            size = _largest_shown(fitter, values, effect_variables(effect)[0], base)
+            size = _largest_shown(filtered, values, effect_variables(effect)[0], base)
             found.append(DetectionLimit(effect.name, limited.key, size, _unit(plant, limited)))
     return found
 
@@ -193,15 +195,15 @@ def _unit(plant: Plant, knob: Knob) -> str:
 
 
 def _largest_shown(
-    fitter: Fitter, values: Values, variable: Variable, nuisances: Sequence[Column]
+    filtered: Filtered, values: Values, variable: Variable, nuisances: Sequence[Column]
 ) -> float:
     """Return the largest value of a limit that shows, to a tenth; 0 if no plausible one does."""
 
     def largest(tried: Array) -> float:
         columns = [Column("change", variable.put(values, float(value)), 1.0) for value in tried]
         shown = [0.0]
-        for value, moved in zip(tried, fitter.changes(values, columns), strict=True):
-            gain, bar, blocks = _shown(fitter, values, moved, nuisances)
+        for value, moved in zip(tried, filtered.changes(values, columns), strict=True):
+            gain, bar, blocks = _shown(filtered, values, moved, nuisances)
             if gain >= bar and blocks > FEW_BLOCKS:
                 shown.append(float(value))
         return max(shown)
@@ -270,7 +272,7 @@ class _Guess:
         return abs(self.change) if abs(self.change) <= reach * (1.0 + _NEAR) else float("inf")
 
 
-def _check(fitter: Fitter, values: Values, guesses: Sequence[_Guess]) -> None:
+def _check(filtered: Filtered, values: Values, guesses: Sequence[_Guess]) -> None:
     """Try first guesses at what shows, and better them.
 
     A probe that is large beside it makes a ram stick or slip in a few samples, which say nothing of
@@ -285,8 +287,8 @@ def _check(fitter: Fitter, values: Values, guesses: Sequence[_Guess]) -> None:
             Column("change", guess.variable.put(values, guess.tried(values)), 1.0) for guess in left
         ]
         # All of them first: what runs side by side is run so.
-        for guess, moved in zip(left, fitter.changes(values, columns), strict=True):
-            gain, bar, blocks = _shown(fitter, values, moved, guess.nuisances)
+        for guess, moved in zip(left, filtered.changes(values, columns), strict=True):
+            gain, bar, blocks = _shown(filtered, values, moved, guess.nuisances)
             factor = np.sqrt(bar / gain) if gain > 0.0 else _FAR
             if blocks <= FEW_BLOCKS:
                 factor = max(factor, _FEW)
@@ -296,22 +298,21 @@ def _check(fitter: Fitter, values: Values, guesses: Sequence[_Guess]) -> None:
 
 
 def _shown(
-    fitter: Fitter, values: Values, moved: Changes, nuisances: Sequence[Column]
+    filtered: Filtered, values: Values, moved: Changes, nuisances: Sequence[Column]
 ) -> tuple[float, float, float]:
     """Return what a change adds to the cost, the bar that this has to pass, and in how many blocks.
 
     As the fit would, large innovations count in proportion, and the nuisances take their share.
     """
-    followed = fitter.changes(values, nuisances)
-    used = [np.isfinite(record.gains.variances) for record in fitter.records]
-    linear = assemble(nuisances, moved, followed, used, fitter.blocks, fitter.pool)
+    followed = filtered.changes(values, nuisances)
+    linear = assemble(nuisances, moved, followed, filtered.used, filtered.blocks, filtered.pool)
     steps, _ = linear.solve([column.name for column in nuisances])
     gains = linear.squares + 2.0 * linear.slopes @ steps + (linear.products @ steps) @ steps
     gains = np.maximum(gains, 0.0)
     squares = np.concatenate(
         [
             np.square(part[block]).ravel()
-            for part, blocks in zip(moved, fitter.blocks, strict=True)
+            for part, blocks in zip(moved, filtered.blocks, strict=True)
             for block in blocks
         ]
     )

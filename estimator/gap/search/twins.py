@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from estimator.gap.prediction import Fitter, Values
+from estimator.gap.prediction import Filtered, Fitter, Values
 
 FEW: Final = 2
 """Twins that effects are looked for in."""
@@ -18,10 +18,10 @@ class Twins:
 
     def __init__(self, fitter: Fitter, seed: int) -> None:
         self.fitter, self._seed = fitter, seed
-        self._twins: dict[tuple[float, ...], list[Fitter]] = {}
+        self._twins: dict[tuple[float, ...], list[Filtered]] = {}
 
-    def of(self, values: Values, count: int = FEW) -> list[Fitter]:
-        """Return fitters of records that a rig exactly like the model would have made."""
+    def of(self, values: Values, count: int = FEW) -> list[Filtered]:
+        """Return records that a rig exactly like the model would have made, filtered with it."""
         key = tuple(values.values())
         if key not in self._twins:
             self._twins.clear()
@@ -35,7 +35,5 @@ class Twins:
                 ),
                 numbers,
             )
-            fitter = Fitter(predictor, list(records), pool)
-            fitter.refresh(values)
-            made.append(fitter)
+            made.append(Fitter(predictor, list(records), pool).filtered(values))
         return made[:count]

@@ -121,19 +121,18 @@ class _Stage:
         blank = made_of(motion.name, motion.inputs, motion.course, plant)
         looped = Predictor(replace(plant, steering=plant.loop))
         record = looped.twin(blank, self._truth, seed)
-        self._fitter = Fitter(Predictor(plant), [record], pool)
-        self._fitter.refresh(self._truth)
-        self._right = self._fitter.costs(self._truth)
+        self._filtered = Fitter(Predictor(plant), [record], pool).filtered(self._truth)
+        self._right = self._filtered.costs(self._truth)
         effect = plant.effects[named.effect]
         self._variables = without_variables(plant, found.variables, effect)
         neutral = neutralised(plant, self._truth, effect)
-        self._without = self._fitter.fit(neutral, self._variables, 3, 1e-3)
+        self._without = self._filtered.fit(neutral, self._variables, 3, 1e-3)
 
     def against(self, rival: Alternative) -> Trial:
         """Return what the motion shows of the effect against a rival."""
         effect = self._plant.effects[rival.effect]
         variables = freed(self._variables, effect)
-        wrong = self._fitter.fit(rival.fitted.values, variables, 3, 1e-3)
+        wrong = self._filtered.fit(rival.fitted.values, variables, 3, 1e-3)
         gain = max(self._without.cost - float(self._right.sum()), 0.0)
         loss = wrong.cost - float(self._right.sum())
         # The rival's loss in the recordings that there are is known; here it adds to that.
@@ -153,7 +152,7 @@ class _Stage:
             for variable in effect_variables(effect):
                 changed = variable.put(changed, values[variable.parameter])
             changes[effect.name] = changed
-        return float(cosines(self._fitter, base, self._variables, changes)[1])
+        return float(cosines(self._filtered, base, self._variables, changes)[1])
 
 
 def neutralised(plant: Plant, values: Values, effect: Effect) -> dict[str, float]:

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.gap.prediction import Curve, Fitter, Values, Variable, Verdict, cost_of, slices_of
+from estimator.gap.prediction import Curve, Filtered, Fitter, Values, Variable, Verdict, cost_of
 from estimator.gap.search import CHANCE, HELD_OUT, MATERIAL, MOST_EFFECTS, Found, Refits, deviate
 
 from .unsettled import LEFT, Unsettled
@@ -62,10 +62,10 @@ def confirm(refits: Refits, found: Found, judged: Fitter) -> tuple[dict[str, flo
     dropped: list[str] = []
     deviates: dict[str, float] = {}
     for named in list(found.named):
-        judged.refresh(found.fitted.values)
+        held_out = judged.filtered(found.fitted.values)
         variables, without = refits.without(found, named.effect)
-        expected = _changed(judged, found.fitted.values, without.values)
-        gains = judged.costs(without.values) - judged.costs(found.fitted.values)
+        expected = _changed(held_out, found.fitted.values, without.values)
+        gains = held_out.costs(without.values) - held_out.costs(found.fitted.values)
         if expected < CHANCE:
             deviates[named.effect] = float("nan")
         elif gains.sum() < CONFIRMED * expected:
@@ -77,20 +77,20 @@ def confirm(refits: Refits, found: Found, judged: Fitter) -> tuple[dict[str, flo
             )
         else:
             deviates[named.effect] = deviate(gains)
-    refits.fitter.refresh(found.fitted.values)
+    found.filtered = found.filtered.at(found.fitted.values)
     return deviates, dropped
 
 
-def _changed(fitter: Fitter, values: Values, others: Values) -> float:
+def _changed(filtered: Filtered, values: Values, others: Values) -> float:
     """Return the cost of the change in innovations, summed over the blocks.
 
     Not its square: on a stop that the model has not, a few readings would outweigh all others.
     """
     total = 0.0
-    predictor = fitter.predictor
-    for record in fitter.records:
-        change = predictor.innovations(record, values)[0] - predictor.innovations(record, others)[0]
-        for block in slices_of(record, predictor.plant.period):
+    both = zip(filtered.innovations(values), filtered.innovations(others), strict=True)
+    for ((one, _), (other, _)), blocks in zip(both, filtered.blocks, strict=True):
+        change = one - other
+        for block in blocks:
             total += float(cost_of(change[block]).sum())
     return total
 

@@ -61,7 +61,7 @@ def growth(
 
     def squares(task: tuple[Record, Values]) -> Array:
         record, values = task
-        errors, _ = filtered_errors(predictor, record.unfiltered(), values)
+        errors, _ = filtered_errors(predictor, record, values)
         blocks = slices_of(record, predictor.plant.period)
         return np.array([mean_squares(errors[block]) for block in blocks]) / variances
 

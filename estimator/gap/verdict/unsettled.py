@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from estimator.gap.plant import Array, Plant, Record
-from estimator.gap.prediction import Fitter, Values, cost_of
+from estimator.gap.prediction import Filtered, Values, cost_of
 from estimator.gap.search import TIME
 
 BINS: Final = 8
@@ -67,33 +67,33 @@ class Unsettled:
         return self.stirred > max(STIRRED, LEFT * self.before)
 
 
-def unsettled(fitter: Fitter, twins: Sequence[Fitter], values: Values) -> list[Unsettled]:
+def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> list[Unsettled]:
     """Return what is left of each channel's errors at values.
 
     Args:
-        fitter: filtered with `values`.
+        filtered: the records, with `values`.
         twins: of the model with these values, likewise.
         values: of all parameters.
     """
-    plant = fitter.predictor.plant
+    plant = filtered.predictor.plant
     floors = np.mean([mean_costs(twin, values) for twin in twins], axis=0)
-    innovations = fitter.innovations(values)
+    innovations = filtered.innovations(values)
     of_twins = [twin.innovations(values) for twin in twins]
     excess, used = [], []
-    for index, (record, blocks) in enumerate(zip(fitter.records, fitter.blocks, strict=True)):
+    for index, (of_record, blocks) in enumerate(zip(filtered.used, filtered.blocks, strict=True)):
         inside = slice(blocks[0].start, blocks[-1].stop)
         floor = np.mean([cost_of(twin[index][0][inside]) for twin in of_twins], axis=0)
         excess.append(cost_of(innovations[index][0][inside]) - floor)
-        used.append(np.isfinite(record.gains.variances[inside]))
+        used.append(of_record[inside])
     above, known = np.concatenate(excess), np.concatenate(used)
     quantities = {
         name: np.concatenate(
             [
                 value[blocks[0].start : blocks[-1].stop]
-                for value, blocks in zip(parts, fitter.blocks, strict=True)
+                for value, blocks in zip(parts, filtered.blocks, strict=True)
             ]
         )
-        for name, parts in _quantities(fitter, values).items()
+        for name, parts in _quantities(filtered, values).items()
     }
     return [
         _of_channel(plant, output.channel, above[known[:, k], k], float(floors[k]),
@@ -102,41 +102,41 @@ def unsettled(fitter: Fitter, twins: Sequence[Fitter], values: Values) -> list[U
     ]  # fmt: skip
 
 
-def compared(left: Sequence[Unsettled], fitter: Fitter, values: Values) -> list[Unsettled]:
-    """Return the same beside what there was at other values, with which the fitter is filtered."""
-    costs = mean_costs(fitter, values)
+def compared(left: Sequence[Unsettled], filtered: Filtered, values: Values) -> list[Unsettled]:
+    """Return the same beside what there was at other values, with which records are filtered."""
+    costs = mean_costs(filtered, values)
     return [
         replace(each, before=float(cost) - each.floor)
         for each, cost in zip(left, costs, strict=True)
     ]
 
 
-def mean_costs(fitter: Fitter, values: Values) -> Array:
+def mean_costs(filtered: Filtered, values: Values) -> Array:
     """Return the mean square of each channel's innovations (outputs,), outliers as in the cost."""
-    outputs = len(fitter.predictor.plant.outputs)
+    outputs = len(filtered.predictor.plant.outputs)
     total, count = np.zeros(outputs), np.zeros(outputs)
-    for (innovations, _), record, blocks in zip(
-        fitter.innovations(values), fitter.records, fitter.blocks, strict=True
+    for (innovations, _), used, blocks in zip(
+        filtered.innovations(values), filtered.used, filtered.blocks, strict=True
     ):
         inside = slice(blocks[0].start, blocks[-1].stop)
         total += cost_of(innovations[inside]).sum(0)
-        count += np.isfinite(record.gains.variances[inside]).sum(0)
+        count += used[inside].sum(0)
     return np.asarray(total / np.maximum(count, 1.0))
 
 
-def _quantities(fitter: Fitter, values: Values) -> dict[str, list[Array]]:
+def _quantities(filtered: Filtered, values: Values) -> dict[str, list[Array]]:
     """Return of each record what errors may depend on (n,), by names."""
-    plant = fitter.predictor.plant
-    states = [states for _, states in fitter.innovations(values)]
+    plant = filtered.predictor.plant
+    states = [states for _, states in filtered.innovations(values)]
     found = {
         name: [
             region.value(of_record, record.inputs)
-            for of_record, record in zip(states, fitter.records, strict=True)
+            for of_record, record in zip(states, filtered.records, strict=True)
         ]
         for name, region in plant.regions.items()
     }
     for index, name in enumerate(plant.inputs):
-        found[f"rate of {name}"] = [_stirring(record, index, plant) for record in fitter.records]
+        found[f"rate of {name}"] = [_stirring(record, index, plant) for record in filtered.records]
     return found
 
 

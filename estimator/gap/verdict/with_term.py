@@ -7,14 +7,7 @@ plant, whose filter and simulation then have them, and are fitted together with 
 from typing import Final
 
 from estimator.gap.plant import Effect, Plant
-from estimator.gap.prediction import (
-    AddedDisturbance,
-    Estimate,
-    Fitted,
-    Values,
-    effect_variables,
-    freed,
-)
+from estimator.gap.prediction import AddedDisturbance, Estimate, Values, effect_variables, freed
 from estimator.gap.search import TIME, Found, Refits
 
 from .unknown import Unknown
@@ -48,17 +41,14 @@ def with_term(
         return None, said
     effect = Effect(EFFECT, unknown.text(plant), unknown.place.name, held.knobs)
     variables = freed(refits.nuisances, effect)
-    fitter = refits.fitter
-    fitter.refresh(found.refitted.values)
     before = found.refitted
     values = {name: float(held.values[name]) for name in before.values}
-    fitted = refits.settled(Fitted(values, fitter.costs(values)), variables)
+    fitted, filtered = refits.settled(values, variables)
     if not fitted.cost < before.cost:
-        fitter.refresh(before.values)
         return None, [*said, "refitted in the model it predicts no better: it was not added"]
-    columns = fitter.columns(fitted.values, variables)
+    columns = filtered.columns(fitted.values, variables)
     names = [column.name for column in columns]
-    linear = fitter.linearise(fitted.values, columns)
+    linear = filtered.linearise(fitted.values, columns)
     errors = linear.errors(names, linear.solve(names)[0])
     own = effect_variables(effect)
     estimates = tuple(
@@ -68,7 +58,6 @@ def with_term(
     )
     excess = [cost / found.samples - found.floor for cost in (before.cost, fitted.cost)]
     explained = 1.0 - excess[1] / excess[0] if excess[0] > 0.0 else float("nan")
-    fitter.refresh(before.values)
     text = terms_in_words(plant, fitted.values)
     return AddedDisturbance(
         unknown.place.name, text, estimates, dict(fitted.values), explained

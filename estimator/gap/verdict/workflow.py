@@ -14,6 +14,7 @@ from estimator.gap.prediction import (
     Curve,
     DetectionLimit,
     Estimate,
+    Filtered,
     Fitter,
     GapResult,
     NamedEffect,
@@ -128,28 +129,27 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     seen = _Seen()
     seen.held_out, dropped = confirm(search.refits, found, judged)
     weak = not found.named or found.explained < EXPLAINED
-    # First what takes the fitter as the search has left it: other values filter the records anew.
     known = None if weak else _known(search, found, seen)
-    left = unsettled(fitter, search.twins(found.fitted.values), found.fitted.values)
+    left = unsettled(found.filtered, search.twins(found.fitted.values), found.fitted.values)
     if found.named:
-        after = attribution(fitter, found.fitted.values, found.variables)
+        after = attribution(found.filtered, found.fitted.values, found.variables)
         result.rest = _ranked(
             after.curves(found.floor),
-            drifts(fitter, found.fitted.values, found.variables, found.floor),
+            drifts(found.filtered, found.fitted.values, found.variables, found.floor),
         )
-    resting = [] if weak else _resting(fitter, judged, found.fitted.values)
-    fitter.refresh(found.refitted.values)
-    left = compared(left, fitter, found.refitted.values)
-    before = attribution(fitter, found.refitted.values, search.refits.nuisances)
+    resting = [] if weak else _resting(found.filtered, judged)
+    refitted = found.filtered.at(found.refitted.values)
+    left = compared(left, refitted, found.refitted.values)
+    before = attribution(refitted, found.refitted.values, search.refits.nuisances)
     result.where = _ranked(
         before.curves(found.floor),
-        drifts(fitter, found.refitted.values, search.refits.nuisances, found.floor),
+        drifts(refitted, found.refitted.values, search.refits.nuisances, found.floor),
     )
     result.rest = result.rest if found.named else result.where
     unknown = None
     if weak:
         # Names that explain too little are not those of the model that is judged.
-        resting = _resting(fitter, judged, found.refitted.values)
+        resting = _resting(refitted, judged)
         if found.refitted.cost / found.samples - found.floor > MATERIAL:
             unknown = find_unknown(before, result.where, found.floor)
     excess = search.held_out_excess(found.fitted.values)
@@ -177,7 +177,8 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         return
     if result.verdict == "unknown_effect":
         # A name that explains too little would be a wrong one: the model is refitted, no more.
-        found.fitted, found.named, found.variables = found.refitted, [], search.refits.nuisances
+        found.fitted, found.filtered = found.refitted, refitted
+        found.named, found.variables = [], search.refits.nuisances
         known = None
         result.rest = result.where
     result.reasons += ends_in_words(found.variables, found.fitted.values)
@@ -200,7 +201,6 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
             result.added, said = with_term(search.refits, found, unknown)
             result.reasons += said
     if known is None:
-        fitter.refresh(found.fitted.values)
         known = _known(search, found, seen)
     if result.verdict != "unknown_effect":
         result.reasons += known.absorbed
@@ -229,24 +229,23 @@ class _Known:
 
 
 def _known(search: Search, found: Found, seen: _Seen) -> _Known:
-    """Return what is known about a finding, and set its cosines; filtered with its values."""
-    fitter = search.fitter
+    """Return what is known about a finding, and set its cosines."""
     for named in found.named:
         seen.cosines[named.effect] = _cosines(search, found, named)
     return _Known(
-        _standard_errors(fitter, search, found),
-        limits(fitter, found.fitted.values, found.variables),
+        _standard_errors(search, found),
+        limits(found.filtered, found.fitted.values, found.variables),
         absorbed(search, found),
     )
 
 
-def _resting(fitter: Fitter, judged: Fitter, values: Values) -> list[str]:
-    """Return the channels predicted worse than by resting; the fitter is filtered with `values`."""
-    judged.refresh(values)
-    found = fitter.pool.map(
-        lambda record: worse_than_resting(fitter.predictor, record, values),
-        (*fitter.records, *judged.records),
-    )
+def _resting(filtered: Filtered, judged: Fitter) -> list[str]:
+    """Return the channels predicted worse than by resting, with what records are filtered with."""
+    values = filtered.values
+    found = filtered.pool.map(
+        lambda record, gains: worse_than_resting(filtered.predictor, record, gains, values),
+        (*filtered.records, *judged.records), (*filtered.gains, *judged.filtered(values).gains),
+    )  # fmt: skip
     return list(dict.fromkeys(channel for channels in found for channel in channels))
 
 
@@ -281,7 +280,7 @@ def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
             changed = variable.put(changed, rival.fitted.values[variable.parameter])
         changes[rival.effect] = changed
     kept = [v for v in found.variables if v not in own]
-    alike = cosines(search.fitter, values, kept, changes)
+    alike = cosines(found.filtered, values, kept, changes)
     return dict(zip(changes, map(float, alike), strict=True))
 
 
@@ -353,21 +352,19 @@ def _show_added(
 
 def _floor(search: Search, found: Found) -> None:
     """Set the cost per reading of a rig that is exactly the model found."""
-    costs = [
-        fitter.costs(found.fitted.values).sum() for fitter in search.twins(found.fitted.values)
-    ]
+    costs = [twin.costs(found.fitted.values).sum() for twin in search.twins(found.fitted.values)]
     found.floor = float(np.mean(costs)) / found.samples
 
 
-def _standard_errors(fitter: Fitter, search: Search, found: Found) -> dict[str, float]:
+def _standard_errors(search: Search, found: Found) -> dict[str, float]:
     """Return the standard error of each variable's parameter.
 
     By the scatter of the blocks' scores, and by what twins, whose parameters are known, are
     estimated wrong by: the larger.
     """
-    columns = fitter.columns(found.fitted.values, found.variables)
+    columns = found.filtered.columns(found.fitted.values, found.variables)
     names = [column.name for column in columns]
-    linear = fitter.linearise(found.fitted.values, columns)
+    linear = found.filtered.linearise(found.fitted.values, columns)
     steps, _ = linear.solve(names)
     errors = linear.errors(names, steps)
     misses = []

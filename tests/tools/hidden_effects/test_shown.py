@@ -52,17 +52,16 @@ def test_an_effect_adds_to_the_cost_above_its_limit_and_hardly_below(
     variable = effect_variables(plant.effects[effect])[0]
     with ThreadPoolExecutor(1) as pool:
         records = [record_of(read_recording(file), plant) for file in identify]
-        fitter = Fitter(Predictor(plant), records, pool)
-        fitter.refresh(plant.nominal)
-        base = fitter.innovations(plant.nominal)
+        filtered = Fitter(Predictor(plant), records, pool).filtered(plant.nominal)
+        base = filtered.innovations(plant.nominal)
         moved = []
         for times in (0.2, 5.0):
-            changed = fitter.innovations(variable.put(plant.nominal, times * limit))
+            changed = filtered.innovations(variable.put(plant.nominal, times * limit))
             moved.append(
                 sum(float(np.square(c - b)[500:].sum())
                     for (c, _), (b, _) in zip(changed, base, strict=True))
             )  # fmt: skip
-        least, most = CHANCE, max(CHANCE, MATERIAL * fitter.samples)
+        least, most = CHANCE, max(CHANCE, MATERIAL * filtered.samples)
     # The nuisances take some of it, and an effect that acts in few readings has a lower bar.
     assert moved[0] < most
     assert moved[1] > least

@@ -100,8 +100,8 @@ def test_a_twin_of_an_axis_with_delay_has_the_innovations_of_its_own_noise(
     values = {**axis.plant.nominal, "delay": 2.6e-3}
     record = record_of(recorded("sines", 5, 4.0, delay=2.6e-3), axis.plant)
     twin = predictor.twin(record, values, 1)
-    predictor.filter(twin, values)
-    innovations = predictor.innovations(twin, values)[0][500:]
+    gains = predictor.filter(twin, values)
+    innovations = predictor.innovations(twin, gains, values)[0][500:]
     assert np.sqrt(np.mean(innovations**2)) == pytest.approx(1.0, abs=0.15)
 
 

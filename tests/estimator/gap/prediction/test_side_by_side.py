@@ -57,34 +57,48 @@ def test_innovations_of_many_parameters_are_those_of_each(
     predictor = Predictor(plant)
     base = {**plant.nominal, **changed}
     values = tried(plant, base)
-    predictor.filter(record, base)
+    gains = predictor.filter(record, base)
     groups = predictor.groups(values)
     assert sorted(index for group in groups for index in group) == list(range(len(values)))
     for group in groups:
-        together = predictor.innovations_of(record, [values[index] for index in group])
+        together = predictor.innovations_of(record, gains, [values[index] for index in group])
         for index, found in zip(group, together, strict=True):
-            wanted = predictor.innovations(record, values[index])[0]
+            wanted = predictor.innovations(record, gains, values[index])[0]
             assert np.abs(found - wanted).max() < 1e-6
 
 
 def test_what_is_compared_side_by_side_is_rounded_alike(plant: Plant, record: Record) -> None:
     """A probe may be so small that lanes differ by more from a run alone than by it."""
     with ThreadPoolExecutor(2) as pool:
-        fitter = Fitter(Predictor(plant), [record.unfiltered()], pool)
-        fitter.refresh(plant.nominal)
+        filtered = Fitter(Predictor(plant), [record], pool).filtered(plant.nominal)
         same = [Column(f"none {number}", dict(plant.nominal), 1e-9) for number in range(9)]
-        changes = fitter.changes(plant.nominal, same)
+        changes = filtered.changes(plant.nominal, same)
     assert all(not change.any() for of_column in changes for change in of_column)
+
+
+def test_what_a_column_changes_is_the_same_whatever_was_asked_before(
+    plant: Plant, record: Record
+) -> None:
+    values = tried(plant, plant.nominal)
+    columns = [Column(f"{number}", each, 1.0) for number, each in enumerate(values)]
+    with ThreadPoolExecutor(2) as pool:
+        fitter = Fitter(Predictor(plant), [record], pool)
+        wanted = fitter.filtered(plant.nominal).changes(plant.nominal, columns)
+        asked = fitter.filtered(plant.nominal)
+        for some in ([columns[3]], columns[2:4], columns[1:9:3]):
+            asked.changes(plant.nominal, some)
+        found = asked.changes(plant.nominal, columns)
+    assert all(np.array_equal(a[0], b[0]) for a, b in zip(wanted, found, strict=True))
 
 
 def test_a_plant_that_runs_alone_is_run_alone(plant: Plant, record: Record) -> None:
     predictor = Predictor(replace(plant, in_lanes=None))
     values = tried(plant, plant.nominal)[:4]
     assert predictor.groups(values) == [[0], [1], [2], [3]]
-    predictor.filter(record, plant.nominal)
-    found = predictor.innovations_of(record, values)
+    gains = predictor.filter(record, plant.nominal)
+    found = predictor.innovations_of(record, gains, values)
     assert all(
-        np.array_equal(each, predictor.innovations(record, of)[0])
+        np.array_equal(each, predictor.innovations(record, gains, of)[0])
         for each, of in zip(found, values, strict=True)
     )
 
@@ -98,14 +112,12 @@ def test_gains_of_a_filter_whose_slopes_are_lanes_are_those_of_one_by_one(
     plant: Plant, record: Record, changed: Mapping[str, float]
 ) -> None:
     values = {**plant.nominal, **changed}
-    alone = record.unfiltered()
-    Predictor(replace(plant, in_lanes=None)).filter(alone, values)
-    beside = record.unfiltered()
-    Predictor(plant).filter(beside, values)
+    alone = Predictor(replace(plant, in_lanes=None)).filter(record, values)
+    beside = Predictor(plant).filter(record, values)
     for wanted, found in (
-        (alone.gains.variances, beside.gains.variances),
-        (alone.gains.states, beside.gains.states),
-        (alone.gains.couplings, beside.gains.couplings),
+        (alone.variances, beside.variances),
+        (alone.states, beside.states),
+        (alone.couplings, beside.couplings),
     ):
         assert np.array_equal(np.isfinite(wanted), np.isfinite(found))
         known = np.isfinite(wanted)

@@ -108,9 +108,8 @@ def pool() -> Iterator[ThreadPoolExecutor]:
 
 
 def _attributed(record: Record, pool: ThreadPoolExecutor) -> Any:
-    fitter = Fitter(Predictor(SLED), [record], pool)
-    fitter.refresh(SLED.nominal)
-    return attribution(fitter, SLED.nominal, ())
+    filtered = Fitter(Predictor(SLED), [record], pool).filtered(SLED.nominal)
+    return attribution(filtered, SLED.nominal, ())
 
 
 def test_hats_add_up_to_one_everywhere() -> None:
@@ -165,10 +164,9 @@ FITTED = Variable("drag", "", "drag", 1.0, 0.0, 1e4)
 
 
 def _drifts(record: Record, pool: ThreadPoolExecutor) -> list[Curve]:
-    fitter = Fitter(Predictor(SLED), [record], pool)
-    fitter.refresh(SLED.nominal)
-    fitted = fitter.fit(SLED.nominal, [FITTED])
-    return drifts(fitter, fitted.values, [FITTED], 1.0)
+    filtered = Fitter(Predictor(SLED), [record], pool).filtered(SLED.nominal)
+    fitted = filtered.fit(SLED.nominal, [FITTED])
+    return drifts(filtered, fitted.values, [FITTED], 1.0)
 
 
 def test_a_drag_that_grows_within_the_recording_is_a_parameter_that_drifts(
@@ -189,13 +187,12 @@ def test_a_drag_that_stays_does_not_drift(pool: ThreadPoolExecutor) -> None:
 def test_the_linearised_course_answers_to_kicks_as_the_filter_does() -> None:
     record = _moved(lambda x, v: 0.0)
     predictor = Predictor(SLED)
-    predictor.filter(record, SLED.nominal)
+    gains = predictor.filter(record, SLED.nominal)
     kicks = 1e-5 * np.sin(np.arange(len(record)) / 50.0)
     pushed = replace(record, inputs=record.inputs + MASS / TICK * kicks[:, None])
-    pushed.gains = record.gains
-    base = predictor.innovations(record, SLED.nominal)[0]
-    changed = predictor.innovations(pushed, SLED.nominal)[0] - base
-    course = course_of(predictor, record, SLED.nominal, (), np.arange(len(record)))
+    base = predictor.innovations(record, gains, SLED.nominal)[0]
+    changed = predictor.innovations(pushed, gains, SLED.nominal)[0] - base
+    course = course_of(predictor, record, gains, SLED.nominal, (), np.arange(len(record)))
     answer = course.answers([1], kicks[:, None, None])[:, :, 0]
     assert answer == pytest.approx(changed, rel=1e-5, abs=1e-6 * float(np.abs(changed).max()))
 

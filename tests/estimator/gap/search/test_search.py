@@ -3,15 +3,16 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from estimator.gap.plant.interface import Array, Trace
 from estimator.gap.plant.records import Record, made_of, record_of
-from estimator.gap.prediction.fit import Fitted, Fitter
+from estimator.gap.prediction.fit import Filtered, Fitted, Fitter
 from estimator.gap.prediction.predictor import Predictor
+from estimator.gap.prediction.variables import Values
 from estimator.gap.search.findings import Found, Screened
 from estimator.gap.search.refits import Refits
 from estimator.gap.search.rivals import Rivals
@@ -137,8 +138,8 @@ def test_a_stop_inside_the_stroke_is_found_where_the_force_begins_to_grow() -> N
     plant = rig(())
     record = stopped({"stop_low": 0.26, "stop_stiffness": 7e6})
     predictor = Predictor(plant)
-    predictor.filter(record, plant.nominal)
-    innovations, states = predictor.innovations(record, plant.nominal)
+    gains = predictor.filter(record, plant.nominal)
+    innovations, states = predictor.innovations(record, gains, plant.nominal)
     starts = propose_end_stop(
         [Trace(record.inputs, states, innovations, record.readings)], plant.nominal
     )
@@ -170,11 +171,11 @@ def test_a_plant_that_a_value_breaks_is_no_candidate_and_no_crash() -> None:
     plant = rig(("spool_null_bias",))
     record = recorded(plant, plant.nominal, seconds=2.0)
     with fitter(plant, record) as of_record:
-        of_record.refresh(plant.nominal)
+        filtered = of_record.filtered(plant.nominal)
         broken = {**plant.nominal, "piston_area": float("nan")}
-        assert np.all(of_record.costs(broken) >= 1e299)
+        assert np.all(filtered.costs(broken) >= 1e299)
         variables = Refits(of_record).nuisances
-        assert of_record.fit(broken, variables).cost >= 1e299
+        assert filtered.fit(broken, variables).cost >= 1e299
 
 
 @pytest.mark.parametrize(
@@ -227,32 +228,40 @@ def test_a_model_that_the_gains_found_lead_astray_is_refitted_with_its_own(gaine
         """What a fitter tells of a ram near break-away: without the effect it is let go."""
 
         predictor = SimpleNamespace(plant=rig(()))
-        filtered: Mapping[str, float] = with_it
 
-        def refresh(self, values: Mapping[str, float]) -> None:
-            self.filtered = values
+        def filtered(self, values: Mapping[str, float]) -> "WithGains":
+            return WithGains(values)
+
+    class WithGains:
+        """That course with the gains of some values."""
+
+        def __init__(self, values: Mapping[str, float]) -> None:
+            self.values = values
+
+        def at(self, values: Mapping[str, float]) -> "WithGains":
+            return WithGains(values)
 
         def costs(self, values: Mapping[str, float]) -> Array:
             if values == with_it:
                 return np.array([9e4])
-            return np.array([9e4 + (gained if self.filtered == without_it else 1e6)])
+            return np.array([9e4 + (gained if self.values == without_it else 1e6)])
 
         def fit(self, values: Mapping[str, float], *_: object) -> Fitted:
             return Fitted(dict(values), self.costs(values))
 
-    course = Course()
-    refits = Refits(cast("Fitter", course))
+    refits = Refits(cast("Fitter", Course()))
     rivals = Rivals(refits, Screening(refits.plant))
-    present = Fitted(with_it, course.costs(with_it))
-    found = Found(present, present, present, (), [])
-    own = rivals.lost(found, (), Fitted(without_it, course.costs(without_it)))
+    filtered = refits.fitter.filtered(with_it)
+    present = Fitted(with_it, filtered.costs(with_it))
+    found = Found(present, present, present, filtered, (), [])
+    lost = rivals.lost(found, (), Fitted(without_it, filtered.costs(without_it)))
     if gained > 1e5:
-        assert own is None
-        assert course.filtered == with_it
+        assert lost is None
     else:
-        assert own is not None
+        assert lost is not None
+        own, gains_of = lost
         assert own.cost == 9e4 + gained
-        assert course.filtered == without_it
+        assert gains_of.values == without_it
 
 
 @pytest.mark.parametrize(
@@ -269,10 +278,14 @@ def test_effects_that_all_leave_the_model_far_off_are_compared_with_gains_of_the
     class Weighing(Refits):
         """Knows what is left a reading with each effect."""
 
-        def with_effect(self, present: Fitted, variables: object, candidate: Screened) -> Fitted:
+        def with_effect(
+            self, filtered: Filtered, values: Values, variables: object, candidate: Screened
+        ) -> Fitted:
             return self._left(with_gains_given[candidate.effect])
 
-        def with_own_gains(self, present: Fitted, variables: object, candidate: Screened) -> Fitted:
+        def with_own_gains(
+            self, filtered: Filtered, values: Values, variables: object, candidate: Screened
+        ) -> Fitted:
             return self._left(with_own[candidate.effect])
 
         def _left(self, share: float) -> Fitted:
@@ -284,11 +297,14 @@ def test_effects_that_all_leave_the_model_far_off_are_compared_with_gains_of_the
         def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
             return {}
 
-    told = SimpleNamespace(samples=readings, predictor=SimpleNamespace(plant=rig(with_own)))
+    told = SimpleNamespace(predictor=SimpleNamespace(plant=rig(with_own)))
     search = Searching(cast("Fitter", told))
     search.refits = Weighing(search.fitter)
     before = Fitted({}, np.full(10, 2.5 * scale * readings / 10))
     screened = [Screened(name, {}, 0.5 * scale * readings, 1.0) for name in with_own]
-    added = search._next(Found(before, before, before, (), []), screened)
+    filtered: Any = SimpleNamespace(samples=readings)
+    filtered.at = lambda _: filtered
+    found = Found(before, before, before, filtered, (), [])
+    added = search._next(found, screened)
     assert added is not None
     assert added[0].name == first

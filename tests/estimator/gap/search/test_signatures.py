@@ -16,9 +16,10 @@ from tests.estimator.gap.courses import fitter, recorded, rig
 def test_what_a_refit_may_take_does_not_show(softer: float) -> None:
     plant = rig(["bulk_modulus", "viscous_friction", "supply_pressure", "pressure_1_bias"])
     values = {**plant.nominal, "bulk_modulus": (1.0 - softer) * plant.nominal["bulk_modulus"]}
-    with fitter(plant, recorded(plant, values)) as fitted:
-        fitted.refresh(values)
-        shown = limits(fitted, values, [nuisance_variable(n) for n in plant.nuisances])
+    with fitter(plant, recorded(plant, values)) as of_record:
+        shown = limits(
+            of_record.filtered(values), values, [nuisance_variable(n) for n in plant.nuisances]
+        )
     sizes = {limit.effect: limit.size for limit in shown}
     for nuisance in plant.nuisances:
         if nuisance.effect is not None:
@@ -37,27 +38,27 @@ def test_a_valves_greatest_speed_shows_if_the_motion_needs_more() -> None:
     asked = made_of("steps", steps, readings, plant)
     record = Predictor(replace(plant, steering=())).twin(asked, plant.nominal, 0)
     speed = np.abs(np.gradient(record.readings[:, 3], plant.period))
-    with fitter(plant, record) as fitted:
-        fitted.refresh(plant.nominal)
+    with fitter(plant, record) as of_record:
+        filtered = of_record.filtered(plant.nominal)
         nuisances = [nuisance_variable(n) for n in plant.nuisances]
-        (shown,) = limits(fitted, plant.nominal, nuisances)
+        (shown,) = limits(filtered, plant.nominal, nuisances)
         known = {**plant.nominal, "valve_rate_limit": shown.size}
-        assert limits(fitted, known, nuisances) == []
+        assert limits(filtered, known, nuisances) == []
     assert (shown.effect, shown.key, shown.unit) == ("valve_rate_limit", "value", "m/s")
     assert 0.3 * speed.max() < shown.size < speed.max()
 
 
 def test_slow_motions_show_no_greatest_speed_of_a_valve() -> None:
     plant = rig(["valve_rate_limit"])
-    with fitter(plant, recorded(plant, plant.nominal)) as fitted:
-        fitted.refresh(plant.nominal)
-        (shown,) = limits(fitted, plant.nominal, [nuisance_variable(n) for n in plant.nuisances])
+    with fitter(plant, recorded(plant, plant.nominal)) as of_record:
+        filtered = of_record.filtered(plant.nominal)
+        (shown,) = limits(filtered, plant.nominal, [nuisance_variable(n) for n in plant.nuisances])
     assert shown.size == 0.0
 
 
 def test_a_model_that_breaks_down_without_an_effect_has_no_cosines() -> None:
     plant = rig(["pressure_1_bias"])
-    with fitter(plant, recorded(plant, plant.nominal, seconds=2.0)) as fitted:
-        fitted.refresh(plant.nominal)
+    with fitter(plant, recorded(plant, plant.nominal, seconds=2.0)) as of_record:
+        filtered = of_record.filtered(plant.nominal)
         broken = {**plant.nominal, "piston_area": float("nan")}
-        assert np.isnan(cosines(fitted, broken, [], {"one": plant.nominal, "two": broken})).all()
+        assert np.isnan(cosines(filtered, broken, [], {"one": plant.nominal, "two": broken})).all()

@@ -5,7 +5,6 @@ import pytest
 
 from estimator.gap.plant.interface import Plant
 from estimator.gap.plant.terms import Term
-from estimator.gap.prediction.fit import Fitted
 from estimator.gap.search.disturbances import places_of
 from estimator.gap.search.findings import Found
 from estimator.gap.search.refits import Refits
@@ -63,10 +62,10 @@ def test_a_drag_in_symbols_is_refitted_in_the_model_and_explains_the_recording()
     record = recorded(plant, {**plant.nominal, **fields_of((true,))})
     with fitter(plant, record) as of_record:
         refits = Refits(of_record)
-        of_record.refresh(plant.nominal)
-        given = Fitted(dict(plant.nominal), of_record.costs(plant.nominal))
-        refitted = refits.settled(given, refits.nuisances)
-        found = Found(given, refitted, refitted, refits.nuisances, [], 1.0, of_record.samples)
+        refitted, filtered = refits.settled(plant.nominal, refits.nuisances)
+        found = Found(
+            refitted, refitted, refitted, filtered, refits.nuisances, [], 1.0, filtered.samples
+        )
         guess = unknown(plant, FORCE, (Term("velocity", "x |x|"),), 5e3)
         added, said = with_term(refits, found, guess)
     assert said == []

@@ -45,13 +45,11 @@ def twin(pool: ThreadPoolExecutor) -> Record:
 
 def left_of(record: Record, pool: ThreadPoolExecutor) -> list[Unsettled]:
     predictor = Predictor(PLANT)
-    fitter = Fitter(predictor, [record], pool)
-    twins = [
-        Fitter(predictor, [predictor.twin(record, PLANT.nominal, seed)], pool) for seed in (5, 6)
-    ]
-    for each in (fitter, *twins):
-        each.refresh(PLANT.nominal)
-    return compared(unsettled(fitter, twins, PLANT.nominal), fitter, PLANT.nominal)
+    of_record, *twins = (
+        Fitter(predictor, [each], pool).filtered(PLANT.nominal)
+        for each in (record, *(predictor.twin(record, PLANT.nominal, seed) for seed in (5, 6)))
+    )
+    return compared(unsettled(of_record, twins, PLANT.nominal), of_record, PLANT.nominal)
 
 
 def with_spool(record: Record, error: Array) -> Record:
@@ -136,9 +134,8 @@ def test_an_opening_between_the_chambers_is_found_across_the_piston(
     setpoint = 0.3 + 0.05 * np.sin(4.0 * time_s)
     whole = recorded(NOMINAL._replace(internal_leakage=LEAK), setpoint, False, 1)
     record = record_of(Recording({name: whole[name] for name in CHANNELS}), PLANT)
-    fitter = Fitter(Predictor(PLANT), [record], pool)
-    fitter.refresh(PLANT.nominal)
-    found = attribution(fitter, PLANT.nominal, ())
+    filtered = Fitter(Predictor(PLANT), [record], pool).filtered(PLANT.nominal)
+    found = attribution(filtered, PLANT.nominal, ())
     (across,) = (place for place in places_of(PLANT) if len(place.rows) == 2)
     curve = found.curve(across, "position", 1.0)
     assert curve is not None
