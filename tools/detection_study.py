@@ -14,24 +14,22 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from estimator.filters.registry import start_memory
-from estimator.leaks.detection import Decision
+from estimator.leaks.detection import SETTLED_AFTER_S, Decision
 from estimator.leaks.replaying import replay
 from rig.channels import READINGS
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, LEAKS, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
-from tools.drawn_rigs import drawn_motion, drawn_rig
+from tools.drawn_rigs import MIDDLE, drawn_motion, drawn_rig
+from tools.simulated_recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
 
 SECONDS: Final = 40.0
 SIZES: Final = (0.06, 0.1, 0.3)
 """L/min at half supply pressure, internal leaks at 2.5 MPa."""
 DROPS: Final = (6.9e6, 6.9e6, 2.5e6)
-SILENT: Final = ("healthy", "inconclusive")
-"""Verdicts that are no alarm."""
 
 
 @dataclass(frozen=True)
@@ -65,22 +63,14 @@ def runs_of(seed: int, size: float, spool_sensor: bool, rates: list[int]) -> lis
     faults[onset:, place] = size * LITRE_PER_MINUTE / np.sqrt(DROPS[place])
     rig = simulated_rig(Model(parameters=drawn_rig(rng)), seed, spool_sensor=spool_sensor)
     setpoint, open_loop = drawn_motion(rng, ticks)
-    model = Model()
-    loop = SimulatedLoop(
-        rig,
-        Motion(setpoint, open_loop, faults, 0.3, 2000),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(ticks)
-    recording = Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
-    flow = np.abs(rows[onset + 2000 :, len(loop.channels) - 3 + place]).mean()
+    recording = recorded(rig, Motion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS))
+    settled = onset + round(SETTLED_AFTER_S / TICK)
+    flow = np.abs(recording[TRUE_LEAKS[LEAKS[place]]][settled:]).mean()
     leak = LEAKS[place] if size else None
     runs = []
     for rate in rates:
-        result = replay(sampled(recording, 1000 // rate), model)
-        alarmed = any(held.verdict not in SILENT for _, held in result.history)
+        result = replay(sampled(recording, 1000 // rate), Model())
+        alarmed = any(held.names_a_fault for _, held in result.history)
         found = result.decision, result.detected_at_s, alarmed
         runs.append(Run(leak, onset * TICK, float(flow), *found))
     return runs

@@ -14,16 +14,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from estimator.filters.registry import start_memory
 from estimator.friction.curve import FrictionCurve, friction_changes, identify_recording
 from estimator.friction.fit import PARAMETERS
 from estimator.friction.samples import Spring
-from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, Model, Parameters
+from rig.plant import Model, Parameters
 from rig.plant.integrator import TICK
-from rig.recording import Recording
 from tools.drawn_rigs import MIDDLE, MOTIONS, OPEN_LOOP, drawn_rig
+from tools.simulated_recordings import recorded_healthy
 
 Array = NDArray[np.float64]
 
@@ -46,27 +43,12 @@ def setpoint_of(name: str, rng: np.random.Generator, ticks: int) -> Array:
     return MIDDLE + 0.2 * np.sin(np.pi * TICK * np.arange(ticks))
 
 
-def recorded(truth: Parameters, setpoint: Array, open_loop: bool, seed: int) -> Recording:
-    """Return the recording of a simulated rig; the setpoint is in m, or V in open loop."""
-    model = Model()
-    faults = np.zeros((setpoint.size, len(FAULT_COLUMNS)))
-    loop = SimulatedLoop(
-        simulated_rig(Model(parameters=truth), seed),
-        Motion(setpoint, open_loop, faults, MIDDLE, 2000),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(setpoint.size)
-    return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
-
-
 def case(name: str, seed: int) -> Case:
     """Return one rig in one motion."""
     rng = np.random.default_rng(seed)
     truth = drawn_rig(rng)
     setpoint = setpoint_of(name, rng, round(SECONDS / TICK))
-    recording = recorded(truth, setpoint, name in OPEN_LOOP, seed)
+    recording = recorded_healthy(truth, setpoint, name in OPEN_LOOP, seed)
     spring = Spring(truth.spring_stiffness, truth.spring_contact)
     return Case(truth, identify_recording(recording, Model(), spring))
 

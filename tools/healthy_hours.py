@@ -45,8 +45,6 @@ from tools.simulated_lanes import SimulatedLanes
 
 Array = NDArray[np.float64]
 
-SILENT: Final = ("healthy", "inconclusive")
-"""Verdicts that are no alarm."""
 _ASKED: Final = 20
 """Blocks of half a second from one verdict of a silent detector that is counted to the next."""
 RUN_S: Final = 1800.0
@@ -132,7 +130,7 @@ class Judge:
         except Exception as error:
             raise RuntimeError(f"rig {self._seed} at {samples.time_s[-1]:.1f} s") from error
         self.verdicts[decision.verdict] += 1
-        if decision.verdict in SILENT:
+        if not decision.names_a_fault:
             return None
         self._detector = OilAccountDetector(*self._setting)
         return Alarm(

@@ -16,20 +16,18 @@ import numpy as np
 from rich.progress import track
 
 from estimator.accounts.flow import reference_drop
-from estimator.filters.registry import start_memory
-from estimator.leaks.detection import SETTLED_AFTER_S, Decision
+from estimator.leaks.detection import SETTLED_AFTER_S, SILENT, Decision
 from estimator.leaks.replaying import replay
 from rig.compile_cache import source_key
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
-from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
+from rig.loop.simulated_loop import Motion
+from rig.plant import FAULT_COLUMNS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
 from tools.drawn_rigs import MIDDLE, drawn_motion, drawn_rig
+from tools.simulated_recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
 
-SILENT: Final = ("healthy", "inconclusive")
-"""Verdicts that are no alarm."""
 SETTINGS: Final[Mapping[str, tuple[str, float]]] = {
     "product": ("product", 1.0),
     "product, often": ("product", 1e4),
@@ -38,7 +36,6 @@ SETTINGS: Final[Mapping[str, tuple[str, float]]] = {
 """Judges by name: a filter with its detector, and the false alarms a day that it is set to. The
 second shows the statistic far below the threshold of the first."""
 
-_SETTLE_TICKS: Final = 2000
 _DROOPING: Final = (1e12, 3e12)
 """Pa/(m^3/s)^2. Supplies on which a supply leak can be seen at all; drawn where one is injected."""
 _ROOT: Final = Path(__file__).parents[1]
@@ -143,20 +140,10 @@ def record(plan: Plan) -> tuple[Recording, bool, float]:
         Model(parameters=truth), plan.seed,
         spool_sensor=plan.spool_sensor, supply_pressure_sensor=plan.supply_sensor,
     )  # fmt: skip
-    model = Model()
-    loop = SimulatedLoop(
-        rig,
-        Motion(setpoint, open_loop, faults, MIDDLE, _SETTLE_TICKS),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(ticks)
-    recording = Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
+    recording = recorded(rig, Motion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS))
     flow = 0.0
-    if plan.fault in LEAKS:
-        column = len(loop.channels) - len(LEAKS) + LEAKS.index(plan.fault)
-        leaking = rows[onset + round(SETTLED_AFTER_S / TICK) :, column]
+    if plan.fault is not None and plan.fault in TRUE_LEAKS:
+        leaking = recording[TRUE_LEAKS[plan.fault]][onset + round(SETTLED_AFTER_S / TICK) :]
         flow = float(np.abs(leaking).mean()) / LITRE_PER_MINUTE
     return recording, truth.spring_stiffness > 0.0, flow
 

@@ -14,6 +14,7 @@ from rig.plant.added_terms import AddedTerm, fields_of
 from rig.plant.dynamics import PlantState, rest_state
 from rig.plant.integrator import TICK, advance
 from rig.plant.sensors import DATA_SHEET
+from tools.drawn_rigs import drawn_rig
 from tools.simulated_lanes import SimulatedLanes
 
 Array = NDArray[np.float64]
@@ -42,12 +43,9 @@ def unlike_rigs(law: float = 0.0) -> list[Parameters]:
     """Return rigs with air, springs, droop, terms and other friction, each in some lanes."""
     rng = np.random.default_rng(5)
     return [
-        NOMINAL._replace(
+        drawn_rig(rng)._replace(
             friction_law=law,
-            bulk_modulus=NOMINAL.bulk_modulus * rng.uniform(0.85, 1.15),
             entrained_air=0.005 * (lane % 2),
-            spool_null_bias=rng.uniform(-3e-6, 3e-6),
-            coulomb=NOMINAL.coulomb * rng.uniform(0.8, 1.2),
             spring_stiffness=2e4 * (lane % 3 == 0),
             supply_droop=1e12 * (lane % 4 == 1),
             return_back_pressure=1e12 * (lane % 4 == 2),

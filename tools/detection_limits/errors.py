@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.accounts.flow import reference_drop
-from estimator.filters.registry import start_memory
 from estimator.leaks.detection import SETTLED_AFTER_S, Decision
 from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.recording import Recording
+from tools.simulated_recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
 
 from .bound import Bound, exact_noise, flow_bound
 from .courses import follow, setpoints
@@ -94,20 +93,15 @@ def _errors_of(seed: int, windows_s: tuple[float, ...]) -> Array:
     faults[onset:, FAULT_COLUMNS.index(leak)] = (
         LEAK * LITRE_PER_MINUTE / np.sqrt(reference_drop(NOMINAL, leak))
     )
-    setpoint, model = setpoints(ticks)[MOTION], Model()
-    loop = SimulatedLoop(
+    setpoint = setpoints(ticks)[MOTION]
+    recording = recorded(
         simulated_rig(Model(parameters=truth), seed),
-        Motion(setpoint, False, faults, float(setpoint[0]), 2000),
-        start_memory("product", model),
-        model.parameters,
+        Motion(setpoint, False, faults, float(setpoint[0]), SETTLE_TICKS),
     )
-    loop.position()
-    rows = loop.advance(ticks)
-    channels = {name: rows[:, i] for i, name in enumerate(loop.channels)}
     for name, bias in biases.items():
-        channels[f"{name.removesuffix('_bias')}_Pa"] += bias
-    flow = np.abs(rows[:, len(loop.channels) - len(LEAKS) + LEAKS.index(leak)])
-    history = {round(t, 3): held for t, held in replay(Recording(channels), model).history}
+        recording.channels[f"{name.removesuffix('_bias')}_Pa"] += bias
+    flow = np.abs(recording[TRUE_LEAKS[leak]])
+    history = {round(t, 3): held for t, held in replay(recording, Model()).history}
     return np.array(list(_at(windows_s, history, leak, flow / LITRE_PER_MINUTE)))
 
 

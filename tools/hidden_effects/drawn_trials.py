@@ -1,7 +1,7 @@
 """What a trial hides, drawn from its seed and number alone; its recordings; its envelope."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -191,6 +191,15 @@ def _motion_names(kind: str, rng: Generator) -> list[str]:
     return [first, *map(str, others)]
 
 
+def drawn_nuisances(rng: Generator, without: Collection[str] = ()) -> dict[str, float]:
+    """Return a rig's nuisances within healthy rigs' tolerances, by name; some may be left out."""
+    return {
+        name: nominal * (1.0 + _SHARE_OF_TOLERANCE * tolerance * float(rng.uniform(-1.0, 1.0)))
+        for name, (nominal, tolerance) in NUISANCES.items()
+        if name not in without
+    }
+
+
 def drawn_trial(
     kind: str,
     seed: int,
@@ -219,11 +228,7 @@ def drawn_trial(
     motions = {file: drawn(name, rng, rows) for file, name in zip(RECORDINGS, names, strict=True)}
     hidden = _hidden(kind, seed, number, rng)
     shifted = {_SHIFTED_BY[name] for name in hidden if name in _SHIFTED_BY}
-    nuisances = {
-        name: nominal * (1.0 + _SHARE_OF_TOLERANCE * tolerance * float(rng.uniform(-1.0, 1.0)))
-        for name, (nominal, tolerance) in NUISANCES.items()
-        if name not in shifted
-    }
+    nuisances = drawn_nuisances(rng, shifted)
     parameters = {
         name: _parameters(name, rng, motions["identify_1"], limits or {}) for name in hidden
     }

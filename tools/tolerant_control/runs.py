@@ -20,6 +20,7 @@ from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.campaign.judging import Judge
 from rig.runner.outcomes.decision_rows import DecisionRows
+from tools.simulated_recordings import SETTLE_TICKS
 
 Array = NDArray[np.float64]
 Coefficients = tuple[float, float, float]
@@ -31,7 +32,6 @@ TOLD_AFTER_S: Final = 3.0
 """After its onset a leak is confirmed, where no detector is asked."""
 MEASURED_FROM_S: Final = 20.0
 """Errors and commands are judged from here to the end."""
-_SETTLE_TICKS: Final = 2000
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def run(
     memory = start_memory("product", model)
     loop = SimulatedLoop(
         simulated_rig(Model(parameters=rig), seed),
-        Motion(setpoint, False, table, float(setpoint[0]), _SETTLE_TICKS),
+        Motion(setpoint, False, table, float(setpoint[0]), SETTLE_TICKS),
         memory,
         model.parameters,
         on_fault=Reaction.TOLERATE,

@@ -16,12 +16,12 @@ from rig.configuration.models.model import load_model
 from rig.plant import NOMINAL, Model
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
+from tools.hidden_effects.drawn_trials import drawn_nuisances
 from tools.hidden_effects.menu import with_effects
 from tools.hidden_effects.motions import drawn
 from tools.hidden_effects.physics import P1, P2, TANK, TICK
 from tools.hidden_effects.recordings import COLUMNS, Recorded, record, write
 from tools.hidden_effects.rig_values import TABLE, RigValues
-from tools.hidden_effects.sizes import NUISANCES
 from tools.hidden_effects.workflow import rig_gap
 
 SECONDS: Final = 30.0
@@ -36,8 +36,6 @@ OPENING: Final = {
     "internal_leakage": "opening_leak_across",
 }
 MOTIONS: Final = ("multisine", "steps", "sines", "pseudorandom", "ramps", "sweep")
-_SILENT: Final = ("healthy", "inconclusive")
-_SHARE_OF_TOLERANCE: Final = 0.8
 
 
 @dataclass(frozen=True)
@@ -115,11 +113,7 @@ class Trial:
 
 def hiding(case: Case, seed: int) -> RigValues:
     """Return a rig with the case's effect, and nuisances drawn within healthy rigs' tolerances."""
-    rng = np.random.default_rng([seed, 1])
-    nuisances = {
-        name: nominal * (1.0 + _SHARE_OF_TOLERANCE * tolerance * float(rng.uniform(-1.0, 1.0)))
-        for name, (nominal, tolerance) in NUISANCES.items()
-    }
+    nuisances = drawn_nuisances(np.random.default_rng([seed, 1]))
     return with_effects(TABLE._replace(**nuisances), {case.effect: {"value": case.value}})
 
 
@@ -193,7 +187,7 @@ def recording_of(made: Recorded) -> Recording:
 def heard(recording: Recording, model: Model) -> Heard:
     """Have the detector judge a recording with a model."""
     result = replay(recording, model)
-    alarms = [time_s for time_s, held in result.history if held.verdict not in _SILENT]
+    alarms = [time_s for time_s, held in result.history if held.names_a_fault]
     final = result.decision
     sized = final.interval_m3_per_s
     low, high = (None, None) if sized is None else (s / LITRE_PER_MINUTE for s in sized)

@@ -29,7 +29,7 @@ from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
 from rig.recording import Recording
-from tools.friction_coverage import recorded
+from tools.simulated_recordings import recorded_healthy
 
 NO_SPRING = Spring(0.0, 0.0)
 WORN = NOMINAL._replace(
@@ -40,7 +40,7 @@ WORN = NOMINAL._replace(
 @cache
 def sine_of(rig: Parameters, seconds: float = 20.0, amplitude: float = 0.2) -> Recording:
     time_s = TICK * np.arange(round(seconds / TICK))
-    return recorded(rig, 0.3 + amplitude * np.sin(np.pi * time_s), False, 1)
+    return recorded_healthy(rig, 0.3 + amplitude * np.sin(np.pi * time_s), False, 1)
 
 
 def found(recording: Recording, spring: Spring = NO_SPRING) -> FrictionCurve:
@@ -101,7 +101,7 @@ def test_worn_seals_differ_and_the_same_rig_does_not() -> None:
     new, worn = found(sine_of(NOMINAL)), found(sine_of(WORN))
     changed = {change.name for change in friction_changes(new, worn) if change.significant}
     assert {"coulomb", "viscous", "friction_asymmetry"} <= changed
-    again = recorded(NOMINAL, sine_of(NOMINAL)["setpoint_m"], False, 2)
+    again = recorded_healthy(NOMINAL, sine_of(NOMINAL)["setpoint_m"], False, 2)
     assert not any(change.significant for change in friction_changes(new, found(again)))
 
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from estimator.accounts.nuisances import NUISANCES
-from estimator.filters.registry import start_memory
 from estimator.leaks.baseline import Baseline, BaselineError, learn_baseline
 from estimator.leaks.baseline_file import load_baseline, write_baseline
 from estimator.leaks.replaying import replay
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.recording import Recording
+from tools.simulated_recordings import recorded
 
 TRUTH = Model(
     parameters=Model().parameters._replace(
@@ -27,28 +27,19 @@ TRUTH = Model(
 )
 
 
-def recorded(seed: int, internal_leakage: float = 0.0, amplitude: float = 0.15) -> Recording:
+def in_a_sine(seed: int, internal_leakage: float = 0.0, amplitude: float = 0.15) -> Recording:
     """Return 20 s of a rig in a 0.5 Hz sine, the leak (m^3/(s Pa^0.5)) there from the start."""
     time_s = np.arange(20000) * TICK
     faults = np.zeros((time_s.size, 8))
     faults[:, 2] = internal_leakage
     setpoint = 0.3 + amplitude * np.sin(np.pi * time_s)
     motion = Motion(setpoint, False, faults, 0.3, 1000)
-    model = Model()
-    loop = SimulatedLoop(
-        simulated_rig(TRUTH, seed), motion, start_memory("product", model), model.parameters
-    )
-    loop.position()
-    rows = loop.advance(time_s.size)
-    return Recording(
-        {name: rows[:, index] for index, name in enumerate(loop.channels)},
-        source=f"seed {seed}",
-    )
+    return replace(recorded(simulated_rig(TRUTH, seed), motion), source=f"seed {seed}")
 
 
 @pytest.fixture(scope="module")
 def baseline() -> Baseline:
-    return learn_baseline([recorded(1), recorded(2, amplitude=0.05)], Model())
+    return learn_baseline([in_a_sine(1), in_a_sine(2, amplitude=0.05)], Model())
 
 
 def test_it_knows_the_null_bias_of_the_rig(baseline: Baseline) -> None:
@@ -61,7 +52,7 @@ def test_it_knows_the_null_bias_of_the_rig(baseline: Baseline) -> None:
 
 
 def test_a_leak_that_was_always_there_is_found_with_it_only(baseline: Baseline) -> None:
-    leaking = recorded(3, internal_leakage=3e-9)
+    leaking = in_a_sine(3, internal_leakage=3e-9)
     assert replay(leaking, Model()).decision.verdict != "internal_leakage"
     detector = baseline.detector("product", Model(), 1.0)
     decision = replay(leaking, Model(), detector=detector).decision
@@ -71,7 +62,7 @@ def test_a_leak_that_was_always_there_is_found_with_it_only(baseline: Baseline) 
 
 
 def test_a_leak_that_was_always_there_is_not_taken_for_normal() -> None:
-    leaking = [recorded(seed, internal_leakage=6e-9) for seed in (1, 2)]
+    leaking = [in_a_sine(seed, internal_leakage=6e-9) for seed in (1, 2)]
     assert replay(leaking[0], Model()).decision.verdict != "internal_leakage"
     with pytest.raises(BaselineError, match=r"internal_leakage is likely: find the leak"):
         learn_baseline(leaking, Model())
@@ -79,12 +70,12 @@ def test_a_leak_that_was_always_there_is_not_taken_for_normal() -> None:
 
 def test_the_rig_it_was_learnt_from_stays_healthy(baseline: Baseline) -> None:
     detector = baseline.detector("product", Model(), 1.0)
-    assert replay(recorded(4), Model(), detector=detector).decision.verdict == "healthy"
+    assert replay(in_a_sine(4), Model(), detector=detector).decision.verdict == "healthy"
 
 
 def test_the_thesis_filters_judge_by_its_healthy_levels(baseline: Baseline) -> None:
     detector = baseline.detector("thesis-6", Model(), 1.0)
-    result = replay(recorded(5), Model(), filter_name="thesis-6", detector=detector)
+    result = replay(in_a_sine(5), Model(), filter_name="thesis-6", detector=detector)
     assert result.decision.verdict == "healthy"
     assert result.history[0][1].verdict != "inconclusive"
 
@@ -107,7 +98,7 @@ def test_it_says_how_far_the_model_may_be_off(baseline: Baseline, tmp_path: Path
     exact = load_baseline(path, Model().name)
     assert exact.model_error == 0.0
     decided = [
-        replay(recorded(4), Model(), detector=each.detector("product", Model(), 1.0)).decision
+        replay(in_a_sine(4), Model(), detector=each.detector("product", Model(), 1.0)).decision
         for each in (baseline, exact)
     ]
     assert [decision.verdict for decision in decided] == ["healthy", "healthy"]
@@ -139,15 +130,15 @@ def test_a_file_with_the_level_of_a_filter_that_is_no_more_is_read(
 
 
 def test_a_leaking_recording_is_no_baseline() -> None:
-    leaking = recorded(6)
+    leaking = in_a_sine(6)
     leaking.channels["spool_m"][10000:] += 8e-6
     with pytest.raises(BaselineError, match="seed 6: the recording is"):
-        learn_baseline([recorded(1), leaking], Model())
+        learn_baseline([in_a_sine(1), leaking], Model())
 
 
 def test_a_ram_that_stood_still_says_nothing() -> None:
     with pytest.raises(BaselineError, match=r"inconclusive.*motion of centimetres"):
-        learn_baseline([recorded(7, amplitude=0.0)], Model())
+        learn_baseline([in_a_sine(7, amplitude=0.0)], Model())
 
 
 def test_no_recording_is_no_baseline() -> None:

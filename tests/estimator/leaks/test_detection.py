@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.filters.registry import start_memory
 from estimator.leaks.detection import OilAccountDetector, leak_flow
 from estimator.leaks.replaying import ReplayResult, replay
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
+from tools.drawn_rigs import drawn_rig
+from tools.simulated_recordings import TRUE_LEAKS, recorded
 
 Array = NDArray[np.float64]
 
@@ -79,16 +80,7 @@ def run(case: Case) -> Recording:
         spool_sensor=case.spool_sensor,
         supply_pressure_sensor=case.supply_sensor,
     )
-    model = Model()
-    loop = SimulatedLoop(
-        rig,
-        Motion(wanted, open_loop, faults, 0.3, 1500),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(ticks)
-    return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
+    return recorded(rig, Motion(wanted, open_loop, faults, 0.3, 1500))
 
 
 def leaking(leak: str, flow: float, **case: Any) -> Case:
@@ -102,9 +94,8 @@ def judged(case: Case) -> tuple[Recording, ReplayResult]:
 
 
 def true_flow(recording: Recording, leak: str) -> float:
-    channel = {"external_leakage_1": "1", "external_leakage_2": "2"}.get(leak, "internal")
     later = recording.time_s >= ONSET_S + 2.0
-    return float(np.abs(recording[f"true_leak_{channel}_m3_per_s"])[later].mean())
+    return float(np.abs(recording[TRUE_LEAKS[leak]])[later].mean())
 
 
 @pytest.mark.parametrize("leak", LEAKS)
@@ -136,18 +127,7 @@ def test_a_spring_in_the_way_does_not_hide_a_leak(leak: str) -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_healthy_rigs_of_all_kinds_stay_healthy(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    truth = NOMINAL._replace(
-        bulk_modulus=NOMINAL.bulk_modulus * rng.uniform(0.85, 1.15),
-        discharge_coefficient=NOMINAL.discharge_coefficient * rng.uniform(0.97, 1.03),
-        supply_pressure=NOMINAL.supply_pressure * rng.uniform(0.97, 1.03),
-        valve_natural_frequency=NOMINAL.valve_natural_frequency * rng.uniform(0.7, 1.3),
-        coulomb=NOMINAL.coulomb * rng.uniform(0.8, 1.2),
-        viscous=NOMINAL.viscous * rng.uniform(0.7, 1.3),
-        spool_null_bias=rng.uniform(-3e-6, 3e-6),
-        return_pressure=rng.uniform(0.0, 2e5),
-        spring_stiffness=rng.choice([0.0, 2e4]),
-    )
+    truth = drawn_rig(np.random.default_rng(seed))
     motion = ("sine", "steps", "multisine", "open loop")[seed % 4]
     _, result = judged(Case(motion, truth=truth, spool_sensor=seed % 3 > 0, seed=seed))
     assert {decision.verdict for _, decision in result.history[10:]} <= {"healthy", "inconclusive"}

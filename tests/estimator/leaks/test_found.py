@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from estimator.filters.registry import start_memory
 from estimator.leaks.detection import Decision
 from estimator.leaks.found import found_in
 from estimator.leaks.replaying import ReplayResult, replay
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.recording import Recording
+from tools.simulated_recordings import recorded
 
 DROP = {"external_leakage_1": 6.9e6, "external_leakage_2": 6.9e6, "internal_leakage": 2.5e6}
 HEALTHY = Decision("healthy")
@@ -30,16 +29,8 @@ def judged(leak: str, first_s: float, on_s: float, seed: int, motion: str) -> Re
         "multisine": 0.3 + 0.05 * sum(waves),
     }[motion]
     truth = NOMINAL._replace(spool_null_bias=1.5e-6, bulk_modulus=6.6e8, supply_droop=8e11)
-    model = Model()
-    loop = SimulatedLoop(
-        simulated_rig(Model(parameters=truth), seed),
-        Motion(wanted, False, faults, 0.3, 1500),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(time_s.size)
-    return replay(Recording({name: rows[:, i] for i, name in enumerate(loop.channels)}), model)
+    rig = simulated_rig(Model(parameters=truth), seed)
+    return replay(recorded(rig, Motion(wanted, False, faults, 0.3, 1500)), Model())
 
 
 @pytest.mark.parametrize("motion", ["sine", "multisine"])

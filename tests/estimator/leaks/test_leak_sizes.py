@@ -5,19 +5,17 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.accounts.joint_fit import around
-from estimator.filters.registry import start_memory
 from estimator.leaks.replaying import ReplayResult, replay
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
-from rig.recording import Recording
+from tools.simulated_recordings import TRUE_LEAKS, recorded
 
 Array = NDArray[np.float64]
 
 DROP = {"external_leakage_1": 6.9e6, "external_leakage_2": 6.9e6, "internal_leakage": 2.5e6}
-TRUE = ("true_leak_1_m3_per_s", "true_leak_2_m3_per_s", "true_leak_internal_m3_per_s")
 PHASES_S = (0.0, 0.1, 0.2, 0.3, 0.4)
 """From the beginning of a block to the onset in it; a block has 0.5 s."""
 
@@ -31,19 +29,12 @@ def judged(leak: str, flow: float, onset_s: float) -> tuple[float, ReplayResult]
     truth = NOMINAL._replace(
         spool_null_bias=1.5e-6, bulk_modulus=6.6e8, discharge_coefficient=0.606
     )
-    model, wanted = Model(), 0.3 + 0.15 * np.sin(np.pi * time_s + 0.1)
-    loop = SimulatedLoop(
-        simulated_rig(Model(parameters=truth), 1),
-        Motion(wanted, False, faults, 0.3, 1500),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(time_s.size)
-    recording = Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
+    wanted = 0.3 + 0.15 * np.sin(np.pi * time_s + 0.1)
+    rig = simulated_rig(Model(parameters=truth), 1)
+    recording = recorded(rig, Motion(wanted, False, faults, 0.3, 1500))
     later = time_s >= onset_s + 2.0
-    true = float(np.abs(recording[TRUE[LEAKS.index(leak)]][later]).mean())
-    return true, replay(recording, model)
+    true = float(np.abs(recording[TRUE_LEAKS[leak]][later]).mean())
+    return true, replay(recording, Model())
 
 
 @pytest.mark.parametrize("leak", LEAKS)

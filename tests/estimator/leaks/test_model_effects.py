@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from estimator.filters.product_lanes import ProductLanes
 from estimator.filters.product_model import DYNAMIC, STATE_COUNT, predict_product
-from estimator.filters.registry import start_memory
 from estimator.leaks.detection import draw_up
 from estimator.leaks.leak_test import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, replay, samples_of
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import NO_FAULT, NOMINAL, Model, Parameters
 from rig.plant.added_terms import AddedTerm, fields_of
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
+from tools.simulated_recordings import recorded
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ EFFECTS: Final = {
 
 
 @cache
-def recorded(effect: str, leak_L_per_min: float = 0.0, seconds: float = 16.0) -> Recording:  # noqa: N803
+def with_effect(effect: str, leak_L_per_min: float = 0.0, seconds: float = 16.0) -> Recording:  # noqa: N803
     """Return a run of a rig with an effect, and from `ONSET_S` on a leak of chamber 1."""
     model = Model().with_effect(effect, value=EFFECTS[effect]) if effect else Model()
     return of_model(model, leak_L_per_min, seconds)
@@ -59,10 +59,7 @@ def of_model(model: Model, leak_L_per_min: float = 0.0, seconds: float = 16.0) -
     waves = (np.sin(2.0 * np.pi * f * time_s + f * f * 9.0) for f in (0.2, 0.5, 0.9))
     motion = Motion(0.3 + 0.05 * sum(waves), False, faults, 0.3, 1500)
     rig = simulated_rig(model, 1, supply_pressure_sensor=False)
-    loop = SimulatedLoop(rig, motion, start_memory("product", Model()), NOMINAL)
-    loop.position()
-    rows = loop.advance(time_s.size)
-    return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
+    return recorded(rig, motion)
 
 
 @dataclass(frozen=True)
@@ -90,9 +87,9 @@ def worth(recording: Recording, model: Model) -> Worth:
 def test_the_model_with_the_effect_accounts_for_the_oil_and_the_nominal_one_does_not(
     effect: str,
 ) -> None:
-    usual = worth(recorded(""), Model())
-    informed = worth(recorded(effect), Model().with_effect(effect, value=EFFECTS[effect]))
-    nominal = worth(recorded(effect), Model())
+    usual = worth(with_effect(""), Model())
+    informed = worth(with_effect(effect), Model().with_effect(effect, value=EFFECTS[effect]))
+    nominal = worth(with_effect(effect), Model())
     assert informed.missing < usual.missing + 0.003
     assert informed.missing < 0.34 * nominal.missing
     assert (informed.pressure < 1.1 * usual.pressure).all()
@@ -105,7 +102,7 @@ def test_a_model_with_a_term_in_symbols_accounts_for_its_flow() -> None:
     )
     lost = Model(parameters=NOMINAL._replace(**fields_of((term,))))
     recording = of_model(lost)
-    assert worth(recording, lost).missing < worth(recorded(""), Model()).missing + 0.01
+    assert worth(recording, lost).missing < worth(with_effect(""), Model()).missing + 0.01
     assert worth(recording, Model()).missing > 0.1
 
 
@@ -114,8 +111,8 @@ def test_the_detector_with_the_effect_sees_no_leak_in_health_and_a_small_one_rig
     effect: str,
 ) -> None:
     model = Model().with_effect(effect, value=EFFECTS[effect])
-    assert replay(recorded(effect, seconds=30.0), model).decision.verdict == "healthy"
-    leaking = recorded(effect, 0.1, 30.0)
+    assert replay(with_effect(effect, seconds=30.0), model).decision.verdict == "healthy"
+    leaking = with_effect(effect, 0.1, 30.0)
     decision = replay(leaking, model).decision
     later = leaking.time_s >= ONSET_S + 2.0
     flow = float(np.abs(leaking["true_leak_1_m3_per_s"])[later].mean())

@@ -13,49 +13,35 @@ from estimator.accounts.flow import SPOOL_NOISE, AccountBlock
 from estimator.accounts.noise import sensor_noise
 from estimator.accounts.nuisances import NUISANCES
 from estimator.accounts.sums import MARKS
-from estimator.filters.registry import FilterRun, start_memory
+from estimator.filters.registry import FilterRun
 from estimator.leaks.detection import Decision, OilAccountDetector, draw_up
 from estimator.leaks.leak_test import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, part_of, samples_of, stretch
 from rig.io.simulated import simulated_rig
-from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.loop.simulated_loop import Motion
 from rig.plant import FAULTS, NOMINAL, Model, Parameters
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
+from tools.simulated_recordings import recorded
 
 Array = NDArray[np.float64]
 
 
-def recorded(truth: Parameters, seconds: float = 30.0, seed: int = 1) -> Recording:
+def in_steps(truth: Parameters, seconds: float = 30.0, seed: int = 1) -> Recording:
     """Return a healthy rig in steps of 1.5 s: half of the time its spool is at its null."""
     ticks = round(seconds * 1000.0)
     levels = np.random.default_rng(seed).uniform(0.15, 0.45, 100)
     setpoint = levels[(np.arange(ticks) // 1500).astype(int)]
-    model = Model()
-    loop = SimulatedLoop(
-        simulated_rig(Model(parameters=truth), seed),
-        Motion(setpoint, False, np.zeros((ticks, 8)), 0.3, 1500),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(ticks)
-    return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
+    motion = Motion(setpoint, False, np.zeros((ticks, 8)), 0.3, 1500)
+    return recorded(simulated_rig(Model(parameters=truth), seed), motion)
 
 
 def at_rest(seed: int, seconds: float = 30.0) -> Recording:
     """Return a rig that is the model, with its valve shut and its ram at rest."""
-    ticks, model = round(seconds * 1000.0), Model()
-    loop = SimulatedLoop(
-        simulated_rig(model, seed),
-        Motion(np.zeros(ticks), True, np.zeros((ticks, 8)), 0.3, 1500),
-        start_memory("product", model),
-        model.parameters,
-    )
-    loop.position()
-    rows = loop.advance(ticks)
-    return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})
+    ticks = round(seconds * 1000.0)
+    motion = Motion(np.zeros(ticks), True, np.zeros((ticks, 8)), 0.3, 1500)
+    return recorded(simulated_rig(Model(), seed), motion)
 
 
 def blocks_of(recording: Recording, run: FilterRun) -> list[AccountBlock]:
@@ -65,13 +51,13 @@ def blocks_of(recording: Recording, run: FilterRun) -> list[AccountBlock]:
 
 @pytest.fixture(scope="module")
 def sound() -> tuple[Recording, FilterRun]:
-    recording = recorded(NOMINAL)
+    recording = in_steps(NOMINAL)
     return recording, filter_recording(recording, Model())
 
 
 @pytest.mark.parametrize("bias", [-4e-6, 0.0, 2.5e-6])
 def test_the_null_bias_is_learnt_as_well_as_is_said(bias: float) -> None:
-    recording = recorded(NOMINAL._replace(spool_null_bias=bias))
+    recording = in_steps(NOMINAL._replace(spool_null_bias=bias))
     test = LeakTest(1.0)
     account = OilAccount(NOMINAL, test)
     assert test.null_bias() == (0.0, NUISANCES[0].sigma)
@@ -85,7 +71,7 @@ def test_the_null_bias_is_learnt_as_well_as_is_said(bias: float) -> None:
 def test_a_null_that_the_model_knows_opens_the_right_edges() -> None:
     """At a null of 9 um the wrong edges are worth 0.04 L/min here."""
     truth = NOMINAL._replace(spool_null_bias=9e-6)
-    recording = recorded(truth)
+    recording = in_steps(truth)
     test = LeakTest(1.0)
     run = filter_recording(recording, Model(parameters=truth))
     blocks = draw_up(OilAccount(truth, test), samples_of(recording), run)
@@ -131,7 +117,7 @@ def test_a_recording_that_begins_without_a_sensor_is_judged_from_when_it_has_it(
 
 def test_a_leak_that_the_model_has_is_none() -> None:
     truth = NOMINAL._replace(internal_leakage=3e-9, external_leakage_1=2e-9)
-    recording = recorded(truth)
+    recording = in_steps(truth)
     model = Model(parameters=truth)
     account = OilAccount(truth, LeakTest(1.0))
     run = filter_recording(recording, model)
@@ -210,7 +196,7 @@ def test_a_null_that_wanders_raises_no_alarm(
 
 def test_noise_that_lasts_is_allowed_for() -> None:
     """At 200 a day, 40 runs of a minute allow 5.6 alarms; noise of 0.3 L/min dwarfs the budget."""
-    recording = recorded(NOMINAL)
+    recording = in_steps(NOMINAL)
     series = repeated(blocks_of(recording, filter_recording(recording, Model()))[6:54], 120)
     alarms = 0
     for seed in range(40):

@@ -12,7 +12,8 @@ from scipy import stats
 from rig.lanes import LANES, anywhere, everywhere, gather, load, load_fields, scatter, select, store
 from rig.lanes.normal import fill_normal, start_streams
 from rig.plant.dynamics import rates, valve_flows
-from rig.plant.parameters import NOMINAL, Parameters
+from rig.plant.parameters import Parameters
+from tools.drawn_rigs import drawn_rig
 
 Array = NDArray[np.float64]
 EXPONENTS = np.concatenate([np.linspace(-708.0, 0.0, 4001), -np.geomspace(1e-12, 30.0, 2007)])
@@ -122,16 +123,7 @@ def test_the_plants_rates_are_the_same_in_lanes(law: float) -> None:
     scale = np.array([1e-4, 0.1, 5e6, 5e6, 0.4, 0.3, 1e-4, 1e6, 1e5])
     centre = np.array([0.0, 0.0, 3e6, 3e6, 0.3, 0.0, 0.0, 13e6, 2e5])
     states = centre + scale * rng.uniform(-1.0, 1.0, (LANES, 9))
-    rigs = [
-        NOMINAL._replace(
-            friction_law=law,
-            friction_asymmetry=rng.uniform(-200.0, 200.0),
-            entrained_air=rng.choice([0.0, 0.005]),
-            spring_stiffness=rng.choice([0.0, 2e4]),
-            supply_droop=rng.choice([0.0, 1e12]),
-        )
-        for _ in range(LANES)
-    ]
+    rigs = [drawn_rig(rng)._replace(friction_law=law) for _ in range(LANES)]
     fault = np.zeros((1, LANES))
     fault[0, 3] = 1e-9
     out = np.empty((9, LANES))

@@ -21,7 +21,7 @@ from estimator.gap.verdict.workflow import find_gap
 from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.recording import Recording
-from tools.friction_coverage import recorded
+from tools.simulated_recordings import recorded_healthy
 
 Array = NDArray[np.float64]
 PLANT = servo_actuator(Model())
@@ -32,7 +32,7 @@ CHANNELS = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa
 def moved(seconds: float = 6.0, amplitude: float = 0.05) -> Recording:
     """A sine in closed loop of the nominal rig."""
     time_s = TICK * np.arange(round(seconds / TICK))
-    recording = recorded(NOMINAL, 0.3 + amplitude * np.sin(3.0 * time_s), False, 1)
+    recording = recorded_healthy(NOMINAL, 0.3 + amplitude * np.sin(3.0 * time_s), False, 1)
     return Recording({name: recording[name] for name in CHANNELS})
 
 

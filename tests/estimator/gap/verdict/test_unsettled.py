@@ -19,7 +19,7 @@ from estimator.gap.verdict.unsettled import Unsettled, compared, unsettled
 from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.recording import Recording
-from tools.friction_coverage import recorded
+from tools.simulated_recordings import recorded_healthy
 
 Array = NDArray[np.float64]
 PLANT = servo_actuator(Model())
@@ -39,7 +39,7 @@ def twin(pool: ThreadPoolExecutor) -> Record:
     """12 s of a rig that is the model, driven to and fro with rests between."""
     time_s = TICK * np.arange(12000)
     asked = np.where(time_s % 3.0 < 1.5, 0.05 * np.sin(8.0 * time_s), 0.0)
-    whole = recorded(NOMINAL, 0.3 + asked, False, 1)
+    whole = recorded_healthy(NOMINAL, 0.3 + asked, False, 1)
     return record_of(Recording({name: whole[name] for name in CHANNELS}), PLANT)
 
 
@@ -132,7 +132,7 @@ def test_an_opening_between_the_chambers_is_found_across_the_piston(
 ) -> None:
     time_s = TICK * np.arange(8000)
     setpoint = 0.3 + 0.05 * np.sin(4.0 * time_s)
-    whole = recorded(NOMINAL._replace(internal_leakage=LEAK), setpoint, False, 1)
+    whole = recorded_healthy(NOMINAL._replace(internal_leakage=LEAK), setpoint, False, 1)
     record = record_of(Recording({name: whole[name] for name in CHANNELS}), PLANT)
     filtered = Fitter(Predictor(PLANT), [record], pool).filtered(PLANT.nominal)
     found = attribution(filtered, PLANT.nominal, ())

@@ -26,7 +26,7 @@ from rig.plant.added_terms import AddedTerm, fields_of, terms_of
 from rig.plant.integrator import TICK
 from rig.recording import Recording, export
 from rig.report.gap.words import headline
-from tools.friction_coverage import recorded
+from tools.simulated_recordings import recorded_healthy
 
 Invoke = Callable[..., Any]
 FILES = {"model.yaml", "report.html", "gap.json"}
@@ -40,7 +40,7 @@ def motion(rate: float, seconds: float, bias: float = BIAS) -> Recording:
     time_s = TICK * np.arange(round(seconds / TICK))
     setpoint = 0.3 + 0.04 * np.sin(rate * time_s) + 0.01 * np.sin(4.3 * rate * time_s)
     rig: Parameters = NOMINAL._replace(spool_null_bias=bias)
-    whole = recorded(rig, setpoint, False, 1)
+    whole = recorded_healthy(rig, setpoint, False, 1)
     return Recording({name: whole[name] for name in CHANNELS})
 
 
