@@ -10,13 +10,16 @@ Not undone: `pressure_lag` (its inverse would multiply the noise by lag over tic
 `supply_ripple` (a transducer shows it, and its phase is no rig's).
 """
 
-from typing import Final
-
 from rig.lanes import select
-from rig.plant import TICK, delayed_command, inlined, inner, lapped, play, valve_conductance
-
-REFERENCE: Final = 1
-"""Index of the spool's reference behind its play, in a path of `rig.plant.command_effects`."""
+from rig.plant import (
+    TICK,
+    command_through_play,
+    delayed_command,
+    inlined,
+    inner,
+    lapped,
+    valve_conductance,
+)
 
 
 @inlined
@@ -46,10 +49,7 @@ def acting_command(path, command, par):
     if par.command_delay != 0.0:
         before, after, late = delayed_command(path, command, par.command_delay)
         command = after + (before - after) * (late / TICK)
-    if par.valve_hysteresis != 0.0:
-        path[REFERENCE] = play(path[REFERENCE], par.valve_gain * command, par.valve_hysteresis)
-        command = path[REFERENCE] / par.valve_gain
-    return command
+    return command_through_play(path, command, par)
 
 
 @inlined

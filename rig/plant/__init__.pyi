@@ -16,11 +16,11 @@ from .command_effects import (
     LONGEST_DELAY_TICKS as LONGEST_DELAY_TICKS,
     PATH_SIZE as PATH_SIZE,
     command_path as command_path,
+    command_through_play as command_through_play,
     delayed_command as delayed_command,
     drive as drive,
     drive_undelayed as drive_undelayed,
     hold_reference as hold_reference,
-    play as play,
     start_clock as start_clock,
 )
 from .compiled import compile_part as compile_part, inlined as inlined, inner as inner
@@ -63,6 +63,12 @@ from .integrator import (
     SUBSTEPS as SUBSTEPS,
     TICK as TICK,
     next_step as next_step,
+)
+from .memory_laws import (
+    NO_FRACTION as NO_FRACTION,
+    lagged as lagged,
+    play as play,
+    whole_ticks as whole_ticks,
 )
 from .model import Model as Model
 from .parameters import (

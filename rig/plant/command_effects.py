@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .compiled import inlined, inner, with_field
 from .integrator import TICK, advance
+from .memory_laws import NO_FRACTION, play, whole_ticks
 from .parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -30,8 +31,6 @@ the history is the newest, and the commands of the last 20 ms and of now (V)."""
 
 _PIECES: Final = 4
 """Parts of the longest step in which a rippling supply is followed; 8 of a tick."""
-_NO_FRACTION: Final = 1e-6
-"""Part of a tick below which a delay is one of whole ticks."""
 _SUPPLY_PRESSURE: Final = Parameters._fields.index("supply_pressure")
 
 
@@ -49,7 +48,7 @@ def command_path(
     path = np.full(PATH_SIZE, float(command))
     path[_TIME], path[_NEWEST] = time_s, 0.0
     half, asked = parameters.valve_hysteresis, parameters.valve_gain * command
-    path[_REFERENCE] = min(max(spool, asked - half), asked + half)
+    path[_REFERENCE] = play.py_func(spool, asked, half)
     return path
 
 
@@ -64,9 +63,12 @@ def hold_reference(path: Array, spool: float) -> None:
 
 
 @inlined
-def play(follower, leader, half_width):
-    """Return where a follower in m is that its leader takes along at the ends of a play."""
-    return min(max(follower, leader - half_width), leader + half_width)
+def command_through_play(path, command, par):
+    """Return the command in V of the spool's reference, which a command takes along in its play."""
+    if par.valve_hysteresis == 0.0:
+        return command
+    path[_REFERENCE] = play(path[_REFERENCE], par.valve_gain * command, par.valve_hysteresis)
+    return path[_REFERENCE] / par.valve_gain
 
 
 @inner
@@ -75,10 +77,10 @@ def delayed_command(path, command, delay):
     newest = (int(path[_NEWEST]) + 1) % _HISTORY
     path[_NEWEST] = newest
     path[_COMMANDS + newest] = command
-    whole = int(delay / TICK + _NO_FRACTION)
+    whole = int(whole_ticks(delay / TICK))
     late = delay - whole * TICK
     acting = path[_COMMANDS + (newest - whole) % _HISTORY]
-    if late < _NO_FRACTION * TICK:
+    if late < NO_FRACTION * TICK:
         return acting, acting, 0.0
     return path[_COMMANDS + (newest - whole - 1) % _HISTORY], acting, late
 
@@ -101,10 +103,7 @@ def _rippled(time, step, par):
 @inner
 def _drive_for(state, path, command, par, fault, duration, substeps):
     """Advance plant and path over a time in s in which a command (V) acts."""
-    driven = command
-    if par.valve_hysteresis != 0.0:
-        path[_REFERENCE] = play(path[_REFERENCE], par.valve_gain * command, par.valve_hysteresis)
-        driven = path[_REFERENCE] / par.valve_gain
+    driven = command_through_play(path, command, par)
     ripples = par.supply_ripple != 0.0
     supply, pieces, steps = par.supply_pressure, 1, substeps
     if ripples:

@@ -12,9 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .command_effects import LONGEST_DELAY_TICKS, play
+from .command_effects import LONGEST_DELAY_TICKS
 from .compiled import inlined, inner
 from .integrator import TICK
+from .memory_laws import lagged, play
 from .parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -60,10 +61,7 @@ def _follow_pressures(seen, state, lag, step):
     kept = exp(-step / lag)
     for i in range(2):
         pressure = max(state[2 + i], 0.0)
-        behind = (pressure - seen[_LAST + i]) * (lag / step)
-        seen[_LAGGED + i] = (
-            pressure - behind + kept * (seen[_LAGGED + i] - seen[_LAST + i] + behind)
-        )
+        seen[_LAGGED + i] = lagged(seen[_LAGGED + i], seen[_LAST + i], pressure, lag / step, kept)
         seen[_LAST + i] = pressure
 
 

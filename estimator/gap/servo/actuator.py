@@ -37,6 +37,7 @@ from rig.plant import (
     command_path,
     drive,
     follow,
+    lagged,
     quantities,
     reading_means,
     seen_position,
@@ -77,13 +78,11 @@ def _drive(inputs, memory, parameters):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _lagging(seen, before, pressure, par):
-    """Return a pressure in Pa behind its lag, one tick later (`rig.plant.transducer_effects`)."""
+    """Return a pressure in Pa behind its lag, one tick later."""
     lag = par.pressure_lag
     if lag == 0.0:
         return pressure
-    after = max(pressure, 0.0)
-    behind = (after - before) * (lag / TICK)
-    return after - behind + exp(-TICK / lag) * (seen - before + behind)
+    return lagged(seen, before, max(pressure, 0.0), lag / TICK, exp(-TICK / lag))
 
 
 @njit(STEP, cache=True, error_model="numpy")

@@ -1,8 +1,10 @@
 """The rig's own plant side by side in lanes (`rig.lanes`): eight runs, or one and its slopes.
 
-The same physics as `actuator`, to the last digits: each lane has its own state, parameters
-and memory, and takes the integration steps that its own motion asks for. Of what `command_path` and
-`transducers` keep, the memory here holds what samples that follow one another need: no times.
+The same physics as `actuator`, to the last digits, by the same laws (`rig.plant.memory_laws`): each
+lane has its own state, parameters and memory, and takes the integration steps that its own motion
+asks for. Of what `command_path` and `transducers` keep, the memory here holds what samples that
+follow one another need: no times. So the last samples are looked up by their number here, and by
+their time there, where the emulated rig is looked at whenever anybody asks.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,15 +26,18 @@ from rig.lanes import align_stack, anywhere, gather, load, load_fields, select, 
 from rig.plant import (
     LONGEST_DELAY_TICKS,
     NO_FAULT,
+    NO_FRACTION,
     SHORTEST,
     SUBSTEPS,
     TICK,
     Parameters,
     inlined,
+    lagged,
     next_step,
     play,
     reading_means,
     resolving_step,
+    whole_ticks,
 )
 
 from .memory import SEEN_1, SEEN_2, parameters_of
@@ -58,9 +63,6 @@ _REMEMBERED: Final = _STEPPED + 1
 _CORRECTED: Final = _REMEMBERED + 1
 _MEMORY: Final = _CORRECTED + 1
 
-_NO_FRACTION: Final = 1e-6
-"""Part of a tick below which a delay is one of whole ticks (`rig.plant.command_effects`)."""
-
 
 def _begin(states: Array, inputs: Array, values: Sequence[Mapping[str, float]]) -> Array:
     """Return the memory (rows, LANES) of rigs long in their states (states, LANES)."""
@@ -69,7 +71,7 @@ def _begin(states: Array, inputs: Array, values: Sequence[Mapping[str, float]]) 
     memory[_COMMANDS : _COMMANDS + _KEPT] = command
     half = np.array([each["valve_hysteresis"] for each in values])
     asked = np.array([each["valve_gain"] for each in values]) * command
-    memory[_REFERENCE] = np.minimum(np.maximum(states[0], asked - half), asked + half)
+    memory[_REFERENCE] = [play.py_func(*each) for each in zip(states[0], asked, half, strict=True)]
     memory[_ENCODERS : _ENCODERS + _KEPT] = states[4]
     memory[_REMEMBERED] = states[4]
     return memory
@@ -91,9 +93,9 @@ def _kept(memory, first, back):
 @inlined
 def _ticks(delay):
     """Return the whole ticks of a delay in s, and what is left of it, in ticks."""
-    whole = floor(delay * (1.0 / TICK) + _NO_FRACTION)
+    whole = whole_ticks(delay * (1.0 / TICK))
     part = delay * (1.0 / TICK) - whole
-    return whole, select(part < _NO_FRACTION, 0.0, part)
+    return whole, select(part < NO_FRACTION, 0.0, part)
 
 
 @inlined
@@ -121,10 +123,8 @@ def _advance(states, command, par, duration):
 
 @inlined
 def _lagging(seen, before, pressure, lag):
-    """Return pressures in Pa behind their lags, one tick later (`rig.plant.transducer_effects`)."""
-    after = max(pressure, 0.0)
-    behind = (after - before) * (lag * (1.0 / TICK))
-    later = after - behind + exp(-TICK / lag) * (seen - before + behind)
+    """Return pressures in Pa behind their lags, one tick later."""
+    later = lagged(seen, before, max(pressure, 0.0), lag * (1.0 / TICK), exp(-TICK / lag))
     return select(lag == 0.0, pressure, later)
 
 
@@ -194,10 +194,10 @@ def _kind(values: Mapping[str, float]) -> tuple[float, ...] | None:
     """
     if values["supply_ripple"] != 0.0:
         return None
-    ticks = values["command_delay"] / TICK + _NO_FRACTION
+    ticks = values["command_delay"] / TICK + NO_FRACTION
     return (
         values["friction_law"],
-        float(ticks % 1.0 >= 2.0 * _NO_FRACTION),
+        float(ticks % 1.0 >= 2.0 * NO_FRACTION),
         float(any(values[name] != 0.0 for name in _LAPS)),
         float(values["entrained_air"] != 0.0),
         *(values[name] for name in _TERM_KINDS),
