@@ -17,6 +17,8 @@ from rig.loop.lane_ticks import (
     MOST_STEPS,
     NOISE_COUNT,
     READING_COUNT,
+    LaneRigs,
+    LoopSetting,
     plant_ticks,
     reading_ticks,
 )
@@ -80,11 +82,11 @@ class SimulatedLanes:
         at_rest = [rest_state(rig, x) for rig, x in zip(rigs, positions, strict=True)]
         self.rigs = tuple(rigs)
         self.plant = _by_lane(at_rest)
-        self._parameters = _by_lane(rigs)
-        self._faults = _by_lane(faults)
-        self._onset = np.array([onsets], dtype=np.float64)
+        onset = np.array([onsets], dtype=np.float64)
+        self._lanes = LaneRigs(self.plant, _by_lane(rigs), _by_lane(faults), onset)
         self._sensors = sensors
-        self._gain, self._limit = gain, limit
+        self._loop = LoopSetting(gain, limit, LONGEST_STEP)
+        self._ticks = 0
         self._streams = start_streams(seeds)
         self._log = empty_lanes(_BATCH * MOST_STEPS * LOGGED).reshape((-1, LOGGED, LANES))
 
@@ -109,19 +111,18 @@ class SimulatedLanes:
         ticks = setpoint.shape[0]
         rows = empty_lanes(ticks)
         enough = plant_ticks(
-            np.ascontiguousarray(setpoint), np.ascontiguousarray(open_loop), self._gain,
-            self._limit, LONGEST_STEP, self._faults, self._onset, self.plant, self._parameters,
-            self.rigs[0], self._sensors, self._log, rows,
+            self._ticks, np.ascontiguousarray(setpoint), np.ascontiguousarray(open_loop),
+            self._loop, self._lanes, self.rigs[0], self._sensors, self._log, rows,
         )  # fmt: skip
         if not enough:
             raise RuntimeError(
                 f"a rig needed more than {MOST_STEPS} steps a millisecond throughout"
             )
-        self._onset -= ticks
+        self._ticks += ticks
         noise = empty_lanes(ticks * NOISE_COUNT)
         fill_normal(self._streams, noise)
         reading_ticks(
-            self._log, rows, noise, self._parameters, self.rigs[0], self._sensors, readings
+            self._log, rows, noise, self._lanes.parameters, self.rigs[0], self._sensors, readings
         )  # fmt: skip
 
 

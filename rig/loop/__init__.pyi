@@ -41,6 +41,8 @@ from .lane_ticks import (
     PRESSURE_1 as PRESSURE_1,
     PRESSURE_2 as PRESSURE_2,
     RETURN as RETURN,
+    LaneRigs as LaneRigs,
+    LoopSetting as LoopSetting,
     plant_ticks as plant_ticks,
     reading_ticks as reading_ticks,
 )

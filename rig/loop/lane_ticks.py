@@ -7,9 +7,11 @@ loop needs the encoder only, which has no noise, so that the other transducers c
 tick by tick.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from rig.io import FAST_INPUTS
 from rig.lanes import align_stack, anywhere, gather, load, load_fields, scatter, select, store
@@ -56,6 +58,30 @@ _SUPPLY: Final = PlantState._fields.index("supply_pressure")
 _RETURN: Final = PlantState._fields.index("return_pressure")
 
 
+class LoopSetting(NamedTuple):
+    """How simulated rigs are driven, and how finely they are simulated."""
+
+    gain: float
+    """Of the position loop, V/m."""
+    limit: float
+    """Greatest command of either sign, V."""
+    longest_step: float
+    """Of the integration, s; `rig.plant.integrator.LONGEST_STEP` to a tick."""
+
+
+class LaneRigs(NamedTuple):
+    """Rigs in lanes."""
+
+    plant: NDArray[np.float64]
+    """(9, LANES) true states, `PlantState`; they are updated."""
+    parameters: NDArray[np.float64]
+    """(fields, LANES), `Parameters` of each rig, all of one friction law."""
+    faults: NDArray[np.float64]
+    """(8, LANES) coefficients (`rig.plant.faults.FaultInput`)."""
+    onset: NDArray[np.float64]
+    """(1, LANES), tick from which on they act."""
+
+
 @inlined
 def _store_states(plant, y):
     """Write the states `y` (lanes) to an array (9, LANES)."""
@@ -99,23 +125,16 @@ def _faults_at(faults, acts):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def plant_ticks(
-    setpoint, open_loop, gain, limit, longest_step, faults, onset, plant, parameters, like, sensors,
-    log, rows,
-):  # fmt: skip
+def plant_ticks(first, setpoint, open_loop, loop, rigs, like, sensors, log, rows):
     """Advance plants and position loops by as many ticks as there are setpoints.
 
     Args:
+        first: number of the first tick.
         setpoint: (ticks, LANES) in m, or in V in open loop.
         open_loop: (1, LANES) for all ticks or (ticks, LANES), not 0 where the setpoint is the
             command.
-        gain: of the position loop, V/m.
-        limit: greatest command of either sign, V.
-        longest_step: of the integration, s; `rig.plant.integrator.LONGEST_STEP` to a tick.
-        faults: (8, LANES) coefficients (`rig.plant.faults.FaultInput`).
-        onset: (1, LANES), ticks from now until they act.
-        plant: (9, LANES) true states, `PlantState`; updated.
-        parameters: (fields, LANES), `Parameters` of each rig.
+        loop: `LoopSetting`.
+        rigs: `LaneRigs`; their plants are updated.
         like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
         log: (steps, `LOGGED` or `LOGGED_OF_CHAMBERS`, LANES), to be filled; `MOST_STEPS` steps a
@@ -126,20 +145,23 @@ def plant_ticks(
         Whether the log was long enough.
     """
     align_stack()
-    par = load_fields(parameters, like, _FRICTION_LAW)
+    plant = rigs.plant
+    par = load_fields(rigs.parameters, like, _FRICTION_LAW)
     ticks, always = setpoint.shape[0], open_loop.shape[0] == 1
+    gain, limit, longest_step = loop
     shortest = SHORTEST * longest_step
+    until_onset = load(rigs.onset, 0) - first
     y = (
         load(plant, 0), load(plant, 1), load(plant, 2), load(plant, 3), load(plant, 4),
         load(plant, 5), load(plant, 6), load(plant, 7), load(plant, 8),
     )  # fmt: skip
-    nothing = 0.0 * load(onset, 0)
+    nothing = 0.0 * load(rigs.onset, 0)
     next_tick, remaining, longest, command = nothing, nothing, nothing, nothing
     for row in range(log.shape[0]):
         begins = (remaining <= 0.0) & (next_tick < ticks)
         tick = min(next_tick, ticks - 1.0)
         next_tick = select(begins, next_tick + 1.0, next_tick)
-        fault = _faults_at(faults, next_tick > load(onset, 0))
+        fault = _faults_at(rigs.faults, next_tick > until_onset)
         if anywhere(begins):
             position = encoder_position(par.position_gain * y[_POSITION], sensors)
             asked = gather(setpoint, tick)

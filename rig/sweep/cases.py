@@ -21,7 +21,7 @@ from .drawing import Cases, still_case
 from .group import Group, groups_of
 from .pattern_lanes import judged_by_pattern
 from .setting import Figures, Setting, SweepError
-from .ticks import BLOCK, SUMS, thesis7_cases
+from .ticks import BLOCK, SUMS, Thesis7Lanes, thesis7_cases
 
 Array = NDArray[np.float64]
 
@@ -63,20 +63,21 @@ def run_thesis7(group: Group) -> Array:
     Raises:
         SweepError: a rig needed more integration steps than there may be.
     """
-    setting, motions = group.setting, group.motions
+    setting = group.setting
     x, covariance = initial_state(with_load=True)
-    sums = aligned(np.zeros((setting.blocks, len(SUMS), LANES)))
-    enough = thesis7_cases(
-        setting.ticks, AHEAD, motions.sines, motions.levels, motions.ends, group.open_loop,
-        setting.gain, setting.limit, setting.longest_step_s, group.plant, group.parameters,
-        setting.like, setting.sensors, group.faults, group.onset, group.noise, group.stream(0),
+    filters = Thesis7Lanes(
         aligned(np.repeat(x[:, None], LANES, axis=1)),
         aligned(np.repeat(covariance[:, :, None], LANES, axis=2)),
-        setting.model.parameters, sums,
+        np.zeros((1, LANES)),
+        aligned(np.zeros((setting.blocks, len(SUMS), LANES))),
+    )
+    enough = thesis7_cases(
+        AHEAD, group.rigs, group.lanes, filters, setting.loop, setting.like, setting.sensors,
+        setting.model.parameters,
     )  # fmt: skip
     if not enough:
         raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")
-    return sums
+    return filters.sums
 
 
 def judge_cases(setting: Setting, cases: Cases) -> Figures:

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.lanes import LANES, aligned, start_streams
+from rig.loop import LaneRigs
 from rig.plant import NO_FAULT, Parameters, rest_state
 
 from .drawing import Cases
 from .motions import AMPLITUDE, PHASE, SINE_ROWS, Motions
 from .setting import Setting
-from .ticks import scale_sines
+from .ticks import CaseLanes, scale_sines
 
 Array = NDArray[np.float64]
 
@@ -36,15 +37,19 @@ class Group:
         cases, at = self.cases, self.at
         self.motions = cases.motions.of(at)
         scale_sines(self.motions.sines, self.motions.peak[None, :].copy(), self.setting.ticks)
-        self.parameters = aligned(cases.parameters[:, at])
-        self.faults = np.zeros((len(NO_FAULT), LANES))
-        self.faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
-        self.onset = cases.onset_tick[at][None, :].copy()
-        self.noise = cases.noise[at][None, :].copy()
-        self.open_loop = self.motions.open_loop[None, :].copy()
-        rigs = [Parameters(*map(float, column)) for column in self.parameters.T]
+        parameters = aligned(cases.parameters[:, at])
+        rigs = [Parameters(*map(float, column)) for column in parameters.T]
         at_rest = [rest_state(rig, x) for rig, x in zip(rigs, self._starts(), strict=True)]
-        self.plant = aligned(np.transpose(at_rest))
+        faults = np.zeros((len(NO_FAULT), LANES))
+        faults[: cases.coefficients.shape[0]] = cases.coefficients[:, at]
+        onset = cases.onset_tick[at][None, :].copy()
+        self.rigs = LaneRigs(aligned(np.transpose(at_rest)), parameters, faults, onset)
+        motions = self.motions
+        self.lanes = CaseLanes(
+            motions.sines, motions.levels, motions.ends, np.zeros((1, LANES)),
+            motions.open_loop[None, :].copy(), cases.noise[at][None, :].copy(), self._stream(0),
+            self._stream(1),
+        )  # fmt: skip
 
     def _starts(self) -> Array:
         """Return where each ram rests at first: where its setpoint begins, m."""
@@ -53,7 +58,7 @@ class Group:
         begins = self.motions.levels[0] + waves.sum(axis=0)
         return np.where(self.motions.open_loop != 0.0, self.setting.middle, begins)
 
-    def stream(self, row: int) -> NDArray[np.uint64]:
+    def _stream(self, row: int) -> NDArray[np.uint64]:
         """Return the start of a stream of noise, of which `Cases.seeds` has a row."""
         return start_streams([int(seed) for seed in self.cases.seeds[row, self.at]])
 

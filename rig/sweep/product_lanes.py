@@ -59,9 +59,6 @@ class _Bench:
 
     def __init__(self, group: Group) -> None:
         self._group = group
-        self._level = np.zeros((1, LANES))
-        self._until_onset = group.onset.copy()
-        self._streams = group.stream(0), group.stream(1)
         steps = (BLOCK + 1) * MOST_STEPS
         self._log = empty_lanes(steps * LOGGED).reshape((steps, LOGGED, LANES))
         self.flow = np.zeros((1, LANES))
@@ -69,13 +66,10 @@ class _Bench:
     def readings(self, first: int, ticks: int) -> Array:
         """Return the readings (ticks, 6, LANES) from tick `first` on."""
         group, setting = self._group, self._group.setting
-        motions = group.motions
         readings = np.empty((ticks, len(LANE_READINGS), LANES))
         enough = reading_block(
-            first, motions.sines, motions.levels, motions.ends, self._level, group.open_loop,
-            setting.gain, setting.limit, setting.longest_step_s, group.plant, group.parameters,
-            setting.like, setting.sensors, group.faults, self._until_onset, group.onset,
-            group.noise, *self._streams, self._log, readings, self.flow,
+            first, group.rigs, group.lanes, setting.loop, setting.like, setting.sensors, self._log,
+            readings, self.flow,
         )  # fmt: skip
         if not enough:
             raise SweepError(f"{group.names}: a rig needed too many integration steps throughout")

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.configuration import Sweep, SweepFilter
+from rig.loop import LoopSetting
 from rig.plant import Model, Parameters, SensorParameters
 
 from .ticks import BLOCK
@@ -34,9 +35,7 @@ class Setting:
     filter_name: SweepFilter
     false_alarms_per_day: float
     ticks: int
-    gain: float
-    limit: float
-    longest_step_s: float
+    loop: LoopSetting
     middle: float
     has_spool: bool
     has_supply: bool
@@ -57,9 +56,7 @@ def setting_of(sweep: Sweep) -> Setting:
         filter_name=sweep.filter_name,
         false_alarms_per_day=sweep.false_alarms_per_day,
         ticks=sweep.ticks,
-        gain=base.gain_V_per_m,
-        limit=base.limits.command_V,
-        longest_step_s=sweep.longest_step_s,
+        loop=LoopSetting(base.gain_V_per_m, base.limits.command_V, sweep.longest_step_s),
         middle=0.5 * (base.limits.position_min_m + base.limits.position_max_m),
         has_spool=base.has_spool_sensor,
         has_supply=base.has_supply_pressure_sensor,

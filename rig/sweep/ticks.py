@@ -5,9 +5,11 @@ thesis's moving averages follow.
 """
 
 from math import floor
-from typing import Final
+from typing import Final, NamedTuple
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from estimator.filters import thesis7_step
 from rig.lanes import (
@@ -62,10 +64,47 @@ _SEEN: Final = 10
 _SETTLED: Final = 2000.0
 """Ticks after the onset from which on a leak's flow counts (the command-line contract)."""
 
+_OUTPUTS: Final = 9
+"""Of the filter at each tick."""
+
 _FRICTION_LAW: Final = Parameters._fields.index("friction_law")
 _ROUNDING_S: Final = 1e-9
 """Added to a time before its step is looked up, as in `control.setpoints.held`: without it a step
 could come a tick late."""
+
+
+class CaseLanes(NamedTuple):
+    """What the rigs of cases in lanes are asked, and what noise their transducers have."""
+
+    sines: NDArray[np.float64]
+    """(4 s, LANES), of setpoints as `rig.sweep.motions.Motions` has them."""
+    levels: NDArray[np.float64]
+    """(k, LANES)."""
+    ends: NDArray[np.float64]
+    """(k, LANES), s."""
+    level: NDArray[np.float64]
+    """(1, LANES), which level is held; it is updated."""
+    open_loop: NDArray[np.float64]
+    """(1, LANES), not 0 where the setpoint is the command."""
+    scale: NDArray[np.float64]
+    """(1, LANES), factor on the transducers' deviations."""
+    pressures: NDArray[np.uint64]
+    """(4, LANES), the stream of the pressures' noise; it is updated."""
+    others: NDArray[np.uint64]
+    """(4, LANES), the stream of the other transducers' noise; it is updated."""
+
+
+class Thesis7Lanes(NamedTuple):
+    """The seven-state filters of the thesis in lanes, all of it updated."""
+
+    x: NDArray[np.float64]
+    """(7, LANES) states."""
+    covariance: NDArray[np.float64]
+    """(7, 7, LANES)."""
+    held: NDArray[np.float64]
+    """(1, LANES), command since the last tick, V."""
+    sums: NDArray[np.float64]
+    """(blocks, 6, LANES), to be filled: `SUMS` of each block."""
 
 
 @inlined
@@ -140,38 +179,30 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def thesis7_ticks(
-    first, log, rows, noise, scale, parameters, like, sensors, faults, onset,
-    x, covariance, held, assumed, out, sums,
-):  # fmt: skip
+def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed):
     """Run the seven-state filter of the thesis over a block of ticks, and sum up its figures.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
         log: of `plant_ticks`, of chambers.
         rows: (ticks, LANES), of `plant_ticks`.
-        noise: (ticks, 2, LANES) standard normal numbers, of both pressures.
-        scale: (1, LANES), factor on the transducers' deviations.
-        parameters: (fields, LANES), `Parameters` of each rig.
+        rigs: `LaneRigs`.
+        cases: `CaseLanes`; the stream of the pressures' noise is updated.
+        filters: `Thesis7Lanes`, updated.
         like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
-        faults: (8, LANES) coefficients.
-        onset: (1, LANES), tick from which on they act.
-        x: (7, LANES) states, updated.
-        covariance: (7, 7, LANES), updated.
-        held: (1, LANES), command since the last tick in V, updated.
         assumed: `Parameters` that all filters assume.
-        out: scratch (9, LANES), outputs of the last tick.
-        sums: (6, LANES), to be filled: `SUMS`.
     """
     align_stack()
-    par = load_fields(parameters, like, _FRICTION_LAW)
-    deviation = sensors.pressure_noise * load(scale, 0)
-    command = load(held, 0)
+    par = load_fields(rigs.parameters, like, _FRICTION_LAW)
+    deviation = sensors.pressure_noise * load(cases.scale, 0)
+    command = load(filters.held, 0)
     nothing = 0.0 * command
     sum_1, sum_2, square_x, square_1, square_2, flow = (
         nothing, nothing, nothing, nothing, nothing, nothing,
     )  # fmt: skip
+    noise, out = empty_lanes(2 * rows.shape[0]), empty_lanes(_OUTPUTS)
+    fill_normal(cases.pressures, noise)
     outputs = in_lanes(out)
     for k in range(rows.shape[0]):
         row, drawn = load(rows, k) * LOGGED_OF_CHAMBERS, 2 * k
@@ -181,8 +212,8 @@ def thesis7_ticks(
         z_1 = pressure_reading(shown.pressure_1, deviation * load(noise, drawn), sensors)
         z_2 = pressure_reading(shown.pressure_2, deviation * load(noise, drawn + 1), sensors)
         if first + k > 0:
-            thesis7_step(in_lanes(x), in_lanes(covariance), command, position, z_1, z_2, assumed,
-                         outputs)  # fmt: skip
+            thesis7_step(in_lanes(filters.x), in_lanes(filters.covariance), command, position,
+                         z_1, z_2, assumed, outputs)  # fmt: skip
             e_x, e_1, e_2 = outputs[0], outputs[1], outputs[2]
             sum_1 += abs(e_1)
             sum_2 += abs(e_2)
@@ -191,8 +222,9 @@ def thesis7_ticks(
             square_2 += e_2 * e_2 / outputs[8]
         command = gather(log, row + COMMAND)
         if (first + k) % _SEEN == 0:
-            flow += _leak_flow(first + k, p1, p2, gather(log, row + RETURN), faults, onset)
-    store(held, 0, command)
+            flow += _leak_flow(first + k, p1, p2, gather(log, row + RETURN), rigs)
+    store(filters.held, 0, command)
+    sums = filters.sums[first // BLOCK]
     store(sums, 0, sum_1)
     store(sums, 1, sum_2)
     store(sums, 2, square_x)
@@ -202,75 +234,52 @@ def thesis7_ticks(
 
 
 @inlined
-def _leak_flow(tick, p1, p2, back, faults, onset):
+def _leak_flow(tick, p1, p2, back, rigs):
     """Return the flow in m^3/s of the leaks that were injected, 0 until 2 s after the onset."""
     oil_1, oil_2 = max(p1, 0.0), max(p2, 0.0)
-    flow = abs(load(faults, 0) * signed_root(oil_1 - back))
-    flow += abs(load(faults, 1) * signed_root(oil_2 - back))
-    flow += abs(load(faults, 2) * signed_root(oil_1 - oil_2))
-    return select(load(onset, 0) + _SETTLED <= tick, flow, 0.0 * flow)
+    flow = abs(load(rigs.faults, 0) * signed_root(oil_1 - back))
+    flow += abs(load(rigs.faults, 1) * signed_root(oil_2 - back))
+    flow += abs(load(rigs.faults, 2) * signed_root(oil_1 - oil_2))
+    return select(load(rigs.onset, 0) + _SETTLED <= tick, flow, 0.0 * flow)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def thesis7_cases(
-    ticks, ahead, sines, levels, ends, open_loop, gain, limit, longest_step, plant, parameters,
-    like, sensors, faults, onset, scale, streams, x, covariance, assumed, sums,
-):  # fmt: skip
+def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
     """Run cases from their first tick to their last, one in each lane.
 
     Args:
-        ticks: of each, a block's times some, and one more.
         ahead: blocks that plants run ahead of the filter, within which lanes even out what their
             motions cost; the fewer, the longer the log stays in the cache.
-        sines: of setpoints, as `setpoint_ticks` takes them.
-        levels: likewise.
-        ends: likewise.
-        open_loop: (1, LANES), not 0 where the setpoint is the command.
-        gain: of the position loop, V/m.
-        limit: greatest command of either sign, V.
-        longest_step: of the integration, s.
-        plant: (9, LANES) true states; updated.
-        parameters: (fields, LANES), `Parameters` of each rig.
+        rigs: `LaneRigs`; their plants are updated.
+        cases: `CaseLanes`, from their first tick on; updated.
+        filters: `Thesis7Lanes`, whose sums tell how many blocks there are; updated.
+        loop: `LoopSetting`.
         like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
-        faults: (8, LANES) coefficients.
-        onset: (1, LANES), tick from which on they act.
-        scale: (1, LANES), factor on the transducers' deviations.
-        streams: uint64 (4, LANES), of the pressures' noise; updated.
-        x: (7, LANES) the filter's states; updated.
-        covariance: (7, 7, LANES); updated.
         assumed: `Parameters` that the filter assumes.
-        sums: (blocks, 6, LANES), to be filled: `SUMS` of each block.
 
     Returns:
         Whether every plant came to the end; else one needed too many steps.
     """
+    ticks = filters.sums.shape[0] * BLOCK + 1
     batch = ahead * BLOCK + 1
     steps = batch * MOST_STEPS
     log = empty_lanes(steps * LOGGED_OF_CHAMBERS).reshape((steps, LOGGED_OF_CHAMBERS, LANES))
     rows, setpoint = empty_lanes(batch), empty_lanes(batch)
-    noise = empty_lanes(2 * (BLOCK + 1))
-    held, level, out = empty_lanes(1), empty_lanes(1), empty_lanes(9)
-    held[:], level[:] = 0.0, 0.0
-    until_onset = onset.copy()
     first = 0
     while first < ticks:
         count = min(batch if first == 0 else batch - 1, ticks - first)
-        setpoint_ticks(first, sines, levels, ends, level, setpoint[:count])
+        setpoint_ticks(first, cases.sines, cases.levels, cases.ends, cases.level, setpoint[:count])
         if not plant_ticks(
-            setpoint[:count], open_loop, gain, limit, longest_step, faults, until_onset,
-            plant, parameters, like, sensors, log, rows[:count],
-        ):  # fmt: skip
+            first, setpoint[:count], cases.open_loop, loop, rigs, like, sensors, log, rows[:count]
+        ):
             return False
-        until_onset -= count
         done = 0
         while done < count:
             part = BLOCK + 1 if first + done == 0 else BLOCK
-            fill_normal(streams, noise[: 2 * part])
             thesis7_ticks(
-                first + done, log, rows[done : done + part], noise, scale, parameters, like,
-                sensors, faults, onset, x, covariance, held, assumed, out,
-                sums[(first + done) // BLOCK],
+                first + done, log, rows[done : done + part], rigs, cases, filters, like, sensors,
+                assumed,
             )  # fmt: skip
             done += part
         first += count
@@ -278,32 +287,16 @@ def thesis7_cases(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def reading_block(
-    first, sines, levels, ends, level, open_loop, gain, limit, longest_step, plant, parameters,
-    like, sensors, faults, until_onset, onset, scale, pressures, others, log, readings, flow,
-):  # fmt: skip
+def reading_block(first, rigs, cases, loop, like, sensors, log, readings, flow):
     """Run plants and transducers for a block of ticks, for a filter that is run elsewhere.
 
     Args:
         first: number of the block's first tick.
-        sines: of setpoints, as `setpoint_ticks` takes them.
-        levels: likewise.
-        ends: likewise.
-        level: (1, LANES), of `setpoint_ticks`; updated.
-        open_loop: (1, LANES), not 0 where the setpoint is the command.
-        gain: of the position loop, V/m.
-        limit: greatest command of either sign, V.
-        longest_step: of the integration, s.
-        plant: (9, LANES) true states; updated.
-        parameters: (fields, LANES), `Parameters` of each rig.
+        rigs: `LaneRigs`; their plants are updated.
+        cases: `CaseLanes`, updated.
+        loop: `LoopSetting`.
         like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
-        faults: (8, LANES) coefficients.
-        until_onset: (1, LANES), ticks from now until faults act; updated.
-        onset: (1, LANES), tick from which on they act.
-        scale: (1, LANES), factor on the transducers' deviations.
-        pressures: uint64 (4, LANES), the stream of the pressures' noise; updated.
-        others: uint64 (4, LANES), the stream of the other transducers' noise; updated.
         log: (steps, `LOGGED`, LANES), to be filled.
         readings: (ticks, 6, LANES), to be filled: `rig.loop.lane_ticks.LANE_READINGS`.
         flow: (1, LANES), sum of the leak flow as in `SUMS`; updated.
@@ -313,25 +306,21 @@ def reading_block(
     """
     ticks = readings.shape[0]
     setpoint, rows = empty_lanes(ticks), empty_lanes(ticks)
-    setpoint_ticks(first, sines, levels, ends, level, setpoint)
-    if not plant_ticks(
-        setpoint, open_loop, gain, limit, longest_step, faults, until_onset, plant, parameters,
-        like, sensors, log, rows,
-    ):  # fmt: skip
+    setpoint_ticks(first, cases.sines, cases.levels, cases.ends, cases.level, setpoint)
+    if not plant_ticks(first, setpoint, cases.open_loop, loop, rigs, like, sensors, log, rows):
         return False
-    until_onset -= ticks
     of_pressures, of_others = empty_lanes(2 * ticks), empty_lanes(2 * ticks)
-    fill_normal(pressures, of_pressures)
-    fill_normal(others, of_others)
-    noise = empty_lanes(NOISE_COUNT * ticks)
+    fill_normal(cases.pressures, of_pressures)
+    fill_normal(cases.others, of_others)
+    noise, scale = empty_lanes(NOISE_COUNT * ticks), load(cases.scale, 0)
     for k in range(ticks):
         for i in range(2):
-            store(noise, NOISE_COUNT * k + i, load(scale, 0) * load(of_pressures, 2 * k + i))
-            store(noise, NOISE_COUNT * k + 2 + i, load(scale, 0) * load(of_others, 2 * k + i))
+            store(noise, NOISE_COUNT * k + i, scale * load(of_pressures, 2 * k + i))
+            store(noise, NOISE_COUNT * k + 2 + i, scale * load(of_others, 2 * k + i))
         if (first + k) % _SEEN == 0:
             row = load(rows, k) * LOGGED
             p1, p2 = gather(log, row + PRESSURE_1), gather(log, row + PRESSURE_2)
-            seen = _leak_flow(first + k, p1, p2, gather(log, row + RETURN), faults, onset)
+            seen = _leak_flow(first + k, p1, p2, gather(log, row + RETURN), rigs)
             store(flow, 0, load(flow, 0) + seen)
-    reading_ticks(log, rows, noise, parameters, like, sensors, readings)
+    reading_ticks(log, rows, noise, rigs.parameters, like, sensors, readings)
     return True

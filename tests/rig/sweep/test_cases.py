@@ -42,12 +42,12 @@ def test_a_group_runs_as_the_lanes_and_the_filter_of_one_rig_do(
 ) -> None:
     sums = run_thesis7(Group(setting, cases, np.arange(LANES)))
     group = Group(setting, cases, np.arange(LANES))
-    rigs = [Parameters(*column) for column in group.parameters.T.tolist()]
+    rigs = [Parameters(*column) for column in group.rigs.parameters.T.tolist()]
     lanes = SimulatedLanes(
         rigs,
         range(LANES),
-        group.plant[4].tolist(),
-        faults=[FaultInput(*column) for column in group.faults.T.tolist()],
+        group.rigs.plant[4].tolist(),
+        faults=[FaultInput(*column) for column in group.rigs.faults.T.tolist()],
         onsets=[int(onset) for onset in cases.onset_tick],
         sensors=setting.sensors,
     )
@@ -77,7 +77,7 @@ def test_a_leak_flows_from_two_seconds_after_its_onset_on(setting: Setting, case
 def test_with_steps_of_a_tick_a_leak_passes_what_it_passes_with_shorter_ones(
     setting: Setting, cases: Cases
 ) -> None:
-    coarse = replace(setting, longest_step_s=TICK)
+    coarse = replace(setting, loop=setting.loop._replace(longest_step=TICK))
     fine, found = (
         run_thesis7(Group(each, cases, np.arange(LANES)))[:, SUMS.index("leak_flow")].sum(axis=0)
         for each in (setting, coarse)
