@@ -5,7 +5,7 @@ spool measured within their ranges, neither chamber dry. Any other sample, and t
 window of `estimator.filters.divergence`, it takes alone, by `product_step` itself.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -35,6 +35,31 @@ _SUPPLY: Final = 4
 _COMMAND: Final = 5
 
 
+class _Memory(NamedTuple):
+    """What the filters keep between samples, and scratch."""
+
+    x: Array
+    """(11, LANES) states; NaN where a filter has not had a sample yet."""
+    factors: Array
+    """(11, 11, LANES), as in `estimator.filters.ud`."""
+    watch: Array
+    """(11, LANES), what `estimator.filters.divergence` keeps."""
+    held: Array
+    """(1, LANES) command since the last sample, V."""
+    x_one: Array
+    """Scratch (LANES, 11) of filters that take a sample alone."""
+    factors_one: Array
+    """Scratch (LANES, 11, 11) of those."""
+    work_one: Array
+    """Scratch (LANES, *WORK_SHAPE) of those."""
+    jacobian: Array
+    """Scratch (6, 11, LANES)."""
+    rows: Array
+    """Scratch (6, 10, LANES)."""
+    vector: Array
+    """Scratch (11, LANES)."""
+
+
 @inlined
 def _within(reading, lower, upper):
     return (reading > lower) & (reading < upper)
@@ -61,13 +86,14 @@ def _in_transducers_range(p1, p2, ranges):
 
 
 @inlined
-def _take_all(x, factors, watch, command, position, p1, p2, spool, supply, par, noise,
-              jacobian, rows, vector):  # fmt: skip
-    """Take a sample in all lanes; the arrays are lanes (`in_lanes`)."""
-    ranges = noise.ranges
+def _take_all(memory, position, p1, p2, spool, supply, par, noise):
+    """Take a sample in all lanes."""
+    x, factors, watch = in_lanes(memory.x), in_lanes(memory.factors), in_lanes(memory.watch)
+    vector, ranges = in_lanes(memory.vector), noise.ranges
     known = _within(supply, ranges.pressure_min, ranges.pressure_max)
     watch[SUPPLY] = select(known, supply, watch[SUPPLY])
-    predict(x, factors, command, watch[SUPPLY], par, noise, jacobian, rows, vector)
+    predict(x, factors, load(memory.held, 0), watch[SUPPLY], par, noise, in_lanes(memory.jacobian),
+            in_lanes(memory.rows), vector)  # fmt: skip
     take_innovation(watch, correct(x, factors, 0, spool, noise.spool, vector))
     take_innovation(watch, correct(x, factors, 3, position, noise.position, vector))
     take_innovation(watch, correct(x, factors, 1, p1, noise.pressure, vector))
@@ -77,80 +103,66 @@ def _take_all(x, factors, watch, command, position, p1, p2, spool, supply, par, 
 
 
 @inner
-def _copy_lane(lane, x, factors, watch, x_one, factors_one, work_one):
+def _copy_lane(lane, memory):
     for i in range(STATE_COUNT):
-        x_one[lane, i] = x[i, lane]
-        work_one[lane, 0, i] = watch[i, lane]
+        memory.x_one[lane, i] = memory.x[i, lane]
+        memory.work_one[lane, 0, i] = memory.watch[i, lane]
         for j in range(STATE_COUNT):
-            factors_one[lane, i, j] = factors[i, j, lane]
+            memory.factors_one[lane, i, j] = memory.factors[i, j, lane]
 
 
 @inner
-def _put_back(lane, x, factors, watch, x_one, factors_one, work_one):
+def _put_back(lane, memory):
     for i in range(STATE_COUNT):
-        x[i, lane] = x_one[lane, i]
-        watch[i, lane] = work_one[lane, 0, i]
+        memory.x[i, lane] = memory.x_one[lane, i]
+        memory.watch[i, lane] = memory.work_one[lane, 0, i]
         for j in range(STATE_COUNT):
-            factors[i, j, lane] = factors_one[lane, i, j]
+            memory.factors[i, j, lane] = memory.factors_one[lane, i, j]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def product_lane_ticks(
-    x, factors, watch, held, readings, par, noise, x_one, factors_one, work_one,
-    jacobian, rows, vector, states,
-):  # fmt: skip
+def product_lane_ticks(memory, readings, par, noise, states):
     """Run the product filter over samples of `LANES` rigs.
 
     Args:
-        x: (11, LANES) states, updated; NaN where a filter has not had a sample yet.
-        factors: (11, 11, LANES), as in `estimator.filters.ud`, updated.
-        watch: (11, LANES), what `estimator.filters.divergence` keeps, updated.
-        held: (LANES,) command since the last sample in V, updated.
+        memory: `_Memory`, updated.
         readings: (ticks, 6, LANES): position, pressures 1 and 2, spool, supply pressure, and the
             command from there on.
         par: `Parameters` that all filters assume.
         noise: `ProductNoise`.
-        x_one: scratch (LANES, 11).
-        factors_one: scratch (LANES, 11, 11).
-        work_one: scratch (LANES, *WORK_SHAPE).
-        jacobian: scratch (6, 11, LANES).
-        rows: scratch (6, 10, LANES).
-        vector: scratch (11, LANES).
         states: (ticks, 11, LANES), to be filled with the estimates.
     """
     align_stack()
     out = np.empty(len(OUTPUTS))
     ordinary = np.empty((1, LANES))
-    all_x, all_factors, all_watch = in_lanes(x), in_lanes(factors), in_lanes(watch)
-    all_held = held.reshape((1, LANES))
     for k in range(readings.shape[0]):
         z = readings[k]
         position = true_position(load(z, _POSITION), par)
         p1, p2 = true_pressures(load(z, _P1), load(z, _P2), par)
         spool, supply = load(z, _SPOOL), load(z, _SUPPLY)
-        usual = _is_ordinary(all_x, all_watch, position, p1, p2, spool, noise.ranges)
+        usual = _is_ordinary(
+            in_lanes(memory.x), in_lanes(memory.watch), position, p1, p2, spool, noise.ranges
+        )
         usual = usual & _in_transducers_range(load(z, _P1), load(z, _P2), noise.ranges)
         alone = not everywhere(usual)
         if alone:
             store(ordinary, 0, select(usual, 1.0, 0.0))
             for lane in range(LANES):
                 if ordinary[0, lane] == 0.0:
-                    _copy_lane(lane, x, factors, watch, x_one, factors_one, work_one)
-        _take_all(all_x, all_factors, all_watch, load(all_held, 0), position, p1, p2, spool,
-                  supply, par, noise, in_lanes(jacobian), in_lanes(rows),
-                  in_lanes(vector))  # fmt: skip
+                    _copy_lane(lane, memory)
+        _take_all(memory, position, p1, p2, spool, supply, par, noise)
         if alone:
             for lane in range(LANES):
                 if ordinary[0, lane] == 0.0:
                     product_step(
-                        x_one[lane], factors_one[lane], held[lane], z[_POSITION, lane],
-                        z[_P1, lane], z[_P2, lane], z[_SPOOL, lane], z[_SUPPLY, lane], par, noise,
-                        work_one[lane], out,
+                        memory.x_one[lane], memory.factors_one[lane], memory.held[0, lane],
+                        z[_POSITION, lane], z[_P1, lane], z[_P2, lane], z[_SPOOL, lane],
+                        z[_SUPPLY, lane], par, noise, memory.work_one[lane], out,
                     )  # fmt: skip
-                    _put_back(lane, x, factors, watch, x_one, factors_one, work_one)
+                    _put_back(lane, memory)
         for i in range(STATE_COUNT):
-            store(states[k], i, load(x, i))
-        store(all_held, 0, load(z, _COMMAND))
+            store(states[k], i, load(memory.x, i))
+        store(memory.held, 0, load(z, _COMMAND))
 
 
 class ProductLanes:
@@ -173,26 +185,24 @@ class ProductLanes:
                 )
         self._parameters: Parameters = model.parameters
         self._noise: ProductNoise = product_noise(sensors, model.parameters)
-        self._x = np.zeros((STATE_COUNT, LANES))
-        self._factors = np.zeros((STATE_COUNT, STATE_COUNT, LANES))
-        self._watch = np.zeros((_WATCHED, LANES))
-        self._held = np.zeros(LANES)
-        self._alone = (
-            np.zeros((LANES, STATE_COUNT)),
-            np.zeros((LANES, STATE_COUNT, STATE_COUNT)),
-            np.zeros((LANES, *WORK_SHAPE)),
-        )
-        self._scratch = (
-            np.zeros((DYNAMIC, STATE_COUNT, LANES)),
-            np.zeros((DYNAMIC, _COLUMNS, LANES)),
-            np.zeros((STATE_COUNT, LANES)),
+        self._memory = _Memory(
+            x=np.zeros((STATE_COUNT, LANES)),
+            factors=np.zeros((STATE_COUNT, STATE_COUNT, LANES)),
+            watch=np.zeros((_WATCHED, LANES)),
+            held=np.zeros((1, LANES)),
+            x_one=np.zeros((LANES, STATE_COUNT)),
+            factors_one=np.zeros((LANES, STATE_COUNT, STATE_COUNT)),
+            work_one=np.zeros((LANES, *WORK_SHAPE)),
+            jacobian=np.zeros((DYNAMIC, STATE_COUNT, LANES)),
+            rows=np.zeros((DYNAMIC, _COLUMNS, LANES)),
+            vector=np.zeros((STATE_COUNT, LANES)),
         )
         self._started = False
 
     @property
     def resets(self) -> NDArray[np.int64]:
         """How often each filter (LANES,) was found lost and has started anew."""
-        return self._watch[RESETS].astype(np.int64)
+        return self._memory.watch[RESETS].astype(np.int64)
 
     @property
     def squares(self) -> Array:
@@ -203,18 +213,21 @@ class ProductLanes:
         window's sums are cleared with its last sample, so that this is 0 right after it: read it
         one sample before. No single reading counts for more than `LARGEST`.
         """
-        return np.asarray(self._watch[SQUARES] / np.maximum(self._watch[READINGS], 1.0))
+        watch = self._memory.watch
+        return np.asarray(watch[SQUARES] / np.maximum(watch[READINGS], 1.0))
 
     def _start(self, sample: Array) -> None:
-        x, factors, work = self._alone
+        memory = self._memory
         for lane in range(LANES):
             position, p1, p2, spool, _, command = sample[:, lane]
-            start_product(x[lane], factors[lane], position, p1, p2, spool, command,
-                          self._parameters, self._noise, work[lane])  # fmt: skip
-        self._x[:] = x.T
-        self._factors[:] = np.moveaxis(factors, 0, -1)
-        self._watch[:] = work[:, 0].T
-        self._held[:] = sample[_COMMAND]
+            start_product(
+                memory.x_one[lane], memory.factors_one[lane], position, p1, p2, spool, command,
+                self._parameters, self._noise, memory.work_one[lane],
+            )  # fmt: skip
+        memory.x[:] = memory.x_one.T
+        memory.factors[:] = np.moveaxis(memory.factors_one, 0, -1)
+        memory.watch[:] = memory.work_one[:, 0].T
+        memory.held[0] = sample[_COMMAND]
         self._started = True
 
     def advance(self, readings: Array) -> Array:
@@ -231,11 +244,8 @@ class ProductLanes:
         first = 0 if self._started else 1
         if not self._started:
             self._start(readings[0])
-            states[0] = self._x
-        x_one, factors_one, work_one = self._alone
-        jacobian, rows, vector = self._scratch
+            states[0] = self._memory.x
         product_lane_ticks(
-            self._x, self._factors, self._watch, self._held, readings[first:], self._parameters,
-            self._noise, x_one, factors_one, work_one, jacobian, rows, vector, states[first:],
-        )  # fmt: skip
+            self._memory, readings[first:], self._parameters, self._noise, states[first:]
+        )
         return states
