@@ -102,57 +102,61 @@ class AccountBlock:
 
 
 @njit(cache=True, error_model="numpy")
-def _accumulate(
-    time_s, spool, p1, p2, position, fresh, supply, null_bias, null_spread, par, last, row, rows
-):  # fmt: skip
+def _accumulate(samples, null, par, last, row, rows):
     """Add samples to the running block `row`; move finished blocks to `rows`, return their number.
 
     Between calls `last` keeps samples in the block, last spool, p1, p2, position, samples since a
     measured one, average of the spool and of its squared deviation from that. Samples are -1 while
     no block can begin, for want of a sample before it or because a chamber is dry. Samples before
     the filter has started are NaN and passed over.
+
+    Args:
+        samples: (7, n), the arguments of `FlowAccount.add` in their order.
+        null: (null bias, how far that may be off), m.
+        par: the `Parameters` assumed.
+        last: (8,), updated.
+        row: (WIDTH,) sums of the running block, updated.
+        rows: (blocks, WIDTH), to be filled.
     """
     finished = 0
-    for k in range(time_s.size):
-        if np.isnan(position[k]):
+    for k in range(samples.shape[1]):
+        spool, p1, p2, position = samples[1, k], samples[2, k], samples[3, k], samples[4, k]
+        if np.isnan(position):
             continue
         last[5] += 1.0
         bridged = 0.0
-        if fresh[k] != 0.0:
+        if samples[5, k] != 0.0:
             bridged = last[5] if last[5] <= _REACH else 1.0
             last[5] = 0.0
-        dry = min(p1[k], p2[k]) < DRY
-        apart = spool[k] - last[6]
+        dry = min(p1, p2) < DRY
+        apart = spool - last[6]
         last[6] += _SHARE * apart
         last[7] += _SHARE * (apart * apart - last[7])
         if last[0] >= 0.0:
             if last[0] == 0.0:
                 row[LEAST] = row[LEAST + 1] = last[4]
-            rate = (spool[k] - last[1]) / TICK
-            oil_1, oil_2 = 0.5 * (p1[k] + last[2]), 0.5 * (p2[k] + last[3])
-            middle = 0.5 * (spool[k] + last[1])
+            rate = (spool - last[1]) / TICK
+            oil_1, oil_2 = 0.5 * (p1 + last[2]), 0.5 * (p2 + last[3])
+            shown = 0.5 * (spool + last[1])
             deviation = min(sqrt(last[7]), SPOOL_NOISE)
-            add_sample(
-                middle, rate, last[6], deviation, null_bias, null_spread, oil_1, oil_2, par, row
-            )
-            moved = (position[k] - last[4]) / TICK
-            rise_1, rise_2 = (p1[k] - last[2]) / TICK, (p2[k] - last[3]) / TICK
-            middle = 0.5 * (position[k] + last[4])
+            add_sample(shown, rate, last[6], deviation, null, oil_1, oil_2, par, row)
+            moved = (position - last[4]) / TICK
+            rise_1, rise_2 = (p1 - last[2]) / TICK, (p2 - last[3]) / TICK
+            middle = 0.5 * (position + last[4])
             add_motion(middle, moved, oil_1, oil_2, rise_1, rise_2, par, row)
             if par.term_1_kind != 0.0:
-                shown = 0.5 * (spool[k] + last[1])
                 add_terms(shown, middle, moved, oil_1, oil_2, par, row)
             row[BRIDGED] += bridged
-            if not np.isnan(supply[k]):
-                opening = 0.5 * (spool[k] + last[1]) + null_bias
-                add_supply(opening, oil_1, oil_2, supply[k], par, row)
-            row[LEAST] = min(row[LEAST], position[k])
-            row[LEAST + 1] = max(row[LEAST + 1], position[k])
+            supply = samples[6, k]
+            if not np.isnan(supply):
+                add_supply(shown + null[0], oil_1, oil_2, supply, par, row)
+            row[LEAST] = min(row[LEAST], position)
+            row[LEAST + 1] = max(row[LEAST + 1], position)
             last[0] += 1.0
             if last[0] % BLOCK_TICKS == 0 and (not dry or last[0] == _LONGEST):
                 for i in range(row.size):
                     rows[finished, i] = row[i] / last[0] if i < LEAST else row[i]
-                rows[finished, END] = time_s[k]
+                rows[finished, END] = samples[0, k]
                 rows[finished, BRIDGED] = 0.0 if dry else rows[finished, BRIDGED]
                 rows[finished, SAMPLES] = last[0]
                 row[:] = 0.0
@@ -160,7 +164,7 @@ def _accumulate(
                 finished += 1
         elif not dry:
             last[0] = 0.0
-        last[1], last[2], last[3], last[4] = spool[k], p1[k], p2[k], position[k]
+        last[1], last[2], last[3], last[4] = spool, p1, p2, position
     return finished
 
 
@@ -208,12 +212,9 @@ class FlowAccount:
         if supply is None:
             supply = np.full(time_s.size, np.nan)
         rows = np.empty((time_s.size // BLOCK_TICKS + 1, WIDTH))
-        # Columns of a table would be another type, and another compilation.
-        whole = np.ascontiguousarray
-        count = _accumulate(
-            whole(time_s), whole(spool), whole(p1), whole(p2), whole(position), whole(fresh),
-            whole(supply), null_bias, null_spread, self._parameters, self._last, self._row, rows,
-        )  # fmt: skip
+        samples = np.array((time_s, spool, p1, p2, position, fresh, supply))
+        null = null_bias, null_spread
+        count = _accumulate(samples, null, self._parameters, self._last, self._row, rows)
         return [_block(row) for row in rows[:count]]
 
 

@@ -80,10 +80,8 @@ def _noise_variance(values, projected, squares, count, least):
 
 
 @njit(cache=True, error_model="numpy")
-def _score(
-    rotated, squares, products, values, projected, total, freedom, variance, least, out
-):  # fmt: skip
-    """Fill `out` (4, marks, faults) with the fields of `Scores`, beside a shift of unknown size.
+def _score(rotated, squares, products, values, projected, total, freedom, variance, least):
+    """Return the fields of `Scores` (4, marks, faults), beside a shift of unknown size.
 
     Args:
         rotated: products of faults and shift with F, in the axes of `values`, (marks, faults + 1,
@@ -96,10 +94,10 @@ def _score(
         freedom: degrees of freedom of the noise variance that is left.
         variance: noise variance to weigh with.
         least: noise variance that is believed at least.
-        out: to fill.
     """
     m = values.size
     faults = products.shape[1] - 1
+    out = np.empty((4, products.shape[0], faults))
     weighted = total
     kept = np.empty(m)
     for a in range(m):
@@ -140,6 +138,7 @@ def _score(
                 out[1, mark, i] = information
                 out[2, mark, i] = explained
                 out[3, mark, i] = max((NOISE_WEIGHT + residual) / freedom, least)
+    return out
 
 
 class Regression:
@@ -181,14 +180,11 @@ class Regression:
             variance: noise variance to weigh nuisances against noise with.
         """
         rotated = (crossed.reshape(-1, self._values.size) @ self._vectors).reshape(crossed.shape)
-        marks, shapes, _ = crossed.shape
-        out = np.empty((4, marks, shapes - 1))
         whole = np.ascontiguousarray
-        _score(
+        return Scores(*_score(
             rotated, whole(products.squares), whole(products.products), self._values,
-            self._projected, self._total, self.freedom, variance, self._least, out,
-        )  # fmt: skip
-        return Scores(*out)
+            self._projected, self._total, self.freedom, variance, self._least,
+        ))  # fmt: skip
 
     def nuisances(self) -> tuple[Array, Array]:
         """Return the nuisances' most likely sizes (m,) and their covariance (m, m)."""

@@ -135,9 +135,7 @@ def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
 
 
 @njit(cache=True, error_model="numpy")
-def add_sample(
-    spool, spool_rate, steady, deviation, null_bias, null_spread, p1, p2, par, row
-):  # fmt: skip
+def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
     """Add one sample's flows and signatures to the sums in `row`.
 
     A signature is the missing flow of a rig with one unit more of a weakness than the model. The
@@ -150,14 +148,14 @@ def add_sample(
         spool_rate: m/s.
         steady: the spool's displacement averaged over its noise, m.
         deviation: of that noise in `spool`, one standard deviation, m.
-        null_bias: of the spool, m.
-        null_spread: how far that may be off, m.
+        null: the spool's null bias, and how far that may be off, m.
         p1: pressure of chamber 1, Pa.
         p2: pressure of chamber 2, Pa.
         par: the `Parameters` assumed.
         row: (WIDTH,) sums; flows in m^3/s.
     """
     conductance = valve_conductance(par)
+    null_bias, null_spread = null
     opening = spool + par.spool_null_bias
     true_opening = spool + null_bias
     supply = settled_supply(true_opening, p1, p2, par)
