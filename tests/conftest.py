@@ -26,12 +26,12 @@ LONGEST = (
     "tools/hidden_effects/test_blind_trials.py",
     "rig/runner/campaign/test_wire_replay.py",
     "rig/cli/campaigns/test_run.py",
-    "console/test_standing.py",
+    "console/test_rig_state.py",
     "console/test_page.py",
     "rig/runner/experiments/test_gap_closing.py",
     "estimator/gap/verdict/test_keeping.py",
     "estimator/leaks/test_detection.py",
-    "estimator/leaks/test_leak_test.py",
+    "estimator/leaks/test_leak_statistic.py",
     "estimator/leaks/test_leak_sizes.py",
 )
 """Files that take ten seconds and more, with whose tests the workers begin: none of them is then

@@ -30,7 +30,7 @@ from estimator.accounts.noise import sensor_noise
 from estimator.filters.registry import FilterRun
 from estimator.leaks.detection import Samples, draw_up
 from estimator.leaks.fault_scores import WITNESSES
-from estimator.leaks.leak_test import DIRECTIONS, LEFT_OUT, MINIMUM_BLOCKS, LeakTest
+from estimator.leaks.leak_statistic import DIRECTIONS, LEFT_OUT, MINIMUM_BLOCKS, LeakTest
 from estimator.leaks.oil_account import OilAccount
 from rig.lanes import LANES
 from rig.plant import Model

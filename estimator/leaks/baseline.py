@@ -18,7 +18,7 @@ from rig.plant import Model
 from rig.recording import Recording
 
 from .detection import Decision, Detector, OilAccountDetector, draw_up
-from .leak_test import LeakTest
+from .leak_statistic import LeakTest
 from .oil_account import OilAccount
 from .pattern import STARTED_S, HealthyLevel, PatternDetector, healthy_level
 from .replaying import filter_recording, replay, samples_of

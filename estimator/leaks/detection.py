@@ -29,10 +29,10 @@ from rig.plant import (
 
 from .confirmation import Hold, PresentLeaks
 from .finding import Finding
-from .leak_test import MINIMUM_BLOCKS, LeakTest
+from .leak_statistic import MINIMUM_BLOCKS, LeakTest
 from .leak_verdicts import LeakVerdicts
 from .oil_account import OilAccount
-from .supply_test import SupplyTest
+from .supply_statistic import SupplyTest
 
 Array = NDArray[np.float64]
 

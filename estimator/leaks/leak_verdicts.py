@@ -22,7 +22,7 @@ from estimator.accounts import (
 )
 
 from .finding import Finding
-from .leak_test import MINIMUM_BLOCKS, RIVAL_GAIN, LeakTest
+from .leak_statistic import MINIMUM_BLOCKS, RIVAL_GAIN, LeakTest
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from estimator.accounts import AccountBlock, FlowAccount
 from rig.plant import Parameters
 
-from .leak_test import LeakTest
+from .leak_statistic import LeakTest
 
 Array = NDArray[np.float64]
 

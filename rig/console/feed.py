@@ -16,7 +16,7 @@ from rig.stream import Life, Snapshot, StreamClient
 from rig.surviving import Surviving
 
 from .curves import AVERAGED_S, CHANNELS, SHOWN_S, Curves
-from .told import sections
+from .snapshot_sections import sections
 
 TICK_S: Final = 0.05
 TOLD_S: Final = 0.2

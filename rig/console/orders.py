@@ -8,8 +8,8 @@ from typing import Final, cast
 
 from rig.stream import COMMANDS, Answer, CommandName, KeyFileError, StreamClient, UnknownRigError
 
+from .control_holder import ControlHolder, NotInControl
 from .launcher import ASKED, ENDING, Launched, Launcher, LaunchRefused
-from .seat import Seat, SeatTaken
 from .visitors import Visitor
 
 LONGEST_TEXT: Final = 400
@@ -88,21 +88,21 @@ class Orders:
 
     Args:
         client: sends commands.
-        seat: who may act.
+        control: who may act.
         launcher: starts runs.
     """
 
-    def __init__(self, client: StreamClient, seat: Seat, launcher: Launcher) -> None:
+    def __init__(self, client: StreamClient, control: ControlHolder, launcher: Launcher) -> None:
         self._client = client
-        self._seat = seat
+        self._control = control
         self._launcher = launcher
         self._one_at_a_time = threading.Lock()
-        """Held while the seat changes hands, or a run is started."""
+        """Held while control changes hands, or a run is started."""
 
     def carry_out(self, order: Order, visitor: Visitor) -> Answer:
         """Do what is asked for, if this visitor may, and return what came of it.
 
-        Anybody who is logged in may stop a rig; for all else one needs the operator's seat.
+        Anybody who is logged in may stop a rig; for all else one needs control.
         """
         try:
             if order.order == STOP:
@@ -111,22 +111,22 @@ class Orders:
                 if self._is_done_here(order, visitor):
                     return Answer(True)
             return self._send(cast(CommandName, order.order), order, visitor, COMMAND_S)
-        except (SeatTaken, LaunchRefused, UnknownRigError, KeyFileError) as refusal:
+        except (NotInControl, LaunchRefused, UnknownRigError, KeyFileError) as refusal:
             return Answer(False, str(refusal))
 
     def leave(self, visitor: Visitor) -> None:
         """Let go of control for somebody who logs out."""
         with self._one_at_a_time:
-            self._seat.release(visitor)
+            self._control.release(visitor)
 
     def _is_done_here(self, order: Order, visitor: Visitor) -> bool:
         """Do what needs no rig; return whether that is all."""
         if order.order in ("take", "take over"):
-            self._seat.take(visitor, over=order.order == "take over")
+            self._control.take(visitor, over=order.order == "take over")
             return True
-        self._seat.require(visitor)
+        self._control.require(visitor)
         if order.order == "release":
-            self._seat.release(visitor)
+            self._control.release(visitor)
         elif order.order in ("start", "go on"):
             self._launch(order)
         else:

@@ -20,12 +20,12 @@ from rig.stream import StreamClient
 from rig.surviving import Surviving
 
 from .address import Address
+from .control_holder import ControlHolder
 from .feed import TICK_S, Cursor, Feed
 from .guard import Application, Guard
 from .launcher import Launcher, Offer
 from .orders import STOP, MalformedError, Orders, parse
 from .refusals import Refusals
-from .seat import Seat
 from .visitors import LIFETIME_S, LoginRefused, Visitor, Visitors
 
 PAGE: Final = Path(__file__).parent / "page"
@@ -87,10 +87,10 @@ class Console:
     def __post_init__(self) -> None:
         self.feed = Feed(self.client)
         self.visitors = Visitors(self.token)
-        self.seat = Seat(self.say)
+        self.control = ControlHolder(self.say)
         served = self.served
         self.launcher = Launcher(served.offers, served.folder, served.profile, served.rig, self.say)
-        self.orders = Orders(self.client, self.seat, self.launcher)
+        self.orders = Orders(self.client, self.control, self.launcher)
         self.cookie = f"rig-console-{self.address.port}"
         self._refused = Refusals(self.log)
         self._stopping = ThreadPoolExecutor(MOST_STOPS, "stop")
@@ -156,12 +156,12 @@ class Console:
         if content["last"] is not None:
             content["last"]["rig"] = self.orders.rig_of_run(self.launcher.under_way())
         self.feed.common.put("launch", content)
-        self.feed.common.put("seat", {**self.seat.content(), "here": self._is_here()})
+        self.feed.common.put("holder", {**self.control.content(), "here": self._is_here()})
         watching = [{"number": number, "name": self._names[number]} for number in self.viewers]
         self.feed.common.put("viewers", watching)
 
     def _is_here(self) -> bool:
-        return self.seat.holder is not None and self.seat.holder.number in self.viewers
+        return self.control.holder is not None and self.control.holder.number in self.viewers
 
     async def _page(self, request: Request) -> Response:
         if self._visitor(request) is None:

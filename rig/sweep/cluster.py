@@ -5,9 +5,9 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from .cases import Judged, run_chunk
 from .drawing import Cases
 from .local import Stopped
+from .run_cases import Judged, run_chunk
 from .setting import Setting, SweepError
 
 _QUEUED: Final = 3

@@ -17,7 +17,7 @@ from rig.configuration import Sweep
 from rig.recording import replacing
 from rig.runner.run_folder import DirectoryError, file_stem
 
-from .cases import sources
+from .run_cases import sources
 from .table import read_part, read_table, together, write_part, write_table
 
 SWEEP: Final = "sweep.json"

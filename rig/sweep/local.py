@@ -10,8 +10,8 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection, get_context, parent_process
 from typing import Final
 
-from .cases import Judged, run_chunk
 from .drawing import Cases
+from .run_cases import Judged, run_chunk
 from .setting import Setting, SweepError
 
 Stopped = Callable[[], bool]

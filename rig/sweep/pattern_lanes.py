@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from estimator.filters import THESIS_WINDOW
 from estimator.leaks import LEARNING_S, PATTERNS, STARTED_S, HealthyLevel, pattern_of
 
+from .case_figures import outcome_columns, true_flow
 from .group import Group
 from .setting import Figures, Setting
 from .ticks import BLOCK, SUMS
-from .truth import outcome_columns, true_flow
 
 Array = NDArray[np.float64]
 

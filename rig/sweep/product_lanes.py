@@ -15,10 +15,10 @@ from rig.lanes import LANES, empty_lanes
 from rig.loop import LANE_READINGS, LOGGED, MOST_STEPS
 from rig.plant import TICK
 
+from .case_figures import outcome_columns, true_flow
 from .group import Group
 from .setting import Figures, SweepError
 from .ticks import BLOCK, reading_block
-from .truth import outcome_columns, true_flow
 
 Array = NDArray[np.float64]
 

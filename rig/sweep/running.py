@@ -9,10 +9,10 @@ from typing import Any, Final
 from rig.configuration import Sweep
 from rig.lanes import LANES
 
-from .cases import Judged, sources
 from .drawing import Cases, draw
 from .folder import SweepFolder
 from .local import Stopped
+from .run_cases import Judged, sources
 from .setting import Setting, SweepError, setting_of
 from .table import rows_of
 

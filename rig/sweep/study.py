@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rig.configuration import HEALTHY
 from rig.plant import LITRE_PER_MINUTE
 
+from .case_figures import SILENT
 from .table import columns_of
-from .truth import SILENT
 
 Array = NDArray[np.float64]
 

@@ -15,11 +15,11 @@ import pytest
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from rig.console import connections
+from rig.console.control_holder import ControlHolder
 from rig.console.curves import CURVES, Curves
 from rig.console.launcher import Launcher, Offer
 from rig.console.orders import MalformedError, Order, Orders, parse
 from rig.console.refusals import MOST_PER_S, Refusals
-from rig.console.seat import Seat
 from rig.console.visitors import Visitor
 from rig.stream.client import Answer
 from rig.stream.view import Snapshot
@@ -60,9 +60,9 @@ def launcher(tmp_path: Path, started: list[Started]) -> Launcher:
 
 
 def desk(client: FakeClient, launcher: Launcher, tell: Any = lambda text: None) -> Orders:
-    seat = Seat(tell)
-    seat.take(ANNA)
-    return Orders(client, seat, launcher)
+    control = ControlHolder(tell)
+    control.take(ANNA)
+    return Orders(client, control, launcher)
 
 
 def all_at_once(*jobs: Any) -> list[Any]:
@@ -98,8 +98,8 @@ def slow_clock() -> int:
 
 
 def test_of_two_who_take_control_at_once_one_is_refused(launcher: Launcher) -> None:
-    seat = Seat(lambda text: None, slow_clock)
-    orders = Orders(FakeClient(RUNNING), seat, launcher)
+    control = ControlHolder(lambda text: None, slow_clock)
+    orders = Orders(FakeClient(RUNNING), control, launcher)
     take = [lambda who=who: orders.carry_out(Order("take"), who).accepted for who in (ANNA, BEN)]
     assert sorted(all_at_once(*take)) == [False, True]
 

@@ -38,13 +38,13 @@ def page(first: BrowserContext, console: Served) -> Page:
     console.enter(page, "Anna")
     expect(page.locator("#life")).to_contain_text("live")
     page.get_by_role("button", name="Take control").click()
-    expect(page.locator("#seat")).to_have_text("you have control")
+    expect(page.locator("#holder")).to_have_text("you have control")
     return page
 
 
 def test_a_campaign_that_runs_is_shown_live(page: Page, pytestconfig: pytest.Config) -> None:
     expect(page.locator("#rig-name")).to_have_text("emulated")
-    expect(page.locator("#standing-word")).to_have_text("Running")
+    expect(page.locator("#rig-state-word")).to_have_text("Running")
     expect(page.locator("#campaign-name")).to_have_text("leaks, running")
     expect(page.locator("#progress-text")).to_have_text("1 of 3: internal leak, 0.6 L/min")
     expect(page.locator("#state")).to_have_text("running")
@@ -65,7 +65,7 @@ def test_a_campaign_that_runs_is_shown_live(page: Page, pytestconfig: pytest.Con
 
 def test_a_reload_loses_nothing(page: Page) -> None:
     page.reload()
-    expect(page.locator("#seat")).to_have_text("you have control")
+    expect(page.locator("#holder")).to_have_text("you have control")
     expect(page.locator("#verdict")).to_have_text("Internal leakage")
     expect(page.locator("#verdicts")).to_contain_text("Internal leak")
     expect(page.locator("#events")).to_contain_text("Anna takes control")
@@ -78,19 +78,19 @@ def test_a_second_operator_is_refused_until_it_takes_over(
     context = browser.new_context(viewport={"width": 420, "height": 900})
     other = context.new_page()
     console.enter(other, "Ben")
-    expect(other.locator("#seat")).to_contain_text("Anna has control")
+    expect(other.locator("#holder")).to_contain_text("Anna has control")
     expect(other.locator("[data-do=hold]")).to_be_disabled()
     answer = other.evaluate("rigConsole.order('hold')")
     assert answer == {"accepted": False, "reason": "Anna has control", "answered": True}
     assert other.evaluate("document.documentElement.scrollWidth") <= 420
     other.get_by_role("button", name="Take over").click()
     other.locator("#dialog").get_by_role("button", name="Take over").click()
-    expect(page.locator("#seat")).to_contain_text("Ben has control")
+    expect(page.locator("#holder")).to_contain_text("Ben has control")
     expect(page.locator("#events")).to_contain_text("Ben takes over from Anna")
     context.close()
     page.get_by_role("button", name="Take over").click()
     page.locator("#dialog").get_by_role("button", name="Take over").click()
-    expect(page.locator("#seat")).to_have_text("you have control")
+    expect(page.locator("#holder")).to_have_text("you have control")
 
 
 def test_a_hold_is_asked_for_twice_and_then_obeyed(page: Page, stage: Stage) -> None:
@@ -106,7 +106,7 @@ def test_a_hold_is_asked_for_twice_and_then_obeyed(page: Page, stage: Stage) -> 
         if (entry := json.loads(line))["kind"] == "operator"
     ]  # fmt: skip
     assert [(entry["request"], entry["text"]) for entry in asked] == [("pause", "Anna: lunch")]
-    expect(page.locator("#standing-word")).to_have_text("Running, to be held")
+    expect(page.locator("#rig-state-word")).to_have_text("Running, to be held")
     expect(page.locator("[data-do=hold]")).to_be_disabled()
     expect(page.locator("[data-do=resume]")).to_be_enabled()
 
@@ -129,8 +129,8 @@ def test_stop_works_over_a_dialog_and_the_rig_reaches_its_safe_state(
     assert "abort" in [event.kind for event in recording.events]
     expect(page.locator("#life")).to_contain_text("campaign ended")
     expect(page.locator("#tests")).to_contain_text("aborted")
-    expect(page.locator("#standing-word")).to_have_text("Stopped")
-    expect(page.locator("#standing-why")).to_contain_text("Anna")
+    expect(page.locator("#rig-state-word")).to_have_text("Stopped")
+    expect(page.locator("#rig-state-why")).to_contain_text("Anna")
 
 
 def test_the_picture_of_the_readme_is_there() -> None:

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
+from rig.console.control_holder import ControlHolder
 from rig.console.launcher import ASKED, ENDING, INTERRUPTED, Launcher, Offer
 from rig.console.orders import ENDING_REASON, Order, Orders
-from rig.console.seat import Seat
 from rig.console.visitors import Visitor
 from rig.stream.client import Answer
 
@@ -42,9 +42,9 @@ def client() -> FakeClient:
 
 
 def orders(client: FakeClient, launcher: Launcher) -> Orders:
-    seat = Seat(lambda text: None)
-    seat.take(ANNA)
-    return Orders(client, seat, launcher)
+    control = ControlHolder(lambda text: None)
+    control.take(ANNA)
+    return Orders(client, control, launcher)
 
 
 def test_a_stop_that_the_stream_answers_leaves_processes_alone(

@@ -37,8 +37,8 @@ def page(browser: Browser, site: Site) -> Iterator[Page]:
     page.fill("[name=token]", TOKEN)
     page.keyboard.press("Enter")
     expect(page.locator("#life")).to_contain_text("live")
-    page.locator("#seat-button").click()
-    expect(page.locator("#seat")).to_have_text("you have control")
+    page.locator("#holder-button").click()
+    expect(page.locator("#holder")).to_have_text("you have control")
     yield page
     context.close()
     assert faults == []
@@ -47,7 +47,7 @@ def page(browser: Browser, site: Site) -> Iterator[Page]:
 def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page) -> None:
     site.client.become("bench", alive=False, age_s=7.04)
     expect(page.locator("#life")).to_have_text("dead for 7.0 s")
-    expect(page.locator("#standing")).to_contain_text("The stream is dead for 7.0 s")
+    expect(page.locator("#rig-state")).to_contain_text("The stream is dead for 7.0 s")
     expect(page.locator("[data-do=hold]")).to_be_disabled()
     expect(page.locator("#campaign-name")).to_have_text("leaks, was running")
     opacity = "getComputedStyle(document.querySelector('#readings dd')).opacity"
@@ -63,8 +63,8 @@ def test_a_trip_is_told_with_its_first_out_and_its_remedy(site: Site, page: Page
              "remedy": "release it, then reset", "after_s": 0.0}  # fmt: skip
     trips = {"first_out": [first], "confirmed": {"valve null": 0.001, "bypass shut": None}}
     site.client.become("bench", health={"trips": trips})
-    expect(page.locator("#standing")).to_contain_text("Tripped the emergency stop is open.")
-    expect(page.locator("#standing")).to_contain_text("Remedy: release it, then reset.")
+    expect(page.locator("#rig-state")).to_contain_text("Tripped the emergency stop is open.")
+    expect(page.locator("#rig-state")).to_contain_text("Remedy: release it, then reset.")
     expect(page.locator("#confirmed")).to_contain_text("not confirmed")
 
 

@@ -137,7 +137,7 @@ def test_nothing_is_started_by_a_path_and_that_is_logged(
     started: list[Any] = []
     launcher = Launcher((), tmp_path / "runs", "loopback", None, print, started.append)  # type: ignore[arg-type]
     site.client.become("bench", alive=False)
-    site.console.orders = Orders(site.client, site.console.seat, launcher)
+    site.console.orders = Orders(site.client, site.console.control, launcher)
     (tmp_path / "bench").mkdir()
     (tmp_path / "bench" / "journal.jsonl").write_text('{"kind": "begin", "campaign": "a"}\n')
     who = site.cookie()
@@ -243,7 +243,7 @@ def test_who_logs_out_gives_up_control_and_is_nobody(site: Site) -> None:
     anna = site.cookie()
     site.order(anna, order="take")
     assert site.ask("POST", "/logout", headers=anna).headers["location"] == "/login"
-    assert site.console.seat.holder is None
+    assert site.console.control.holder is None
     assert site.order(anna, order="take")[0] == 401
 
 
@@ -293,7 +293,7 @@ def test_a_viewer_that_comes_back_is_sent_everything_again(site: Site) -> None:
     site.order(who, order="take")
     for _ in range(2):
         with site.live(who) as live:
-            assert heard(live, "seat")["common"]["seat"]["name"] == "Anna"
+            assert heard(live, "holder")["common"]["holder"]["name"] == "Anna"
             assert len(heard(live, "points")["points"]["time_s"]) >= 1
 
 

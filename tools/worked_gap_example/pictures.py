@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimator.leaks.detection import draw_up
-from estimator.leaks.leak_test import LeakTest
+from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, samples_of
 from rig.plant import Model

@@ -1,5 +1,5 @@
 from .bands import band_powers as band_powers, edges as edges
-from .building import build as build, nuisances as nuisances
+from .compile_plant import build as build, nuisances as nuisances
 from .description import PlantDescription as PlantDescription, PlantError as PlantError
 from .description_checks import check_description as check_description
 from .interface import (

@@ -3,7 +3,7 @@
 import { Chart } from "./chart.js";
 import { ask } from "./dialog.js";
 import { Link } from "./link.js";
-import { standing } from "./standing.js";
+import { rigState } from "./rig_state.js";
 import * as views from "./views.js";
 import { clock, element, lasted } from "./words.js";
 
@@ -93,7 +93,7 @@ function render() {
   for (const name of dirty) {
     if (views[name] && (name in sections || name in common)) views[name](link);
   }
-  if (["life", "campaign", "progress", "seat", "launch", "rig", "rigs", "interlocks"].some((name) => dirty.has(name))) actions();
+  if (["life", "campaign", "progress", "holder", "launch", "rig", "rigs", "interlocks"].some((name) => dirty.has(name))) actions();
   if (sections.life?.life !== render.life) {
     render.life = sections.life?.life;
     views.campaign(link);
@@ -136,15 +136,15 @@ function alive() {
 }
 
 function stands(lost, silent) {
-  const [tone, word, why] = standing(link, lost, silent);
+  const [tone, word, why] = rigState(link, lost, silent);
   const key = JSON.stringify([tone, word, why]);
   if (stands.shown === key) return;
   stands.shown = key;
-  by("standing").className = `banner ${tone}`;
-  by("standing-word").textContent = word;
-  by("standing-why").textContent = why;
+  by("rig-state").className = `banner ${tone}`;
+  by("rig-state-word").textContent = word;
+  by("rig-state-why").textContent = why;
   // A long reason is cut on the screen, and whole where a hand or a reader looks for it.
-  by("standing").title = why;
+  by("rig-state").title = why;
 }
 
 function banners(life) {
@@ -168,7 +168,7 @@ setInterval(alive, 250);
 
 // ---- what may be done ---------------------------------------------------------------------------
 
-const isMine = () => link.common.seat?.number !== null && link.common.seat?.number === link.you;
+const isMine = () => link.common.holder?.number !== null && link.common.holder?.number === link.you;
 
 // Whoever has control is shown the rig that was started from here, once; he may look at another.
 let followed = "";
@@ -182,7 +182,7 @@ function follow() {
 function actions() {
   follow();
   const { life, campaign, progress, interlocks } = link.sections;
-  const { seat, launch } = link.common;
+  const { holder, launch } = link.common;
   const isLive = life?.life === "live" && campaign?.status === "running";
   const canStart = launch?.allowed && !(isLive && launch.offers.length === 0);
   const may = {
@@ -201,7 +201,7 @@ function actions() {
   }
   by("actions-why").textContent = isMine()
     ? launch && !launch.allowed && !isLive ? "Campaigns are started on the rig's own machine." : ""
-    : seat?.number === null ? "Take control to act. Stop works for everybody." : `${seat?.name ?? "Nobody"} has control. Stop works for everybody.`;
+    : holder?.number === null ? "Take control to act. Stop works for everybody." : `${holder?.name ?? "Nobody"} has control. Stop works for everybody.`;
   by("stop").setAttribute("aria-label", `Stop ${link.rig || "the rig"}: end the campaign now`);
   by("stop-rig").textContent = (link.common.rigs?.length ?? 0) > 1 ? link.rig : "";
   by("progress-meter").hidden = !progress?.duration_s;
@@ -293,14 +293,14 @@ for (const button of document.querySelectorAll("[data-do]")) {
   });
 }
 
-by("seat-button").addEventListener("click", async () => {
-  const { seat } = link.common;
-  if (!seat) return;
+by("holder-button").addEventListener("click", async () => {
+  const { holder } = link.common;
+  if (!holder) return;
   if (isMine()) { await order("release"); return; }
-  if (seat?.number === null) { await order("take"); return; }
-  const away = seat.here ? "" : " Nobody watches under this name now.";
-  const told = await ask({ title: `Take over from ${seat.name}`, confirm: "Take over", danger: true,
-    text: `${seat.name} has had control since ${clock(seat.since_ms)}.${away} Everybody is told.` });
+  if (holder?.number === null) { await order("take"); return; }
+  const away = holder.here ? "" : " Nobody watches under this name now.";
+  const told = await ask({ title: `Take over from ${holder.name}`, confirm: "Take over", danger: true,
+    text: `${holder.name} has had control since ${clock(holder.since_ms)}.${away} Everybody is told.` });
   if (told) await order("take over");
 });
 

@@ -41,13 +41,13 @@ export function rigs({ common, rig }) {
   by("rig-name").textContent = rig;
 }
 
-export function seat({ common, you }) {
-  const { number, name, since_ms: since, here } = common.seat;
+export function holder({ common, you }) {
+  const { number, name, since_ms: since, here } = common.holder;
   const mine = number !== null && number === you;
-  by("seat").textContent = number === null ? "nobody has control"
+  by("holder").textContent = number === null ? "nobody has control"
     : mine ? "you have control" : `${name} has control since ${clock(since)}${here ? "" : " (away)"}`;
-  by("seat").className = mine ? "mine" : "";
-  by("seat-button").textContent = mine ? "Give up" : number === null ? "Take control" : "Take over";
+  by("holder").className = mine ? "mine" : "";
+  by("holder-button").textContent = mine ? "Give up" : number === null ? "Take control" : "Take over";
 }
 
 export function viewers({ common }) {

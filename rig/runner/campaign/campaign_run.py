@@ -48,6 +48,7 @@ from rig.runner.run_folder import (
 from rig.supervisor import Onlooker
 
 from .bench import Bench
+from .campaign_test_run import Setting, run_test
 from .compiled_pieces import Needs
 from .compiling import ON_HARDWARE, SIMULATED, compile_for, load
 from .control_port import ControlPort
@@ -55,7 +56,6 @@ from .operator_requests import Desk, Request
 from .pacing import Pace, Pacer
 from .phases import CLEANUP_S, Deadline, Phase
 from .simulated_bench import SimulatedBench
-from .single_test import Setting, run_test
 from .stopping import StopFlag
 from .suspending import MOST_SUSPENSIONS, Suspenders
 

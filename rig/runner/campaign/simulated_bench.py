@@ -16,7 +16,7 @@ from rig.loop import Interlock, Motion, Reaction, SimulatedLoop, interlock, limi
 from rig.plant import TICK, Model
 from rig.recording import McapWriter
 
-from .simulated_test import SimulatedTest
+from .simulated_loop import SimulatedTest
 
 
 class SimulatedBench:

@@ -1,4 +1,3 @@
-from .computing_apart import ApartError as ApartError, apart as apart
 from .friction_experiment import (
     FrictionExperiment as FrictionExperiment,
     run_friction_experiment as run_friction_experiment,
@@ -25,3 +24,4 @@ from .gap_results import (
     rig_plant as rig_plant,
 )
 from .parts import ExperimentStoppedError as ExperimentStoppedError
+from .worker_process import ApartError as ApartError, apart as apart

@@ -40,11 +40,11 @@ from rig.recording import Recording, read_recording
 from rig.runner.campaign import Bench, Pace, StopFlag, bench_of
 from rig.runner.outcomes import EXIT_STOPPED, Observer
 
-from .computing_apart import Worker, at_once
 from .gap_motions import EXPERIMENT_S
 from .gap_plan import Programme, motions_campaign, room_of
 from .gap_results import rig_plant
 from .parts import ExperimentStoppedError, Parts
+from .worker_process import Worker, at_once
 
 ROUNDS: Final = 4
 """Most rounds: the programme, two experiments, and one for what a check finds."""

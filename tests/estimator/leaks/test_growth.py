@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from estimator.leaks.growth import LEAST_BLOCKS, STRETCHES, stretches
-from estimator.leaks.leak_test import LeakTest
+from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.leak_verdicts import LeakVerdicts
 from rig.plant.parameters import LITRE_PER_MINUTE
 
-from .test_leak_test import ROOT, blocks
+from .test_leak_statistic import ROOT, blocks
 
 FLOW = ROOT / LITRE_PER_MINUTE
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.filters.product_lanes import ProductLanes
 from estimator.filters.product_model import DYNAMIC, STATE_COUNT, predict_product
 from estimator.leaks.detection import draw_up
-from estimator.leaks.leak_test import LeakTest
+from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, replay, samples_of
 from rig.io.simulated import simulated_rig

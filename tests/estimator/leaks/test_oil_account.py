@@ -15,7 +15,7 @@ from estimator.accounts.nuisances import NUISANCES
 from estimator.accounts.sums import MARKS
 from estimator.filters.registry import FilterRun
 from estimator.leaks.detection import Decision, OilAccountDetector, draw_up
-from estimator.leaks.leak_test import LeakTest
+from estimator.leaks.leak_statistic import LeakTest
 from estimator.leaks.oil_account import OilAccount
 from estimator.leaks.replaying import filter_recording, part_of, samples_of, stretch
 from rig.io.simulated import simulated_rig
@@ -236,7 +236,7 @@ def test_the_detector_needs_no_package_that_is_not_declared() -> None:
         "import sys; sys.modules['scipy'] = None\n"
         "import numpy as np\n"
         "from estimator.accounts.flow import AccountBlock\n"
-        "from estimator.leaks.leak_test import LeakTest\n"
+        "from estimator.leaks.leak_statistic import LeakTest\n"
         "from estimator.accounts.nuisances import NUISANCE_COUNT\n"
         "test, rng = LeakTest(1.0), np.random.default_rng(0)\n"
         "for k in range(30):\n"

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from rig.cli.live.monitor_view import document, line, screen
 from rig.console.curves import CHANNELS, Curves
-from rig.console.told import sections
+from rig.console.snapshot_sections import sections
 from rig.stream.client import StreamClient
 from rig.stream.fields import FIELDS, NEEDED
 from rig.stream.messages import (

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.sweep.cases import Judged
+from rig.sweep.run_cases import Judged
 from rig.sweep.running import Timing
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from estimator.gap.plant.building import build
+from estimator.gap.plant.compile_plant import build
 from estimator.gap.plant.description import (
     Channel,
     EquationOf,

@@ -13,8 +13,8 @@ from click.testing import CliRunner, Result
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED, main as rig_main
 from rig.cli.models.sweep import command
 from rig.sweep import local, running
-from rig.sweep.cases import Judged, run_chunk
 from rig.sweep.drawing import Cases
+from rig.sweep.run_cases import Judged, run_chunk
 from rig.sweep.setting import Setting
 
 TEXT = """\

@@ -11,7 +11,7 @@ from rig.configuration.rigs.rig import Rig
 from rig.runner import CampaignOutcome, Status, run_campaign
 from rig.runner.campaign.operator_requests import Desk
 from rig.runner.campaign.phases import CLEANUP_S, Deadline
-from rig.runner.campaign.simulated_test import SimulatedTest
+from rig.runner.campaign.simulated_loop import SimulatedTest
 from rig.runner.run_folder.journal import JOURNAL, read_journal
 
 MakeTest = Callable[..., CampaignTest]

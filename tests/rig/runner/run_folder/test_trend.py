@@ -12,7 +12,7 @@ from estimator.friction.curve import FrictionCurve, FrictionEstimate
 from rig.report.campaign.trend_page import trend_page
 from rig.runner import Observer
 from rig.runner.campaign.bench import Timed
-from rig.runner.campaign.single_test import _Told
+from rig.runner.campaign.campaign_test_run import _Told
 from rig.runner.outcomes.figures import figures_of
 from rig.runner.run_folder.archive import Run
 from rig.runner.run_folder.trend import FEWEST, Trend, trends_of

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.accounts.flow import AccountBlock
 from estimator.leaks.finding import Finding
-from estimator.leaks.supply_test import ONSETS, WANDER, SupplyTest
+from estimator.leaks.supply_statistic import ONSETS, WANDER, SupplyTest
 from rig.plant import NOMINAL
 from rig.plant.parameters import LITRE_PER_MINUTE
 

@@ -73,7 +73,7 @@ function live({ life, campaign, progress, interlocks }) {
 }
 
 // Returns tone, word and sentence.
-export function standing(link, lost, silent) {
+export function rigState(link, lost, silent) {
   const { sections, common } = link;
   const { life, campaign } = sections;
   if (lost && !link.heardAt) return ["off", "Connecting", "The console is being asked."];

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from rig.runner.experiments.computing_apart import ApartError, apart, at_once
+from rig.runner.experiments.worker_process import ApartError, apart, at_once
 
 
 def test_a_result_comes_back_from_another_process_while_the_rig_is_looked_after() -> None:

@@ -1,4 +1,4 @@
-"""The operator's seat: one of those who watch has the rigs in hand, and everybody sees who."""
+"""Who has control: one of those who watch may act on the rigs, and everybody sees who it is."""
 
 import time
 from collections.abc import Callable
@@ -8,15 +8,16 @@ from typing import Any
 from .visitors import Visitor
 
 
-class SeatTaken(Exception):  # noqa: N818 (a refusal, not a failure)
+class NotInControl(Exception):  # noqa: N818 (a refusal, not a failure)
     """A visitor may not act or take control; the message says who has control, or that nobody has.
 
-    `Seat.take` raises it if somebody else has control, `Seat.require` also if nobody has.
+    `ControlHolder.take` raises it if somebody else has control, `ControlHolder.require` also if
+    nobody has.
     """
 
 
 @dataclass
-class Seat:
+class ControlHolder:
     """Who may act; nobody, to begin with.
 
     Attributes:
@@ -37,13 +38,13 @@ class Seat:
             over: whether it may be taken from somebody else, as was asked for in so many words.
 
         Raises:
-            SeatTaken: somebody else has it.
+            NotInControl: somebody else has it.
         """
         before = self.holder
         if before == visitor:
             return
         if before is not None and not over:
-            raise SeatTaken(f"{before.name} has control; take over, if it is agreed")
+            raise NotInControl(f"{before.name} has control; take over, if it is agreed")
         self.holder, self.since_ns = visitor, self.clock_ns()
         taken = f" over from {before.name}" if before is not None else ""
         self.tell(f"{visitor.name} takes{taken or ' control'}")
@@ -59,12 +60,12 @@ class Seat:
         """Look whether a visitor may act.
 
         Raises:
-            SeatTaken: no.
+            NotInControl: no.
         """
         if self.holder is None:
-            raise SeatTaken("nobody has control; take it first")
+            raise NotInControl("nobody has control; take it first")
         if self.holder != visitor:
-            raise SeatTaken(f"{self.holder.name} has control")
+            raise NotInControl(f"{self.holder.name} has control")
 
     def content(self) -> dict[str, Any]:
         """Return what everybody may know of who has control."""

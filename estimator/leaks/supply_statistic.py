@@ -33,7 +33,7 @@ from rig.plant import LITRE_PER_MINUTE, Parameters
 
 from .fault_scores import WITNESSES
 from .finding import Finding
-from .leak_test import MINIMUM_BLOCKS, SHARES
+from .leak_statistic import MINIMUM_BLOCKS, SHARES
 from .leak_verdicts import PRIOR
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from rig.channels import BYPASSES
-from rig.console.told import sections
+from rig.console.snapshot_sections import sections
 from rig.plant import FAULTS
 from rig.stream.view import Snapshot
 

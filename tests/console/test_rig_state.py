@@ -156,9 +156,9 @@ def come(browser: Browser, site: Site) -> Iterator[Callable[[str, Site_], Page]]
         page.fill("[name=name]", "Anna")
         page.fill("[name=token]", TOKEN)
         page.keyboard.press("Enter")
-        expect(page.locator("#seat")).to_contain_text("control")
-        page.locator("#seat-button").click()
-        expect(page.locator("#seat")).to_have_text("you have control")
+        expect(page.locator("#holder")).to_contain_text("control")
+        page.locator("#holder-button").click()
+        expect(page.locator("#holder")).to_have_text("you have control")
         return page
 
     yield come
@@ -174,16 +174,16 @@ def test_state_outcome_and_reason_stand_above_the_fold(
     for state, (set_up, tone, word, why, enabled) in STATES.items():
         launched(None, afresh)(site)
         set_up(site)
-        expect(page.locator("#standing-word"), state).to_have_text(word)
-        expect(page.locator("#standing-why"), state).to_contain_text(why)
-        expect(page.locator("#standing"), state).to_have_class(f"banner {tone}")
+        expect(page.locator("#rig-state-word"), state).to_have_text(word)
+        expect(page.locator("#rig-state-why"), state).to_contain_text(why)
+        expect(page.locator("#rig-state"), state).to_have_class(f"banner {tone}")
         for button in ("start", "hold", "resume", "skip", "retry"):
             where = expect(page.locator(f"[data-do={button}]"), f"{button} when {state}")
             where.to_be_enabled() if button in enabled else where.to_be_disabled()
         if tone == "bad":
             expect(page.locator("#verdict.good"), state).to_have_count(0)
         height, width = SIZES[size]["height"], SIZES[size]["width"]
-        assert lowest(page, "#standing") <= 0.5 * height, state
+        assert lowest(page, "#rig-state") <= 0.5 * height, state
         assert lowest(page, "#stop") <= height + 1, state
         assert page.evaluate("document.documentElement.scrollWidth") <= width, state
         pictures = os.environ.get("STANDING_PICTURES")
@@ -208,10 +208,10 @@ def test_a_console_that_has_no_news_is_not_taken_for_one_that_is_lost(
     come: Callable[[str, Site_], Page], site: Site
 ) -> None:
     page = come("desk", nobody)
-    expect(page.locator("#standing-word")).to_have_text("No rig is heard")
+    expect(page.locator("#rig-state-word")).to_have_text("No rig is heard")
     for _ in range(4):
         heard_again(page)
-    assert page.locator("#standing-word").inner_text() == "No rig is heard"
+    assert page.locator("#rig-state-word").inner_text() == "No rig is heard"
 
 
 def test_a_console_that_is_lost_is_said_to_be_lost(
@@ -220,5 +220,5 @@ def test_a_console_that_is_lost_is_said_to_be_lost(
     page = come("phone", nobody)
     page.context.set_offline(True)
     page.evaluate("rigConsole.socket.close()")
-    expect(page.locator("#standing-word")).to_have_text("The console does not answer")
-    expect(page.locator("#standing-why")).to_contain_text("stop the rig at the rig")
+    expect(page.locator("#rig-state-word")).to_have_text("The console does not answer")
+    expect(page.locator("#rig-state-why")).to_contain_text("stop the rig at the rig")

@@ -15,7 +15,7 @@ from estimator.accounts.row import FAULT_COUNT
 from estimator.accounts.sums import MARKS
 from estimator.leaks.fault_scores import WITNESSES
 from estimator.leaks.finding import Finding
-from estimator.leaks.leak_test import MINIMUM_BLOCKS, LeakTest
+from estimator.leaks.leak_statistic import MINIMUM_BLOCKS, LeakTest
 from estimator.leaks.leak_verdicts import LeakVerdicts
 from rig.plant import FAULTS
 from rig.plant.parameters import LITRE_PER_MINUTE

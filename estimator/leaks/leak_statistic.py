@@ -51,7 +51,7 @@ GROWTH_BLOCKS: Final = 8
 """Blocks, 4 s, from one search for leaks that grow slowly to the next."""
 SHARES: Final = FAULT_COUNT + 1
 """What shares the stated rate where the supply pressure is measured: the faults, and the test of
-that pressure (`supply_test`)."""
+that pressure (`supply_statistic`)."""
 DIRECTIONS: Final = 2.0
 """Faults that noise could be taken for, in effect: 0.8 to 1.6 by simulation, rounded up
 (`tools/alarm_threshold.py`)."""
