@@ -13,7 +13,7 @@ import numpy as np
 from numba import float64, int64, njit, types, void
 
 from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP
-from rig.plant import inner
+from rig.plant import inlined, inner
 
 _DRIVE: Final = types.FunctionType(DRIVE)
 _STEP: Final = types.FunctionType(STEP)
@@ -26,10 +26,21 @@ _MATRIX: Final = float64[:, ::1]
 _CUBE: Final = float64[:, :, ::1]
 
 
+@inlined
+def put(target, values):
+    """Write values (count,) to a target of the same length.
+
+    A slice would do the same, and have the compiler make words of the two lengths, in case they
+    differ: that takes two seconds in each process that compiles.
+    """
+    for i in range(target.size):
+        target[i] = values[i]
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _advance(drive, step, remember, before, x, inputs, memory, parameters):
     """Move a state (count,) and its memory (length,) by a sample of inputs, from before to x."""
-    x[:] = before
+    put(x, before)
     drive(inputs, memory, parameters)
     step(x, memory, parameters)
     remember(before, x, memory, parameters)
@@ -184,17 +195,17 @@ def run_filter(
             slope, gains[t], innovation_variances[t], couplings[t],
         )  # fmt: skip
         drive(inputs[t], remembered, parameters)
-        ahead[:] = x
+        put(ahead, x)
         step(ahead, remembered, parameters)
         for j in range(count):
-            point[:] = x
+            put(point, x)
             point[j] += changes[j]
             step(point, remembered, parameters)
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
         predict_covariance(transition, noises, product, covariance)
         remember(x, ahead, remembered, parameters)
-        x[:] = ahead
+        put(x, ahead)
 
 
 @njit(
@@ -281,15 +292,15 @@ def predict_ahead(
     ahead = np.empty(count)
     for t in range(inputs.shape[0]):
         if t % horizon == 0:
-            x[:] = states[t]
-            free[:] = remembered
+            put(x, states[t])
+            put(free, remembered)
             errors[t, :] = np.nan
         else:
             read(x, free, parameters, expected)
             for i in range(outputs):
                 errors[t, i] = readings[t, i] - expected[i]
         _advance(drive, step, remember, x, ahead, inputs[t], free, parameters)
-        x[:] = ahead
+        put(x, ahead)
         _advance(drive, step, remember, states[t], ahead, inputs[t], remembered, parameters)
 
 
@@ -323,11 +334,11 @@ def run_free(
     expected = np.empty(readings.shape[1])
     for t in range(inputs.shape[0]):
         read(x, remembered, parameters, expected)
-        simulated[t] = expected
+        put(simulated[t], expected)
         for j in range(inputs.shape[1]):
             value = inputs[t, j]
             for i in range(expected.size):
                 value += steering[j, i] * (readings[t, i] - expected[i])
             driven[t, j] = value
         _advance(drive, step, remember, x, ahead, driven[t], remembered, parameters)
-        x[:] = ahead
+        put(x, ahead)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array, Gains, Record
 
+from .prediction import put
 from .predictor import Predictor
 from .variables import Values
 
@@ -61,7 +62,7 @@ def linearise_course(
         if row >= 0:
             read(states[t], remembered, present, expected)
             for j in range(count):
-                point[:] = states[t]
+                put(point, states[t])
                 point[j] += changes[j]
                 read(point, remembered, present, shifted)
                 for i in range(outputs):
@@ -71,22 +72,22 @@ def linearise_course(
                 for i in range(outputs):
                     shifts[row, count + i, p] = shifted[i] - expected[i]
         drive(inputs[t], remembered, present)
-        ahead[:] = states[t]
+        put(ahead, states[t])
         step(ahead, remembered, present)
         if row >= 0:
             for j in range(count):
-                point[:] = states[t]
+                put(point, states[t])
                 point[j] += changes[j]
                 step(point, remembered, present)
                 for i in range(count):
                     transitions[row, i, j] = (point[i] - ahead[i]) / changes[j]
             for p in range(shifts.shape[2]):
-                point[:] = states[t]
+                put(point, states[t])
                 step(point, remembered, parameters[1 + p])
                 for i in range(count):
                     shifts[row, i, p] = point[i] - ahead[i]
             # The last step leaves its mark in the memory: it must be that of the present model.
-            ahead[:] = states[t]
+            put(ahead, states[t])
             step(ahead, remembered, present)
         remember(states[t], ahead, remembered, present)
 
@@ -146,7 +147,8 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
             if rows[r] < count:
                 for c in range(columns):
                     ahead[rows[r], c] += kicks[t, r, c]
-        x[:] = ahead
+        for i in range(count):
+            put(x[i], ahead[i])
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from estimator.gap.plant import (
 )
 from rig.lanes import LANES, align_stack, empty_lanes, load, store
 
-from .prediction import correct, predict_covariance
+from .prediction import correct, predict_covariance, put
 
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
@@ -154,4 +154,4 @@ def run_filter_in_lanes(
         predict_covariance(transition, noises, product, covariance)
         remember(points[0], in_lanes, parameters, first)
         keep(x, ahead, remembered, first)
-        x[:] = ahead
+        put(x, ahead)
