@@ -13,5 +13,5 @@ from tools.hidden_effects.workflow import in_process
 
 @pytest.mark.parametrize("kind", ["none", "single", "unexcited"])
 def test_a_short_blind_trial_comes_out_right(kind: str, tmp_path: Path) -> None:
-    found = trial(Plan(kind, 1, 0, 6.0), tmp_path, False, in_process)
+    found = trial(Plan(kind, 1, 0, 4.0), tmp_path, False, in_process)
     assert found.score.outcome == "right", (found.envelope, found.answer)
