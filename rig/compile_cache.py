@@ -2,7 +2,7 @@
 
 numba notices a change of the function's own file only, not of the physics that it calls, and would
 go on running what was compiled from older equations. A cache keyed by all compiled sources can't be
-stale.
+stale. Drivers from elsewhere are among them: the loop takes over the exchange of a fast one.
 """
 
 import os
@@ -11,8 +11,13 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
+
+DRIVERS: Final = "hydraulic_rig.drivers"
+"""Group of the entry points that name the classes of drivers."""
 
 _COMPILED: Final = (
     "rig/channels.py",
@@ -40,6 +45,34 @@ def source_key(root: Path) -> str:
     return digest.hexdigest()[:16]
 
 
+def drivers_key() -> str:
+    """Return a digest of the packages from elsewhere that have drivers; empty if there are none.
+
+    Numba cannot read what it kept for a driver that is not installed any more.
+    """
+    modules = (entry.value.partition(":")[0] for entry in entry_points(group=DRIVERS))
+    packages = sorted({module.partition(".")[0] for module in modules} - {"rig"})
+    digest = sha256()
+    for package in packages:
+        digest.update(package.encode())
+        for path in _sources_of(package):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16] if packages else ""
+
+
+def _sources_of(package: str) -> list[Path]:
+    """Return the source files of a package or module, which is not imported."""
+    # A driver that is broken is told of when a rig asks for it.
+    with suppress(ImportError, ValueError):
+        spec = find_spec(package)
+        if spec is not None and spec.submodule_search_locations is not None:
+            folders = (Path(folder) for folder in spec.submodule_search_locations)
+            return [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+        if spec is not None and spec.has_location:
+            return [Path(str(spec.origin))]
+    return []
+
+
 def use_compile_cache() -> None:
     """Point numba at this source state's folder, unless NUMBA_CACHE_DIR is set by the user.
 
@@ -49,7 +82,7 @@ def use_compile_cache() -> None:
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hydraulic-rig"
-    folder = home / source_key(Path(__file__).parents[1])
+    folder = home / "-".join(filter(None, (source_key(Path(__file__).parents[1]), drivers_key())))
     try:
         if folder.is_dir():
             os.utime(folder)
@@ -76,9 +109,10 @@ def marks_folder() -> Path | None:
     import numba
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-    made_by = source_key(Path(__file__).parents[1]), numba.__version__, llvmlite.__version__
+    made_from = source_key(Path(__file__).parents[1]), drivers_key()
+    made_by = numba.__version__, llvmlite.__version__
     made_for = get_host_cpu_name(), get_host_cpu_features().flatten()
-    name = sha256("\n".join((*made_by, *made_for)).encode()).hexdigest()[:16]
+    name = sha256("\n".join((*made_from, *made_by, *made_for)).encode()).hexdigest()[:16]
     marks = Path(folder) / "compiled" / name
     try:
         marks.mkdir(parents=True, exist_ok=True)

@@ -5,9 +5,7 @@ class; `rig.io.conformance` is the suite that it should pass.
 """
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Final, Literal, Protocol, runtime_checkable
-
-ENTRY_POINTS: Final = "hydraulic_rig.drivers"
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 
 class DriverError(Exception):

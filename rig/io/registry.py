@@ -10,7 +10,9 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, Literal
 
-from .driver import ENTRY_POINTS, Driver, DriverError
+from rig.compile_cache import DRIVERS
+
+from .driver import Driver, DriverError
 
 _REQUIRED: Final = ("kind", "Options", "open", "read", "write", "safe_state", "close")
 
@@ -103,7 +105,7 @@ def _installed() -> Mapping[str, Mapping[str, EntryPoint]]:
     a file of every package installed.
     """
     installed: dict[str, dict[str, EntryPoint]] = {}
-    for entry in entry_points(group=ENTRY_POINTS):
+    for entry in entry_points(group=DRIVERS):
         installed.setdefault(entry.name, {})[entry.value] = entry
     return installed
 

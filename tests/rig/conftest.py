@@ -9,17 +9,20 @@ import pytest
 
 from rig.io import registry
 
-Install = Callable[..., None]
+Install = Callable[..., Path]
 
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Install a package of one module, with the types of driver that it names as entry points."""
+    """Install a package of one module, with the types of driver that it names as entry points.
+
+    What is installed returns the folder that it is installed in.
+    """
     site = tmp_path / "site-packages"
     site.mkdir()
     monkeypatch.syspath_prepend(str(site))
 
-    def install(package: str, source: str, **drivers: str) -> None:
+    def install(package: str, source: str, **drivers: str) -> Path:
         monkeypatch.delitem(sys.modules, package, raising=False)
         (site / f"{package}.py").write_text(dedent(source))
         about = site / f"{package}-1.0.dist-info"
@@ -28,6 +31,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
         lines = [f"{name} = {package}:{target}" for name, target in drivers.items()]
         (about / "entry_points.txt").write_text("\n".join(["[hydraulic_rig.drivers]", *lines]))
         registry._installed.cache_clear()
+        return site
 
     yield install
     registry._installed.cache_clear()

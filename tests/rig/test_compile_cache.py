@@ -3,12 +3,19 @@
 import importlib.util
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.compile_cache import marks_folder, source_key, telling_of_compiling, use_compile_cache
+from rig.compile_cache import (
+    drivers_key,
+    marks_folder,
+    source_key,
+    telling_of_compiling,
+    use_compile_cache,
+)
 
 TWICE = """
 from numba import njit
@@ -39,6 +46,29 @@ def test_a_change_of_the_physics_moves_the_cache(sources: Path) -> None:
 
 def test_the_same_sources_share_a_cache(sources: Path) -> None:
     assert source_key(sources) == source_key(sources)
+
+
+def test_a_change_of_a_driver_from_elsewhere_moves_the_cache(
+    install: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    folders, keys = list[str](), [drivers_key()]
+    site = install("elsewhere", "a = 1", siren="Driver")
+    install("vanished", "", horn="Driver")
+    (site / "vanished.py").unlink()
+    for source in ("a = 1", "a = 2"):
+        (site / "elsewhere.py").write_text(source)
+        keys.append(drivers_key())
+        monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+        use_compile_cache()
+        folders.append(os.environ["NUMBA_CACHE_DIR"])
+    assert keys[0] == ""
+    assert len({*keys}) == 3
+    assert [folder.endswith(f"-{key}") for folder, key in zip(folders, keys[1:], strict=True)] == [
+        True,
+        True,
+    ]
 
 
 def test_the_users_own_choice_of_cache_stands(monkeypatch: pytest.MonkeyPatch) -> None:
