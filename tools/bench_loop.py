@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ def idle(rig: Rig, seconds: float) -> Array:
     spec = fast(rig)
     memory = start_memory("product", MODEL)
     # Another plan's type would be another compilation.
-    driver: Any = spec.create()
+    driver = spec.create_fast()
 
     def run(number: int) -> None:
         wire_ticks(

@@ -55,20 +55,23 @@ from .can import (
     write_reply as write_reply,
 )
 from .device_lock import connection_of as connection_of, exclusive as exclusive
-from .driver import Driver as Driver, DriverError as DriverError
+from .driver import (
+    Driver as Driver,
+    DriverError as DriverError,
+    ExchangeStatus as ExchangeStatus,
+    FastDriver as FastDriver,
+)
 from .flow_meters import meter_line as meter_line
 from .libc import bind as bind, monotonic_ns as monotonic_ns, scratch as scratch
 from .limits import ChannelLimit as ChannelLimit, Response as Response
+from .loop_exchange import exchange as exchange
 from .modbus_daq import (
     WORDS as WORDS,
-    ExchangeStatus as ExchangeStatus,
     Register as Register,
     RegisterMap as RegisterMap,
     RegisterMapError as RegisterMapError,
     RegisterType as RegisterType,
     RegisterValue as RegisterValue,
-    Tally as Tally,
-    exchange as exchange,
 )
 from .registry import (
     DriverSpec as DriverSpec,

@@ -1,11 +1,17 @@
-"""What a driver is: the one protocol to hardware, and the error that all drivers raise.
+"""What a driver is: the protocols to hardware, and the error that all drivers raise.
 
 Third parties add a driver by an entry point of the group `hydraulic_rig.drivers` that names its
 class; `rig.io.conformance` is the suite that it should pass.
 """
 
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 
 
 class DriverError(Exception):
@@ -29,7 +35,7 @@ class DriverError(Exception):
 
 @runtime_checkable
 class Driver(Protocol):
-    """A device of the rig. Nothing moves before the first `write`.
+    """A device of the rig; a fast one is a `FastDriver`. Nothing moves before the first `write`.
 
     The class is made with its name in the rig file and its `options`, a frozen dataclass whose
     fields are the keys of its section there: `str`, `int`, `bool`, `Path`, `Literal`, a
@@ -86,3 +92,79 @@ class Driver(Protocol):
 
     def close(self) -> None:
         """Let go of the device; harmless when repeated."""
+
+
+class ExchangeStatus(IntEnum):
+    """How an exchange ended; after any but OK its inputs are NaN."""
+
+    OK = 0
+    TIMEOUT = 1
+    """No whole reply until the deadline; if it comes later, it is dropped."""
+    EXCEPTION = 2
+    """The device refused."""
+    WRONG_REPLY = 3
+    """A whole reply, but not to this request."""
+    DISCONNECTED = 4
+    """The connection is gone, or cannot take a whole frame."""
+    GARBAGE = 5
+    """What came is nothing that the device can have said; all of it was dropped."""
+
+
+@runtime_checkable
+class Plan(Protocol):
+    """An exchange prepared for one connection; compiled code takes it, and may change its arrays.
+
+    It is an instance of a `NamedTuple` of arrays and numbers. The class has the exchange as a
+    method that numba compiles, by `njit(cache=True, error_model="numpy", nogil=True)`.
+    """
+
+    def exchange(
+        self, fd: int, sequence: int, outputs: Floats, inputs: Floats, deadline_ns: int
+    ) -> tuple[int, int]:
+        """Write outputs and read inputs in the device, and wait for nothing but its reply.
+
+        Args:
+            fd: the driver's `fileno()`.
+            sequence: number of the exchange; plan and look plan of a driver count up together.
+            outputs: (outputs,), `FAST_OUTPUTS`, SI.
+            inputs: (inputs,), filled with `FAST_INPUTS`, SI; NaN where the device has no such
+                signal, and all NaN unless the status is OK.
+            deadline_ns: when to give up, on CLOCK_MONOTONIC.
+
+        Returns:
+            The `ExchangeStatus`, and when the command left, CLOCK_MONOTONIC in ns; 0 if it did not.
+        """
+
+
+@runtime_checkable
+class FastDriver(Driver, Protocol):
+    """The driver of kind "fast": the loop exchanges a sample with its device at every tick.
+
+    `read` and `write` serve whoever has no loop. The loop takes the plans and the connection, and
+    calls none of this while it runs.
+    """
+
+    def fileno(self) -> int:
+        """Return the connection that samples are exchanged over, for the plans' exchange.
+
+        It is a descriptor in blocking mode, or any number from 0 on if the exchange needs none.
+
+        Raises:
+            DriverError: the device is not open.
+        """
+
+    def plan(self) -> Plan:
+        """Return the plan of the exchange over this connection, open or not; always the same."""
+
+    def look_plan(self) -> Plan:
+        """Return the plan of an exchange that reads the inputs and writes nothing; the same type.
+
+        By it the loop looks whether a valve at null stays there, before it sends null again.
+        """
+
+    def driven(self) -> str:
+        """Return what of the valve is not at null, over a new connection; empty if nothing is.
+
+        Raises:
+            DriverError: nobody answers.
+        """

@@ -12,9 +12,10 @@ from typing import Any, Final, Literal
 
 from rig.compile_cache import DRIVERS
 
-from .driver import Driver, DriverError
+from .driver import Driver, DriverError, FastDriver, Plan
 
 _REQUIRED: Final = ("kind", "Options", "open", "read", "write", "safe_state", "close")
+_REQUIRED_OF_FAST: Final = ("fileno", "plan", "look_plan", "driven")
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,12 @@ class DriverSpec:
         """Return the specification of a driver, which is made for it and not opened.
 
         Raises:
-            DriverError: there is none of this type, or its options do not fit together.
+            DriverError: there is none of this type, it is broken, or its options do not fit
+                together.
         """
         entry, driver = _entry_point(driver_type), driver_class(driver_type)(name, options)
+        if driver.kind == "fast":
+            _check_plans(entry, driver)
         says = driver.kind, driver.inputs, driver.outputs, driver.rate_hz
         return cls(name, driver_type, entry.value, options, *says)
 
@@ -59,6 +63,17 @@ class DriverSpec:
             DriverError: there is none of this type any more, or it refuses its options.
         """
         driver: Driver = driver_class(self.type)(self.name, self.options)
+        return driver
+
+    def create_fast(self) -> FastDriver:
+        """Return the driver, not yet open, which the loop exchanges samples with.
+
+        Raises:
+            DriverError: as `create`, or it is no fast driver.
+        """
+        driver = self.create()
+        if not isinstance(driver, FastDriver):
+            raise DriverError(self.name, f"{self.path} is not a fast driver", "name one that is")
         return driver
 
 
@@ -83,7 +98,18 @@ def driver_class(driver_type: str) -> Any:
     if lacking or not is_dataclass(found.Options):
         what = ", ".join(lacking) if lacking else "a dataclass Options"
         raise _broken(entry, f"is not a driver: it lacks {what}")
+    lacking = [name for name in _REQUIRED_OF_FAST if not hasattr(found, name)]
+    if found.kind == "fast" and lacking:
+        raise _broken(entry, f"is not a fast driver: it lacks {', '.join(lacking)}")
     return found
+
+
+def _check_plans(entry: EntryPoint, driver: FastDriver) -> None:
+    """Verify that the loop can take the plans of a fast driver."""
+    for name, plan in (("plan", driver.plan()), ("look_plan", driver.look_plan())):
+        if not (isinstance(plan, tuple) and isinstance(plan, Plan)):
+            state = f"returns by {name}() a {type(plan).__name__}, no NamedTuple with an exchange"
+            raise _broken(entry, state)
 
 
 def _entry_point(driver_type: str) -> EntryPoint:

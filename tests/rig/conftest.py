@@ -46,7 +46,7 @@ def plain_drivers(install: Install) -> None:
 PLAIN_DRIVERS = '''
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from rig.io.driver import DriverError
 from rig.io.modbus_daq.register_map import RegisterMap
@@ -97,6 +97,17 @@ class Slow:
     def close(self): ...
 
 
+class Plan(NamedTuple):
+    calls: int = 0
+
+    def exchange(self, fd, sequence, outputs, inputs, deadline_ns): return 1, 0
+
+
 class Fast(Slow):
     kind = "fast"
+
+    def fileno(self): return 0
+    def plan(self): return Plan()
+    def look_plan(self): return Plan()
+    def driven(self): return ""
 '''

@@ -5,34 +5,37 @@ and knows each reply by its transaction id: one that comes too late is dropped w
 """
 
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from pymodbus.constants import ExcCodes
 
 from rig.io import libc
+from rig.io.driver import ExchangeStatus
 from rig.plant import inner
 
 from .frames import FUNCTION_AT, LENGTH_AT, TRANSACTION_AT, UNIT_AT
-from .plan import TYPES, ExchangePlan, Tally
-from .register_map import FEEDBACK_BYTES
+from .register_map import FEEDBACK_BYTES, WORDS
+
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+TYPES: Final = tuple(WORDS)
+"""The types of registers, by the index that stands for each in a plan."""
 
 
-class ExchangeStatus(IntEnum):
-    """How an exchange ended; after any but OK its inputs are NaN."""
+class Tally(IntEnum):
+    """Index of each number in `ExchangePlan.tally`."""
 
-    OK = 0
-    TIMEOUT = 1
-    """No whole reply until the deadline; if it comes later, it is dropped."""
+    RECEIVED = 0
+    """Bytes at the start of the receive buffer that await the rest of their frame."""
+    LATE = 1
+    """Late replies dropped so far."""
     EXCEPTION = 2
-    """The device refused; `exception_text` says why."""
-    WRONG_REPLY = 3
-    """A whole reply, but not to this request: its id, unit, function or length differs."""
-    DISCONNECTED = 4
-    """The connection is gone, or cannot take a whole frame."""
-    GARBAGE = 5
-    """What came is no Modbus/TCP; all of it was dropped."""
+    """Exception code of the last refusal; 0 none so far."""
 
 
 _U16, _I16, _U32, _I32, _F32 = range(len(TYPES))
@@ -48,7 +51,6 @@ _GARBAGE: Final = int(ExchangeStatus.GARBAGE)
 _RECEIVED: Final = int(Tally.RECEIVED)
 _LATE: Final = int(Tally.LATE)
 _CODE: Final = int(Tally.EXCEPTION)
-_SENT: Final = int(Tally.SENT_NS)
 
 _HEADER: Final = LENGTH_AT + 2
 _SHORTEST_REPLY: Final = FUNCTION_AT + 2
@@ -57,17 +59,6 @@ _REFUSED: Final = 0x80
 """Set in the function code of an exception (V1.1b3, section 7)."""
 _STILL_LATE: Final = 0x4000
 """Transactions for which an unanswered request is remembered: 16 s at 1 kHz."""
-
-
-def exception_text(plan: ExchangePlan) -> str:
-    """Return what the device answered to the last request that it refused."""
-    return exception_name(int(plan.tally[_CODE]))
-
-
-def exception_name(code: int) -> str:
-    """Return a Modbus exception code with its name in the standard (V1.1b3, section 7)."""
-    names = {int(member): member.name.lower().replace("_", " ") for member in ExcCodes}
-    return f"exception {code} ({names.get(code, 'not in the standard')})"
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -208,35 +199,81 @@ def _send_request(fd, plan, transaction, identifier):
     return _DISCONNECTED
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def exchange(fd, plan, sequence, outputs, inputs, deadline_ns):
-    """Write outputs and read inputs in the device, and return an `ExchangeStatus`.
+class ExchangePlan(NamedTuple):
+    """An exchange prepared: frames, where each value goes and comes from, and what it remembers.
 
-    Args:
-        fd: a connected socket in blocking mode.
-        plan: of this connection; changed.
-        sequence: number of the exchange, counting up by one; the transaction ids follow from it.
-        outputs: float64 (outputs,), `FAST_OUTPUTS`, SI.
-        inputs: float64 (inputs,), filled with `FAST_INPUTS`, SI; NaN where the device has no
-            register, and all NaN unless the status is OK.
-        deadline_ns: when to give up, on CLOCK_MONOTONIC.
+    One plan serves one connection; every exchange changes it.
+
+    Attributes:
+        frames: uint8, the frames of all transactions, one after the other.
+        transactions: int64 (n, 4), of each: first byte and end in `frames`, size of its reply,
+            size of the reply's head.
+        identifiers: transaction ids that are counted for each exchange.
+        heads: uint8 (n, 5), the heads expected, from the function code on.
+        encode: int64 (outputs, 4): index in `FAST_OUTPUTS`, byte in `frames`, `TYPES` index, bit
+            or -1.
+        encode_scale: float64 (outputs, 2): gain and bias, SI = gain * number + bias.
+        decode: int64 (inputs, 4): index in `FAST_INPUTS`, byte in the last reply, type, bit.
+        decode_scale: float64 (inputs, 2), as for outputs.
+        low_word_first: int64 (1,), 1 if 32-bit values come so.
+        received: uint8, the receive buffer.
+        word: uint32 (1,), a 32-bit value on its way to or from float.
+        single: float32 (1,), the same memory.
+        tally: int64 (3,), by `Tally`.
     """
-    inputs[:] = np.nan
-    plan.tally[_SENT] = 0
-    encode_outputs(plan, outputs)
-    count = plan.transactions.shape[0]
-    for transaction in range(count):
-        identifier = (sequence * count + transaction) & 0xFFFF
-        status = _send_request(fd, plan, transaction, identifier)
-        if status != _OK:
-            return status
-        if transaction == 0:
-            # The outputs are in the first one, whatever the mode.
-            plan.tally[_SENT] = libc.monotonic_ns()
-        status = _receive_reply(fd, plan, transaction, deadline_ns)
-        if status != _OK:
-            return status
-        if transaction == count - 1:
-            decode_inputs(plan, inputs)
-        _drop(plan, plan.transactions[transaction, 2])
-    return _OK
+
+    frames: Bytes
+    transactions: Integers
+    identifiers: int
+    heads: Bytes
+    encode: Integers
+    encode_scale: Floats
+    decode: Integers
+    decode_scale: Floats
+    low_word_first: Integers
+    received: Bytes
+    word: NDArray[np.uint32]
+    single: NDArray[np.float32]
+    tally: Integers
+
+    @njit(cache=True, error_model="numpy", nogil=True)
+    def exchange(self, fd, sequence, outputs, inputs, deadline_ns):
+        """Exchange by one transaction or several; see `rig.io.driver.Plan.exchange`.
+
+        Args:
+            fd: a connected socket in blocking mode.
+            sequence: the transaction ids follow from it.
+            outputs: `FAST_OUTPUTS`.
+            inputs: `FAST_INPUTS`.
+            deadline_ns: for all replies together.
+        """
+        inputs[:] = np.nan
+        sent_ns = 0
+        encode_outputs(self, outputs)
+        count = self.transactions.shape[0]
+        for transaction in range(count):
+            identifier = (sequence * self.identifiers + transaction) & 0xFFFF
+            status = _send_request(fd, self, transaction, identifier)
+            if status != _OK:
+                return status, sent_ns
+            if transaction == 0:
+                # The outputs are in the first one, whatever the mode.
+                sent_ns = libc.monotonic_ns()
+            status = _receive_reply(fd, self, transaction, deadline_ns)
+            if status != _OK:
+                return status, sent_ns
+            if transaction == count - 1:
+                decode_inputs(self, inputs)
+            _drop(self, self.transactions[transaction, 2])
+        return _OK, sent_ns
+
+
+def exception_text(plan: ExchangePlan) -> str:
+    """Return what the device answered to the last request that it refused."""
+    return exception_name(int(plan.tally[_CODE]))
+
+
+def exception_name(code: int) -> str:
+    """Return a Modbus exception code with its name in the standard (V1.1b3, section 7)."""
+    names = {int(member): member.name.lower().replace("_", " ") for member in ExcCodes}
+    return f"exception {code} ({names.get(code, 'not in the standard')})"

@@ -13,14 +13,14 @@ from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 
-from rig.io.driver import DriverError
+from rig.io.driver import DriverError, ExchangeStatus
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.plant import Quantity
 
-from .compiled_exchange import ExchangeStatus, exception_text, exchange
+from .compiled_exchange import ExchangePlan, Tally, exception_text
 from .link import DaqLink
 from .null import driven, null
-from .plan import ExchangePlan, Tally, exchange_plan, look_plan
+from .plan import exchange_plan, look_plan
 from .register_map import ExchangeMode, RegisterMap
 from .setup import set_up, verify
 
@@ -108,7 +108,7 @@ class ModbusDaq:
         # What a connection before this one left unfinished is none of this one's.
         self._plan.tally[Tally.RECEIVED] = 0
         # Compiled, or loaded, here rather than within the first deadline.
-        exchange(-1, self._plan, 0, self._given, self._found, 0)
+        self._plan.exchange(-1, 0, self._given, self._found, 0)
         self._socket = self._connected()
 
     def fileno(self) -> int:
@@ -254,9 +254,8 @@ class ModbusDaq:
         self._given[counter] = (self._given[counter] + 1) % 0x10000
         self._sequence += 1
         deadline = time.monotonic_ns() + int(self._options.timeout * _NANOSECONDS)
-        status = ExchangeStatus(
-            exchange(fd, self._plan, self._sequence, self._given, self._found, deadline)
-        )
+        ended, _ = self._plan.exchange(fd, self._sequence, self._given, self._found, deadline)
+        status = ExchangeStatus(ended)
         if status is ExchangeStatus.OK:
             return
         place = f"{self._map.device} at {self._place}"

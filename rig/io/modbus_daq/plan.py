@@ -1,74 +1,17 @@
 """An exchange prepared: its frames as arrays, and where each value goes and comes from."""
 
 from collections.abc import Mapping
-from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 
+from .compiled_exchange import TYPES, ExchangePlan, Floats, Integers, Tally
 from .frames import Request, exchange_requests, look_request
-from .register_map import FEEDBACK_BYTES, WORDS, ExchangeMode, Register, RegisterMap
-
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-
-TYPES: Final = tuple(WORDS)
-"""The types of registers, by the index that stands for each in a plan."""
+from .register_map import FEEDBACK_BYTES, ExchangeMode, Register, RegisterMap
 
 _LONGEST_HEAD: Final = 5
-
-
-class Tally(IntEnum):
-    """Index of each number in `ExchangePlan.tally`."""
-
-    RECEIVED = 0
-    """Bytes at the start of the receive buffer that await the rest of their frame."""
-    LATE = 1
-    """Late replies dropped so far."""
-    EXCEPTION = 2
-    """Exception code of the last refusal; 0 none so far."""
-    SENT_NS = 3
-    """When the kernel had the last frame with a command, CLOCK_MONOTONIC; 0 if it did not go."""
-
-
-class ExchangePlan(NamedTuple):
-    """An exchange prepared: frames, where each value goes and comes from, and what it remembers.
-
-    One plan serves one connection; every exchange changes it.
-
-    Attributes:
-        frames: uint8, the frames of all transactions, one after the other.
-        transactions: int64 (n, 4), of each: first byte and end in `frames`, size of its reply,
-            size of the reply's head.
-        heads: uint8 (n, 5), the heads expected, from the function code on.
-        encode: int64 (outputs, 4): index in `FAST_OUTPUTS`, byte in `frames`, `TYPES` index, bit
-            or -1.
-        encode_scale: float64 (outputs, 2): gain and bias, SI = gain * number + bias.
-        decode: int64 (inputs, 4): index in `FAST_INPUTS`, byte in the last reply, type, bit.
-        decode_scale: float64 (inputs, 2), as for outputs.
-        low_word_first: int64 (1,), 1 if 32-bit values come so.
-        received: uint8, the receive buffer.
-        word: uint32 (1,), a 32-bit value on its way to or from float.
-        single: float32 (1,), the same memory.
-        tally: int64 (4,), by `Tally`.
-    """
-
-    frames: Bytes
-    transactions: Integers
-    heads: Bytes
-    encode: Integers
-    encode_scale: Floats
-    decode: Integers
-    decode_scale: Floats
-    low_word_first: Integers
-    received: Bytes
-    word: NDArray[np.uint32]
-    single: NDArray[np.float32]
-    tally: Integers
 
 
 def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
@@ -79,15 +22,20 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
         mode: one of its `exchange`.
         unit: unit id of the device, 0 to 255.
     """
-    return _plan(register_map, exchange_requests(register_map, mode, unit))
+    requests = exchange_requests(register_map, mode, unit)
+    return _plan(register_map, requests, len(requests))
 
 
 def look_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
     """Return the plan of an exchange that writes nothing; see `exchange_plan`."""
-    return _plan(register_map, (look_request(register_map, mode, unit),))
+    # Looks and exchanges are counted together: none may have an identifier of another.
+    identifiers = len(exchange_requests(register_map, mode, unit))
+    return _plan(register_map, (look_request(register_map, mode, unit),), identifiers)
 
 
-def _plan(register_map: RegisterMap, requests: tuple[Request, ...]) -> ExchangePlan:
+def _plan(
+    register_map: RegisterMap, requests: tuple[Request, ...], identifiers: int
+) -> ExchangePlan:
     sizes = [len(request.frame) for request in requests]
     ends = np.cumsum(sizes)
     starts = ends - sizes
@@ -110,6 +58,7 @@ def _plan(register_map: RegisterMap, requests: tuple[Request, ...]) -> ExchangeP
             ],
             np.int64,
         ),
+        identifiers=identifiers,
         heads=heads,
         encode=_table(outputs, FAST_OUTPUTS, written),
         encode_scale=_scales(outputs),

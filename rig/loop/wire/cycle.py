@@ -10,7 +10,7 @@ from typing import Final
 
 from numba import njit
 
-from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, ExchangeStatus, Tally, exchange, monotonic_ns
+from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, ExchangeStatus, exchange, monotonic_ns
 from rig.loop.atomic import load_acquire, store_release
 from rig.loop.board import DECISIONS_KEPT, Word
 from rig.loop.clock import sleep_until
@@ -38,7 +38,6 @@ _RESET_LAMP: Final = FAST_OUTPUTS.index("reset_lamp")
 _REARM: Final = FAST_OUTPUTS.index("rearm")
 _POSITION: Final = FAST_INPUTS.index("position_m")
 _VALVE_ENABLED: Final = FAST_INPUTS.index("valve_enabled")
-_SENT: Final = int(Tally.SENT_NS)
 _ENCODER_FAULT: Final = FAST_INPUTS.index("encoder_fault")
 _DEVICE_COUNTER: Final = FAST_INPUTS.index("device_counter")
 _METERS: Final = len(METERS)
@@ -68,9 +67,9 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         filt: the filter, `Estimation`; updated. The first whole sample starts it and the segment.
         interlock: `Interlock`; its memory is updated.
         pace: `Pace`.
-        fd: the device's socket; below 0 nothing is exchanged or checked.
-        plan: the device's `ExchangePlan`.
-        look: the `ExchangePlan` that reads it and writes nothing.
+        fd: the device's connection; below 0 nothing is exchanged or checked.
+        plan: the driver's, whose class brings the exchange; see `rig.io.driver.Plan`.
+        look: the plan that reads the device and writes nothing.
         memory: `WireMemory`, kept from segment to segment; updated.
         shared: the board, `SharedMemory`.
     """
@@ -111,12 +110,9 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         standing, begun, sent, status = outputs[_COMMAND], woken, 0, _NOT_EXCHANGED
         if fd >= 0 and (now % pace.every == 0 or enable == 0.0):
             if enable == 0.0 and counts[Count.NULL_NS] != 0:
-                look_at_null(
-                    fd, look, plan.transactions.shape[0], interlock.tolerances, pace, memory
-                )
+                look_at_null(fd, look, interlock.tolerances, pace, memory)
             begun = monotonic_ns()
-            status = _exchange(fd, plan, command, enable, course, pace, memory, words)
-            sent = plan.tally[_SENT]
+            status, sent = _exchange(fd, plan, command, enable, course, pace, memory, words)
         ended = monotonic_ns()
         if leaves:
             return Left.ASKED.value
@@ -344,7 +340,7 @@ def _setpoint(drive, course, tick, memory):
 
 @inner
 def _exchange(fd, plan, command, enable, course, pace, memory, words):
-    """Exchange outputs for a sample; return the `ExchangeStatus`."""
+    """Exchange outputs for a sample; return the `ExchangeStatus`, and when the command left."""
     outputs, counts = memory.outputs, memory.counts
     counts[Count.SEQUENCE] += 1
     counts[Count.WRITTEN] += 1
@@ -354,7 +350,7 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
     outputs[_RESET_LAMP] = course.reset_lamp
     outputs[_REARM] = course.rearm
     deadline = monotonic_ns() + pace.timeout_ns
-    status = exchange(fd, plan, counts[Count.SEQUENCE], outputs, memory.inputs, deadline)
+    status, sent = exchange(fd, plan, counts[Count.SEQUENCE], outputs, memory.inputs, deadline)
     enabled = memory.inputs[_VALVE_ENABLED]
     if enable == 0.0:
         counts[Count.DRIVEN] = 0
@@ -362,7 +358,7 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
         counts[Count.NULL_NS] = counts[Count.SETTLED] = counts[Count.AWAY] = 0
     if status != ExchangeStatus.OK:
         words[Word.EXCHANGE_ERRORS] += 1
-        return status
+        return status, sent
     memory.inputs[_POSITION] += course.offset
     if enable == 1.0 and enabled != 0.0:
         counts[Count.DRIVEN] = 1
@@ -370,7 +366,7 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
         counts[Count.NULL_NS] = monotonic_ns()
         if words[Word.LOOP_TRIP] != 0 and words[Word.VALVE_NULL_AT] == 0:
             words[Word.VALVE_NULL_AT] = counts[Count.NULL_NS]
-    return status
+    return status, sent
 
 
 @inner

@@ -31,13 +31,12 @@ def is_null(inputs):
 
 
 @inner
-def look_at_null(fd, look, transactions, tol, pace, memory):
+def look_at_null(fd, look, tol, pace, memory):
     """Take note of a valve that is driven though this loop has it at null: by another master.
 
     Args:
-        fd: the device's socket.
+        fd: the device's connection.
         look: reads the device and writes nothing.
-        transactions: of an exchange, so that identifiers go on counting up.
         tol: `rig.loop.interlocks.check_tolerances.Tolerances`.
         pace: for the deadline.
         memory: `WireMemory`; `found` is updated.
@@ -45,8 +44,8 @@ def look_at_null(fd, look, transactions, tol, pace, memory):
     counts, seen, found = memory.counts, memory.seen, memory.found
     counts[Count.SEQUENCE] += 1
     deadline = monotonic_ns() + pace.timeout_ns
-    sequence = counts[Count.SEQUENCE] * transactions
-    if exchange(fd, look, sequence, memory.outputs, seen, deadline) != ExchangeStatus.OK:
+    status, _ = exchange(fd, look, counts[Count.SEQUENCE], memory.outputs, seen, deadline)
+    if status != ExchangeStatus.OK:
         return
     off_null_m = _spool_off_null(seen[_SPOOL], tol, counts)
     enabled, output_V = seen[_VALVE_ENABLED] == 1.0, seen[_DEVICE_COMMAND]  # noqa: N806

@@ -7,7 +7,7 @@ or a test of a session's own would make no difference.
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numba.core.types import literal
@@ -25,7 +25,7 @@ from estimator.friction import load_lag
 from estimator.leaks import Samples, detector_for
 from faults import CampaignTest, Verdict
 from rig.configuration import Rig
-from rig.io import HomingSettings, simulated_rig
+from rig.io import DriverSpec, HomingSettings, simulated_rig
 from rig.loop import (
     Board,
     Drive,
@@ -85,6 +85,12 @@ class Needs:
     def kind(self) -> str:
         """Word for the filters that share their machine code with this one."""
         return "product" if self.filter_name == DEFAULT_FILTER else self.filter_name
+
+    @property
+    def fast(self) -> DriverSpec:
+        """The driver that the loop exchanges samples with, on hardware."""
+        (fast,) = (spec for spec in self.rig.drivers if spec.kind == "fast")
+        return fast
 
 
 def _plant(needs: Needs) -> None:
@@ -160,8 +166,8 @@ def _loop(needs: Needs) -> None:
     """Enter the loop on hardware, which leaves it before its first tick; nothing is connected."""
     rig, model = needs.rig, Model()
     memory = start_memory(needs.filter_name, model, rig.sensors)
-    (fast,) = (spec for spec in rig.drivers if spec.kind == "fast")
-    driver: Any = fast.create()
+    fast = needs.fast
+    driver = fast.create_fast()
     period_s = 1.0 / rig.loop.rate
     board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
     wire_ticks(
@@ -238,10 +244,12 @@ class Piece:
     Attributes:
         run: has it compiled.
         after: pieces that it contains, by name; it takes over what they have compiled.
+        exchanges: whether it contains the exchange of the fast driver.
     """
 
     run: Callable[[Needs], None]
     after: tuple[str, ...] = ()
+    exchanges: bool = False
 
 
 PIECES: Final[dict[str, Piece]] = {
@@ -252,6 +260,6 @@ PIECES: Final[dict[str, Piece]] = {
     "filter": Piece(_filter, after=("estimates",)),
     "detector": Piece(_detector),
     "decisions": Piece(_decisions),
-    "loop": Piece(_loop, after=("filter",)),
+    "loop": Piece(_loop, after=("filter",), exchanges=True),
 }
 """All pieces, by the names that an operator is told."""

@@ -77,7 +77,10 @@ def load(needs: Needs, names: Names) -> None:
 
 
 def _mark(marks: Path, needs: Needs, name: str) -> Path:
-    return marks / f"{name.replace(' ', '_')}-{needs.kind}"
+    words = [name.replace(" ", "_"), needs.kind]
+    if PIECES[name].exchanges:
+        words.append(needs.fast.type)
+    return marks / "-".join(words)
 
 
 def _missing(marks: Path, needs: Needs, names: Names) -> Names:

@@ -11,10 +11,10 @@ import threading
 import time
 import traceback
 from multiprocessing.connection import Connection
-from typing import Any, Final
+from typing import Final
 
 from rig.compile_cache import telling_of_compiling, use_compile_cache
-from rig.io import DriverError
+from rig.io import DriverError, FastDriver
 from rig.loop import (
     Board,
     Cause,
@@ -71,7 +71,8 @@ class LoopProcess:
         self._board = board
         self._words = board.words
         self._pipe = pipe
-        self._driver: Any = None
+        self._driver: FastDriver
+        self._is_open = False
         self._pace: Pace
         self._interlock: Interlock
         self._memory = wire_memory()
@@ -125,14 +126,14 @@ class LoopProcess:
         return Cause.OPERATOR_STOP
 
     def _open(self, order: Open) -> None:
-        driver = order.driver.create()
+        driver = order.driver.create_fast()
         try:
             driver.open()
         except DriverError as error:
             driver.close()
             self._pipe.send(error)
             return
-        self._driver = driver
+        self._driver, self._is_open = driver, True
         self._pace = pace(order.settings, driver.rate_hz)
         self._interlock = interlock(order.limits, order.tolerances)
         self._segments[order.first.number] = order.first
@@ -267,7 +268,7 @@ class LoopProcess:
         self._memory.counts[Count.LEAVE] = 1
         if self._thread is not None:
             self._thread.join()
-        if self._driver is None:
+        if not self._is_open:
             return ""
         self._tend_null()
         self._tally.tell_rest()

@@ -10,9 +10,9 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-from rig.io import DriverError, DriverSpec, LoopSettings
+from rig.io import DriverError, DriverSpec, FastDriver, LoopSettings
 from rig.loop import FULL, Board, Cause, Word
 from rig.surviving import Surviving, failure
 
@@ -240,9 +240,9 @@ class Watch:
 def _found_driven(spec: DriverSpec) -> dict[str, str]:
     """Return what of a device is driven, by the part; nothing of one that does not tell."""
     try:
-        driver: Any = spec.create()
+        driver = spec.create()
         try:
-            if spec.kind == "fast":
+            if isinstance(driver, FastDriver):
                 driven = driver.driven()
                 return {"valve": driven} if driven else {}
             driver.open()

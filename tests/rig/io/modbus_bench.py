@@ -15,8 +15,9 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from rig.configuration.reading.document import Sources
 from rig.configuration.reading.lookup import shipped_config_dir
 from rig.configuration.reading.options import read_options
-from rig.io.modbus_daq.compiled_exchange import ExchangeStatus, exchange
-from rig.io.modbus_daq.plan import ExchangePlan, exchange_plan
+from rig.io.driver import ExchangeStatus
+from rig.io.modbus_daq.compiled_exchange import ExchangePlan
+from rig.io.modbus_daq.plan import exchange_plan
 from rig.io.modbus_daq.register_map import ExchangeMode, Register, RegisterMap
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from tests.rig.io.conftest import DeviceThread
@@ -66,7 +67,8 @@ class Line:
         """Exchange with a deadline long past: what counts is what has come by now."""
         given = np.array([(outputs or {}).get(name, 0.0) for name in FAST_OUTPUTS])
         fd = self._host.fileno()
-        return ExchangeStatus(exchange(fd, self.plan, sequence, given, self.inputs, 0))
+        status, _ = self.plan.exchange(fd, sequence, given, self.inputs, 0)
+        return ExchangeStatus(status)
 
     def send(self, *frames: bytes) -> None:
         """Send from the device."""

@@ -10,6 +10,17 @@ from rig.io.registry import DriverSpec, driver_class, driver_types
 
 Install = Callable[..., None]
 
+FAST = """
+from dataclasses import make_dataclass
+
+class Driver:
+    kind, Options, rate_hz = "fast", make_dataclass("Options", ()), 1000.0
+    inputs = outputs = ()
+    open = read = write = safe_state = close = print
+
+    def __init__(self, name, options): ...
+"""
+
 
 def test_the_shipped_drivers_are_found() -> None:
     shipped = {"modbus_daq", "bypass_valves", "can_valve", "can_pump", "flow_meters"}
@@ -57,6 +68,10 @@ def test_a_driver_of_two_packages_is_refused_naming_both(install: Install) -> No
             "    open = read = write = safe_state = close = print",
             "it lacks a dataclass Options",
         ),
+        (
+            f"{FAST}\n    fileno = driven = print",
+            "stranger:Driver is not a fast driver: it lacks plan, look_plan",
+        ),
     ],
 )
 def test_an_entry_point_that_names_no_driver_is_refused(
@@ -65,6 +80,26 @@ def test_an_entry_point_that_names_no_driver_is_refused(
     install("stranger", source, stranger="Driver")
     with pytest.raises(DriverError, match=lacks):
         driver_class("stranger")
+
+
+def test_a_fast_driver_whose_plan_brings_no_exchange_is_refused(install: Install) -> None:
+    install(
+        "stranger",
+        f"{FAST}\n    fileno = driven = print\n    plan = look_plan = dict",
+        stranger="Driver",
+    )
+    with pytest.raises(
+        DriverError, match=r"returns by plan\(\) a dict, no NamedTuple with an exch"
+    ):
+        DriverSpec.of("daq", "stranger", None)
+
+
+@pytest.mark.usefixtures("plain_drivers")
+def test_only_a_fast_driver_is_made_for_the_loop() -> None:
+    options = driver_class("plain_fast").Options(outputs=("command_V",))
+    assert DriverSpec.of("daq", "plain_fast", options).create_fast().name == "daq"
+    with pytest.raises(DriverError, match="plain_drivers:Slow is not a fast driver"):
+        DriverSpec.of("daq", "plain_slow", options).create_fast()
 
 
 def test_an_unknown_type_is_refused_with_the_known_ones() -> None:

@@ -56,6 +56,30 @@ def problems_of(text: str, folder: Path) -> list[str]:
     return [str(problem).removeprefix(f"{folder}/") for problem in caught.value.problems]
 
 
+def test_a_fast_driver_that_the_loop_cannot_run_on_is_told_of_where_the_rig_names_it(
+    install: Install, tmp_path: Path
+) -> None:
+    half = """
+    from plain_drivers import Fast, Options, Slow
+
+    class Half(Slow):
+        kind = "fast"
+        fileno = driven = None
+
+    class Planless(Fast):
+        look_plan = dict
+    """
+    install("halves", half, half="Half", planless="Planless")
+    assert problems_of(BENCH.replace("plain_fast", "half"), tmp_path) == [
+        "rig.yaml:9:9 driver: halves:Half is not a fast driver: it lacks plan, look_plan; "
+        "repair or uninstall the package halves"
+    ]
+    assert problems_of(BENCH.replace("plain_fast", "planless"), tmp_path) == [
+        "rig.yaml:9:3 daq: halves:Planless returns by look_plan() a dict, no NamedTuple with an "
+        "exchange; repair or uninstall the package halves"
+    ]
+
+
 def test_a_hardware_rig_inherits_everything_but_its_drivers(load_text: LoadText) -> None:
     rig, simulated = load_text(BENCH), load_rig("simulated")
     assert (rig.backend, rig.pace) == ("hardware", "real")

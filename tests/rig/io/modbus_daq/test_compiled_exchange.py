@@ -12,8 +12,8 @@ import pytest
 from hypothesis import example, given, strategies as st
 from pymodbus.client import ModbusTcpClient
 
-from rig.io.modbus_daq.compiled_exchange import ExchangeStatus, exception_text
-from rig.io.modbus_daq.plan import Tally
+from rig.io.driver import ExchangeStatus
+from rig.io.modbus_daq.compiled_exchange import Tally, exception_text
 from rig.io.modbus_daq.register_map import WORDS, ExchangeMode, Register, RegisterMap, RegisterType
 from rig.io.signals import FAST_INPUTS
 from tests.rig.io.modbus_bench import UNIT, Line, framed, map_of, registers_of, shipped_map

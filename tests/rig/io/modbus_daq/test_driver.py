@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from rig.io.driver import Driver, DriverError
+from rig.io.modbus_daq.compiled_exchange import Tally
 from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
 from rig.io.modbus_daq.link import RefusedError
-from rig.io.modbus_daq.plan import Tally
 from rig.io.modbus_daq.register_map import RegisterMap, RegisterValue, Watchdog
 from tests.rig.io.conftest import DeviceThread, ManualClock
 from tests.rig.io.modbus_bench import UNIT, PymodbusDevice, shipped_map

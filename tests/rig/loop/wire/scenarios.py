@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from estimator.filters.registry import OUTPUTS, run_filter, start_memory
-from rig.io.modbus_daq.compiled_exchange import ExchangeStatus
-from rig.io.modbus_daq.plan import Tally
+from rig.io.driver import ExchangeStatus
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
 from rig.loop.board import DECISIONS_KEPT, Board, Word
@@ -76,9 +75,7 @@ class World:
         self.now = BEGIN
         self.board = Board.create(len(CHANNELS))
         self.memory = wire_memory()
-        self.plan = SimpleNamespace(
-            tally=np.zeros(len(Tally), np.int64), transactions=np.zeros((1, 4), np.int64)
-        )
+        self.plan = SimpleNamespace()
         self.look = SimpleNamespace()
         self.looks = 0
         self.frames: list[tuple[int, dict[str, float]]] = []
@@ -99,7 +96,7 @@ class World:
             self.now += self.late.get(tick, 20_000)
 
     def exchange(self, fd: int, plan: Any, sequence: int, outputs: Any, inputs: Any,
-                 deadline_ns: int) -> int:  # fmt: skip
+                 deadline_ns: int) -> tuple[int, int]:  # fmt: skip
         """Take a frame, and answer with a sample; a look is answered without taking anything."""
         if plan is self.look:
             self.looks += 1
@@ -107,18 +104,18 @@ class World:
             inputs[:] = np.nan
             for name, value in self.device.items():
                 inputs[FAST_INPUTS.index(name)] = value
-            return int(ExchangeStatus.OK)
+            return int(ExchangeStatus.OK), 0
         number = len(self.frames)
         sent = dict(zip(FAST_OUTPUTS, (float(value) for value in outputs), strict=True))
         self.frames.append((self.now, sent))
         status = self.status.get(number, ExchangeStatus.OK)
         gone = status != ExchangeStatus.DISCONNECTED
-        self.plan.tally[Tally.SENT_NS] = self.now + 30_000 if gone else 0
+        left_ns = self.now + 30_000 if gone else 0
         self.now = deadline_ns if status == ExchangeStatus.TIMEOUT else self.now + 50_000
         inputs[:] = np.nan
         if status == ExchangeStatus.OK:
             self._answer(number, sent, inputs)
-        return int(status)
+        return int(status), left_ns
 
     def _answer(self, number: int, sent: dict[str, float], inputs: Any) -> None:
         if not self.deaf:

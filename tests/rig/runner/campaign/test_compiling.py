@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from rig.configuration.rigs.rig import load_rig
 from rig.runner import StopFlag
 from rig.runner.campaign.compiled_pieces import Needs
-from rig.runner.campaign.compiling import ON_HARDWARE, compile_for
+from rig.runner.campaign.compiling import ON_HARDWARE, _mark, compile_for
 
 SINE = "{type: sine, mean: 0.3 m, amplitude: 0.2 m, frequency: 0.5 Hz}"
 LEAK = "[{type: external_leakage_1, at: 8 s, flow: 0.8 L/min, pressure: 6.9 MPa}]"
@@ -109,6 +110,16 @@ def test_what_is_compiled_is_told_piece_by_piece_and_only_once() -> None:
     ]
     compile_for(needs, ("decisions",), told.append, StopFlag())
     assert len(told) == 2
+
+
+def test_a_loop_is_compiled_for_each_fast_driver_and_the_rest_is_not(tmp_path: Path) -> None:
+    rig = load_rig("emulated")
+    other = replace(
+        rig, drivers=tuple(replace(spec, type=f"my_{spec.type}") for spec in rig.drivers)
+    )
+    for name in ON_HARDWARE:
+        marks = {_mark(tmp_path, Needs(each, "product"), name) for each in (rig, other)}
+        assert len(marks) == (2 if name == "loop" else 1)
 
 
 @pytest.mark.usefixtures("empty_cache")

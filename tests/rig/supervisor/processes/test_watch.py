@@ -55,9 +55,6 @@ class FakeDriver:
     def read(self) -> Mapping[str, float]:
         return READ.get(self.name, {})
 
-    def driven(self) -> str:
-        return DRIVEN.get(self.name, "")
-
     def write(self, outputs: Mapping[str, float]) -> None: ...
 
     def safe_state(self) -> None:
@@ -68,11 +65,25 @@ class FakeDriver:
     def close(self) -> None: ...
 
 
+class FakeFastDriver(FakeDriver):
+    """One that tells what is driven, as the fast one does; no loop runs on it."""
+
+    kind = "fast"
+
+    def fileno(self) -> int:
+        raise NotImplementedError
+
+    plan = look_plan = fileno
+
+    def driven(self) -> str:
+        return DRIVEN.get(self.name, "")
+
+
 class FakeSpec(DriverSpec):
     """A spec of a fake driver."""
 
     def create(self) -> Any:
-        return FakeDriver(self.name)
+        return (FakeFastDriver if self.kind == "fast" else FakeDriver)(self.name)
 
 
 def spec(name: str, kind: Literal["fast", "slow"], *outputs: str) -> DriverSpec:
