@@ -1,7 +1,8 @@
 """What every driver has to do, as checks that any driver can be run through (docs/drivers.md).
 
 A check takes a factory of specimens, a driver with a device each, and raises `NonconformityError`
-if the driver does not behave as `rig.io.driver.Driver` says. It needs no test framework.
+if the driver does not behave as `rig.io.driver.Driver` says, and a fast one as `FastDriver`. It
+needs no test framework.
 """
 
 import threading
@@ -10,9 +11,16 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, is_dataclass
 from math import isfinite, isinf, isnan, nan
-from typing import Final
+from typing import Any, Final
 
-from .driver import Driver, DriverError
+import numpy as np
+from numba import njit, typeof
+from numba.core.errors import NumbaError
+from numba.extending import is_jitted
+from numpy.typing import NDArray
+
+from .driver import Driver, DriverError, ExchangeStatus, FastDriver, Plan
+from .loop_exchange import exchange
 from .signals import FAST_INPUTS, FAST_OUTPUTS, SLOW_INPUTS, SLOW_OUTPUTS
 
 PATIENCE_S: Final = 20.0
@@ -67,6 +75,9 @@ def check_declaration(factory: Factory) -> None:
         _require(isinstance(driver, Driver), "lacks part of the protocol rig.io.driver.Driver")
         _require(is_dataclass(driver.Options), "has Options that are no dataclass")
         _require(driver.kind in _NAMES, f"is of kind {driver.kind!r}, neither fast nor slow")
+        if driver.kind == "fast":
+            fast = isinstance(driver, FastDriver)
+            _require(fast, "is fast, and lacks part of the protocol rig.io.driver.FastDriver")
         known_inputs, known_outputs = _NAMES[driver.kind]
         for what, names, known in (
             ("inputs", driver.inputs, known_inputs),
@@ -194,6 +205,49 @@ def check_absent_device(factory: Factory) -> None:
         specimen.driver.close()
 
 
+def check_exchange(factory: Factory) -> None:
+    """A fast one exchanges by its plan, compiled as in the loop; by its look plan it only reads."""
+    with factory() as specimen:
+        driver = specimen.driver
+        if not isinstance(driver, FastDriver):
+            return
+        plan, look = driver.plan(), driver.look_plan()
+        _require(type(plan) is type(look), "has plans of two types")
+        _compile_exchange(driver)
+        _refusal(driver, "has a connection before it is open", driver.fileno)
+        driver.open()
+        _require(driver.fileno() >= 0, "has a connection below 0, which means none")
+        before = specimen.standing()
+        _exchange_well(specimen, driver, look)
+        after = specimen.standing()
+        _require(after == before, f"moves something by its look plan: {before} to {after}")
+        _exchange_well(specimen, driver, plan)
+        _require(not specimen.moves or not specimen.is_safe(), "writes nothing by its plan")
+        _require(not specimen.moves or bool(driver.driven()), "calls what it drives null")
+        _safe(specimen, "after exchanges")
+        _require(not driver.driven(), "calls its safe state driven")
+
+
+def check_lost_exchange(factory: Factory) -> None:
+    """Without its device a fast one's exchange ends by its deadline, and has no inputs."""
+    with factory() as specimen:
+        driver = specimen.driver
+        if not isinstance(driver, FastDriver):
+            return
+        _compile_exchange(driver)
+        driver.open()
+        specimen.unplug()
+        for plan in (driver.look_plan(), driver.plan()):
+            # What the device had sent before may still come; in the end nothing does.
+            for sequence in range(_READINGS):
+                status, _, inputs = _exchanged(driver, plan, sequence, {}, 1.0 / driver.rate_hz)
+                if status != ExchangeStatus.OK:
+                    break
+            _require(status != ExchangeStatus.OK, "exchanges without its device")
+            _require(bool(np.isnan(inputs).all()), f"has inputs after {ExchangeStatus(status)!r}")
+        _refusal(driver, "calls its valve null without its device", driver.driven)
+
+
 CHECKS: Final[tuple[Check, ...]] = (
     check_declaration,
     check_open_and_close,
@@ -204,6 +258,8 @@ CHECKS: Final[tuple[Check, ...]] = (
     check_safe_state,
     check_vanished_device,
     check_absent_device,
+    check_exchange,
+    check_lost_exchange,
 )
 """Every check, to be run one by one; each makes its own specimen."""
 
@@ -278,3 +334,60 @@ def _notices(specimen: Specimen) -> bool:
         if blind and not driver.outputs:
             return True
     return False
+
+
+@njit(error_model="numpy", nogil=True)
+def _in_compiled_code(
+    fd: Any, plan: Any, sequence: Any, outputs: Any, inputs: Any, deadline_ns: Any
+) -> Any:
+    return exchange(fd, plan, sequence, outputs, inputs, deadline_ns)
+
+
+def _compile_exchange(driver: FastDriver) -> None:
+    """Compile it apart, because that may take longer than any call of a driver."""
+    numbers = np.zeros(1)
+    arguments = 0, driver.plan(), 0, numbers, numbers, 0
+    try:
+        if is_jitted(_in_compiled_code):
+            _in_compiled_code.compile(tuple(map(typeof, arguments)))
+    except (NumbaError, ValueError) as error:
+        raise NonconformityError(f"the driver's exchange cannot be compiled: {error}") from error
+
+
+def _exchanged(
+    driver: FastDriver, plan: Plan, sequence: int, values: Mapping[str, float], time_s: float
+) -> tuple[int, int, NDArray[np.float64]]:
+    """Exchange as the loop does; return status, when the command left, and inputs."""
+    outputs = np.array([values.get(name, 0.0) for name in FAST_OUTPUTS])
+    inputs = np.zeros(len(FAST_INPUTS))
+    returned: list[Any] = []
+
+    def exchange_once() -> None:
+        deadline_ns = time.monotonic_ns() + round(1e9 * time_s)
+        fd = driver.fileno()
+        returned.append(_in_compiled_code(fd, plan, sequence, outputs, inputs, deadline_ns))
+
+    _bounded("exchange", exchange_once)
+    match returned:
+        case [(int(status), int(sent_ns))]:
+            return status, sent_ns, inputs
+    raise NonconformityError(f"the driver's exchange returns {returned}, no status and time")
+
+
+def _exchange_well(specimen: Specimen, driver: FastDriver, plan: Plan) -> None:
+    """Exchange often enough for inputs to come, and for a device that is commanded to move."""
+    for sequence in range(_READINGS):
+        values = {**specimen.moves, "host_counter": float(sequence)}
+        before = time.monotonic_ns()
+        status, sent_ns, inputs = _exchanged(driver, plan, sequence, values, PATIENCE_S)
+        name = ExchangeStatus(status).name
+        _require(status == ExchangeStatus.OK, f"cannot exchange with its device: {name}")
+        within = before <= sent_ns <= time.monotonic_ns()
+        _require(within, "does not tell when its request left (CLOCK_MONOTONIC, ns)")
+        come = {name for name, value in zip(FAST_INPUTS, inputs, strict=True) if not isnan(value)}
+        unknown = sorted(come - set(driver.inputs))
+        _require(not unknown, f"exchanges {unknown}, which it does not declare")
+        if come and not specimen.is_safe():
+            return
+        specimen.wait(1.0 / driver.rate_hz)
+    _require(bool(come), "exchanges no inputs")

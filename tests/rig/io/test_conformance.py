@@ -1,11 +1,12 @@
 """Every driver that ships, and a few that do not behave, through the conformance suite."""
 
 import itertools
+import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -20,7 +21,15 @@ from rig.emulator.modbus.server import ModbusServer
 from rig.emulator.plant import EmulatedPlant
 from rig.emulator.record import Record
 from rig.io.can.ds408 import DriveState
-from rig.io.conformance import CHECKS, Check, Specimen
+from rig.io.conformance import (
+    CHECKS,
+    Check,
+    NonconformityError,
+    Specimen,
+    check_declaration,
+    check_exchange,
+    check_lost_exchange,
+)
 from rig.io.driver import DriverError
 from rig.io.flow_meters.driver import FlowMeterOptions, FlowMeters
 from rig.io.modbus_daq.driver import ModbusDaq, ModbusDaqOptions
@@ -30,6 +39,8 @@ from rig.plant import Model
 from tests.rig.io.can.test_pump import PumpBench
 from tests.rig.io.can.test_valve import ValveBench
 from tests.rig.io.conftest import BypassBench, DeviceThread, ManualClock
+from tests.rig.io.datagram_daq import DatagramDaq, DatagramOptions, DatagramPlan
+from tests.rig.io.datagram_device import DatagramDevice
 from tests.waiting import PATIENCE_S
 
 Specimens = Callable[[Path], AbstractContextManager[Specimen]]
@@ -172,6 +183,22 @@ def modbus_daq(_: Path) -> Iterator[Specimen]:
         thread.end()
 
 
+@contextmanager
+def datagram_daq(_: Path, driver_class: type[DatagramDaq] = DatagramDaq) -> Iterator[Specimen]:
+    with DatagramDevice() as device:
+        driver = driver_class("daq", DatagramOptions(device.port, timeout=PATIENCE_S))
+        try:
+            yield Specimen(
+                driver,
+                device.close,
+                lambda: (device.output_V, device.enabled),
+                lambda: device.is_null,
+                {"command_V": 1.0, "valve_enable": 1.0},
+            )
+        finally:
+            driver.close()
+
+
 SHIPPED: Mapping[str, tuple[Specimens, ...]] = {
     "bypass_valves": (bypass_over_tcp, bypass_over_a_serial_line),
     "can_pump": (can_pump,),
@@ -180,7 +207,7 @@ SHIPPED: Mapping[str, tuple[Specimens, ...]] = {
     "modbus_daq": (modbus_daq,),
 }
 
-ALL = [specimens for given in SHIPPED.values() for specimens in given]
+ALL = [*(specimens for given in SHIPPED.values() for specimens in given), datagram_daq]
 
 
 def named(value: Any) -> str:
@@ -193,7 +220,7 @@ def test_every_driver_that_ships_is_among_those_checked() -> None:
 
 @pytest.mark.parametrize("check", CHECKS, ids=named)
 @pytest.mark.parametrize("specimens", ALL, ids=named)
-def test_every_driver_that_ships_conforms(
+def test_every_driver_that_ships_and_one_from_elsewhere_conforms(
     specimens: Specimens, check: Check, tmp_path: Path
 ) -> None:
     check(lambda: specimens(tmp_path))
@@ -380,6 +407,70 @@ def test_what_a_driver_does_wrong_is_named(
     driver_class: type[Obedient], check: str, what: str
 ) -> None:
     assert what in failures(driver_class)[check]
+
+
+class WritesByALook(DatagramDaq):
+    def look_plan(self) -> DatagramPlan:
+        return self.plan()
+
+
+class WritesNothing(DatagramDaq):
+    def plan(self) -> DatagramPlan:
+        return self.look_plan()
+
+
+class SeesNothingDriven(DatagramDaq):
+    def driven(self) -> str:
+        super().driven()
+        return ""
+
+
+class DrivenWithoutItsDevice(DatagramDaq):
+    def driven(self) -> str:
+        return "who knows"
+
+
+class HidesAnInput(DatagramDaq):
+    def __init__(self, name: str, options: DatagramOptions) -> None:
+        super().__init__(name, options)
+        self.inputs = self.inputs[1:]
+
+
+class NotCompiledPlan(NamedTuple):
+    request: Any
+
+    def exchange(self, *_: Any) -> tuple[int, int]:
+        return 0, 0
+
+
+class NotCompiled(DatagramDaq):
+    def plan(self) -> Any:
+        return NotCompiledPlan(0)
+
+    look_plan = plan
+
+
+class Nameless(DatagramDaq):
+    fileno: Any = None
+
+
+@pytest.mark.parametrize(
+    ("driver_class", "check", "what"),
+    [
+        (WritesByALook, check_exchange, "moves something by its look plan"),
+        (WritesNothing, check_exchange, "writes nothing by its plan"),
+        (SeesNothingDriven, check_exchange, "calls what it drives null"),
+        (DrivenWithoutItsDevice, check_lost_exchange, "calls its valve null without its device"),
+        (HidesAnInput, check_exchange, "exchanges ['position_m'], which it does not declare"),
+        (NotCompiled, check_exchange, "exchange cannot be compiled"),
+        (Nameless, check_declaration, "lacks part of the protocol rig.io.driver.FastDriver"),
+    ],
+)
+def test_what_a_fast_driver_does_wrong_is_named(
+    driver_class: type[DatagramDaq], check: Check, what: str, tmp_path: Path
+) -> None:
+    with pytest.raises(NonconformityError, match=re.escape(what)):
+        check(lambda: datagram_daq(tmp_path, driver_class))
 
 
 def test_a_call_that_hangs_is_a_failure_and_does_not_hang_the_suite(

@@ -12,7 +12,7 @@ from rig.io.flow_meters.lines import MeterLineParser
 from rig.io.registry import DriverSpec, driver_class
 
 PAGE = (Path(__file__).parents[3] / "docs" / "drivers.md").read_text()
-DRIVER, TEST = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+DRIVER, FAST, TEST = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
 @pytest.fixture(autouse=True)
@@ -40,6 +40,10 @@ def test_the_example_conforms_as_its_own_test_says(check: Check, tmp_path: Path)
     exec(compile(TEST, "the example's test", "exec"), test)
 
     test["test_the_relay_conforms"](check, tmp_path)
+
+
+def test_the_exchange_on_the_page_is_that_of_a_driver_that_is_tested() -> None:
+    assert FAST in Path(__file__).with_name("datagram_daq.py").read_text()
 
 
 def test_the_page_names_every_check_with_what_it_asks() -> None:

@@ -11,98 +11,39 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.filters.registry import OUTPUTS, run_filter, start_memory
+from estimator.filters.registry import OUTPUTS, run_filter
 from rig.configuration.rigs.rig import load_rig
 from rig.emulator.running import EmulatorThread
 from rig.emulator.script.fault_script import Script
 from rig.io.driver import DriverError
 from rig.io.limits import ChannelLimit
 from rig.io.modbus_daq.register_map import Register
-from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS
 from rig.loop.board import Board, Word
-from rig.loop.interlocks.check_tolerances import tolerances
-from rig.loop.interlocks.ladder import Action, Cause, limit_table
+from rig.loop.interlocks.ladder import Action, Cause
 from rig.loop.interlocks.trip import LoopStoppedError, TripError
-from rig.loop.wire.layout import Drive, wire_channels
-from rig.loop.wire.loop import WireLoop
-from rig.loop.wire.orders import Close, Closed, Open, Opened, Segment
-from rig.plant import Model
-from rig.plant.integrator import TICK
-from rig.plant.sensors import DATA_SHEET
+from rig.loop.wire.orders import Close, Closed, Opened
 from rig.recording import McapWriter, read_recording
 from rig.supervisor.processes.child import Child, News
 from tests.rig.patience import long_watchdogs, patient
+from tests.rig.supervisor.processes.loop_rig import MODEL, LoopRig
 from tests.waiting import COMPILE_S, until
 
-MODEL = Model()
 TANK = "tank_temperature_K"
-# A host that stalls must not trip the loop: what is tested here is not the host.
-SETTINGS = LoopSettings(priority=0, stale_limit=10.0, exchange_timeout=0.05)
-
-
-def segment(number: int, drive: Drive, **options: Any) -> Segment:
-    memory = start_memory("product", MODEL)
-    return Segment(number, drive, memory, MODEL.parameters, **options)
 
 
 @dataclass
-class Rig:
+class Rig(LoopRig):
     """An emulated rig, and the loop process that drives it."""
 
-    emulator: EmulatorThread
-    board: Board
-    child: Child
-    news: list[News] = field(default_factory=list)
-    channels: tuple[str, ...] = wire_channels(
-        start_memory("product", MODEL).filter.states, open_loop=False
-    )
-
-    def ask(self, order: object) -> Any:
-        self.child.send(order)
-        return self.child.answer(COMPILE_S)
+    emulator: EmulatorThread = field(kw_only=True)
 
     def open(
         self, port: int | None = None, limits: tuple[ChannelLimit, ...] = (), **options: Any
     ) -> Opened:
         (spec,) = (spec for spec in load_rig("emulated").drivers if spec.kind == "fast")
-        self.board.words[Word.SWITCH] = 1
-        opened: Opened = self.ask(
-            Open(
-                patient(spec, port=port or int(self.emulator.ports["daq"]), **options),
-                SETTINGS,
-                limit_table(limits, TICK),
-                tolerances(
-                    MODEL.parameters, DATA_SHEET, frozenset(spec.inputs), TICK,
-                    SETTINGS.stale_limit, HomingSettings(),
-                ),
-                segment(1, Drive.NULL),
-            )
-        )  # fmt: skip
-        return opened
-
-    def arm(self) -> None:
-        """Have the valve enabled, and the ram held where it is."""
-        number = int(self.board.words[Word.SWITCH]) + 1
-        armed = segment(
-            number, Drive.HOLD, valve_enable=True, reset_lamp=True, rearm=True, reset=True,
-            homed=True,
-        )  # fmt: skip
-        self.ask(armed)
-        self.board.words[Word.SWITCH] = number
-        until(lambda: self.newest("valve_enabled") == 1.0, "the valve was enabled")
-
-    def newest(self, channel: str) -> float:
-        row = self.board.ring[int(self.board.words[Word.ROWS]) - 1]
-        return float(row[self.channels.index(channel)])
-
-    def test(self, ticks: int) -> WireLoop:
-        here = self.newest("position_m")
-        setpoint = here + 2e-3 * np.sin(2.0 * np.pi * np.arange(ticks) * TICK)
-        return WireLoop(
-            self.board, self.child, segment(0, Drive.TRACK, setpoint=setpoint, valve_enable=True),
-            start_position=here, settle_ticks=100, period_s=TICK, silence_s=COMPILE_S,
-        )  # fmt: skip
+        port = port or int(self.emulator.ports["daq"])
+        return self.open_driver(patient(spec, port=port, **options), limits)
 
     @property
     def is_null(self) -> bool:
@@ -123,7 +64,7 @@ def connected(folder: Path) -> Iterator[Rig]:
             on_news=news.append,
         )
         try:
-            yield Rig(emulator, board, child, news)
+            yield Rig(board, child, news, emulator=emulator)
         finally:
             child.end()
 
