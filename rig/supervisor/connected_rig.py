@@ -41,7 +41,7 @@ from rig.supervisor.processes import (
     OpenField,
     Parts,
     Safety,
-    Watch,
+    SafetyThread,
     WriteOutputs,
 )
 
@@ -143,7 +143,7 @@ class ConnectedRig:
     @property
     def has_tripped(self) -> bool:
         """Whether anybody has tripped."""
-        return self._watch.tripped
+        return self._safety.tripped
 
     def connect(self) -> None:
         """Open and verify every device, and start to watch; nothing moves.
@@ -173,7 +173,7 @@ class ConnectedRig:
                 )
             )
         )
-        self._watch = Watch(
+        self._safety = SafetyThread(
             self.board, self.parts, self.configured.loop, self.configured.drivers, self.note,
             self._event_log.take,
         )  # fmt: skip
@@ -184,7 +184,7 @@ class ConnectedRig:
             self._end_parts()
             raise
         self._devices.enter_context(telling_of_compiling(self._compiles))
-        self._watch.start()
+        self._safety.start()
         self._onlooker.connected(self.board, self._channels)
         self.handle(Event.CONNECTED)
 
@@ -279,11 +279,11 @@ class ConnectedRig:
         return float(self.board.slow[SLOW_INPUTS.index(channel)])
 
     def ask(self, part: Child, order: object, timeout_s: float) -> Any:
-        """Return a part's answer; the watch goes on to beat while it is waited for."""
+        """Return a part's answer; the safety thread goes on to beat while it is waited for."""
         part.send(order)
         until = time.monotonic() + timeout_s
         while True:
-            self._watch.alive()
+            self._safety.alive()
             try:
                 return part.answer(1.0)
             except ChildError:
@@ -310,9 +310,9 @@ class ConnectedRig:
             self.check()
 
     def check(self) -> None:
-        """Show the watch that the supervisor works; raise on a trip or a stop."""
+        """Show the safety thread that the supervisor works; raise on a trip or a stop."""
         self.alive()
-        if self._watch.tripped:
+        if self._safety.tripped:
             raise self.tripped()
         if self._stop.requested:
             raise StopRequestedError(f"stopped by {self._stop.reason}")
@@ -356,7 +356,7 @@ class ConnectedRig:
 
     def tripped(self) -> TripError:
         """Wait until everything is safe, report the trip, and return it as an error."""
-        safe = self._watch.wait_until_safe()
+        safe = self._safety.wait_until_safe()
         if self.state is not State.TRIPPED:
             self.handle(Event.TRIP)
         if not safe:
@@ -371,8 +371,8 @@ class ConnectedRig:
         return TripError(str(error))
 
     def alive(self) -> None:
-        """Show the watch that the supervisor works, and the operator what the loop indicates."""
-        self._watch.alive()
+        """Show the safety thread that the supervisor works; tell the operator what the loop says."""
+        self._safety.alive()
         words = self.board.words
         indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
         if words[Word.ACTION] != Action.INDICATE or indicated == self._indicated:
@@ -391,14 +391,14 @@ class ConnectedRig:
         self.handle(Event.RAMP_DOWN)
         self.board.words[Word.STOP] = Action.RAMP_DOWN
         until = time.monotonic() + STOP_S
-        while time.monotonic() < until and not self._watch.tripped and not self._is_at_rest():
-            self._watch.alive()
+        while time.monotonic() < until and not self._safety.tripped and not self._is_at_rest():
+            self._safety.alive()
             time.sleep(POLL_S)
-        if not self._watch.tripped:
+        if not self._safety.tripped:
             if self._is_at_rest():
                 self.handle(Event.AT_REST)
             else:
-                self._watch.trip(Cause.NULL_NOT_CONFIRMED)
+                self._safety.trip(Cause.NULL_NOT_CONFIRMED)
 
     def _is_at_rest(self) -> bool:
         """Return whether the device shows the valve at null and disabled, as far as it can."""
@@ -414,20 +414,20 @@ class ConnectedRig:
         ended: TripError | None = None
         unsafe: dict[str, str] = {}
         try:
-            if not self._watch.tripped:
+            if not self._safety.tripped:
                 self.ramp_down()
-            if not self._watch.tripped:
+            if not self._safety.tripped:
                 unsafe |= self._make_field_safe()
-            if self._watch.tripped and not self._event_log.has_report:
+            if self._safety.tripped and not self._event_log.has_report:
                 ended = self.tripped()
         finally:
-            self._watch.stop()
+            self._safety.stop()
             unsafe |= self._close_loop()
             self._end_parts()
             self._event_log.complete_report()
         self.handle(Event.DISCONNECT)
         told = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
-        if told and self._watch.tripped:
+        if told and self._safety.tripped:
             # What came first is told by the trip.
             self.say(told)
         elif told:
@@ -441,7 +441,7 @@ class ConnectedRig:
             safety: Safety = self.ask(self.parts.field, MakeSafe(), SAFE_S)
         except ChildError as error:
             self.note("field", str(error))
-            self._watch.trip(Cause.FIELD_LOST)
+            self._safety.trip(Cause.FIELD_LOST)
             return {}
         self._let_it_be_seen()
         return safety.failures
@@ -451,7 +451,7 @@ class ConnectedRig:
         enough = int(self.board.words[Word.ROWS]) + SHOWN_ROWS
         until = time.monotonic() + SHOWN_S
         while self.board.words[Word.ROWS] < enough and time.monotonic() < until:
-            self._watch.alive()
+            self._safety.alive()
             time.sleep(POLL_S)
 
     def _close_loop(self) -> Mapping[str, str]:

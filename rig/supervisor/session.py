@@ -19,7 +19,7 @@ from rig.supervisor.processes import BeginRecording, ChildError, FollowMoves, On
 
 from .arming import SETTLE_S, arm, home
 from .connected_rig import ANSWER_S, ConnectedRig, Stop
-from .hardware_test import HardwareTest, TestRecord
+from .hardware_loop import HardwareTest, TestRecord
 from .moves import moves, preparing_moves
 from .states import Event, State
 
@@ -126,7 +126,7 @@ class Session:
         """Ask the recorder for something, and wait for its answer.
 
         Raises:
-            TripError: it is gone, for which the watch trips; what it flushed is on disk.
+            TripError: it is gone, for which the safety thread trips; what it flushed is on disk.
         """
         try:
             self._rig.ask(self._rig.parts.recorder, order, timeout_s)
@@ -149,7 +149,7 @@ class Session:
         self._rig.handle(event)
 
     def going_on(self) -> None:
-        """Show the watch that the supervisor works.
+        """Show the safety thread that the supervisor works.
 
         Raises:
             TripError: somebody tripped, whatever rows still come.

@@ -29,7 +29,7 @@ from rig.loop.reaction import Reaction, forget, react, tolerating
 from rig.plant import READING_COUNT, inner
 
 from .layout import MEASURED, STATUS, TIMINGS, Count, Drive, Handling, Left, Overrun
-from .null_watch import is_null, look_at_null
+from .null_check import is_null, look_at_null
 
 _COMMAND: Final = FAST_OUTPUTS.index("command_V")
 _VALVE_ENABLE: Final = FAST_OUTPUTS.index("valve_enable")

@@ -13,5 +13,5 @@ from .recorder import (
     FinishRecording as FinishRecording,
     NoteInRecording as NoteInRecording,
 )
+from .safety_thread import Parts as Parts, SafetyThread as SafetyThread, trips_of as trips_of
 from .streaming import RowFeed as RowFeed, Stream as Stream
-from .watch import Parts as Parts, Watch as Watch, trips_of as trips_of

@@ -30,7 +30,7 @@ _GRACE_S: Final = 10.0
 class ChildError(TripError):
     """A child that ended, or does not answer; the message names it.
 
-    To whoever it stops the rig has tripped: the watch sees the same, and makes it safe.
+    To whoever it stops the rig has tripped: the safety thread sees the same, and makes it safe.
     """
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.io import FAST_INPUTS
 from rig.loop import NO_CHANNEL, Action, Board, Cause, Word, explain
 
-from .watch import trips_of
+from .safety_thread import trips_of
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
 from rig.loop.reaction import Reaction
-from rig.loop.wire import cycle as wire_cycle, null_watch
+from rig.loop.wire import cycle as wire_cycle, null_check
 from rig.loop.wire.layout import (
     Count,
     Course,
@@ -155,8 +155,8 @@ class World:
             "check_sample": self.check_sample,
         }.items():
             setattr(wire_cycle, name, stand_in)
-            if hasattr(null_watch, name):
-                setattr(null_watch, name, stand_in)
+            if hasattr(null_check, name):
+                setattr(null_check, name, stand_in)
         left = wire_cycle.wire_ticks(
             planned, estimation(memory, MODEL.parameters), interlock(limit_table([], TICK), tol),
             pace(settings, device_rate_hz), fd, self.plan, self.look, self.memory,

@@ -23,6 +23,9 @@ from tests.waiting import COMPILE_S, PATIENCE_S, until
 NOT_EXCHANGED = -1.0
 DRIVER = Path(__file__).parents[2] / "io" / "datagram_daq.py"
 
+# A loop of its own is compiled for this driver; the conformance suite tries its exchange each time.
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def device() -> Iterator[DatagramDevice]:

@@ -499,7 +499,7 @@ def test_a_watch_of_the_publisher_that_fails_starts_another_one(
 
     def fails(stream: Stream, note: str) -> Any:
         monkeypatch.setattr(Stream, "_start", start)
-        raise ZeroDivisionError("of the watch")
+        raise ZeroDivisionError("of the safety thread")
 
     monkeypatch.setattr(Stream, "_start", fails)
     bench.stream.attach(bench.board, CHANNELS)

@@ -38,7 +38,7 @@ class _Session(Protocol):
         """Ask the state machine for the next step of a test; `TripError` if it refuses."""
 
     def going_on(self) -> None:
-        """Show the watch that the supervisor works; raise `TripError` after a trip."""
+        """Show the safety thread that the supervisor works; raise `TripError` after a trip."""
 
     def detected(self, what: str) -> None:
         """Note what the detector found."""

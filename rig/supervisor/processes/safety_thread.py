@@ -1,4 +1,4 @@
-"""The supervisor's watch: beats for it, notices what is not well, does what a dead part cannot.
+"""The safety thread beats for the supervisor, sees what fails, and stands in for dead parts.
 
 A thread of the supervisor. Whatever trips, it sees to it that valve, bypasses and pump are safe: it
 waits for the parts that are alive to confirm, and does by connections of its own what they do not,
@@ -49,7 +49,7 @@ class Parts:
     recorder: Child
 
 
-class Watch:
+class SafetyThread:
     """Watches the parts of a session, from `start` to `stop`.
 
     Args:
@@ -57,8 +57,8 @@ class Watch:
         parts: the processes.
         settings: after how long a silence which part counts as lost.
         drivers: as configured, to make connections of its own.
-        tell: called with who and what, for the trip report; from the watch's thread.
-        found: called with what another master drives; from the watch's thread.
+        tell: called with who and what, for the trip report; from the safety thread.
+        found: called with what another master drives; from the safety thread.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Watch:
         self._settings = settings
         self._drivers = drivers
         self._tell = tell
-        self._survives = Surviving("the watch", self._failed)
+        self._survives = Surviving("the safety thread", self._failed)
         self._tally = Tally("supervisor", found)
         self._kept: dict[str, DriverSpec] = {}
         self._unsafe: set[str] = set()
@@ -83,7 +83,7 @@ class Watch:
         self._alive_at = time.monotonic()
         self._stopping = threading.Event()
         self._safe = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="safety", daemon=True)
 
     def start(self) -> None:
         """Begin to beat and to watch."""

@@ -1,4 +1,4 @@
-"""The watch: whoever fails is named, and what the failed part cannot do is done without it."""
+"""The safety thread names whoever fails, and does without it what the failed part cannot."""
 
 import dataclasses
 import errno
@@ -15,9 +15,9 @@ from rig.io.registry import DriverSpec
 from rig.io.settings import LoopSettings
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.ladder import Cause
-from rig.supervisor.processes import watch as module
+from rig.supervisor.processes import safety_thread as module
 from rig.supervisor.processes.driven import Driven
-from rig.supervisor.processes.watch import Parts, Watch, trips_of
+from rig.supervisor.processes.safety_thread import Parts, SafetyThread, trips_of
 from tests.waiting import PATIENCE_S, until
 
 LATER_NS = int(3600e9)
@@ -109,9 +109,9 @@ class Scene:
     told: list[tuple[str, str]] = dataclasses.field(default_factory=list)
     found: list[Driven] = dataclasses.field(default_factory=list)
 
-    def watch(self, drivers: tuple[DriverSpec, ...] = DRIVERS) -> Watch:
+    def watch(self, drivers: tuple[DriverSpec, ...] = DRIVERS) -> SafetyThread:
         parts = Parts(*cast(Any, (self.loop, self.field, self.recorder)))
-        watch = Watch(
+        watch = SafetyThread(
             self.board, parts, LoopSettings(), drivers, lambda *told: self.told.append(told),
             self.found.append,
         )  # fmt: skip
@@ -137,7 +137,7 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
     os.close(board.fd)
 
 
-def outcome(scene: Scene, watch: Watch) -> dict[str, Cause]:
+def outcome(scene: Scene, watch: SafetyThread) -> dict[str, Cause]:
     """Wait until the rig is safe; return who tripped, and why."""
     assert watch.wait_until_safe(PATIENCE_S)
     watch.stop()
@@ -234,13 +234,13 @@ def test_a_part_that_confirms_nothing_is_waited_for_once_however_many_steps_it_h
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waits: list[float] = []
-    confirmed = Watch._confirmed
+    confirmed = SafetyThread._confirmed
 
-    def counted(self: Watch, *of: Any) -> bool:
+    def counted(self: SafetyThread, *of: Any) -> bool:
         waits.append(of[-1])
         return confirmed(self, *of)
 
-    monkeypatch.setattr(Watch, "_confirmed", counted)
+    monkeypatch.setattr(SafetyThread, "_confirmed", counted)
     scene.board.words[Word.LOOP_TRIP] = Cause.EXCHANGE_LOST
     outcome(scene, scene.watch())
     assert waits == [module.NULL_WAIT_S, module.FIELD_WAIT_S]
@@ -280,17 +280,17 @@ def test_a_driver_that_fails_as_none_should_keeps_no_other_from_its_safe_state(
     assert "not confirmed safe: ZeroDivisionError: of a driver" in told["bypass"]
 
 
-def test_a_watch_that_fails_trips_and_makes_the_rig_safe(
+def test_a_safety_thread_that_fails_trips_and_makes_the_rig_safe(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(watch: Watch, word: Word, silence_s: float) -> bool:
-        raise ZeroDivisionError("of the watch")
+    def fails(watch: SafetyThread, word: Word, silence_s: float) -> bool:
+        raise ZeroDivisionError("of the safety thread")
 
-    monkeypatch.setattr(Watch, "_is_silent", fails)
+    monkeypatch.setattr(SafetyThread, "_is_silent", fails)
     assert outcome(scene, scene.watch()) == {"supervisor": Cause.CRASH}
     assert SAFE == ["daq", "bypass", "pump"]
     told = dict(scene.told)
-    assert "the watch goes on after a failure: ZeroDivisionError" in told["supervisor"]
+    assert "the safety thread goes on after a failure: ZeroDivisionError" in told["supervisor"]
 
 
 def test_a_rig_is_made_safe_though_nobody_can_be_told(scene: Scene) -> None:
@@ -299,7 +299,7 @@ def test_a_rig_is_made_safe_though_nobody_can_be_told(scene: Scene) -> None:
 
     parts = Parts(*cast(Any, (scene.loop, scene.field, scene.recorder)))
     scene.field.exit_code = -9
-    watch = Watch(scene.board, parts, LoopSettings(), DRIVERS, full)
+    watch = SafetyThread(scene.board, parts, LoopSettings(), DRIVERS, full)
     watch.start()
     outcome(scene, watch)
     assert set(SAFE) == {"daq", "bypass", "pump"}
