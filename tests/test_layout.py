@@ -6,7 +6,8 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib.metadata import packages_distributions
 from itertools import chain
 from pathlib import Path
@@ -78,11 +79,21 @@ def test_a_demo_installs_nothing_that_only_development_needs(project: dict[str, 
     assert running.isdisjoint({"pandas", "pillow", "lxml"})
 
 
+@cache
+def tree_of(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
+
+
+@cache
+def providers() -> Mapping[str, list[str]]:
+    return packages_distributions()
+
+
 def imported_packages(folder: str) -> set[str]:
     """Return the top-level names that the modules of a folder import from elsewhere."""
     found: set[str] = set()
     for file in (ROOT / folder).rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(tree_of(file)):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -95,11 +106,10 @@ def test_what_the_product_imports_is_declared(project: dict[str, Any], folder: s
     extras = project["project"]["optional-dependencies"].values()
     required = [*project["project"]["dependencies"], *chain.from_iterable(extras)]
     declared = {canonical(name) for name in required}
-    providers = packages_distributions()
     undeclared = {
         package
         for package in imported_packages(folder)
-        if declared.isdisjoint(canonical(name) for name in providers.get(package, []))
+        if declared.isdisjoint(canonical(name) for name in providers().get(package, []))
     }
     assert undeclared == set()
 
@@ -175,7 +185,7 @@ def test_every_function_that_is_not_compiled_is_annotated(package: str) -> None:
     found = [
         f"{file.relative_to(ROOT)}:{function.lineno} {function.name}"
         for file in sorted((ROOT / package).rglob("*.py"))
-        for function in unannotated(ast.parse(file.read_text()))
+        for function in unannotated(tree_of(file))
     ]
     assert found == []
 
@@ -209,23 +219,30 @@ def parts_known_to(file: Path, tree: ast.AST, parts: dict[str, set[Path]]) -> se
 
 
 def test_what_only_compiled_code_may_call_is_called_by_nothing_else() -> None:
-    trees = {
-        file: ast.parse(file.read_text())
+    files = {
+        file: file.read_text()
         for folder in (*PRODUCT, "tools", "tests")
         for file in (ROOT / folder).rglob("*.py")
     }
     parts: dict[str, set[Path]] = {}
-    for file, tree in trees.items():
-        for node in ast.walk(tree):
+    for file in (file for file, text in files.items() if re.search(r"@(inner|inlined)\b", text)):
+        for node in ast.walk(tree_of(file)):
             if isinstance(node, ast.FunctionDef):
                 decorators = {ast.unparse(each) for each in node.decorator_list}
                 if decorators & {"inner", "inlined"}:
                     parts.setdefault(node.name, set()).add(file)
     assert len(parts) > 50
     # Called from Python, a part ends the process: it has nothing that Python could call it by.
+    named = re.compile(rf"\b({'|'.join(parts)})\b")
+    known = {
+        file: parts_known_to(file, tree_of(file), parts)
+        for file, text in files.items()
+        if named.search(text)
+    }
     found = {
         f"{file.relative_to(ROOT)}: {name}"
-        for file, tree in trees.items()
-        for name in called_uncompiled(tree, parts_known_to(file, tree, parts))
+        for file, names in known.items()
+        if names
+        for name in called_uncompiled(tree_of(file), names)
     }
     assert found == set()
