@@ -38,7 +38,7 @@ def judged(leak: str, flow: float, onset_s: float) -> tuple[float, ReplayResult]
 
 
 @pytest.mark.parametrize("leak", LEAKS)
-@pytest.mark.parametrize("flow", [0.05, 0.25, 0.5])
+@pytest.mark.parametrize("flow", [0.05, pytest.param(0.25, marks=pytest.mark.long), 0.5])
 def test_a_leak_is_sized_alike_wherever_in_a_block_it_opens(leak: str, flow: float) -> None:
     errors = []
     for phase_s in PHASES_S:

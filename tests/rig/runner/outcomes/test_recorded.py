@@ -52,7 +52,7 @@ def assert_same(recording: Recording, outcome: TestOutcome, campaign: Campaign) 
 
 @pytest.mark.parametrize(
     "filter_name",
-    ["product", "thesis-7", pytest.param("thesis-6", marks=pytest.mark.long)],
+    ["product", "thesis-6", pytest.param("thesis-7", marks=pytest.mark.long)],
 )
 def test_a_replay_comes_to_the_estimates_and_decisions_of_the_run_bit_for_bit(
     tmp_path: Path,
