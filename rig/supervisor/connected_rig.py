@@ -371,7 +371,7 @@ class ConnectedRig:
         return TripError(str(error))
 
     def alive(self) -> None:
-        """Show the safety thread that the supervisor works; tell the operator what the loop says."""
+        """Show the safety thread that the supervisor works; tell what the loop says."""
         self._safety.alive()
         words = self.board.words
         indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
