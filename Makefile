@@ -49,15 +49,15 @@ bench: $(INSTALLED_DEV) ## measure filter, plant, campaign, lanes and start-up a
 	@$(BIN)/python -m tools.bench
 
 bench-loop: $(INSTALLED_DEV) ## measure the loop against cyclictest: idle, with the whole chain, and beside readers of the stream
-	@$(BIN)/python -m tools.bench_loop
-	@$(BIN)/python -m tools.bench_readers
+	@$(BIN)/python -m tools.bench.loop
+	@$(BIN)/python -m tools.bench.readers
 
 chaos: $(INSTALLED_DEV) ## let everything fail that can, on the emulated rig, for docs/safety.md; kill campaigns and go on
 	@$(BIN)/python -m tools.chaos
 	@$(BIN)/python -m tools.chaos.endurance
 
 trials: $(INSTALLED_DEV) ## try the gap workflow on 200 rigs with hidden effects (hours; goes on where it was stopped)
-	@$(BIN)/python -m tools.hidden_effect_trials
+	@$(BIN)/python -m tools.hidden_effects
 
 gate: $(INSTALLED) ## run the quickstart campaign and compare its figures with the reference in .ci
 	@$(BIN)/rig run quickstart --pace fast --out runs/ci

@@ -54,7 +54,7 @@ SHARES: Final = FAULT_COUNT + 1
 that pressure (`supply_statistic`)."""
 DIRECTIONS: Final = 2.0
 """Faults that noise could be taken for, in effect: 0.8 to 1.6 by simulation, rounded up
-(`tools/alarm_threshold.py`)."""
+(`tools/studies/alarm_threshold.py`)."""
 LEFT_OUT: Final = 0.3
 """What the statistic is lower by for leaving out the block that speaks most: likewise."""
 RIVAL_GAIN: Final = 20.0

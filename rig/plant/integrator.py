@@ -24,7 +24,7 @@ TICK: Final = 1e-3
 """The loop's period in s: one command interval (table 2.1, T)."""
 
 SUBSTEPS: Final = 2
-"""Longest steps a tick. Shown converged by `python -m tools.convergence`."""
+"""Longest steps a tick. Shown converged by `python -m tools.studies.convergence`."""
 
 LONGEST_STEP: Final = TICK / SUBSTEPS
 """Longest step in s of all runs that do not ask for another."""

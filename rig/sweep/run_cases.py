@@ -26,7 +26,7 @@ from .ticks import BLOCK, SUMS, Thesis7Lanes, thesis7_cases
 Array = NDArray[np.float64]
 
 AHEAD: Final = 2
-"""Half seconds that plants run ahead of the thesis's filter (`python -m tools.bench_sweep`)."""
+"""Half seconds that plants run ahead of the thesis's filter (`python -m tools.bench.sweep`)."""
 _LEAST_BLOCKS: Final = 40
 """Half seconds that both detectors need to come to a verdict."""
 

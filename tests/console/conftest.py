@@ -17,7 +17,7 @@ import yaml
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 
 from tools.chaos.stage import PATIENCE_S, Stage
-from tools.readme_picture import browser as chromium
+from tools.pages.readme_picture import browser as chromium
 
 from .fakes import until
 from .site import Site, site_served

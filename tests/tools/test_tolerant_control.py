@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tools.drawn_rigs import drawn_rig
+from tools.simulated.drawn_rigs import drawn_rig
 from tools.tolerant_control import margins
 from tools.tolerant_control.__main__ import PAGE, with_tables
 from tools.tolerant_control.comparison import LOADS, setpoint

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
-from tools.safety_page import PAGE
+from tools.pages.safety import PAGE
 
 from .judge import Outcome, problems
 from .play import play

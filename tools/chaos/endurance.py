@@ -16,8 +16,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from tools.marked_tables import fill, markdown
-from tools.safety_page import PAGE
+from tools.pages.marked_tables import fill, markdown
+from tools.pages.safety import PAGE
 
 from .relay import OUTLIVED, PARTS, Record, relay
 

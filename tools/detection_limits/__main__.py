@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from rig.plant.integrator import TICK
-from tools.leak_trials import trials
-from tools.marked_tables import fill
+from tools.pages.marked_tables import fill
+from tools.studies.leak_trials import trials
 
 from . import figures, tables
 from .bound import Bound, budgeted_noise, exact_noise, flow_bound

@@ -11,7 +11,7 @@ from control.position_loop import COMMAND_LIMIT, POSITION_GAIN
 from rig.plant import NO_FAULT, NOMINAL, Parameters
 from rig.plant.dynamics import PlantState, rest_state
 from rig.plant.integrator import TICK, advance
-from tools.drawn_rigs import MIDDLE, multisine
+from tools.simulated.drawn_rigs import MIDDLE, multisine
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
-from tools.simulated_recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
+from tools.simulated.recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
 
 from .bound import Bound, exact_noise, flow_bound
 from .courses import follow, setpoints

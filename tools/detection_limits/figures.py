@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rig.plant.parameters import LITRE_PER_MINUTE
-from tools.leak_trials import Trial
+from tools.studies.leak_trials import Trial
 
 from .bound import Bound
 from .errors import Errors

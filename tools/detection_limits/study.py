@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.plant import LEAKS
-from tools.leak_trials import SETTINGS, Plan, Trial
+from tools.studies.leak_trials import SETTINGS, Plan, Trial
 
 Array = NDArray[np.float64]
 

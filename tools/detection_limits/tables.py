@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from rig.plant.parameters import LITRE_PER_MINUTE
-from tools.leak_trials import Trial
-from tools.marked_tables import markdown
+from tools.pages.marked_tables import markdown
+from tools.studies.leak_trials import Trial
 
 from .bound import Bound
 from .errors import Errors

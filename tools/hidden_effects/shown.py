@@ -31,7 +31,7 @@ from rig.recording import read_recording
 from tools.hidden_effects.drawn_trials import THE_SMALLER, drawn_trial, write_recordings
 from tools.hidden_effects.menu import MENU
 from tools.hidden_effects.motions import MOTIONS, drawn
-from tools.marked_tables import fill, markdown
+from tools.pages.marked_tables import fill, markdown
 
 _MODELLED: Final[Mapping[str, str]] = {
     "oil_stiffness": "bulk_modulus",

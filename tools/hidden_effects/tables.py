@@ -6,7 +6,7 @@ from statistics import median
 
 from tools.hidden_effects.score import OUTCOMES, VISIBLE_GAP, Score
 from tools.hidden_effects.trials import Trial
-from tools.marked_tables import markdown
+from tools.pages.marked_tables import markdown
 
 
 def summary(trials: Sequence[Trial]) -> str:

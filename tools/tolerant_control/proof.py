@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from rig.plant import Parameters
-from tools.drawn_rigs import MOTIONS, OPEN_LOOP, drawn_rig, standstill
+from tools.simulated.drawn_rigs import MOTIONS, OPEN_LOOP, drawn_rig, standstill
 from tools.thesis_tables.markdown import fixed, table
 
 from .runs import NO_LEAK, Array, Coefficients, Run, leak_coefficients, run, ticks

@@ -20,7 +20,7 @@ from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.runner.campaign.judging import Judge
 from rig.runner.outcomes.decision_rows import DecisionRows
-from tools.simulated_recordings import SETTLE_TICKS
+from tools.simulated.recordings import SETTLE_TICKS
 
 Array = NDArray[np.float64]
 Coefficients = tuple[float, float, float]

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from rig.plant import Model
-from tools.marked_tables import fill
+from tools.pages.marked_tables import fill
 
 from .pictures import accounts_picture, sizes_picture
 from .tables import by_case, by_size

@@ -9,7 +9,7 @@ from scipy.stats import beta
 
 from rig.plant import CATALOGUE
 from rig.report.gap.words import in_words, with_unit
-from tools.marked_tables import markdown
+from tools.pages.marked_tables import markdown
 
 from .trials import ONSET_S, Case, Heard, Trial
 

@@ -9,7 +9,7 @@ from estimator.filters.registry import FilterRun, run_filter
 from rig.lanes import LANES
 from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
-from tools.simulated_lanes import SimulatedLanes
+from tools.simulated.lanes import SimulatedLanes
 
 pytestmark = pytest.mark.long
 

@@ -29,7 +29,7 @@ from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.sensors import DATA_SHEET
 from rig.recording import Recording
-from tools.simulated_recordings import recorded_healthy
+from tools.simulated.recordings import recorded_healthy
 
 NO_SPRING = Spring(0.0, 0.0)
 WORN = NOMINAL._replace(

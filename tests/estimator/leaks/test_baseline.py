@@ -18,7 +18,7 @@ from rig.loop.simulated_loop import Motion
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.recording import Recording
-from tools.simulated_recordings import recorded
+from tools.simulated.recordings import recorded
 
 TRUTH = Model(
     parameters=Model().parameters._replace(

@@ -15,8 +15,8 @@ from rig.plant import FAULT_COLUMNS, NOMINAL, Model, Parameters
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
-from tools.drawn_rigs import drawn_rig
-from tools.simulated_recordings import TRUE_LEAKS, recorded
+from tools.simulated.drawn_rigs import drawn_rig
+from tools.simulated.recordings import TRUE_LEAKS, recorded
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
-from tools.simulated_recordings import recorded
+from tools.simulated.recordings import recorded
 
 DROP = {"external_leakage_1": 6.9e6, "external_leakage_2": 6.9e6, "internal_leakage": 2.5e6}
 HEALTHY = Decision("healthy")

@@ -11,7 +11,7 @@ from rig.loop.simulated_loop import Motion
 from rig.plant import FAULT_COLUMNS, LEAKS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
-from tools.simulated_recordings import TRUE_LEAKS, recorded
+from tools.simulated.recordings import TRUE_LEAKS, recorded
 
 Array = NDArray[np.float64]
 

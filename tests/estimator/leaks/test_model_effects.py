@@ -25,7 +25,7 @@ from rig.plant.added_terms import AddedTerm, fields_of
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
-from tools.simulated_recordings import recorded
+from tools.simulated.recordings import recorded
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from rig.loop.simulated_loop import Motion
 from rig.plant import FAULTS, NOMINAL, Model, Parameters
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
-from tools.simulated_recordings import recorded
+from tools.simulated.recordings import recorded
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rig.configuration.checking import check
 from rig.io.registry import driver_types
-from tools.configuration_page import PAGE, updated
+from tools.pages.configuration import PAGE, updated
 
 
 def test_the_example_of_the_page_checks(tmp_path: Path) -> None:

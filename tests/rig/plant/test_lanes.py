@@ -13,7 +13,7 @@ from rig.lanes import LANES, anywhere, everywhere, gather, load, load_fields, sc
 from rig.lanes.normal import fill_normal, start_streams
 from rig.plant.dynamics import rates, valve_flows
 from rig.plant.parameters import Parameters
-from tools.drawn_rigs import drawn_rig
+from tools.simulated.drawn_rigs import drawn_rig
 
 Array = NDArray[np.float64]
 EXPONENTS = np.concatenate([np.linspace(-708.0, 0.0, 4001), -np.geomspace(1e-12, 30.0, 2007)])

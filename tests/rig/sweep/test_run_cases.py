@@ -14,7 +14,7 @@ from rig.sweep.group import Group
 from rig.sweep.run_cases import judge_cases, run_thesis7
 from rig.sweep.setting import Setting, setting_of
 from rig.sweep.ticks import BLOCK, SUMS, setpoint_ticks
-from tools.simulated_lanes import SimulatedLanes
+from tools.simulated.lanes import SimulatedLanes
 
 SECONDS = 20.0
 

@@ -19,7 +19,7 @@ from estimator.gap.verdict.unsettled import Unsettled, compared, unsettled
 from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.recording import Recording
-from tools.simulated_recordings import recorded_healthy
+from tools.simulated.recordings import recorded_healthy
 
 Array = NDArray[np.float64]
 PLANT = servo_actuator(Model())

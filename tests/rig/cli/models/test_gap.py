@@ -26,7 +26,7 @@ from rig.plant.added_terms import AddedTerm, fields_of, terms_of
 from rig.plant.integrator import TICK
 from rig.recording import Recording, export
 from rig.report.gap.words import headline
-from tools.simulated_recordings import recorded_healthy
+from tools.simulated.recordings import recorded_healthy
 
 Invoke = Callable[..., Any]
 FILES = {"model.yaml", "report.html", "gap.json"}

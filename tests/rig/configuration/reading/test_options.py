@@ -10,7 +10,7 @@ from rig.io.modbus_daq.register_map import RegisterMap
 from rig.io.registry import driver_class
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.plant.sensors import SensorParameters
-from tools.configuration_page import PAGE, keys_table
+from tools.pages.configuration import PAGE, keys_table
 
 SHIPPED = ("modbus_daq", "bypass_valves", "can_valve", "can_pump", "flow_meters")
 CLASSES = [

@@ -22,7 +22,7 @@ from rig.runner.experiments.friction_plan import (
 from rig.runner.experiments.friction_results import experiment_figures, revised_model
 from rig.runner.experiments.parts import ExperimentStoppedError
 from rig.runner.run_folder.directory import DirectoryError
-from tools.friction_experiment import unknown_friction
+from tools.studies.friction_experiment import unknown_friction
 
 NONE = Spring(0.0, 0.0)
 FEW = (0.3, 0.54)

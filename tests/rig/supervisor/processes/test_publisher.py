@@ -17,65 +17,18 @@ import numpy as np
 import pytest
 import zenoh
 
-from rig.loop.board import RING_ROWS, Board, Word
+from rig.loop.board import Word
 from rig.loop.interlocks.ladder import Cause
 from rig.stream.client import Answer, StreamClient
-from rig.stream.commands import (
-    LARGEST_COMMAND,
-    Command,
-    Credentials,
-    Sender,
-    make_key,
-    read_key,
-    seal,
-)
+from rig.stream.commands import LARGEST_COMMAND, Command, Credentials, Sender, seal
 from rig.stream.messages import command_key
 from rig.stream.sessions import subscriber_session
-from rig.stream.settings import Endpoint, Operator, StreamSettings
+from rig.stream.settings import Operator
 from rig.supervisor.processes import streaming
 from rig.supervisor.processes.publisher import REFUSALS_TOLD
 from rig.supervisor.processes.streaming import RowFeed, Stream
+from tests.rig.supervisor.processes.streamed_rig import CHANNELS, Bench
 from tests.waiting import PATIENCE_S, until
-
-CHANNELS = ("time_s", "position_m", "wakeup_s", "segment")
-
-
-class Bench:
-    """A session's supervisor with a stream, and somebody who follows it."""
-
-    def __init__(self, folder: Path, port: int) -> None:
-        self.folder = folder
-        key = folder / "ann.key"
-        make_key(key)
-        self.key = read_key(key)
-        self.settings = StreamSettings(
-            listen=(Endpoint("tcp", "127.0.0.1", port),),
-            operators=(Operator("ann", ("abort", "hold"), key),),
-            history_s=10.0,
-            heartbeat_s=0.1,
-        )
-        self.said: list[str] = []
-        self.commands: list[Command] = []
-        self.refusal = ""
-        self.board = Board.create(len(CHANNELS))
-        self.stream = Stream(
-            self.settings, "bench", folder / "log", self.said.append, self.on_command
-        )
-
-    def on_command(self, command: Command) -> str:
-        self.commands.append(command)
-        return self.refusal
-
-    def write(self, count: int, segment: int = 1) -> None:
-        """Be the loop: write rows of a segment to the ring."""
-        for _ in range(count):
-            at = int(self.board.words[Word.ROWS])
-            self.board.ring[at % RING_ROWS] = (1e-3 * at, at, 2e-5, segment)
-            self.board.words[Word.ROWS] = at + 1
-
-    @property
-    def log(self) -> str:
-        return (self.folder / "log").read_text()
 
 
 @pytest.fixture

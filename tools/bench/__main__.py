@@ -1,0 +1,16 @@
+"""All benchmarks in one run: filters, plant, campaigns, lanes and start-up, as ratios or rates."""
+
+import sys
+
+from . import campaign, filters, lanes, plant
+
+
+def main() -> None:
+    """Run every benchmark with its defaults, one after the other."""
+    sys.argv = sys.argv[:1]
+    for benchmark in (filters, plant, campaign, lanes):
+        benchmark.main()
+
+
+if __name__ == "__main__":
+    main()

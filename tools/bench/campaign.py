@@ -1,0 +1,115 @@
+"""Time campaigns: rig-seconds per wall-second on one core, by filter, and the start of a run.
+
+`python -m tools.bench.campaign` runs the same closed-loop test with each filter in turn, round
+after round: plant with bristle friction, sensor noise, controller and filter in the compiled loop;
+then the quickstart campaign as a user runs it, with detector and recordings, without its report.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from estimator.filters.registry import FILTERS, start_memory
+from rig.configuration import load_campaign
+from rig.io.simulated import simulated_rig
+from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.plant import NO_FAULT, Model
+from rig.plant.integrator import TICK
+from rig.runner import run_campaign
+
+RIG_SECONDS: Final = 40.0
+
+
+def loop_alone(filter_name: str) -> None:
+    """Run one test's ticks with a filter, without detector or recording."""
+    model = Model()
+    time_s = np.arange(round(RIG_SECONDS / TICK)) * TICK
+    setpoint = 0.3 + 0.2 * np.sin(np.pi * time_s + 0.1)
+    faults = np.zeros((time_s.size, len(NO_FAULT)))
+    motion = Motion(setpoint, False, faults, 0.3, 1000)
+    memory = start_memory(filter_name, model)
+    loop = SimulatedLoop(simulated_rig(model, 1), motion, memory, model.parameters)
+    while loop.ticks_left:
+        loop.advance(500)
+
+
+def whole_campaign() -> None:
+    """Run the quickstart campaign with detector and recordings, without its report."""
+    campaign, rig = load_campaign("quickstart")
+    with tempfile.TemporaryDirectory() as folder:
+        run_campaign(campaign, rig, Path(folder) / "run", pace="fast")
+
+
+def _timed(run: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    run()
+    return time.perf_counter() - start
+
+
+def start_up() -> tuple[float, float]:
+    """Return the wall time in s of `rig --help`, and of a process up to its first compiled tick."""
+    command = [str(Path(sys.executable).with_name("rig")), "--help"]
+    help_s = _timed(lambda: subprocess.run(command, check=True, capture_output=True))
+    code = "import tools.bench.campaign as b; b.first_sample()"
+    first_s = _timed(lambda: subprocess.run([sys.executable, "-c", code], check=True))
+    return help_s, first_s
+
+
+def first_sample() -> None:
+    """Load the quickstart campaign and run the first tick of its first test."""
+    from rig.runner.campaign.simulated_bench import loop_of
+
+    campaign, rig = load_campaign("quickstart")
+    memory = start_memory(campaign.filter_name, campaign.model, rig.sensors)
+    loop = loop_of(rig, campaign.tests[0], memory, campaign.model)
+    loop.position()
+    loop.advance(1)
+
+
+def measure(rounds: int) -> Table:
+    """Time every stage in turn, round after round, and return the table of medians."""
+    quickstart_s = load_campaign("quickstart")[0].rig_time_s
+    stages: dict[str, tuple[Callable[[], None], float]] = {
+        f"loop with {name}": (lambda name=name: loop_alone(name), RIG_SECONDS)  # type: ignore[misc]
+        for name in FILTERS
+    }
+    stages["quickstart: product filter, detector, recordings"] = (whole_campaign, quickstart_s)
+    times: dict[str, list[float]] = {name: [] for name in stages}
+    for run, _ in stages.values():
+        run()
+    for _ in range(rounds):
+        for name, (run, _) in stages.items():
+            times[name].append(_timed(run))
+    table = Table(title=f"Campaign throughput, one core, medians of {rounds} rounds")
+    for column in ("what", "rig-s per wall-s", "quartiles", "ns per tick"):
+        table.add_column(column, justify="left" if column == "what" else "right")
+    for name, (_, rig_seconds) in stages.items():
+        rates = rig_seconds / np.array(times[name])
+        low, middle, high = np.percentile(rates, [25, 50, 75])
+        table.add_row(name, f"{middle:.0f}", f"{low:.0f} to {high:.0f}", f"{1e6 / middle:.0f}")
+    return table
+
+
+def main() -> None:
+    """Print throughput and start-up times."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7, help="how often each stage is timed")
+    rounds = parser.parse_args().rounds
+    console = Console()
+    console.print(measure(rounds))
+    starts = np.array([start_up() for _ in range(max(rounds // 2, 2))])
+    help_s, first_s = np.median(starts, axis=0)
+    console.print(f"rig --help: {help_s:.2f} s; process start to first sample: {first_s:.2f} s")
+
+
+if __name__ == "__main__":
+    main()

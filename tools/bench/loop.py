@@ -1,0 +1,219 @@
+"""Time the loop against cyclictest: idle, and with the whole chain on an emulated rig.
+
+`python -m tools.bench.loop` runs, round after round: cyclictest (rt-tests) where it is installed;
+the loop with nothing to exchange; the loop with Modbus exchanges, filter, interlock and ring, while
+the recorder writes them to disk and a subscriber turns every row into JSON as fast as it can.
+`--page FILE` also writes the table into a page, between its marks.
+"""
+
+import argparse
+import dataclasses
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.filters.registry import start_memory
+from rig.compile_cache import use_compile_cache
+from rig.configuration.rigs.rig import Rig, load_rig
+from rig.loop.board import Board, Word
+from rig.loop.interlocks.judging import interlock
+from rig.loop.interlocks.ladder import limit_table
+from rig.loop.realtime import RealTime
+from rig.loop.ring import RingReader
+from rig.loop.wire.cycle import wire_ticks
+from rig.loop.wire.layout import Drive, course, estimation, pace, shared_memory, wire_memory
+from rig.plant.integrator import TICK
+
+from .loop_chain import CHANNELS, CPU, MODEL, PRIORITY, Chain, fast, wire_tolerances
+
+Array = NDArray[np.float64]
+
+BEGIN_MARK: Final = "<!-- table by make bench-loop: begin -->"
+END_MARK: Final = "<!-- table by make bench-loop: end -->"
+SPARE_S: Final = 60.0
+"""For which the motion goes on after what is measured of it."""
+
+
+@dataclasses.dataclass(eq=False)
+class Measured:
+    """Times in s of one thing measured, from all rounds."""
+
+    name: str
+    times: list[Array] = dataclasses.field(default_factory=list)
+    ticks: int = 0
+    missed: int = 0
+
+    def row(self, reference: Array | None) -> tuple[str, ...]:
+        """Return the table's row: p50, p99 and p99.9 in us, ratios to a reference, missed ticks."""
+        times = np.concatenate(self.times)
+        percentiles = np.percentile(times, (50.0, 99.0, 99.9))
+        ratios = ("", "") if reference is None else tuple(
+            f"{ours / theirs:.2f}" for ours, theirs in zip(percentiles[:2], reference, strict=False)
+        )  # fmt: skip
+        missed = f"{100.0 * self.missed / self.ticks:.2f} %" if self.ticks else ""
+        return (self.name, *(f"{1e6 * value:.0f}" for value in percentiles), *ratios, missed)
+
+
+def cyclictest(seconds: float) -> Array:
+    """Return the wake-up lateness that cyclictest measures, s, to the microsecond."""
+    command = ["cyclictest", "-m", "-q", "-t1", f"-a{CPU}", f"-p{PRIORITY}", "-i1000",
+               f"-l{round(seconds / TICK)}", "-h20000"]  # fmt: skip
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    return histogram_times(ran.stdout)
+
+
+def histogram_times(text: str) -> Array:
+    """Return the times in s that a cyclictest histogram counts: lines of whole us, and count."""
+    pairs = [line.split() for line in text.splitlines() if line and line[0].isdigit()]
+    micros = np.array([int(pair[0]) for pair in pairs], dtype=np.float64)
+    counts = np.array([int(pair[1]) for pair in pairs])
+    return np.repeat(1e-6 * (micros + 0.5), counts)
+
+
+def idle(rig: Rig, seconds: float) -> Array:
+    """Return the rows of the loop with nothing to exchange."""
+    board = Board.create(len(CHANNELS))
+    board.words[Word.SWITCH] = 1
+    spec = fast(rig)
+    memory = start_memory("product", MODEL)
+    # Another plan's type would be another compilation.
+    driver = spec.create_fast()
+
+    def run(number: int) -> None:
+        wire_ticks(
+            course(number, np.empty(0), Drive.NULL), estimation(memory, MODEL.parameters),
+            interlock(limit_table((), TICK), wire_tolerances(rig, spec)),
+            pace(rig.loop, 1.0 / TICK), -1, driver.plan(), driver.look_plan(), wire_memory(),
+            shared_memory(board),
+        )  # fmt: skip
+
+    def real_time() -> None:
+        with RealTime(CPU, PRIORITY):
+            run(1)
+
+    run(-1)
+    thread = threading.Thread(target=real_time)
+    thread.start()
+    time.sleep(seconds)
+    board.words[Word.SWITCH] = 0
+    thread.join()
+    return RingReader(board).latest(round(seconds / TICK))
+
+
+def whole_chain(rig: Rig, seconds: float) -> Array:
+    """Return the rows of the loop on an emulated rig, with recorder and subscriber."""
+    with Chain(rig, seconds + SPARE_S) as chain:
+        fd = chain.board.fd
+        subscriber = subprocess.Popen(
+            [sys.executable, "-m", "tools.bench.loop", "--subscribe", str(fd)], pass_fds=(fd,)
+        )
+        try:
+            rows = chain.rows(round(seconds / TICK))
+        finally:
+            subscriber.kill()
+            subscriber.wait()
+        if lacking := chain.finish():
+            raise RuntimeError(f"{lacking} rows were not recorded")
+    return rows
+
+
+def subscribe(fd: int) -> None:
+    """Turn every row of a board into JSON, for ever: a reader that is never done."""
+    reader = RingReader(Board.attach(fd))
+    while True:
+        for row in reader.take():
+            json.dumps(dict(zip(CHANNELS, row.tolist(), strict=True)))
+
+
+def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
+    """Return the table's rows, and whether there was a cyclictest to compare with."""
+    rig = load_rig("emulated")
+    theirs = Measured("cyclictest: wake-up")
+    alone, woken = Measured("loop idle: wake-up"), Measured("whole chain: wake-up")
+    sent = Measured("whole chain: tick to command")
+    replied = Measured("whole chain: tick to reply")
+    computed = Measured("whole chain: filter, interlock, row")
+    has_cyclictest = shutil.which("cyclictest") is not None
+    for _ in range(rounds):
+        if has_cyclictest:
+            theirs.times.append(cyclictest(seconds))
+        _add(alone, idle(rig, seconds), "wakeup_s")
+        chain = whole_chain(rig, seconds)
+        _add(woken, chain, "wakeup_s")
+        _add(sent, chain, "sent_s")
+        _add(replied, chain, "wakeup_s", "exchange_s")
+        _add(computed, chain, "compute_s")
+    reference = None
+    if has_cyclictest:
+        reference = np.percentile(np.concatenate(theirs.times), (50.0, 99.0))
+    measured = ([theirs] if has_cyclictest else []) + [alone, woken, sent, replied, computed]
+    wakings = (theirs, alone, woken)
+    rows = [one.row(reference if one in wakings else None) for one in measured]
+    return rows, has_cyclictest
+
+
+def table(rows: list[tuple[str, ...]], rounds: int, seconds: float) -> str:
+    """Return the measurement as Markdown."""
+    heads = ("", "p50, us", "p99, us", "p99.9, us", "p50 ratio", "p99 ratio", "missed")
+    lines = [heads, tuple("---" if i == 0 else "---:" for i in range(len(heads))), *rows]
+    text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    load = f"{os.getloadavg()[0]:.1f}"
+    machine = f"{os.cpu_count()} processors ({_processor()}), Linux {platform.release()}"
+    return (
+        f"{rounds} rounds of {seconds:g} s each, interleaved; {machine}; load average at the end "
+        f"{load}, this measurement included. Ratios are to cyclictest in the same run.\n\n{text}\n"
+    )
+
+
+def _processor() -> str:
+    """Return the processor's model as the kernel knows it."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return next((line.split(": ")[1] for line in lines if line.startswith("model name")), "unknown")
+
+
+def write_page(page: Path, text: str) -> None:
+    """Put a table between the marks of a page."""
+    before, _, rest = page.read_text().partition(BEGIN_MARK)
+    _, _, after = rest.partition(END_MARK)
+    page.write_text(f"{before}{BEGIN_MARK}\n{text}{END_MARK}{after}")
+
+
+def _add(measured: Measured, rows: Array, *channels: str) -> None:
+    times = np.sum([rows[:, CHANNELS.index(channel)] for channel in channels], axis=0)
+    measured.times.append(times[np.isfinite(times)])
+    measured.ticks += len(rows)
+    measured.missed += int(np.count_nonzero(np.isnan(rows[:, CHANNELS.index("wakeup_s")])))
+
+
+def main() -> None:
+    """Print the table; put it into a page if asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=3, help="how often each is measured")
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long, each time")
+    parser.add_argument("--page", type=Path, help="page to put the table into")
+    parser.add_argument("--subscribe", type=int, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.subscribe is not None:
+        subscribe(given.subscribe)
+    use_compile_cache()
+    rows, has_cyclictest = measure(given.rounds, given.seconds)
+    text = table(rows, given.rounds, given.seconds)
+    if not has_cyclictest:
+        text += "\ncyclictest is not installed (Debian: rt-tests), so that there are no ratios.\n"
+    print(text)
+    if given.page is not None:
+        write_page(given.page, text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""Tries the gap workflow on rigs with hidden effects, blind, and says how often it was right.
+
+    python -m tools.hidden_effects --trials 200 --seed 1 --jobs 2 --out runs/hidden_effects
+
+The rigs are those of `tools.hidden_effects`, which shares no code with the model. Every trial is
+kept as a line of JSON; the same command goes on where it was stopped.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from tools.hidden_effects.drawn_trials import KINDS, SECONDS
+from tools.hidden_effects.tables import by_effect, summary
+from tools.hidden_effects.trials import kept_file, plans, run_trials
+from tools.hidden_effects.workflow import Workflow, in_process, rig_gap
+from tools.pages.marked_tables import fill
+
+
+def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -> None:
+    """Run what is not kept from before and print the tables."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.hidden_effects",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--trials", type=int, default=200, help="default 200")
+    parser.add_argument("--seed", type=int, default=1, help="draws everything; default 1")
+    parser.add_argument("--jobs", type=int, default=2, help="processes; default 2")
+    parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"), metavar="DIR")
+    parser.add_argument("--kind", choices=KINDS, help="all trials of one kind; default a mixture")
+    parser.add_argument(
+        "--seconds", type=float, default=SECONDS, help=f"of each recording; default {SECONDS:g}"
+    )
+    parser.add_argument(
+        "--limits",
+        type=float,
+        default=0.0,
+        metavar="TIMES",
+        help="hide nothing smaller than so many times what the trial's own motions would show of "
+        "it; default the sizes of tools/hidden_effects/sizes.py",
+    )
+    parser.add_argument(
+        "--in-process", action="store_true", help="without the command rig gap and its report"
+    )
+    parser.add_argument("--keep", action="store_true", help="leave recordings and reports in DIR")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page whose tables to bring up")
+    options = parser.parse_args(arguments)
+    planned = plans(options.trials, options.seed, options.kind, options.seconds, options.limits)
+    tried = in_process if options.in_process else workflow
+    found = run_trials(planned, options.out, options.jobs, options.keep, tried)
+    tables = {"hidden_effects": summary(found), "hidden_by_effect": by_effect(found)}
+    if options.page:
+        fill(options.page, tables)
+    print("\n\n".join([*tables.values(), f"Trials: {kept_file(options.out)}"]))
+
+
+if __name__ == "__main__":
+    main()

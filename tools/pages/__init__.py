@@ -1,0 +1,1 @@
+"""What pages have that follows from the code: tables and pictures."""

@@ -1,0 +1,55 @@
+"""Write the table of effects in docs/model.md: `python -m tools.pages.effects`."""
+
+from pathlib import Path
+from typing import Final
+
+from rig.plant import CATALOGUE, EffectParameter, PlantEffect
+
+from .marked_tables import fill, markdown
+
+PAGE: Final = Path(__file__).parents[2] / "docs" / "model.md"
+NAME: Final = "effects"
+
+
+def _code(text: str) -> str:
+    return f"`{text}`".replace("|", "\\|")
+
+
+def _knob(knob: EffectParameter) -> str:
+    return f"{knob.name}: {_code(knob.field)}"
+
+
+def _in_lines(effect: PlantEffect, cell: str) -> str:
+    """Return a cell with a line for each parameter, which `cell` formats."""
+    return "<br>".join(cell.format(knob=knob) for knob in effect.parameters)
+
+
+def effects_table() -> str:
+    """Return every effect: equation, parameters, units, neutral value, plausible bounds, source."""
+    rows = []
+    for effect in CATALOGUE.values():
+        neutral = "<br>".join(
+            "the model's" if knob.shift else f"{knob.neutral:g}" for knob in effect.parameters
+        )
+        rows.append(
+            (
+                _code(effect.name),
+                _code(effect.equation),
+                "<br>".join(_knob(knob) for knob in effect.parameters),
+                _in_lines(effect, "{knob.unit}") or "-",
+                neutral,
+                _in_lines(effect, "{knob.lower:g} to {knob.upper:g}"),
+                effect.source.replace("|", "\\|"),
+            )
+        )
+    head = ("effect", "term", "parameters: field", "unit", "neutral", "plausible", "source")
+    return markdown(head, rows)
+
+
+def main() -> None:
+    """Bring the table up to date."""
+    fill(PAGE, {NAME: effects_table()})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""A motion of a simulated rig as it is recorded: what studies and tests of the detector replay."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.filters.registry import start_memory
+from rig.io.simulated import SimulatedRig, simulated_rig
+from rig.loop.cycle import TRUTH
+from rig.loop.simulated_loop import Motion, SimulatedLoop
+from rig.plant import FAULT_COLUMNS, LEAKS, Model, Parameters
+from rig.recording import Recording
+
+from .drawn_rigs import MIDDLE
+
+Array = NDArray[np.float64]
+
+TRUE_LEAKS: Final[Mapping[str, str]] = dict(zip(LEAKS, TRUTH[-len(LEAKS) :], strict=True))
+"""Channel of the true flow of each leak, m^3/s."""
+SETTLE_TICKS: Final = 2000
+"""That a ram may take to the start of its motion."""
+
+
+def recorded_healthy(truth: Parameters, setpoint: Array, open_loop: bool, seed: int) -> Recording:
+    """Return the recording of a rig without faults in a motion that starts at mid stroke.
+
+    Args:
+        truth: of the rig.
+        setpoint: float64 (ticks,), m, or V in open loop.
+        open_loop: whether the setpoint is the command.
+        seed: of the transducers' noise.
+    """
+    faults = np.zeros((setpoint.size, len(FAULT_COLUMNS)))
+    motion = Motion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS)
+    return recorded(simulated_rig(Model(parameters=truth), seed), motion)
+
+
+def recorded(rig: SimulatedRig, motion: Motion) -> Recording:
+    """Bring a rig to the start of a motion, run it with the product's filter, and return all of it.
+
+    The filter assumes the nominal model.
+    """
+    model = Model()
+    loop = SimulatedLoop(rig, motion, start_memory("product", model), model.parameters)
+    loop.position()
+    rows = loop.advance(motion.setpoint.size)
+    return Recording({name: rows[:, i] for i, name in enumerate(loop.channels)})

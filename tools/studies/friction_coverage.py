@@ -1,0 +1,107 @@
+"""How often intervals of friction parameters hold the truth.
+
+`python -m tools.studies.friction_coverage`: rigs drawn at random (`tools.simulated.drawn_rigs`:
+parameters, friction, a spring in four of ten) are simulated with transducers over 40 s of each
+motion; friction is identified with the nominal model and compared with what was simulated.
+"""
+
+import argparse
+from itertools import combinations
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from estimator.friction.curve import FrictionCurve, friction_changes, identify_recording
+from estimator.friction.fit import PARAMETERS
+from estimator.friction.samples import Spring
+from rig.plant import Model, Parameters
+from rig.plant.integrator import TICK
+from tools.simulated.drawn_rigs import MIDDLE, MOTIONS, OPEN_LOOP, drawn_rig
+from tools.simulated.recordings import recorded_healthy
+
+Array = NDArray[np.float64]
+
+SECONDS: Final = 40.0
+EXPERIMENT: Final = "experiment"
+"""The sine of the shipped campaign friction_3_1."""
+
+
+class Case(NamedTuple):
+    """A simulated rig and what was identified of it."""
+
+    truth: Parameters
+    found: FrictionCurve
+
+
+def setpoint_of(name: str, rng: np.random.Generator, ticks: int) -> Array:
+    """Return a motion by its name in `MOTIONS`, or the experiment's: m, V in open loop."""
+    if name in MOTIONS:
+        return MOTIONS[name](rng, ticks)
+    return MIDDLE + 0.2 * np.sin(np.pi * TICK * np.arange(ticks))
+
+
+def case(name: str, seed: int) -> Case:
+    """Return one rig in one motion."""
+    rng = np.random.default_rng(seed)
+    truth = drawn_rig(rng)
+    setpoint = setpoint_of(name, rng, round(SECONDS / TICK))
+    recording = recorded_healthy(truth, setpoint, name in OPEN_LOOP, seed)
+    spring = Spring(truth.spring_stiffness, truth.spring_contact)
+    return Case(truth, identify_recording(recording, Model(), spring))
+
+
+def row(cases: list[Case], parameter: str) -> tuple[str, ...]:
+    """Return share identified, coverage of the 95 % interval, and errors, as table cells."""
+    errors, widths = [], []
+    for truth, found in cases:
+        estimate = found.estimates[parameter]
+        if estimate.value is not None and estimate.standard_error is not None:
+            errors.append(estimate.value - getattr(truth, parameter))
+            widths.append(estimate.standard_error)
+    if not errors:
+        return f"0 of {len(cases)}", "", "", "", ""
+    error, width = np.array(errors), np.array(widths)
+    return (
+        f"{error.size} of {len(cases)}",
+        f"{100.0 * np.mean(np.abs(error) < 1.96 * width):.0f} %",
+        f"{np.mean(error):.3g}",
+        f"{np.sqrt(np.mean(error**2)):.3g}",
+        f"{np.median(width):.3g}",
+    )
+
+
+def false_changes(ones: list[Case], others: list[Case]) -> tuple[int, int]:
+    """Return how many pairs of the same rig in two motions are said to differ, of how many."""
+    pairs = [
+        friction_changes(one.found, other.found) for one, other in zip(ones, others, strict=True)
+    ]
+    told = [any(change.significant for change in changes) for changes in pairs if changes]
+    return sum(told), len(told)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--rigs", type=int, default=40, help="rigs for each motion")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--motion", nargs="*", default=[EXPERIMENT, *MOTIONS])
+    given = parser.parse_args()
+    table = Table("motion", "parameter", "identified", "covered", "mean error", "rms error",
+                  "standard error")  # fmt: skip
+    seeds = [1000 * given.seed + index for index in range(given.rigs)]
+    cases = {name: [case(name, seed) for seed in seeds] for name in given.motion}
+    for name, found in cases.items():
+        for parameter in PARAMETERS:
+            table.add_row(name, parameter, *row(found, parameter))
+    console = Console(width=110)
+    console.print(table)
+    for one, other in combinations(cases, 2):
+        told, pairs = false_changes(cases[one], cases[other])
+        console.print(f"said to differ between {one} and {other}: {told} of {pairs} unchanged rigs")
+
+
+if __name__ == "__main__":
+    main()

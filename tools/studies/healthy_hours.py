@@ -1,0 +1,347 @@
+"""How often the detector accuses healthy rigs: a thousand hours of them, simulated in lanes.
+
+`python -m tools.studies.healthy_hours --hours 1000 --false-alarms-per-day 1 --jobs 2 --out DIR`
+runs rigs drawn at random, half an hour each, in mixed motion with standstills. An alarm is a
+verdict that turns from silent to a fault; after one the rig's detector starts afresh. It prints the
+rate of alarms with its exact 95 % interval beside the setting, and what was accused in which
+motion, and writes that to `DIR/summary-RATE.json`.
+
+What is done is kept in `DIR`, one line for each group of rigs, in a file for each state of the
+sources: called again, it goes on where it was stopped.
+"""
+
+import argparse
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from math import ceil
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+from scipy import stats
+
+from estimator.accounts.flow import BLOCK_TICKS
+from estimator.accounts.noise import checked_model_error
+from estimator.accounts.nuisances import UNINFORMED
+from estimator.filters.product_lanes import ProductLanes
+from estimator.filters.registry import FILTERS, OUTPUTS, FilterRun
+from estimator.leaks.detection import OilAccountDetector, Samples
+from rig.compile_cache import source_key
+from rig.lanes import LANES
+from rig.plant import Model
+from rig.plant.integrator import TICK
+from tools.simulated.drawn_rigs import MIDDLE, drawn_rig, known_rig, mixed_motion
+from tools.simulated.lanes import SimulatedLanes
+
+Array = NDArray[np.float64]
+
+_ASKED: Final = 20
+"""Blocks of half a second from one verdict of a silent detector that is counted to the next."""
+RUN_S: Final = 1800.0
+_DAY_S: Final = 86400.0
+_ROOT: Final = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is asked of a study.
+
+    Attributes:
+        rate: false alarms a day that the detectors are set to.
+        model_error: factor on what they allow for errors of the model; 0: it is exact.
+        known: whether the rigs are exactly the model, but for friction and load.
+    """
+
+    rate: float
+    model_error: float = 1.0
+    known: bool = False
+
+    @property
+    def name(self) -> str:
+        """What files of a study at this setting are called."""
+        allowed = "" if self.model_error == 1.0 else f"-model-error-{self.model_error:g}"
+        return f"{self.rate:g}{allowed}{'-known' if self.known else ''}"
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A healthy rig accused: which, when (s from its start), of what since when, and moving how."""
+
+    seed: int
+    time_s: float
+    verdict: str
+    onset_s: float
+    motion: str
+    statistic: float
+    threshold: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """What came of rigs that ran side by side.
+
+    Attributes:
+        number: of the group.
+        rig_s: rig-seconds run.
+        wall_s: seconds it took, by part: simulation, filter, detector.
+        verdicts: decisions by verdict, one each ten seconds and rig, and alarms.
+        alarms: raised.
+    """
+
+    number: int
+    rig_s: float
+    wall_s: dict[str, float]
+    verdicts: dict[str, int]
+    alarms: list[Alarm]
+
+
+class Judge:
+    """The detector of one rig, started afresh after each alarm."""
+
+    def __init__(self, seed: int, rate: float, model_error: float = 1.0) -> None:
+        self._seed, self._setting = seed, (Model(), rate, UNINFORMED, model_error)
+        self._detector = OilAccountDetector(*self._setting)
+        self._blocks = 0
+        self.verdicts: Counter[str] = Counter()
+
+    def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
+        """Judge the next block; return the alarm if it is one.
+
+        Raises:
+            RuntimeError: the detector failed; the message says on which rig and when.
+        """
+        try:
+            self._detector.update(samples, run)
+            self._blocks += 1
+            # What is silent is asked for its verdict once in a while only.
+            if not self._detector.accuses and self._blocks % _ASKED != 0:
+                return None
+            decision = self._detector.decide()
+        except Exception as error:
+            raise RuntimeError(f"rig {self._seed} at {samples.time_s[-1]:.1f} s") from error
+        self.verdicts[decision.verdict] += 1
+        if not decision.names_a_fault:
+            return None
+        self._detector = OilAccountDetector(*self._setting)
+        return Alarm(
+            self._seed,
+            float(samples.time_s[-1]),
+            decision.verdict,
+            float("nan") if decision.onset_s is None else decision.onset_s,
+            motion,
+            decision.statistic,
+            decision.threshold,
+        )
+
+
+def _stretches(ticks: int) -> Iterator[slice]:
+    """Yield the blocks of a run; the first has one sample more, as accounts run between samples."""
+    ends = [0, *range(BLOCK_TICKS + 1, ticks + 1, BLOCK_TICKS)]
+    for first, last in pairwise(ends):
+        yield slice(first, last)
+
+
+class Watcher(Protocol):
+    """Watches one rig of a group, block by block."""
+
+    verdicts: Counter[str]
+
+    def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
+        """Take the next block; return the alarm if it is one."""
+
+
+def run_group(
+    number: int,
+    setting: Setting,
+    run_s: float = RUN_S,
+    watchers: Sequence[Watcher] | None = None,
+) -> Group:
+    """Run and judge `LANES` rigs, drawn by the group's number.
+
+    Args:
+        number: of the group; its rigs' seeds follow from it.
+        setting: of the detectors, and what rigs are drawn.
+        run_s: seconds of each rig.
+        watchers: of each rig; by default a `Judge`.
+    """
+    seeds = [number * LANES + lane for lane in range(LANES)]
+    generators = [np.random.default_rng((seed, 1)) for seed in seeds]
+    ticks = round(run_s / TICK) + 1
+    rigs = [drawn_rig(generator) for generator in generators]
+    if setting.known:
+        rigs = [known_rig(rig) for rig in rigs]
+    motions = [mixed_motion(generator, ticks) for generator in generators]
+    lanes = SimulatedLanes(rigs, seeds, [MIDDLE] * LANES)
+    filters = ProductLanes(Model())
+    judges = watchers or [Judge(seed, setting.rate, setting.model_error) for seed in seeds]
+    alarms, wall = [], np.zeros(3)
+    for part in _stretches(ticks):
+        clock = [time.perf_counter()]
+        setpoint = np.stack([motion.setpoint[part] for motion in motions], axis=1)
+        is_open = np.stack([motion.open_loop[part] for motion in motions], axis=1)
+        readings = lanes.advance(setpoint, is_open.astype(np.float64))
+        clock.append(time.perf_counter())
+        states = filters.advance(readings)
+        clock.append(time.perf_counter())
+        time_s = np.arange(part.start, part.stop) * TICK
+        for lane, (judge, motion) in enumerate(zip(judges, motions, strict=True)):
+            samples, run = _seen_by(lane, time_s, readings, states)
+            alarm = judge.take(samples, run, motion.kind_at(part.stop - 1))
+            if alarm is not None:
+                alarms.append(alarm)
+        clock.append(time.perf_counter())
+        wall += np.diff(clock)
+    verdicts = sum((judge.verdicts for judge in judges), Counter[str]())
+    parts = dict(zip(("simulation", "filter", "detector"), wall.tolist(), strict=True))
+    return Group(number, run_s * LANES, parts, dict(verdicts), alarms)
+
+
+def _seen_by(lane: int, time_s: Array, readings: Array, states: Array) -> tuple[Samples, FilterRun]:
+    """Return one rig's samples and estimates as its detector takes them."""
+    position, p1, p2, spool, supply, command = np.ascontiguousarray(readings[:, :, lane].T)
+    outputs = np.full((time_s.size, len(OUTPUTS)), np.nan)
+    estimates = np.ascontiguousarray(states[:, :, lane])
+    run = FilterRun(FILTERS["product"], time_s, estimates, outputs, np.empty((0, 0)))
+    return Samples(time_s, command, position, p1, p2, spool, supply), run
+
+
+def poisson_interval(count: int) -> tuple[float, float]:
+    """Return the exact 95 % interval of the mean of a Poisson count (Garwood 1936)."""
+    lower = float(stats.chi2.ppf(0.025, 2 * count) / 2.0) if count else 0.0
+    return lower, float(stats.chi2.ppf(0.975, 2 * count + 2) / 2.0)
+
+
+def summary_of(groups: Sequence[Group], setting: Setting) -> dict[str, Any]:
+    """Return what a study found, as it is written to its summary."""
+    alarms = [alarm for group in groups for alarm in group.alarms]
+    rig_s = sum(group.rig_s for group in groups)
+    days = rig_s / _DAY_S
+    low, high = (bound / days for bound in poisson_interval(len(alarms)))
+    verdicts = sum((Counter(group.verdicts) for group in groups), Counter[str]())
+    wall = sum((Counter(group.wall_s) for group in groups), Counter[str]())
+    return {
+        "hours": rig_s / 3600.0,
+        "rigs": len(groups) * LANES,
+        "false_alarms_per_day": setting.rate,
+        "model_error": setting.model_error,
+        "rigs_are_the_model": setting.known,
+        "alarms": len(alarms),
+        "alarms_per_day": len(alarms) / days,
+        "interval_per_day": [low, high],
+        "setting_within_interval": low <= setting.rate <= high,
+        "alarms_by_verdict": dict(Counter(alarm.verdict for alarm in alarms).most_common()),
+        "alarms_by_motion": dict(Counter(alarm.motion for alarm in alarms).most_common()),
+        "decisions": {name: count / verdicts.total() for name, count in verdicts.most_common()},
+        "rig_seconds_per_core_second": {
+            "all": rig_s / sum(wall.values()),
+            **{part: rig_s / seconds for part, seconds in wall.items()},
+        },
+        "sources": source_key(_ROOT),
+    }
+
+
+def read_groups(file: Path) -> dict[int, Group]:
+    """Return the groups kept in a file, by number; a line cut off at its end is none."""
+    found = {}
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+        try:
+            entry = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        alarms = [Alarm(**alarm) for alarm in entry.pop("alarms")]
+        found[entry["number"]] = Group(**entry, alarms=alarms)
+    return found
+
+
+def study(
+    hours: float, setting: Setting, jobs: int, out: Path, run_s: float = RUN_S, first: int = 0
+) -> dict[str, Any]:
+    """Run the groups that are not kept from before, and return the summary of all.
+
+    Args:
+        hours: rig-hours, rounded up to whole groups.
+        setting: of the detectors.
+        jobs: processes.
+        out: folder for what was done.
+        run_s: seconds of each rig.
+        first: number of the first group, by which its rigs are drawn.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    kept = out / f"groups-{setting.name}-{source_key(_ROOT)}.jsonl"
+    numbers = range(first, first + ceil(hours * 3600.0 / (run_s * LANES)))
+    done = read_groups(kept)
+    left = [number for number in numbers if number not in done]
+    # A process for each core: matrices of 20 by 20 gain nothing from threads of their own.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with (
+        kept.open("a", encoding="utf-8") as lines,
+        ProcessPoolExecutor(jobs, get_context("spawn")) as pool,
+        Progress(transient=True) as progress,
+    ):
+        task = progress.add_task("healthy hours", total=len(numbers), completed=len(done))
+        futures = [pool.submit(run_group, number, setting, run_s) for number in left]
+        for future in as_completed(futures):
+            group = future.result()
+            # A line that was cut off must not swallow this one.
+            lines.write("\n" + json.dumps(asdict(group)))
+            lines.flush()
+            done[group.number] = group
+            progress.advance(task)
+    summary = summary_of([done[number] for number in numbers], setting)
+    text = json.dumps(summary, indent=2) + "\n"
+    (out / f"summary-{setting.name}.json").write_text(text, encoding="utf-8")
+    return summary
+
+
+def main() -> None:
+    """Run the study and print what it found."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hours", type=float, default=10.0, help="rig-hours (default 10)")
+    parser.add_argument("--false-alarms-per-day", type=float, default=1.0, help="the setting")
+    parser.add_argument("--first-group", type=int, default=0, help="of rigs drawn (default 0)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default 1)")
+    parser.add_argument("--out", type=Path, required=True, help="folder for what was done")
+    parser.add_argument(
+        "--model-error",
+        type=float,
+        default=1.0,
+        help="factor on what is allowed for errors of the model (default 1; 0: it is exact)",
+    )
+    parser.add_argument(
+        "--known-rigs",
+        action="store_true",
+        help="rigs that are exactly the model, but for friction and load",
+    )
+    options = parser.parse_args()
+    allowed = checked_model_error(options.model_error)
+    setting = Setting(options.false_alarms_per_day, allowed, options.known_rigs)
+    found = study(options.hours, setting, options.jobs, options.out, first=options.first_group)
+    low, high = found["interval_per_day"]
+    console = Console(width=110)
+    console.print(
+        f"{found['hours']:.0f} h of {found['rigs']} healthy rigs: {found['alarms']} alarms, "
+        f"{found['alarms_per_day']:.2f} a day (95 %: {low:.2f} to {high:.2f}); "
+        f"set to {found['false_alarms_per_day']:g}"
+    )
+    for title in ("alarms_by_verdict", "alarms_by_motion"):
+        counts = ", ".join(f"{name} {count}" for name, count in found[title].items())
+        console.print(f"{title.replace('_', ' ')}: {counts or 'none'}")
+    shares = ", ".join(f"{name} {100 * part:.1f} %" for name, part in found["decisions"].items())
+    console.print(f"decisions: {shares}")
+    rates = found["rig_seconds_per_core_second"]
+    console.print("rig-seconds a core-second: "
+                  + ", ".join(f"{name} {value:.0f}" for name, value in rates.items()))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,235 @@
+"""Trials of the detectors on rigs and motions drawn at random: planned, run on all cores, kept.
+
+What a trial found is kept in a file, one JSON object a line, so that a study that was interrupted
+goes on where it stopped.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from math import isfinite, sqrt
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rich.progress import track
+
+from estimator.accounts.flow import reference_drop
+from estimator.leaks.detection import SETTLED_AFTER_S, SILENT, Decision
+from estimator.leaks.replaying import replay
+from rig.compile_cache import source_key
+from rig.io.simulated import simulated_rig
+from rig.loop.simulated_loop import Motion
+from rig.plant import FAULT_COLUMNS, NOMINAL, Model
+from rig.plant.integrator import TICK
+from rig.plant.parameters import LITRE_PER_MINUTE
+from rig.recording import Recording
+from tools.simulated.drawn_rigs import MIDDLE, drawn_motion, drawn_rig
+from tools.simulated.recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
+
+SETTINGS: Final[Mapping[str, tuple[str, float]]] = {
+    "product": ("product", 1.0),
+    "product, often": ("product", 1e4),
+    "thesis-6": ("thesis-6", 1.0),
+}
+"""Judges by name: a filter with its detector, and the false alarms a day that it is set to. The
+second shows the statistic far below the threshold of the first."""
+
+_DROOPING: Final = (1e12, 3e12)
+"""Pa/(m^3/s)^2. Supplies on which a supply leak can be seen at all; drawn where one is injected."""
+_ROOT: Final = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a trial does.
+
+    Attributes:
+        seed: draws rig, motion and noise.
+        fault: one of `rig.plant.FAULTS`, or None.
+        size: of a leak in L/min at its reference drop (supply leaks: at supply pressure), of a
+            blockage in Pa/(m^3/s)^2.
+        onset_s, seconds: when the fault begins, and how long the trial lasts.
+        spool_sensor, supply_sensor: whether the rig has them.
+        judges: names in `SETTINGS`.
+    """
+
+    seed: int
+    fault: str | None
+    size: float
+    onset_s: float
+    seconds: float
+    spool_sensor: bool = True
+    supply_sensor: bool = True
+    judges: tuple[str, ...] = ("product",)
+
+    @property
+    def key(self) -> str:
+        """What tells this plan from others."""
+        return json.dumps(asdict(self))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a judge held.
+
+    Attributes:
+        held: (time in s, verdict) at its first decision and whenever the verdict changed.
+        ratios: statistic over threshold at each decision, one a half second.
+        flow, deviation: final leak flow and its standard error in L/min; None if it named none.
+    """
+
+    held: tuple[tuple[float, str], ...]
+    ratios: tuple[float, ...]
+    flow: float | None
+    deviation: float | None
+
+    @property
+    def verdict(self) -> str:
+        """The last one."""
+        return self.held[-1][1]
+
+    def first_s(self, verdict: str) -> float | None:
+        """Return when a verdict was first held, None if never."""
+        return next((time for time, held in self.held if held == verdict), None)
+
+    def alarm_s(self) -> float | None:
+        """Return when an alarm was first held, None if never."""
+        return next((time for time, held in self.held if held not in SILENT), None)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A plan and what came of it.
+
+    Attributes:
+        plan: what was done.
+        loaded: whether the ram worked against a spring.
+        flow: mean absolute flow of the leak from 2 s after onset, L/min; 0 where there was none.
+        judged: by judge.
+    """
+
+    plan: Plan
+    loaded: bool
+    flow: float
+    judged: Mapping[str, Judgement]
+
+
+def coefficient(plan: Plan) -> float:
+    """Return the coefficient (SI) of the plan's fault."""
+    if plan.fault == "return_blockage":
+        return plan.size
+    if plan.fault == "supply_leakage":
+        return plan.size * LITRE_PER_MINUTE / sqrt(NOMINAL.supply_pressure)
+    return plan.size * LITRE_PER_MINUTE / sqrt(reference_drop(NOMINAL, plan.fault or ""))
+
+
+def record(plan: Plan) -> tuple[Recording, bool, float]:
+    """Run a plan on the simulated rig; return the recording, and `loaded` and `flow` of `Trial`."""
+    rng = np.random.default_rng(plan.seed)
+    ticks, onset = round(plan.seconds / TICK), round(plan.onset_s / TICK)
+    truth = drawn_rig(rng)
+    setpoint, open_loop = drawn_motion(rng, ticks)
+    faults = np.zeros((ticks, len(FAULT_COLUMNS)))
+    if plan.fault == "supply_leakage":
+        truth = truth._replace(supply_droop=rng.uniform(*_DROOPING))
+    if plan.fault is not None:
+        faults[onset:, FAULT_COLUMNS.index(plan.fault)] = coefficient(plan)
+    rig = simulated_rig(
+        Model(parameters=truth), plan.seed,
+        spool_sensor=plan.spool_sensor, supply_pressure_sensor=plan.supply_sensor,
+    )  # fmt: skip
+    recording = recorded(rig, Motion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS))
+    flow = 0.0
+    if plan.fault is not None and plan.fault in TRUE_LEAKS:
+        leaking = recording[TRUE_LEAKS[plan.fault]][onset + round(SETTLED_AFTER_S / TICK) :]
+        flow = float(np.abs(leaking).mean()) / LITRE_PER_MINUTE
+    return recording, truth.spring_stiffness > 0.0, flow
+
+
+def judged(recording: Recording, judge: str) -> Judgement:
+    """Let a judge replay a recording."""
+    name, rate = SETTINGS[judge]
+    result = replay(recording, Model(), filter_name=name, false_alarms_per_day=rate)
+    held: list[tuple[float, str]] = []
+    for time_s, decision in result.history:
+        if not held or decision.verdict != held[-1][1]:
+            held.append((time_s, decision.verdict))
+    final = result.decision
+    return Judgement(
+        tuple(held),
+        tuple(_ratio(decision) for _, decision in result.history),
+        _litres(final.leak_m3_per_s),
+        _litres(final.leak_std_m3_per_s),
+    )
+
+
+def _ratio(decision: Decision) -> float:
+    ratio = decision.statistic / decision.threshold
+    return round(ratio, 4) if isfinite(ratio) else 0.0
+
+
+def _litres(flow: float | None) -> float | None:
+    return None if flow is None else flow / LITRE_PER_MINUTE
+
+
+def trial(plan: Plan) -> Trial:
+    """Run a plan and let its judges judge."""
+    recording, loaded, flow = record(plan)
+    return Trial(plan, loaded, flow, {judge: judged(recording, judge) for judge in plan.judges})
+
+
+def trials(
+    plans: Sequence[Plan],
+    kept: Path,
+    jobs: int,
+    run: Callable[[Plan], Trial] = trial,
+) -> list[Trial]:
+    """Return the trials of all plans, running those that are not kept from before.
+
+    Args:
+        plans: no two alike.
+        kept: folder for what was found; each state of the sources has a file of its own in it.
+        jobs: processes.
+        run: runs a plan.
+    """
+    kept.mkdir(parents=True, exist_ok=True)
+    file = kept / f"trials-{source_key(_ROOT)}.jsonl"
+    done = _read(file)
+    left = [plan for plan in plans if plan.key not in done]
+    if left:
+        with file.open("a", encoding="utf-8") as out, ProcessPoolExecutor(jobs) as pool:
+            for found in track(
+                pool.map(run, left), description="trials", total=len(left), transient=True
+            ):
+                out.write(json.dumps(asdict(found)) + "\n")
+                out.flush()
+                done[found.plan.key] = found
+    return [done[plan.key] for plan in plans]
+
+
+def _read(file: Path) -> dict[str, Trial]:
+    """Return the trials kept in a file, by their plan's key; a line cut off at its end is none."""
+    found = {}
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+        try:
+            entry = _trial_of(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+        found[entry.plan.key] = entry
+    return found
+
+
+def _trial_of(fields: Mapping[str, Any]) -> Trial:
+    plan = Plan(**{**fields["plan"], "judges": tuple(fields["plan"]["judges"])})
+    heard = {
+        judge: Judgement(
+            tuple((float(time_s), str(verdict)) for time_s, verdict in entry["held"]),
+            tuple(entry["ratios"]),
+            entry["flow"],
+            entry["deviation"],
+        )
+        for judge, entry in fields["judged"].items()
+    }
+    return Trial(plan, fields["loaded"], fields["flow"], heard)
