@@ -7,12 +7,12 @@ Ljung 1999, ch. 7).
 """
 
 from math import sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import float64, int64, njit, types, void
 
-from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP
+from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array
 from rig.plant import inlined, inner
 
 _DRIVE: Final = types.FunctionType(DRIVE)
@@ -37,6 +37,71 @@ def put(target, values):
         target[i] = values[i]
 
 
+class Track(NamedTuple):
+    """A record, and the gains of a filter along it.
+
+    Attributes:
+        inputs: float64 (n, inputs).
+        readings: float64 (n, outputs).
+        gains: float64 (n, outputs, states).
+        variances: float64 (n, outputs), of the innovations; infinite where not used.
+        couplings: float64 (n, outputs, outputs), how much of an innovation is in that of a later
+            reading of the sample, before the state is corrected by it.
+    """
+
+    inputs: Array
+    readings: Array
+    gains: Array
+    variances: Array
+    couplings: Array
+
+
+class Setup(NamedTuple):
+    """What a filter goes by, besides the record.
+
+    Attributes:
+        variances: float64 (n, outputs), of the readings; infinite where one is not to be used.
+        parameters: float64 (parameters,), of the plant.
+        start: float64 (states,).
+        spread: float64 (states,), standard deviations of `start`.
+        changes: float64 (states,), for derivatives by differences.
+        noises: float64 (states,), variances of the model's error over one sample.
+        shares: float64 (outputs, states), part of the best gains that is used.
+        memory: float64 (1, length), of `Plant.begin`; changed by a run.
+    """
+
+    variances: Array
+    parameters: Array
+    start: Array
+    spread: Array
+    changes: Array
+    noises: Array
+    shares: Array
+    memory: Array
+
+
+class Begun(NamedTuple):
+    """A plant at the first sample of a record; in lanes, each array has an axis LANES more.
+
+    Attributes:
+        parameters: float64 (parameters,).
+        start: float64 (states,).
+        memory: float64 (1, length), of `Plant.begin`, in lanes (rows, LANES), of `InLanes.begin`;
+            changed by a run.
+    """
+
+    parameters: Array
+    start: Array
+    memory: Array
+
+
+TRACK: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE), Track)
+SETUP: Final = types.BaseTuple.from_types(
+    (_MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX), Setup
+)
+_BEGUN: Final = types.BaseTuple.from_types((_VECTOR, _VECTOR, _MATRIX), Begun)
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _advance(drive, step, remember, before, x, inputs, memory, parameters):
     """Move a state (count,) and its memory (length,) by a sample of inputs, from before to x."""
@@ -47,11 +112,8 @@ def _advance(drive, step, remember, before, x, inputs, memory, parameters):
 
 
 @inner
-def correct(
-    read, memory, parameters, changes, shares, readings, variances, x, covariance, slope, gains,
-    innovation_variances, couplings,
-):  # fmt: skip
-    """Correct a state and its covariance in place by the readings of one sample.
+def correct(read, memory, setup, track, t, x, covariance, slope):
+    """Correct a state and its covariance in place by the readings of one sample; keep its gains.
 
     They are taken one after the other (Bierman 1977, ch. 2), each linearised about the prediction;
     the covariance is that of the gains used, whatever part of the best ones (Joseph's form).
@@ -59,18 +121,17 @@ def correct(
     Args:
         read: of the plant, compiled with READ.
         memory: float64 (length,).
-        parameters: of the plant.
-        changes: float64 (states,), for derivatives by differences.
-        shares: float64 (outputs, states), part of the best gains that is used.
-        readings: float64 (outputs,).
-        variances: float64 (outputs,), of the readings; infinite where one is not to be used.
+        setup: of the filter.
+        track: of the record; the sample's gains are written.
+        t: the sample.
         x: float64 (states,), predicted; updated.
         covariance: float64 (states, states); updated.
         slope: float64 (outputs, states), written: derivatives of the readings.
-        gains: float64 (outputs, states), written, as all that follow as of `run_filter`.
-        innovation_variances: float64 (outputs,), written.
-        couplings: float64 (outputs, outputs), written.
     """
+    parameters, changes, shares = setup.parameters, setup.changes, setup.shares
+    readings, variances = track.readings[t], setup.variances[t]
+    gains, innovation_variances = track.gains[t], track.variances[t]
+    couplings = track.couplings[t]
     count, outputs = x.size, readings.size
     expected, shifted = np.empty(outputs), np.empty(outputs)
     ahead = np.empty(count)
@@ -151,15 +212,8 @@ def predict_covariance(transition, noises, product, covariance):
         covariance[i, i] += noises[i]
 
 
-@njit(
-    void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR,
-         _MATRIX, _MATRIX, _CUBE, _MATRIX, _CUBE),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
-def run_filter(
-    drive, step, remember, read, inputs, readings, variances, parameters, start, spread, changes,
-    noises, shares, memory, gains, innovation_variances, couplings,
-):  # fmt: skip
+@njit(void(*_PLANT, TRACK, SETUP), cache=True, error_model="numpy", nogil=True)
+def run_filter(drive, step, remember, read, track, setup):
     """Run the filter over a recording and keep its gains.
 
     Args:
@@ -167,33 +221,19 @@ def run_filter(
         step: of the plant, compiled with STEP.
         remember: of the plant, compiled with REMEMBER.
         read: of the plant, compiled with READ.
-        inputs: float64 (n, inputs).
-        readings: float64 (n, outputs).
-        variances: float64 (n, outputs), of the readings; infinite where one is not to be used.
-        parameters: of the plant.
-        start: float64 (states,).
-        spread: float64 (states,), standard deviations of `start`.
-        changes: float64 (states,), for derivatives by differences.
-        noises: float64 (states,), variances of the model's error over one sample.
-        shares: float64 (outputs, states), part of the best gains that is used.
-        memory: float64 (1, length), of `Plant.begin`.
-        gains: float64 (n, outputs, states), written.
-        innovation_variances: float64 (n, outputs), written; infinite where not used.
-        couplings: float64 (n, outputs, outputs), written: how much of an innovation is in that of
-            a later reading of the sample, before the state is corrected by it.
+        track: of the record; its gains are written.
+        setup: of the filter.
     """
-    count, outputs = start.size, readings.shape[1]
-    remembered = memory[0]
-    x = start.copy()
+    inputs, outputs = track.inputs, track.readings.shape[1]
+    parameters, changes, count = setup.parameters, setup.changes, setup.start.size
+    remembered = setup.memory[0]
+    x = setup.start.copy()
     point, ahead = np.empty(count), np.empty(count)
-    covariance = np.diag(spread * spread)
+    covariance = np.diag(setup.spread * setup.spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
     slope = np.empty((outputs, count))
     for t in range(inputs.shape[0]):
-        correct(
-            read, remembered, parameters, changes, shares, readings[t], variances[t], x, covariance,
-            slope, gains[t], innovation_variances[t], couplings[t],
-        )  # fmt: skip
+        correct(read, remembered, setup, track, t, x, covariance, slope)
         drive(inputs[t], remembered, parameters)
         put(ahead, x)
         step(ahead, remembered, parameters)
@@ -203,20 +243,13 @@ def run_filter(
             step(point, remembered, parameters)
             for i in range(count):
                 transition[i, j] = (point[i] - ahead[i]) / changes[j]
-        predict_covariance(transition, noises, product, covariance)
+        predict_covariance(transition, setup.noises, product, covariance)
         remember(x, ahead, remembered, parameters)
         put(x, ahead)
 
 
-@njit(
-    void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _CUBE, _CUBE, _VECTOR, _VECTOR, _MATRIX, _MATRIX,
-         _MATRIX),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
-def run_frozen(
-    drive, step, remember, read, inputs, readings, innovation_variances, gains, couplings,
-    parameters, start, memory, innovations, states,
-):  # fmt: skip
+@njit(void(*_PLANT, TRACK, _BEGUN, _MATRIX, _MATRIX), cache=True, error_model="numpy", nogil=True)
+def run_frozen(drive, step, remember, read, track, begun, innovations, states):
     """Predict a recording one sample ahead with given gains.
 
     Args:
@@ -224,20 +257,16 @@ def run_frozen(
         step: likewise.
         remember: likewise.
         read: likewise.
-        inputs: float64 (n, inputs).
-        readings: float64 (n, outputs).
-        innovation_variances: float64 (n, outputs), of `run_filter`.
-        gains: float64 (n, outputs, states), of `run_filter`.
-        couplings: float64 (n, outputs, outputs), of `run_filter`.
-        parameters: of the plant.
-        start: float64 (states,).
-        memory: float64 (1, length), of `Plant.begin`.
+        track: of the record.
+        begun: the plant at its first sample.
         innovations: float64 (n, outputs), written: over their standard deviations, 0 if not used.
         states: float64 (n, states), written: filtered.
     """
-    count, outputs = start.size, readings.shape[1]
-    remembered = memory[0]
-    x = start.copy()
+    inputs, readings, parameters = track.inputs, track.readings, begun.parameters
+    gains, innovation_variances, couplings = track.gains, track.variances, track.couplings
+    count, outputs = begun.start.size, readings.shape[1]
+    remembered = begun.memory[0]
+    x = begun.start.copy()
     expected = np.empty(outputs)
     for t in range(inputs.shape[0]):
         read(x, remembered, parameters, expected)
@@ -263,14 +292,11 @@ def run_frozen(
 
 
 @njit(
-    void(*_PLANT, _MATRIX, _MATRIX, _MATRIX, _VECTOR, _MATRIX, _MATRIX, int64, _MATRIX),
+    void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, int64, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def predict_ahead(
-    drive, step, remember, read, inputs, readings, states, parameters, memory, memories, horizon,
-    errors,
-):  # fmt: skip
-    """Predict from each `horizon`-th filtered state to the next, and write the errors.
+def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, predicted):
+    """Predict readings from each `horizon`-th filtered state to the next.
 
     Args:
         drive: as of `run_filter`.
@@ -278,40 +304,38 @@ def predict_ahead(
         remember: likewise.
         read: likewise.
         inputs: float64 (n, inputs).
-        readings: float64 (n, outputs).
         states: float64 (n, states), filtered, of `run_frozen`.
-        parameters: of the plant.
-        memory: float64 (1, length), of `Plant.begin`.
-        memories: float64 (1, length), scratch.
+        begun: the plant in the first of them.
         horizon: samples.
-        errors: float64 (n, outputs), written: readings less predictions; NaN at the starts.
+        predicted: float64 (n, outputs), written; NaN at the starts.
     """
-    count, outputs = states.shape[1], readings.shape[1]
-    remembered, free = memory[0], memories[0]
-    x, expected = np.empty(count), np.empty(outputs)
-    ahead = np.empty(count)
+    parameters, remembered = begun.parameters, begun.memory[0]
+    free = remembered.copy()
+    x, expected = begun.start.copy(), np.empty(predicted.shape[1])
+    ahead = np.empty(x.size)
     for t in range(inputs.shape[0]):
         if t % horizon == 0:
             put(x, states[t])
             put(free, remembered)
             errors[t, :] = np.nan
+
+
+            x[:] = states[t]
+            free[:] = remembered
+            predicted[t, :] = np.nan
         else:
             read(x, free, parameters, expected)
-            for i in range(outputs):
-                errors[t, i] = readings[t, i] - expected[i]
+            predicted[t] = expected
         _advance(drive, step, remember, x, ahead, inputs[t], free, parameters)
         put(x, ahead)
         _advance(drive, step, remember, states[t], ahead, inputs[t], remembered, parameters)
 
 
 @njit(
-    void(*_PLANT, _MATRIX, _MATRIX, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _MATRIX, _MATRIX),
+    void(*_PLANT, _MATRIX, _MATRIX, _BEGUN, _MATRIX, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def run_free(
-    drive, step, remember, read, inputs, readings, parameters, start, memory, steering, driven,
-    simulated,
-):  # fmt: skip
+def run_free(drive, step, remember, read, inputs, readings, begun, steering, simulated):
     """Simulate a plant that follows a recording: inputs are changed to keep it on its course.
 
     Args:
@@ -319,18 +343,15 @@ def run_free(
         step: likewise.
         remember: likewise.
         read: likewise.
-        inputs: float64 (n, inputs).
+        inputs: float64 (n, inputs), recorded; changed to those applied.
         readings: float64 (n, outputs).
-        parameters: of the plant.
-        start: float64 (states,).
-        memory: float64 (1, length), of `Plant.begin`.
+        begun: the plant at the first sample.
         steering: float64 (inputs, outputs): what is added to an input for one unit by which a
             simulated reading is below the recorded one; zeros for a free run.
-        driven: float64 (n, inputs), written: the inputs applied.
         simulated: float64 (n, outputs), written: readings without noise.
     """
-    remembered = memory[0]
-    x, ahead = start.copy(), np.empty(start.size)
+    parameters, remembered = begun.parameters, begun.memory[0]
+    x, ahead = begun.start.copy(), np.empty(begun.start.size)
     expected = np.empty(readings.shape[1])
     for t in range(inputs.shape[0]):
         read(x, remembered, parameters, expected)
@@ -342,3 +363,8 @@ def run_free(
             driven[t, j] = value
         _advance(drive, step, remember, x, ahead, driven[t], remembered, parameters)
         put(x, ahead)
+
+
+            inputs[t, j] = value
+        _advance(drive, step, remember, x, ahead, inputs[t], remembered, parameters)
+        x[:] = ahead

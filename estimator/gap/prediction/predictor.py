@@ -8,13 +8,17 @@ import numpy as np
 from estimator.gap.plant import Array, Gains, Plant, Record, made_of, roughness
 from rig.lanes import LANES, aligned, empty_lanes
 
-from .prediction import predict_ahead, run_filter, run_free, run_frozen
+from .prediction import Begun, Setup, Track, predict_ahead, run_filter, run_free, run_frozen
 from .side_by_side import run_filter_in_lanes, run_frozen_in_lanes
 
 Values = Mapping[str, float]
 
 _FIRST = 20
 """Samples at the start of a record that the state is started from."""
+
+
+def _track(record: Record, gains: Gains) -> Track:
+    return Track(record.inputs, record.readings, gains.states, gains.variances, gains.couplings)
 
 
 class Predictor:
@@ -29,6 +33,9 @@ class Predictor:
     def _memory(self, start: Array, record: Record, values: Values) -> Array:
         time_s = record.first * self.plant.period
         return self.plant.begin(start, record.inputs[:_FIRST], values, time_s)[None, :].copy()
+
+    def _begun(self, record: Record, values: Values, start: Array) -> Begun:
+        return Begun(self.plant.vector(values), start, self._memory(start, record, values))
 
     def _start(self, record: Record, values: Values) -> tuple[Array, Array]:
         first = np.where(np.isfinite(record.variances[:_FIRST]), record.readings[:_FIRST], np.nan)
@@ -47,27 +54,23 @@ class Predictor:
         start, spread = self._start(record, values)
         variances = record.variances + roughness(record, plant, values)
         parameters = plant.vector(values)
-        rest = (gains.states, gains.variances, gains.couplings)
         shares = np.ones((outputs, states))
         if plant.shares is not None:
             shares = plant.shares(values)
-        known = (
-            start, spread, self._changes, self._noises, shares, self._memory(start, record, values),
+        track = _track(record, gains)
+        setup = Setup(
+            variances, parameters, start, spread, self._changes, self._noises, shares,
+            self._memory(start, record, values),
         )  # fmt: skip
         in_lanes = plant.in_lanes
         if in_lanes is None or in_lanes.kind(values) is None:
-            run_filter(
-                *self._functions, record.inputs, record.readings, variances, parameters, *known,
-                *rest,
-            )  # fmt: skip
+            run_filter(*self._functions, track, setup)
             return gains
         together = np.repeat(start[:, None], LANES, axis=1)
         memory = in_lanes.begin(together, record.inputs[:_FIRST], [values] * LANES)
         run_filter_in_lanes(
-            in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read,
-            record.inputs, record.readings, variances,
-            aligned(np.repeat(parameters[:, None], LANES, axis=1)), parameters, *known,
-            aligned(memory), *rest,
+            in_lanes.drive, in_lanes.step, in_lanes.remember, plant.remember, plant.read, track,
+            setup, aligned(np.repeat(parameters[:, None], LANES, axis=1)), aligned(memory),
         )  # fmt: skip
         return gains
 
@@ -80,14 +83,10 @@ class Predictor:
             values: of all parameters.
         """
         count = len(self._changes)
-        start = self._start(record, values)[0]
         innovations = np.empty_like(record.readings)
         states = np.empty((len(record), count))
-        run_frozen(
-            *self._functions, record.inputs, record.readings,
-            gains.variances, gains.states, gains.couplings, self.plant.vector(values), start,
-            self._memory(start, record, values), innovations, states,
-        )  # fmt: skip
+        begun = self._begun(record, values, self._start(record, values)[0])
+        run_frozen(*self._functions, _track(record, gains), begun, innovations, states)
         return innovations, states
 
     def groups(self, values: Sequence[Values]) -> list[list[int]]:
@@ -122,23 +121,21 @@ class Predictor:
         starts = aligned(np.column_stack([self._start(record, each)[0] for each in padded]))
         parameters = aligned(np.column_stack([plant.vector(each) for each in padded]))
         innovations = empty_lanes(record.readings.size).reshape((*record.readings.shape, LANES))
+        memory = aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded))
         run_frozen_in_lanes(
-            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, record.inputs,
-            record.readings, gains.variances, gains.states, gains.couplings, parameters,
-            plant.vector(values[0]), starts,
-            aligned(in_lanes.begin(starts, record.inputs[:_FIRST], padded)), innovations,
+            in_lanes.drive, in_lanes.step, in_lanes.remember, in_lanes.read, _track(record, gains),
+            Begun(parameters, starts, memory), plant.vector(values[0]), innovations,
         )  # fmt: skip
         return [innovations[:, :, lane] for lane in range(len(values))]
 
     def ahead(self, record: Record, values: Values, states: Array) -> Array:
         """Return readings less predictions (n, outputs) over the plant's horizon, NaN at starts."""
-        errors = np.empty_like(record.readings)
-        memory = self._memory(states[0], record, values)
+        predicted = np.empty_like(record.readings)
         predict_ahead(
-            *self._functions, record.inputs, record.readings, states,
-            self.plant.vector(values), memory, memory.copy(),
-            round(self.plant.horizon / self.plant.period), errors,
+            *self._functions, record.inputs, states, self._begun(record, values, states[0]),
+            round(self.plant.horizon / self.plant.period), predicted,
         )  # fmt: skip
+        errors = record.readings - predicted
         errors[~np.isfinite(record.variances)] = np.nan
         return errors
 
@@ -148,13 +145,9 @@ class Predictor:
         if steered:
             for index, output, gain in self.plant.steering:
                 steering[index, output] = gain
-        start = self._start(record, values)[0]
-        driven, simulated = np.empty_like(record.inputs), np.empty_like(record.readings)
-        run_free(
-            *self._functions, record.inputs, record.readings,
-            self.plant.vector(values), start, self._memory(start, record, values), steering,
-            driven, simulated,
-        )  # fmt: skip
+        driven, simulated = record.inputs.copy(), np.empty_like(record.readings)
+        begun = self._begun(record, values, self._start(record, values)[0])
+        run_free(*self._functions, driven, record.readings, begun, steering, simulated)
         return driven, simulated
 
     def twin(self, record: Record, values: Values, seed: int) -> Record:

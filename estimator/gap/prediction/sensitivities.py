@@ -8,7 +8,7 @@ What the sensors remember (a lag, a play) is taken as it was: readings follow th
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import float64, int64, njit, types, void
@@ -27,14 +27,44 @@ _CUBE: Final = float64[:, :, ::1]
 _FIRST: Final = 20
 
 
+class _Along(NamedTuple):
+    """What a course is linearised along.
+
+    Attributes:
+        inputs: float64 (n, inputs).
+        states: float64 (n, k), filtered.
+        places: int64 (n,), row of the results for each sample, -1 where none is wanted.
+    """
+
+    inputs: Array
+    states: Array
+    places: NDArray[np.int64]
+
+
+class _Slopes(NamedTuple):
+    """What a linearisation is made of.
+
+    Attributes:
+        transitions: float64 (m, k, k), of the step by the state.
+        slopes: float64 (m, outputs, k), of the readings by the state.
+        shifts: float64 (m, k + outputs, probes), what each probe adds to the state after the step,
+            and to the readings.
+    """
+
+    transitions: Array
+    slopes: Array
+    shifts: Array
+
+
+_ALONG: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, int64[::1]), _Along)
+_SLOPES: Final = types.BaseTuple.from_types((_CUBE, _CUBE, _CUBE), _Slopes)
+
+
 @njit(
-    void(*_FUNCTIONS, _MATRIX, _MATRIX, _MATRIX, _MATRIX, _VECTOR, int64[::1], _CUBE, _CUBE, _CUBE),
+    void(*_FUNCTIONS, _ALONG, _MATRIX, _MATRIX, _VECTOR, _SLOPES),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def linearise_course(
-    drive, step, remember, read, inputs, states, parameters, memory, changes, places, transitions,
-    slopes, shifts,
-):  # fmt: skip
+def linearise_course(drive, step, remember, read, along, parameters, memory, changes, written):
     """Linearise step and readings along a filtered course, where asked.
 
     Args:
@@ -42,17 +72,14 @@ def linearise_course(
         step: of the plant, compiled with STEP.
         remember: of the plant, compiled with REMEMBER.
         read: of the plant, compiled with READ.
-        inputs: float64 (n, inputs).
-        states: float64 (n, k), filtered.
+        along: the course.
         parameters: float64 (1 + probes, count): the present ones, then each changed.
         memory: float64 (1, length), at the first sample.
         changes: float64 (k,), for derivatives by differences.
-        places: int64 (n,), row of the results for each sample, -1 where none is wanted.
-        transitions: float64 (m, k, k), written: of the step by the state.
-        slopes: float64 (m, outputs, k), written: of the readings by the state.
-        shifts: float64 (m, k + outputs, probes), written: what each probe adds to the state after
-            the step, and to the readings.
+        written: the linearisation.
     """
+    inputs, states, places = along.inputs, along.states, along.places
+    transitions, slopes, shifts = written.transitions, written.slopes, written.shifts
     count, outputs = states.shape[1], slopes.shape[1]
     remembered, present = memory[0], parameters[0]
     point, ahead = np.empty(count), np.empty(count)
@@ -224,10 +251,10 @@ def course_of(
     time_s = record.first * plant.period
     memory = plant.begin(states[0], record.inputs[:_FIRST], values, time_s)[None, :].copy()
     linearise_course(
-        plant.drive, plant.step, plant.remember, plant.read, record.inputs[:last], states[:last],
+        plant.drive, plant.step, plant.remember, plant.read,
+        _Along(record.inputs[:last], states[:last], places[:last]),
         np.stack([plant.vector(v) for v in (values, *probes)]), memory,
-        np.array([state.change for state in plant.states]), places[:last],
-        transitions, slopes, shifts,
+        np.array([state.change for state in plant.states]), _Slopes(transitions, slopes, shifts),
     )  # fmt: skip
     return Course(
         samples, innovations[samples], states[samples], record.inputs[samples], transitions,

@@ -20,7 +20,7 @@ from estimator.gap.plant import (
 )
 from rig.lanes import LANES, align_stack, empty_lanes, load, store
 
-from .prediction import correct, predict_covariance, put
+from .prediction import SETUP, TRACK, Begun, correct, predict_covariance, put
 
 _VECTOR: Final = float64[::1]
 _MATRIX: Final = float64[:, ::1]
@@ -31,17 +31,14 @@ _REMEMBER: Final = types.FunctionType(REMEMBER_IN_LANES)
 _READ: Final = types.FunctionType(READ_IN_LANES)
 _REMEMBER_ALONE: Final = types.FunctionType(REMEMBER)
 _READ_ALONE: Final = types.FunctionType(READ)
+_BEGUN: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _MATRIX), Begun)
 
 
 @njit(
-    void(_DRIVE, _STEP, _REMEMBER, _READ, _MATRIX, _MATRIX, _MATRIX, _CUBE, _CUBE, _MATRIX, _VECTOR,
-         _MATRIX, _MATRIX, _CUBE),
+    void(_DRIVE, _STEP, _REMEMBER, _READ, TRACK, _BEGUN, _VECTOR, _CUBE),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def run_frozen_in_lanes(
-    drive, step, remember, read, inputs, readings, innovation_variances, gains, couplings,
-    parameters, first, starts, memory, innovations,
-):  # fmt: skip
+def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innovations):
     """Predict a recording one sample ahead with given gains, with other parameters in each lane.
 
     Args:
@@ -49,18 +46,15 @@ def run_frozen_in_lanes(
         step: likewise.
         remember: likewise.
         read: likewise.
-        inputs: float64 (n, inputs).
-        readings: float64 (n, outputs).
-        innovation_variances: float64 (n, outputs), of `run_filter`.
-        gains: float64 (n, outputs, states), of `run_filter`.
-        couplings: float64 (n, outputs, outputs), of `run_filter`.
-        parameters: float64 (parameters, LANES).
+        track: of the record.
+        begun: plants at its first sample, in lanes; the states after the recording are left there.
         first: float64 (parameters,), those of the first lane.
-        starts: float64 (states, LANES); the state after the recording is left there.
-        memory: float64 (rows, LANES), of `InLanes.begin`.
         innovations: float64 (n, outputs, LANES), written: over their standard deviations, 0 if not
             used.
     """
+    inputs, readings = track.inputs, track.readings
+    gains, innovation_variances, couplings = track.gains, track.variances, track.couplings
+    parameters, starts, memory = begun.parameters, begun.start, begun.memory
     count, outputs = starts.shape[0], readings.shape[1]
     align_stack()
     expected = empty_lanes(outputs)
@@ -87,15 +81,10 @@ def run_frozen_in_lanes(
 
 
 @njit(
-    void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, _MATRIX, _MATRIX, _MATRIX, _MATRIX,
-         _VECTOR, _VECTOR, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _MATRIX, _CUBE, _MATRIX,
-         _CUBE),
+    void(_DRIVE, _STEP, _REMEMBER, _REMEMBER_ALONE, _READ_ALONE, TRACK, SETUP, _MATRIX, _MATRIX),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def run_filter_in_lanes(
-    drive, step, remember, keep, read, inputs, readings, variances, parameters, first, start,
-    spread, changes, noises, shares, memory, in_lanes, gains, innovation_variances, couplings,
-):  # fmt: skip
+def run_filter_in_lanes(drive, step, remember, keep, read, track, setup, parameters, memory):
     """Run the filter over a recording as `run_filter` does, the derivatives of its step in lanes.
 
     Args:
@@ -104,38 +93,25 @@ def run_filter_in_lanes(
         remember: likewise.
         keep: as `remember` of `run_filter`.
         read: as of `run_filter`.
-        inputs: likewise.
-        readings: likewise.
-        variances: likewise.
-        parameters: float64 (parameters, LANES), the same in all lanes.
-        first: float64 (parameters,), those.
-        start: as of `run_filter`.
-        spread: likewise.
-        changes: likewise.
-        noises: likewise.
-        shares: likewise.
-        memory: likewise; of what the sensors keep.
-        in_lanes: float64 (rows, LANES), of `InLanes.begin`; of what reaches the plant.
-        gains: as of `run_filter`.
-        innovation_variances: likewise.
-        couplings: likewise.
+        track: likewise.
+        setup: likewise; its memory is of what the sensors keep.
+        parameters: float64 (parameters, LANES), those of `setup` in all lanes.
+        memory: float64 (rows, LANES), of `InLanes.begin`; of what reaches the plant.
     """
-    count, outputs = start.size, readings.shape[1]
-    remembered = memory[0]
-    x = start.copy()
+    inputs, outputs = track.inputs, track.readings.shape[1]
+    first, changes, count = setup.parameters, setup.changes, setup.start.size
+    remembered = setup.memory[0]
+    x = setup.start.copy()
     ahead = np.empty(count)
-    covariance = np.diag(spread * spread)
+    covariance = np.diag(setup.spread * setup.spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
     slope = np.empty((outputs, count))
     # Column 0 is the course itself, column 1 + j that with a change of state j.
     batches = (count + LANES) // LANES
     points = empty_lanes(batches * count).reshape((batches, count, LANES))
     for t in range(inputs.shape[0]):
-        correct(
-            read, remembered, first, changes, shares, readings[t], variances[t], x, covariance,
-            slope, gains[t], innovation_variances[t], couplings[t],
-        )  # fmt: skip
-        drive(inputs[t], in_lanes)
+        correct(read, remembered, setup, track, t, x, covariance, slope)
+        drive(inputs[t], memory)
         for batch in range(batches):
             for i in range(count):
                 for lane in range(LANES):
@@ -144,14 +120,14 @@ def run_filter_in_lanes(
                 j = batch * LANES + lane - 1
                 if 0 <= j < count:
                     points[batch, j, lane] += changes[j]
-            step(points[batch], in_lanes, parameters, first)
+            step(points[batch], memory, parameters, first)
         for i in range(count):
             ahead[i] = points[0, i, 0]
         for j in range(count):
             batch, lane = (1 + j) // LANES, (1 + j) % LANES
             for i in range(count):
                 transition[i, j] = (points[batch, i, lane] - ahead[i]) / changes[j]
-        predict_covariance(transition, noises, product, covariance)
-        remember(points[0], in_lanes, parameters, first)
+        predict_covariance(transition, setup.noises, product, covariance)
+        remember(points[0], memory, parameters, first)
         keep(x, ahead, remembered, first)
         put(x, ahead)

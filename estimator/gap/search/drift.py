@@ -43,7 +43,6 @@ def drifts(
         first; `equation` is the parameter's name, `region` the time.
     """
     columns = filtered.columns(values, variables)
-    names = [column.name for column in columns]
     linear = filtered.linearise(values, columns)
     time_s = _times(filtered)
     lower = np.array([column.lower for column in columns])
@@ -67,7 +66,7 @@ def drifts(
         z = abs(float(steps[-1])) / max(float(error), 1e-300)
         if gains.sum() < CHANCE or z < CERTAIN:
             continue
-        found.append(_curve(filtered.predictor.plant, values, variable, names[j], steps, j,
+        found.append(_curve(filtered.predictor.plant, values, variable, steps, j,
                             float(time_s.max()), float(gains.sum()), z, excess))  # fmt: skip
     return sorted(found, key=lambda curve: -curve.gain)
 
@@ -90,7 +89,7 @@ def _change(products: Array, slopes: Array, steps: Array) -> Array:
 
 
 def _curve(
-    plant: Plant, values: Values, variable: Variable, name: str, steps: Array, j: int,
+    plant: Plant, values: Values, variable: Variable, steps: Array, j: int,
     last_s: float, gain: float, z: float, excess: float,
 ) -> Curve:  # fmt: skip
     at = np.array([0.0, last_s])
