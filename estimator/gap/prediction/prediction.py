@@ -317,15 +317,10 @@ def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, p
         if t % horizon == 0:
             put(x, states[t])
             put(free, remembered)
-            errors[t, :] = np.nan
-
-
-            x[:] = states[t]
-            free[:] = remembered
             predicted[t, :] = np.nan
         else:
             read(x, free, parameters, expected)
-            predicted[t] = expected
+            put(predicted[t], expected)
         _advance(drive, step, remember, x, ahead, inputs[t], free, parameters)
         put(x, ahead)
         _advance(drive, step, remember, states[t], ahead, inputs[t], remembered, parameters)
@@ -360,11 +355,6 @@ def run_free(drive, step, remember, read, inputs, readings, begun, steering, sim
             value = inputs[t, j]
             for i in range(expected.size):
                 value += steering[j, i] * (readings[t, i] - expected[i])
-            driven[t, j] = value
-        _advance(drive, step, remember, x, ahead, driven[t], remembered, parameters)
-        put(x, ahead)
-
-
             inputs[t, j] = value
         _advance(drive, step, remember, x, ahead, inputs[t], remembered, parameters)
-        x[:] = ahead
+        put(x, ahead)
