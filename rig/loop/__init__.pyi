@@ -46,6 +46,7 @@ from .lane_ticks import (
     plant_ticks as plant_ticks,
     reading_ticks as reading_ticks,
 )
+from .loop_filter import estimation as estimation
 from .reaction import (
     ACTED as ACTED,
     Reaction as Reaction,
@@ -82,7 +83,6 @@ from .wire import (
     Segment as Segment,
     WireLoop as WireLoop,
     course as course,
-    estimation as estimation,
     orders as orders,
     pace as pace,
     shared_memory as shared_memory,

@@ -21,6 +21,9 @@ from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, Tick, judg
 from rig.plant import (
     READING_COUNT,
     SUBSTEPS,
+    TICK,
+    Parameters,
+    SensorParameters,
     drive,
     follow,
     inlined,
@@ -50,6 +53,8 @@ DECISION_COLUMNS: Final = len(DECIDED) + len(ACTED)
 """Columns behind the filter's states: what was decided, and what was done about it."""
 _DECIDED: Final = len(DECIDED)
 _ACTED: Final = len(ACTED)
+
+Array = NDArray[np.float64]
 
 
 class Guard(NamedTuple):
@@ -103,25 +108,16 @@ def limited_command(open_loop, setpoint, position, gain, limit):
 
 
 @inlined
-def sample_row(
-    starts, time_s, setpoint, command, held, reading,
-    code, x, covariance, filter_par, filter_noise, work, decided, acted, row,
-):  # fmt: skip
+def sample_row(starts, begin, held, reading, filt, decided, acted, row):
     """Update the filter by one sample, and fill the row's `sample_channels`.
 
     Args:
         starts: whether this is the sample that starts the filter.
-        time_s: time of the sample.
-        setpoint: of this tick, m, or V in open loop.
-        command: V, held from this sample on.
+        begin: what the row begins with: time of the sample, s; setpoint, m, or V in open loop;
+            command, V, held from this sample on.
         held: V, held up to this sample.
         reading: (9,) in the order of `READINGS`; what is NaN is skipped by the filter.
-        code: which filter.
-        x: its state; updated.
-        covariance: its covariance; updated.
-        filter_par: the `Parameters` it assumes.
-        filter_noise: the noise it assumes.
-        work: its scratch space.
+        filt: the filter, `Estimation`; updated.
         decided: (len(DECIDED),) the newest decision.
         acted: (len(ACTED),) what is done about it.
         row: to fill, in the order of `row_channels`.
@@ -131,30 +127,73 @@ def sample_row(
     outputs = row[_OUTPUTS_AT:STATES_AT]
     if starts:
         outputs[:] = np.nan
-        filter_start(code, x, covariance, reading[0], reading[1], reading[2], reading[3], command,
-                     filter_par, filter_noise, work)  # fmt: skip
+        filter_start(
+            filt.code, filt.x, filt.covariance, reading[0], reading[1], reading[2], reading[3],
+            begin[2], filt.parameters, filt.noise, filt.work,
+        )  # fmt: skip
     else:
-        filter_step(code, x, covariance, held, reading[0], reading[1], reading[2], reading[3],
-                    reading[4], filter_par, filter_noise, work, outputs)  # fmt: skip
+        filter_step(
+            filt.code, filt.x, filt.covariance, held, reading[0], reading[1], reading[2],
+            reading[3], reading[4], filt.parameters, filt.noise, filt.work, outputs,
+        )  # fmt: skip
     # Not to a slice at once: the text of its error would come along, a second of compiling.
-    for i in range(x.size):
-        row[STATES_AT + i] = x[i]
+    states = filt.x.size
+    for i in range(states):
+        row[STATES_AT + i] = filt.x[i]
     for i in range(_DECIDED):
-        row[STATES_AT + x.size + i] = decided[i]
+        row[STATES_AT + states + i] = decided[i]
     for i in range(_ACTED):
-        row[STATES_AT + x.size + _DECIDED + i] = acted[i]
-    row[0] = time_s
-    row[1] = setpoint
-    row[2] = command
+        row[STATES_AT + states + _DECIDED + i] = acted[i]
+    row[0], row[1], row[2] = begin
+
+
+class Ticks(NamedTuple):
+    """What is asked of a simulated rig, tick by tick."""
+
+    setpoint: Array
+    """(ticks,) in m, or in V in open loop."""
+    faults: Array
+    """(ticks, 8) coefficients (`rig.plant.faults.FaultInput`)."""
+    noise: Array
+    """(ticks, 9) standard normal numbers, of the transducers."""
+
+
+class Steering(NamedTuple):
+    """How a command follows from setpoint and position."""
+
+    open_loop: bool
+    """Whether the setpoint is the command."""
+    gain: float
+    """Of the position loop, V/m."""
+    limit: float
+    """Greatest command of either sign, V."""
+    on_fault: int
+    """`Reaction` to a confirmed fault."""
+
+
+class TrueRig(NamedTuple):
+    """A simulated rig as it is, and what it remembers; the arrays but `fitted` are updated."""
+
+    plant: Array
+    """(9,) `rig.plant.dynamics.PlantState`."""
+    path: Array
+    """Between command and plant (`rig.plant.command_effects`)."""
+    seen: Array
+    """The transducers' memory (`rig.plant.transducer_effects`)."""
+    meters: Array
+    """(3,) lags of the flow meters, m^3/s."""
+    offsets: Array
+    """(3,) errors of the flow meters, m^3/s."""
+    fitted: Array
+    """(9,) 1 or NaN: which transducers there are."""
+    held: Array
+    """(1,) command held since the last tick, V."""
+    parameters: Parameters
+    sensors: SensorParameters
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def simulated_ticks(
-    first, period, setpoint, open_loop, gain, limit, faults,
-    plant, path, seen, par, sensors, fitted, meters, offsets, noise,
-    code, x, covariance, filter_par, filter_noise, work, on_fault,
-    decided, reaction, guard, held, rows,
-):  # fmt: skip
+def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows):
     """Run ticks on the simulated backend until `rows` is full or something ends them.
 
     Return how many rows there are, that of the sample included which the interlock stopped at. The
@@ -162,38 +201,21 @@ def simulated_ticks(
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
-        period: s.
-        setpoint: (ticks,) in m, or in V in open loop.
-        open_loop: whether the setpoint is the command.
-        gain: of the position loop, V/m.
-        limit: greatest command of either sign, V.
-        faults: (ticks, 8) coefficients (`rig.plant.faults.FaultInput`).
-        plant: (9,) true state, `rig.plant.dynamics.PlantState`; updated.
-        path: between command and plant (`rig.plant.command_effects`); updated.
-        seen: the transducers' memory (`rig.plant.transducer_effects`); updated.
-        par: the rig's true `Parameters`.
-        sensors: `SensorParameters`.
-        fitted: (9,) 1 or NaN, which transducers there are.
-        meters: (3,) flow-meter lags, m^3/s; updated.
-        offsets: (3,) flow-meter errors, m^3/s.
-        noise: (ticks, 9) standard normal numbers.
-        code: which filter.
-        x: its state; updated.
-        covariance: its covariance; updated.
-        filter_par: the `Parameters` it assumes.
-        filter_noise: the noise it assumes.
-        work: its scratch space.
-        on_fault: `Reaction` to a confirmed fault.
+        ticks: `Ticks`, as many as there are rows.
+        how: `Steering`.
+        rig: `TrueRig`; updated.
+        filt: the filter, `Estimation`; updated.
         decided: (len(DECIDED),) the newest decision.
         reaction: `ReactionMemory`; updated.
         guard: `Guard` that judges every sample; updated.
-        held: (1,) command held since the last tick, V; updated.
         rows: (ticks, columns) to fill, in the order of `row_channels`.
     """
+    plant, par, held, noise = rig.plant, rig.parameters, rig.held, ticks.noise
+    on_fault, gain, limit, faults = how.on_fault, how.gain, how.limit, ticks.faults
     reading = np.empty(READING_COUNT)
-    truth = STATES_AT + x.size + DECISION_COLUMNS
+    truth = STATES_AT + filt.x.size + DECISION_COLUMNS
     for k in range(rows.shape[0]):
-        row, time_s = rows[k], (first + k) * period
+        row, time_s = rows[k], (first + k) * TICK
         action = react(on_fault, decided, time_s, reaction)
         if action == Reaction.TRIP:
             _stop(Action.TRIP.value, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, guard)
@@ -207,28 +229,29 @@ def simulated_ticks(
         leaks = open_leaks(plant, par, fault)
         load = spring_force(plant[4], par)
         read_sensors(
-            plant, seen, leaks, load, meters, offsets, noise[k], par, sensors, reading
+            plant, rig.seen, leaks, load, rig.meters, rig.offsets, noise[k], par, rig.sensors,
+            reading,
         )  # fmt: skip
         for i in range(READING_COUNT):
-            reading[i] *= fitted[i]
-        wanted = setpoint[k]
+            reading[i] *= rig.fitted[i]
+        wanted = ticks.setpoint[k]
         if action == Reaction.HOLD:
             if isnan(reaction.held_at[0]):
                 reaction.held_at[0] = reading[0]
             command = limited_command(False, reaction.held_at[0], reading[0], gain, limit)
-            wanted = nan if open_loop else reaction.held_at[0]
+            wanted = nan if how.open_loop else reaction.held_at[0]
         else:
-            command = limited_command(open_loop, wanted, reading[0], gain, limit)
-            if not open_loop:
+            command = limited_command(how.open_loop, wanted, reading[0], gain, limit)
+            if not how.open_loop:
                 command = tolerating(
-                    command, on_fault, decided, x, filter_par, limit, period, reaction
+                    command, on_fault, decided, filt.x, filt.parameters, limit, TICK, reaction
                 )
         judged = judge(reading, command, guard)
         if judged == Action.TRIP.value:
             command = 0.0
         sample_row(
-            first + k == 0, time_s, wanted, command, held[0], reading, code, x, covariance,
-            filter_par, filter_noise, work, decided, reaction.acted, row,
+            first + k == 0, (time_s, wanted, command), held[0], reading, filt, decided,
+            reaction.acted, row,
         )  # fmt: skip
         held[0] = command
         row[truth] = plant[4]
@@ -240,8 +263,8 @@ def simulated_ticks(
         row[truth + 6] = leaks[0]
         row[truth + 7] = leaks[1]
         row[truth + 8] = leaks[2]
-        drive(plant, path, command, par, fault, SUBSTEPS)
-        follow(seen, plant, par)
+        drive(plant, rig.path, command, par, fault, SUBSTEPS)
+        follow(rig.seen, plant, par)
         if judged >= guard.ends_from:
             return k + 1
     return rows.shape[0]

@@ -24,8 +24,9 @@ from rig.loop.interlocks import (
 from rig.loop.wire import RAMP_S
 from rig.plant import NO_FAULT, TICK, Parameters
 
-from .cycle import READINGS_AT, guard, row_channels, simulated_ticks
+from .cycle import READINGS_AT, Steering, Ticks, TrueRig, guard, row_channels, simulated_ticks
 from .decided import no_decision
+from .loop_filter import estimation
 from .reaction import Reaction, reaction_memory
 
 Array = NDArray[np.float64]
@@ -213,10 +214,17 @@ class SimulatedLoop:
         rig = self._rig
         rows = np.empty((setpoint.size, len(self.channels)))
         done = simulated_ticks(
-            first, TICK, setpoint, open_loop, self._gain, self._limit, faults, rig.state,
-            rig.path, rig.seen, rig.parameters, rig.sensors, rig.fitted, meters, rig.offsets,
-            noise, memory.filter.code, memory.x, memory.covariance, self._assumed, memory.noise,
-            memory.work, int(on_fault), self._decided, self._reaction, self._guard, self._held,
+            first,
+            Ticks(setpoint, faults, noise),
+            Steering(open_loop, self._gain, self._limit, int(on_fault)),
+            TrueRig(
+                rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
+                rig.parameters, rig.sensors,
+            ),
+            estimation(memory, self._assumed),
+            self._decided,
+            self._reaction,
+            self._guard,
             rows,
         )  # fmt: skip
         return rows[:done]

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def campaign(*statuses: str, **more: Any) -> dict[str, Any]:
 
 
 def rig(**changed: Any) -> Site_:
-    return lambda site: site.client.become("bench", **changed)
+    return lambda site: site.client.shots.update(bench=replace(RUNNING, **changed))
 
 
 def ended(*statuses: str, health: dict[str, Any] | None = None, **more: Any) -> Site_:
@@ -60,10 +61,6 @@ def launched(last: dict[str, Any] | None, before: Site_) -> Site_:
         }  # fmt: skip
 
     return set_up
-
-
-def afresh(site: Site) -> None:
-    site.client.shots["bench"] = RUNNING
 
 
 def nobody(site: Site) -> None:
@@ -172,7 +169,7 @@ def test_state_outcome_and_reason_stand_above_the_fold(
 ) -> None:
     page = come(size, nobody)
     for state, (set_up, tone, word, why, enabled) in STATES.items():
-        launched(None, afresh)(site)
+        launched(None, lambda site: None)(site)
         set_up(site)
         expect(page.locator("#rig-state-word"), state).to_have_text(word)
         expect(page.locator("#rig-state-why"), state).to_contain_text(why)

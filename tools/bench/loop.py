@@ -28,10 +28,11 @@ from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
+from rig.loop.loop_filter import estimation
 from rig.loop.realtime import RealTime
 from rig.loop.ring import RingReader
 from rig.loop.wire.cycle import wire_ticks
-from rig.loop.wire.layout import Drive, course, estimation, pace, shared_memory, wire_memory
+from rig.loop.wire.layout import Drive, course, pace, shared_memory, wire_memory
 from rig.plant.integrator import TICK
 
 from .loop_chain import CHANNELS, CPU, MODEL, PRIORITY, Chain, fast, wire_tolerances

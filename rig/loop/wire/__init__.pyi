@@ -10,7 +10,6 @@ from .layout import (
     Left as Left,
     Pace as Pace,
     course as course,
-    estimation as estimation,
     pace as pace,
     shared_memory as shared_memory,
     wire_channels as wire_channels,

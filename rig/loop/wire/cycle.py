@@ -412,8 +412,7 @@ def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared
     """Update the filter with `memory.reading`, and return the row begun with it."""
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
     sample_row(
-        starts, tick * pace.period_s, setpoint, command, held, memory.reading,
-        filt.code, filt.x, filt.covariance, filt.parameters, filt.noise, filt.work,
+        starts, (tick * pace.period_s, setpoint, command), held, memory.reading, filt,
         memory.decided, memory.reaction.acted, row,
     )  # fmt: skip
     return row

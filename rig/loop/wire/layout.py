@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, POSITION_GAIN
-from estimator.filters import FilterMemory, ProductNoise
 from rig.channels import READINGS, Kind, names_of
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, LoopSettings
 from rig.loop.board import Board
 from rig.loop.cycle import sample_channels
 from rig.loop.decided import no_decision
 from rig.loop.reaction import Reaction, ReactionMemory, reaction_memory
-from rig.plant import Parameters
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -173,24 +171,6 @@ def course(
         float(gain), float(limit), int(on_fault), float(offset),
         float(valve_enable), float(reset_lamp), float(rearm),
     )  # fmt: skip
-
-
-class Estimation(NamedTuple):
-    """The filter of a segment, as `sample_row` takes it."""
-
-    code: int | None
-    x: Array
-    covariance: Array
-    parameters: Parameters
-    noise: ProductNoise
-    work: Array
-
-
-def estimation(memory: FilterMemory, assumed: Parameters) -> Estimation:
-    """Return a filter's memory for the compiled loop, which goes on in the same arrays."""
-    return Estimation(
-        memory.filter.code, memory.x, memory.covariance, assumed, memory.noise, memory.work
-    )
 
 
 class Count(IntEnum):

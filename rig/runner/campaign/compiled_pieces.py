@@ -121,9 +121,8 @@ def _estimates(needs: Needs) -> None:
     """Compile the filter's step, and the row that a loop keeps of it."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
     compile_part(
-        sample_row, True, 0.0, 0.0, 0.0, 0.0, np.zeros(READING_COUNT), memory.filter.code,
-        memory.x, memory.covariance, Model().parameters, memory.noise, memory.work, no_decision(),
-        reaction_memory().acted, np.zeros(1),
+        sample_row, True, (0.0, 0.0, 0.0), 0.0, np.zeros(READING_COUNT),
+        estimation(memory, Model().parameters), no_decision(), reaction_memory().acted, np.zeros(1),
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from rig.loop.decision_post import DecisionPost
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
+from rig.loop.loop_filter import estimation
 from rig.loop.reaction import Reaction
 from rig.loop.wire import cycle as wire_cycle, null_check
 from rig.loop.wire.layout import (
@@ -31,7 +32,6 @@ from rig.loop.wire.layout import (
     Found,
     Left,
     course,
-    estimation,
     pace,
     shared_memory,
     wire_channels,

@@ -34,16 +34,9 @@ from rig.loop.board import Board, Word
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
+from rig.loop.loop_filter import estimation
 from rig.loop.wire.cycle import wire_ticks
-from rig.loop.wire.layout import (
-    Drive,
-    course,
-    estimation,
-    pace,
-    shared_memory,
-    wire_channels,
-    wire_memory,
-)
+from rig.loop.wire.layout import Drive, course, pace, shared_memory, wire_channels, wire_memory
 from rig.plant import Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
