@@ -7,6 +7,7 @@ from .registry import (
     OUTPUTS as OUTPUTS,
     FilterMemory as FilterMemory,
     FilterRun as FilterRun,
+    compiled_filter as compiled_filter,
     filter_named as filter_named,
     filter_start as filter_start,
     filter_step as filter_step,

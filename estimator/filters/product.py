@@ -60,9 +60,10 @@ the Jacobian, the rows to orthogonalise, and the command path's memory
 
 
 @njit(cache=True, error_model="numpy")
-def start_product(x, factors, position, p1, p2, spool, command, par, noise, work):
+def start_product(x, factors, command, reading, par, noise, work):
     """Set the state (11,) and its covariance's factors (11, 11) by a first sample.
 
+    The arguments are those of `product_step`, but for the command: it is held from this sample on.
     For want of a spool reading the command's is taken; leaks and null bias start from what the
     model says of them. Without position or a pressure all states are NaN, and the next sample is
     the first.
@@ -72,11 +73,11 @@ def start_product(x, factors, position, p1, p2, spool, command, par, noise, work
     clear_window(work[0])
     path = work[_SCRATCH_ROWS:].reshape(_PATH_ROWS * STATE_COUNT)
     path[:] = 0.0
-    position, p1, p2, spool = _in_range(position, p1, p2, spool, par, noise.ranges)
-    if np.isnan(position + p1 + p2):
+    shown = _in_range(reading, par, noise.ranges)
+    if _lacks_motion(shown):
         x[:] = np.nan
         return
-    _start_from(x, factors, position, p1, p2, spool, command, par, noise)
+    _start_from(x, factors, command, shown, par, noise)
 
 
 @inlined
@@ -86,22 +87,32 @@ def _between(reading, lower, upper):
 
 
 @inlined
-def _in_range(position, p1, p2, spool, par, ranges):
-    """Return what the readings show (`estimator.filters.readings`), of those out of range NaN."""
-    p1 = _between(p1, ranges.pressure_min, ranges.pressure_max)
-    p2 = _between(p2, ranges.pressure_min, ranges.pressure_max)
+def _in_range(reading, par, ranges):
+    """Return position, both pressures and spool as the readings show them.
+
+    They follow `estimator.filters.readings`; of a reading out of its range comes NaN.
+    """
+    p1 = _between(reading[1], ranges.pressure_min, ranges.pressure_max)
+    p2 = _between(reading[2], ranges.pressure_min, ranges.pressure_max)
     p1, p2 = true_pressures(p1, p2, par)
-    position = true_position(position, par)
+    position = true_position(reading[0], par)
     return (
         _between(position, ranges.position_min, ranges.position_max),
         p1,
         p2,
-        _between(spool, -ranges.spool, ranges.spool),
+        _between(reading[3], -ranges.spool, ranges.spool),
     )
 
 
+@inlined
+def _lacks_motion(shown):
+    """Return whether position or a pressure is missing (NaN)."""
+    return np.isnan(shown[0] + shown[1] + shown[2])
+
+
 @inner
-def _start_from(x, factors, position, p1, p2, spool, command, par, noise):
+def _start_from(x, factors, command, shown, par, noise):
+    position, p1, p2, spool = shown
     x[:] = 0.0
     x[0] = par.valve_gain * command if np.isnan(spool) else spool
     x[1] = p1
@@ -197,8 +208,9 @@ def _is_possible(x, ranges):
 
 
 @inner
-def _reset(x, factors, position, p1, p2, spool, command, par, noise, work):
+def _reset(x, factors, command, shown, par, noise, work):
     """Start anew from a sample; for what it lacks, from the old estimate or the middle."""
+    position, p1, p2, spool = shown
     ranges = noise.ranges
     if np.isnan(position):
         middle = 0.5 * (ranges.position_min + ranges.position_max)
@@ -207,23 +219,20 @@ def _reset(x, factors, position, p1, p2, spool, command, par, noise, work):
         p1 = x[1] if isfinite(x[1]) else 0.5 * par.supply_pressure
     if np.isnan(p2):
         p2 = x[2] if isfinite(x[2]) else 0.5 * par.supply_pressure
-    _start_from(x, factors, position, p1, p2, spool, command, par, noise)
+    _start_from(x, factors, command, (position, p1, p2, spool), par, noise)
     count_reset(work[0])
 
 
 @njit(cache=True, error_model="numpy", forceinline=False)
-def product_step(x, factors, command, position, p1, p2, spool, supply, par, noise, work, out):
+def product_step(x, factors, command, reading, par, noise, work, out):
     """Advance the product filter by one sample.
 
     Args:
         x: state (11,), updated in place.
         factors: of its covariance (11, 11), as in `estimator.filters.ud`, updated in place.
         command: command in V held since the last sample; NaN leaves the spool where it is.
-        position: measured, m; NaN is skipped, as are readings out of range, here and below.
-        p1: measured pressure of chamber 1, Pa.
-        p2: measured pressure of chamber 2, Pa.
-        spool: measured spool displacement, m.
-        supply: measured supply pressure, Pa; the last one holds.
+        reading: measured position (m), pressures of chambers 1 and 2 (Pa), spool (m) and supply
+            pressure (Pa, the last one holds); what is NaN or out of range is skipped.
         par: `Parameters` the filter assumes.
         noise: `ProductNoise`.
         work: float64 of `WORK_SHAPE`: its first row is the filter's memory of its own health
@@ -234,12 +243,13 @@ def product_step(x, factors, command, position, p1, p2, spool, supply, par, nois
     ranges = noise.ranges
     watch, vector = work[0], work[1]
     jacobian, rows = work[2 : 2 + DYNAMIC], work[2 + DYNAMIC : 2 + 2 * DYNAMIC, :10]
-    position, p1, p2, spool = _in_range(position, p1, p2, spool, par, ranges)
-    if ranges.pressure_min < supply < ranges.pressure_max:
-        watch[SUPPLY] = supply
+    shown = _in_range(reading, par, ranges)
+    position, p1, p2, spool = shown
+    if ranges.pressure_min < reading[4] < ranges.pressure_max:
+        watch[SUPPLY] = reading[4]
     if np.isnan(x[3]):
-        if not np.isnan(position + p1 + p2):
-            _start_from(x, factors, position, p1, p2, spool, command, par, noise)
+        if not _lacks_motion(shown):
+            _start_from(x, factors, command, shown, par, noise)
         out[:] = np.nan
         return
     if not isfinite(command):
@@ -271,7 +281,7 @@ def product_step(x, factors, command, position, p1, p2, spool, supply, par, nois
             square = correct(x, factors, index, pressure, noise.pressure, vector)
             take_innovation(watch, square)
     if not is_finite(x, factors) or is_lost(watch, _is_possible(x, ranges)):
-        _reset(x, factors, position, p1, p2, spool, command, par, noise, work)
+        _reset(x, factors, command, shown, par, noise, work)
     confine(x, ranges)
     out[3] = position - x[3]
     out[4] = p1 - x[1]

@@ -156,8 +156,9 @@ def product_lane_ticks(memory, readings, par, noise, states):
                 if ordinary[0, lane] == 0.0:
                     product_step(
                         memory.x_one[lane], memory.factors_one[lane], memory.held[0, lane],
-                        z[_POSITION, lane], z[_P1, lane], z[_P2, lane], z[_SPOOL, lane],
-                        z[_SUPPLY, lane], par, noise, memory.work_one[lane], out,
+                        (z[_POSITION, lane], z[_P1, lane], z[_P2, lane], z[_SPOOL, lane],
+                         z[_SUPPLY, lane]),
+                        par, noise, memory.work_one[lane], out,
                     )  # fmt: skip
                     _put_back(lane, memory)
         for i in range(STATE_COUNT):
@@ -219,9 +220,9 @@ class ProductLanes:
     def _start(self, sample: Array) -> None:
         memory = self._memory
         for lane in range(LANES):
-            position, p1, p2, spool, _, command = sample[:, lane]
+            *reading, command = sample[:, lane]
             start_product(
-                memory.x_one[lane], memory.factors_one[lane], position, p1, p2, spool, command,
+                memory.x_one[lane], memory.factors_one[lane], command, tuple(reading),
                 self._parameters, self._noise, memory.work_one[lane],
             )  # fmt: skip
         memory.x[:] = memory.x_one.T

@@ -5,13 +5,13 @@ its own. A code tells compiled loops which filter it is.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rig.plant import DATA_SHEET, Model, SensorParameters, inlined, inner
+from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters, inlined, inner
 
 from . import product, thesis
 from .divergence import RESETS
@@ -135,45 +135,74 @@ def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET
     return FilterMemory(chosen, x, covariance, noise, np.zeros(product.WORK_SHAPE))
 
 
+class CompiledFilter(NamedTuple):
+    """A filter as compiled code takes it: which it is, what it assumes, and where it writes."""
+
+    code: int | None
+    """Which filter."""
+    x: Array
+    """(states,) the newest estimates; updated."""
+    covariance: Array
+    """As in `FilterMemory`; updated."""
+    parameters: Parameters
+    """Of the rig, as the filter assumes them."""
+    noise: ProductNoise
+    """What the product filter assumes of the transducers."""
+    work: Array
+    """The product filter's memory and scratch; updated."""
+
+
+def compiled_filter(memory: FilterMemory, assumed: Parameters) -> CompiledFilter:
+    """Return a filter's memory for compiled code, which goes on in the same arrays."""
+    return CompiledFilter(
+        memory.filter.code, memory.x, memory.covariance, assumed, memory.noise, memory.work
+    )
+
+
 @inner
-def filter_start(code, x, covariance, position, p1, p2, spool, command, par, noise, work):
-    """Take the first sample. The thesis filters start from their printed x0 (section 4.5)."""
-    if code is None:
-        start_product(x, covariance, position, p1, p2, spool, command, par, noise, work)
+def filter_start(filt, command, reading):
+    """Take the first sample. The thesis filters start from their printed x0 (section 4.5).
+
+    Args:
+        filt: `CompiledFilter`; updated.
+        command: V, held from this sample on.
+        reading: as in `product_step`.
+    """
+    if filt.code is None:
+        start_product(
+            filt.x, filt.covariance, command, reading, filt.parameters, filt.noise, filt.work
+        )
 
 
 @inlined
-def filter_step(
-    code, x, covariance, command, position, p1, p2, spool, supply, par, noise, work, out
-):
-    """Advance the filter `code` by one sample; see `product_step` for the arguments.
+def filter_step(filt, command, reading, out):
+    """Advance a filter by one sample; see `product_step` for the arguments.
 
     The thesis filters use neither the spool nor the supply pressure.
     """
-    if code is None:
-        product_step(x, covariance, command, position, p1, p2, spool, supply, par, noise, work, out)
+    x, covariance, par = filt.x, filt.covariance, filt.parameters
+    if filt.code is None:
+        product_step(x, covariance, command, reading, par, filt.noise, filt.work, out)
         return
     out[9] = 0.0
-    if code == THESIS_6:
-        thesis6_step(x, covariance, command, position, p1, p2, par, out)
+    if filt.code == THESIS_6:
+        thesis6_step(x, covariance, command, reading[0], reading[1], reading[2], par, out)
     else:
-        thesis7_step(x, covariance, command, position, p1, p2, par, out)
+        thesis7_step(x, covariance, command, reading[0], reading[1], reading[2], par, out)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _run(code, x, covariance, par, noise, work, command, measured, states, outputs):
-    z = measured
-    filter_start(
-        code, x, covariance, z[0, 0], z[0, 1], z[0, 2], z[0, 3], command[0], par, noise, work
-    )
+def _run(filt, command, measured, states, outputs):
+    z, count = measured, filt.x.size
+    filter_start(filt, command[0], (z[0, 0], z[0, 1], z[0, 2], z[0, 3], z[0, 4]))
     outputs[0] = np.nan
-    for i in range(x.size):
-        states[0, i] = x[i]
+    for i in range(count):
+        states[0, i] = filt.x[i]
     for k in range(1, command.size):
-        filter_step(code, x, covariance, command[k - 1], z[k, 0], z[k, 1], z[k, 2], z[k, 3],
-                    z[k, 4], par, noise, work, outputs[k])  # fmt: skip
-        for i in range(x.size):
-            states[k, i] = x[i]
+        reading = (z[k, 0], z[k, 1], z[k, 2], z[k, 3], z[k, 4])
+        filter_step(filt, command[k - 1], reading, outputs[k])
+        for i in range(count):
+            states[k, i] = filt.x[i]
 
 
 @dataclass(frozen=True)
@@ -248,12 +277,7 @@ def run_filter(
     states = np.empty((time_s.size, memory.x.size))
     outputs = np.empty((time_s.size, len(OUTPUTS)))
     _run(
-        memory.filter.code,
-        memory.x,
-        memory.covariance,
-        model.parameters,
-        memory.noise,
-        memory.work,
+        compiled_filter(memory, model.parameters),
         np.ascontiguousarray(command),
         np.ascontiguousarray(measured),
         states,

@@ -46,7 +46,6 @@ from .lane_ticks import (
     plant_ticks as plant_ticks,
     reading_ticks as reading_ticks,
 )
-from .loop_filter import estimation as estimation
 from .reaction import (
     ACTED as ACTED,
     Reaction as Reaction,

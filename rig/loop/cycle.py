@@ -117,7 +117,7 @@ def sample_row(starts, begin, held, reading, filt, decided, acted, row):
             command, V, held from this sample on.
         held: V, held up to this sample.
         reading: (9,) in the order of `READINGS`; what is NaN is skipped by the filter.
-        filt: the filter, `Estimation`; updated.
+        filt: the filter, `CompiledFilter`; updated.
         decided: (len(DECIDED),) the newest decision.
         acted: (len(ACTED),) what is done about it.
         row: to fill, in the order of `row_channels`.
@@ -125,17 +125,12 @@ def sample_row(starts, begin, held, reading, filt, decided, acted, row):
     for i in range(READING_COUNT):
         row[READINGS_AT + i] = reading[i]
     outputs = row[_OUTPUTS_AT:STATES_AT]
+    seen = (reading[0], reading[1], reading[2], reading[3], reading[4])
     if starts:
         outputs[:] = np.nan
-        filter_start(
-            filt.code, filt.x, filt.covariance, reading[0], reading[1], reading[2], reading[3],
-            begin[2], filt.parameters, filt.noise, filt.work,
-        )  # fmt: skip
+        filter_start(filt, begin[2], seen)
     else:
-        filter_step(
-            filt.code, filt.x, filt.covariance, held, reading[0], reading[1], reading[2],
-            reading[3], reading[4], filt.parameters, filt.noise, filt.work, outputs,
-        )  # fmt: skip
+        filter_step(filt, held, seen, outputs)
     # Not to a slice at once: the text of its error would come along, a second of compiling.
     states = filt.x.size
     for i in range(states):
@@ -204,7 +199,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
         ticks: `Ticks`, as many as there are rows.
         how: `Steering`.
         rig: `TrueRig`; updated.
-        filt: the filter, `Estimation`; updated.
+        filt: the filter, `CompiledFilter`; updated.
         decided: (len(DECIDED),) the newest decision.
         reaction: `ReactionMemory`; updated.
         guard: `Guard` that judges every sample; updated.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from control import COMMAND_LIMIT, POSITION_GAIN, raised_cosine
 from estimator.accounts import BLOCK_TICKS
-from estimator.filters import FilterMemory, FilterRun
+from estimator.filters import FilterMemory, FilterRun, compiled_filter
 from rig.channels import READINGS
 from rig.io import FAST_INPUTS, HomingSettings, SimulatedRig
 from rig.loop.interlocks import (
@@ -26,7 +26,6 @@ from rig.plant import NO_FAULT, TICK, Parameters
 
 from .cycle import READINGS_AT, Steering, Ticks, TrueRig, guard, row_channels, simulated_ticks
 from .decided import no_decision
-from .loop_filter import estimation
 from .reaction import Reaction, reaction_memory
 
 Array = NDArray[np.float64]
@@ -221,7 +220,7 @@ class SimulatedLoop:
                 rig.state, rig.path, rig.seen, meters, rig.offsets, rig.fitted, self._held,
                 rig.parameters, rig.sensors,
             ),
-            estimation(memory, self._assumed),
+            compiled_filter(memory, self._assumed),
             self._decided,
             self._reaction,
             self._guard,

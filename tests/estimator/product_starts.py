@@ -32,9 +32,8 @@ def _stepped(
     out = np.empty(10)
     for k in range(1, command.size):
         z = readings[k]
-        product_step(
-            x, factors, command[k - 1], z[0], z[1], z[2], z[3], z[4], par, noise, work, out
-        )
+        reading = (z[0], z[1], z[2], z[3], z[4])
+        product_step(x, factors, command[k - 1], reading, par, noise, work, out)
         states[k] = x
         least[k] = factors[0, 0]
         for i in range(1, x.size):

@@ -22,13 +22,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.filters.registry import start_memory
+from estimator.filters.registry import compiled_filter, start_memory
 from rig.compile_cache import use_compile_cache
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
-from rig.loop.loop_filter import estimation
 from rig.loop.realtime import RealTime
 from rig.loop.ring import RingReader
 from rig.loop.wire.cycle import wire_ticks
@@ -92,7 +91,7 @@ def idle(rig: Rig, seconds: float) -> Array:
 
     def run(number: int) -> None:
         wire_ticks(
-            course(number, np.empty(0), Drive.NULL), estimation(memory, MODEL.parameters),
+            course(number, np.empty(0), Drive.NULL), compiled_filter(memory, MODEL.parameters),
             interlock(limit_table((), TICK), wire_tolerances(rig, spec)),
             pace(rig.loop, 1.0 / TICK), -1, driver.plan(), driver.look_plan(), wire_memory(),
             shared_memory(board),

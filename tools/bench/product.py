@@ -78,7 +78,8 @@ def run_product(
     """Run the product filter over a record; `out` (10,) is that of the last sample."""
     for k in range(command.size):
         z = measured[k]
-        product_step(x, factors, command[k], z[0], z[1], z[2], z[3], z[4], par, noise, work, out)
+        reading = (z[0], z[1], z[2], z[3], z[4])
+        product_step(x, factors, command[k], reading, par, noise, work, out)
 
 
 def c_constants() -> Array:

@@ -64,7 +64,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
 
     Args:
         course: what to do, `Course`.
-        filt: the filter, `Estimation`; updated. The first whole sample starts it and the segment.
+        filt: the filter, `CompiledFilter`; updated. The first whole sample starts it and the
+            segment.
         interlock: `Interlock`; its memory is updated.
         pace: `Pace`.
         fd: the device's connection; below 0 nothing is exchanged or checked.

@@ -17,6 +17,7 @@ from estimator.filters import (
     DEFAULT_FILTER,
     OUTPUTS,
     FilterRun,
+    compiled_filter,
     moving_average_absolute,
     run_filter,
     start_memory,
@@ -31,7 +32,6 @@ from rig.loop import (
     Drive,
     Reaction,
     course,
-    estimation,
     guard,
     interlock,
     judge,
@@ -122,7 +122,8 @@ def _estimates(needs: Needs) -> None:
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
     compile_part(
         sample_row, True, (0.0, 0.0, 0.0), 0.0, np.zeros(READING_COUNT),
-        estimation(memory, Model().parameters), no_decision(), reaction_memory().acted, np.zeros(1),
+        compiled_filter(memory, Model().parameters), no_decision(), reaction_memory().acted,
+        np.zeros(1),
     )  # fmt: skip
 
 
@@ -171,7 +172,7 @@ def _loop(needs: Needs) -> None:
     board = Board.create(len(wire_channels(memory.filter.states, open_loop=False)))
     wire_ticks(
         course(_NEVER, np.empty(0), Drive.NULL),
-        estimation(memory, model.parameters),
+        compiled_filter(memory, model.parameters),
         interlock(
             limit_table(rig.ladder, period_s),
             tolerances(

@@ -13,6 +13,7 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Final
 
+from estimator.filters import compiled_filter
 from rig.compile_cache import telling_of_compiling, use_compile_cache
 from rig.io import DriverError, FastDriver
 from rig.loop import (
@@ -34,7 +35,6 @@ from rig.loop import (
     TripError,
     Word,
     course,
-    estimation,
     interlock,
     pace,
     shared_memory,
@@ -192,7 +192,7 @@ class LoopProcess:
         return Left(
             wire_ticks(
                 planned,
-                estimation(segment.memory, segment.assumed),
+                compiled_filter(segment.memory, segment.assumed),
                 self._interlock,
                 self._pace,
                 self._driver.fileno(),

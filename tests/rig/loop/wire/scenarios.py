@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.filters.registry import OUTPUTS, run_filter, start_memory
+from estimator.filters.registry import OUTPUTS, compiled_filter, run_filter, start_memory
 from rig.io.driver import ExchangeStatus
 from rig.io.settings import HomingSettings, LoopSettings
 from rig.io.signals import FAST_INPUTS, FAST_OUTPUTS
@@ -22,7 +22,6 @@ from rig.loop.decision_post import DecisionPost
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import Action, Cause, limit_table
-from rig.loop.loop_filter import estimation
 from rig.loop.reaction import Reaction
 from rig.loop.wire import cycle as wire_cycle, null_check
 from rig.loop.wire.layout import (
@@ -158,9 +157,9 @@ class World:
             if hasattr(null_check, name):
                 setattr(null_check, name, stand_in)
         left = wire_cycle.wire_ticks(
-            planned, estimation(memory, MODEL.parameters), interlock(limit_table([], TICK), tol),
-            pace(settings, device_rate_hz), fd, self.plan, self.look, self.memory,
-            shared_memory(self.board),
+            planned, compiled_filter(memory, MODEL.parameters),
+            interlock(limit_table([], TICK), tol), pace(settings, device_rate_hz), fd,
+            self.plan, self.look, self.memory, shared_memory(self.board),
         )  # fmt: skip
         rows = self.board.ring[: int(words[Word.ROWS])]
         return {

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.filters.registry import OUTPUTS, start_memory
+from estimator.filters.registry import OUTPUTS, compiled_filter, start_memory
 from estimator.leaks.replaying import detector_for, filter_recording
 from rig.cli import main
 from rig.configuration.rigs.rig import load_rig
@@ -34,7 +34,6 @@ from rig.loop.board import Board, Word
 from rig.loop.interlocks.check_tolerances import tolerances
 from rig.loop.interlocks.judging import interlock
 from rig.loop.interlocks.ladder import limit_table
-from rig.loop.loop_filter import estimation
 from rig.loop.wire.cycle import wire_ticks
 from rig.loop.wire.layout import Drive, course, pace, shared_memory, wire_channels, wire_memory
 from rig.plant import Model
@@ -144,7 +143,7 @@ def streamed(wire: Wire, leak: float) -> Array:
                 SEGMENT, setpoint, Drive.TRACK,
                 offset=device.start_m, valve_enable=True, reset_lamp=True,
             ),
-            estimation(start_memory("product", Model()), Model().parameters),
+            compiled_filter(start_memory("product", Model()), Model().parameters),
             interlock(limit_table((), TICK), tol),
             hurried,
             device.socket.fileno(),
