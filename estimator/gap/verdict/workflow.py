@@ -45,8 +45,9 @@ from estimator.gap.search import (
 )
 from rig.recording import Recording
 
+from .confirming import confirm
 from .experiments import separations
-from .judging import EXPLAINED, confirm, judge
+from .judging import EXPLAINED, Evidence, judge
 from .keeping import Worse, at_an_end, ends_in_words, growth, take_back, why_worse
 from .unknown import Unknown, find_unknown
 from .unsettled import compared, unsettled
@@ -154,22 +155,20 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
             unknown = find_unknown(before, result.where, found.floor)
     excess = search.held_out_excess(found.fitted.values)
     without = search.held_out_excess(found.refitted.values) if found.named else excess
-    shown = _located(plant, result.where if weak else result.rest, unknown)
     worse = _compare(result, fitter, judged, found) if found.named else None
-    ahead = (result.gap_before, result.gap_after)
-    scatter = float(np.mean([gap.scatter for gap in result.channels])) if found.named else 0.0
-    judgement = judge(
-        found,
-        result.rest,
-        resting,
-        excess,
-        without,
-        shown,
-        ahead,
-        left,
-        scatter,
-        worse.words if worse is not None and worse.beyond_chance else None,
+    evidence = Evidence(
+        found=found,
+        rest=result.rest,
+        located=_located(plant, result.where if weak else result.rest, unknown),
+        resting=resting,
+        unsettled=left,
+        held_out=excess,
+        held_out_before=without,
+        ahead=(result.gap_before, result.gap_after),
+        scatter=float(np.mean([gap.scatter for gap in result.channels])) if found.named else 0.0,
+        worse=worse.words if worse is not None and worse.beyond_chance else None,
     )
+    judgement = judge(evidence)
     result.verdict, result.reasons = judgement.verdict, [*judgement.reasons, *dropped]
     if result.verdict == "inconclusive":
         result.rest, result.channels = result.where, []

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,8 +28,6 @@ from estimator.gap.prediction.sensitivities import course_of
 from estimator.gap.prediction.variables import Variable
 from estimator.gap.search.disturbances import attribution, hats, places_of
 from estimator.gap.search.drift import drifts
-from estimator.gap.search.findings import MOST_EFFECTS
-from estimator.gap.verdict.judging import judge
 from estimator.gap.verdict.unknown import find_unknown, in_symbols
 
 TICK, MASS, DRAG = 1e-3, 10.0, 300.0
@@ -195,102 +192,3 @@ def test_the_linearised_course_answers_to_kicks_as_the_filter_does() -> None:
     course = course_of(predictor, record, gains, SLED.nominal, (), np.arange(len(record)))
     answer = course.answers([1], kicks[:, None, None])[:, :, 0]
     assert answer == pytest.approx(changed, rel=1e-5, abs=1e-6 * float(np.abs(changed).max()))
-
-
-def _found(before: float, after: float, named: bool, size: float = 200.0) -> Any:
-    def fitted(cost: float) -> SimpleNamespace:
-        return SimpleNamespace(cost=1000.0 * (1.0 + cost), values={"constant_force": size})
-
-    effect = SimpleNamespace(effect="constant_force", per_reading=1.0, gain=9.0, bar=1.0, z=9.0)
-    return SimpleNamespace(
-        given=SimpleNamespace(values={"constant_force": 0.0}),
-        refitted=fitted(before), fitted=fitted(after), samples=1000, floor=1.0,
-        explained=1.0 - after / before, named=[effect] if named else [],
-        variables=(Variable("constant_force", "value", "constant_force", 1.0, -5e3, 5e3),),
-    )  # fmt: skip
-
-
-def _curve(share: float) -> Curve:
-    none = np.zeros(1)
-    return Curve(
-        "force balance", "position", none, none, none, "N", "m", ("N", 1.0), ("m", 1.0), 1e3, share
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "named", "share", "verdict"),
-    [
-        (5.0, 0.02, True, 0.9, "missing_effect"),
-        (5.0, 0.6, True, 0.1, "missing_effect"),
-        (5.0, 0.6, True, 0.9, "unknown_effect"),
-        (5.0, 3.0, True, 0.5, "unknown_effect"),
-        (5.0, 5.0, False, 0.5, "unknown_effect"),
-        (0.005, 0.005, False, 0.9, "adequate"),
-    ],
-)
-def test_names_that_leave_much_to_a_free_curve_are_not_the_cause(
-    before: float, after: float, named: bool, share: float, verdict: str
-) -> None:
-    found = _found(before, after, named)
-    assert judge(found, [_curve(share)], [], 0.0).verdict == verdict
-
-
-def test_what_one_equation_lacks_is_of_this_rig_however_badly_it_is_predicted() -> None:
-    found, channels = _found(80.0, 80.0, False), ["pressure_1_Pa", "pressure_2_Pa"]
-    assert judge(found, [_curve(0.1)], channels, 80.0).verdict == "inconclusive"
-    located = judge(found, [_curve(0.1)], channels, 80.0, located=0.6)
-    assert located.verdict == "unknown_effect"
-
-
-def test_names_that_do_not_explain_the_recordings_held_out_are_not_claimed() -> None:
-    found = _found(5.0, 0.02, True)
-    assert judge(found, [], [], 3.0, 5.0).verdict == "unknown_effect"
-    assert judge(found, [], [], 0.5, 5.0).verdict == "missing_effect"
-
-
-@pytest.mark.parametrize(
-    ("size", "after", "verdict"),
-    [
-        (5e3, 0.6, "unknown_effect"),
-        (-5e3, 0.6, "unknown_effect"),
-        (5e3, 0.005, "missing_effect"),
-        (4e3, 0.6, "missing_effect"),
-    ],
-)
-def test_the_most_that_is_plausible_is_no_finding_if_it_leaves_much(
-    size: float, after: float, verdict: str
-) -> None:
-    found = _found(5.0, after, True, size)
-    assert judge(found, [], [], 0.0).verdict == verdict
-    # What a motion held out that shows it bears out is the cause all the same.
-    assert judge(found, [], [], 0.05, 50.0).verdict == "missing_effect"
-
-
-@pytest.mark.parametrize(
-    ("names", "ahead", "verdict"),
-    [
-        (1, (20.0, 1.0), "missing_effect"),
-        (1, (20.0, 12.0), "unknown_effect"),
-        (1, (3.0, 2.0), "missing_effect"),
-        (MOST_EFFECTS, (1000.0, 20.0), "unknown_effect"),
-        (MOST_EFFECTS, (1000.0, 2.0), "missing_effect"),
-    ],
-)
-def test_names_that_leave_the_gap_over_the_horizon_open_are_not_claimed(
-    names: int, ahead: tuple[float, float], verdict: str
-) -> None:
-    found = _found(5.0, 0.02, True)
-    found.named = names * found.named
-    assert judge(found, [], [], 0.0, ahead=ahead).verdict == verdict
-
-
-def test_a_gap_that_twins_have_too_speaks_against_no_name() -> None:
-    found, ahead = _found(5.0, 0.02, True), (9.0, 8.0)
-    assert judge(found, [], [], 0.0, ahead=ahead, scatter=1.0).verdict == "unknown_effect"
-    assert judge(found, [], [], 0.0, ahead=ahead, scatter=3.0).verdict == "missing_effect"
-
-
-def test_recordings_held_out_that_no_finding_explains_support_no_verdict() -> None:
-    found = _found(0.005, 0.005, False)
-    assert judge(found, [_curve(0.9)], [], 5.0).verdict == "inconclusive"
-    assert judge(found, [_curve(0.9)], [], 0.05).verdict == "adequate"

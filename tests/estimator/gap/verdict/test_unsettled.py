@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from estimator.gap.prediction.fit import Fitter
 from estimator.gap.prediction.predictor import Predictor
 from estimator.gap.search.disturbances import attribution, places_of
 from estimator.gap.servo.actuator import servo_actuator
-from estimator.gap.verdict.judging import judge
 from estimator.gap.verdict.unsettled import Unsettled, compared, unsettled
 from rig.plant import NOMINAL, Model
 from rig.plant.integrator import TICK
@@ -76,55 +73,6 @@ def test_a_sensor_noisier_than_stated_does_not(twin: Record, pool: ThreadPoolExe
     spool = left_of(with_spool(twin, error), pool)[SPOOL]
     assert spool.mean > 0.5
     assert not spool.counts
-
-
-def found_with(named: bool) -> Any:
-    """Return what a search found that explains next to all, with a name or none."""
-    fit = SimpleNamespace(cost=1001.0, values={})
-    effect = SimpleNamespace(effect="command_delay", per_reading=1.0, gain=9.0, bar=1.0, z=9.0)
-    return SimpleNamespace(
-        given=fit, refitted=fit, fitted=fit, samples=1000, floor=1.0, explained=0.9,
-        named=[effect] if named else [], variables=(),
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("high", "low", "before", "named", "verdict"),
-    [
-        (2.0, 0.0, 3.0, True, "unknown_effect"),
-        (2.0, 0.0, 100.0, True, "missing_effect"),
-        (2.0, 0.0, 1.0, False, "unknown_effect"),
-        (2.0, 1.99, 3.0, True, "missing_effect"),
-        (0.1, 0.0, 0.1, False, "adequate"),
-    ],
-)
-def test_names_must_leave_no_more_than_noise_where_the_rig_is_stirred(
-    high: float, low: float, before: float, named: bool, verdict: str
-) -> None:
-    squares = np.array([low, high])
-    left = Unsettled("spool_m", "rate of command_V", squares, squares, 0.0 * squares,
-                     float(squares.mean()), "V/s", 1.0, before)  # fmt: skip
-    judged = judge(found_with(named), [], [], 0.0, unsettled=[left])
-    assert judged.verdict == verdict
-
-
-@pytest.mark.parametrize(
-    ("held_out", "before", "verdict"),
-    [
-        (0.03, 60.0, "missing_effect"),
-        (4.0, 60.0, "unknown_effect"),
-        (0.001, 0.1, "unknown_effect"),
-    ],
-    ids=["borne out", "not closed", "not shown"],
-)
-def test_names_that_other_motions_bear_out_stand(
-    held_out: float, before: float, verdict: str
-) -> None:
-    squares = np.array([0.0, 2.0])
-    left = Unsettled("spool_m", "rate of command_V", squares, squares, 0.0 * squares,
-                     1.0, "V/s", 1.0, 3.0)  # fmt: skip
-    judged = judge(found_with(True), [], [], held_out, before, unsettled=[left])
-    assert judged.verdict == verdict
 
 
 def test_an_opening_between_the_chambers_is_found_across_the_piston(
