@@ -14,5 +14,5 @@ from .recording import (
     content_hash as content_hash,
 )
 from .recovery import RecoverySummary as RecoverySummary, recover as recover
-from .targets import replacing as replacing
+from .targets import replace_text as replace_text, replacing as replacing
 from .units import unit_of as unit_of

@@ -1,20 +1,14 @@
-"""The page that compares two runs: what moved beyond its tolerance first, then everything."""
+"""The page that compares two runs: first what moved beyond its tolerance, then every figure."""
 
-from importlib.resources import files
 from pathlib import Path
-from typing import Final
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-
-from rig.recording import replacing
+from rig.recording import replace_text
+from rig.report.templating import rendered
 from rig.runner.run_folder import Change, Compared, Comparison
-
-_TEMPLATES: Final = "templates"
 
 
 def number(value: float | str | None) -> str:
-    """Return a value to five digits, a word as it is, nothing as a dash."""
+    """Return a value to five digits, a word as it is, and a dash for None."""
     if value is None:
         return "–"
     return value if isinstance(value, str) else f"{value:.5g}"
@@ -24,29 +18,20 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
     """Write the page, in one step.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the page cannot be written.
     """
-    with replacing(path) as partial:
-        partial.write_text(comparison_page(comparison), encoding="utf-8")
+    replace_text(path, comparison_page(comparison))
 
 
 def comparison_page(comparison: Comparison) -> str:
-    """Return the HTML page of two runs; it fetches nothing and needs no script."""
-    environment = Environment(
-        loader=PackageLoader("rig.report", _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    """Return the HTML page of two runs; the page fetches nothing and needs no script."""
     tests: dict[str, list[Compared]] = {}
     for each in comparison.figures:
         tests.setdefault(each.test, []).append(each)
-    style = files("rig.report").joinpath(_TEMPLATES, "report.css").read_text(encoding="utf-8")
-    return environment.get_template("comparison.html.j2").render(
+    return rendered(
+        "comparison.html.j2",
         comparison=comparison,
         tests=tests,
         number=number,
         moved=Change.MOVED,
-        style=Markup(style),
     )

@@ -3,7 +3,7 @@
 import shlex
 from pathlib import Path
 
-from rig.recording import replacing
+from rig.recording import replace_text
 from rig.report.templating import rendered
 from rig.report.wording import STATUS_LABELS, detection_summary, headline, when
 from rig.runner.outcomes import CampaignOutcome, Status
@@ -26,9 +26,7 @@ def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
         OSError: the folder cannot be written to.
     """
     path = directory / REPORT
-    page = render(outcome, directory)
-    with replacing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+    replace_text(path, render(outcome, directory))
     return path
 
 
@@ -57,11 +55,11 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
 
 
 def _rerun(outcome: CampaignOutcome) -> str:
-    """Return the command that runs a campaign again: as recorded, else by its own file."""
-    told = outcome.provenance.get("command")
-    if isinstance(told, str):
-        return told
-    if isinstance(told, list | tuple):
-        return shlex.join(str(word) for word in told)
+    """Return the command that runs a campaign again: as recorded, else with the campaign's file."""
+    recorded = outcome.provenance.get("command")
+    if isinstance(recorded, str):
+        return recorded
+    if isinstance(recorded, list | tuple):
+        return shlex.join(str(word) for word in recorded)
     files_read = outcome.provenance.get("source_files") or {}
     return shlex.join(["rig", "run", str(next(iter(files_read), outcome.name))])

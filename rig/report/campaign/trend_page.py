@@ -1,30 +1,29 @@
-"""The page of trends over runs: what changes first, then every figure of every test."""
+"""The page of trends over runs: first the figures that change, then every figure of every test."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from rig.recording import replacing
+from rig.recording import replace_text
 from rig.report.templating import rendered
 from rig.runner.run_folder import Trend
 
 _INTERVAL: Final = 1.96
 TREND: Final = "trend.html"
-"""Its name in a schedule's folder."""
+"""Name of the page in a schedule's folder."""
 
 
 def write_trend(trends: Sequence[Trend], path: Path, title: str) -> None:
     """Write the page, in one step.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the page cannot be written.
     """
-    with replacing(path) as partial:
-        partial.write_text(trend_page(trends, title), encoding="utf-8")
+    replace_text(path, trend_page(trends, title))
 
 
 def trend_page(trends: Sequence[Trend], title: str) -> str:
-    """Return the HTML page of trends; it fetches nothing."""
+    """Return the HTML page of trends; the page fetches nothing."""
     tests: dict[tuple[str, str], list[tuple[int, Trend]]] = {}
     for index, trend in enumerate(trends):
         tests.setdefault((trend.campaign, trend.test), []).append((index, trend))
@@ -33,7 +32,7 @@ def trend_page(trends: Sequence[Trend], title: str) -> str:
         "trend.js",
         title=title,
         changing=[trend for trend in trends if trend.changes],
-        told=any(trend.slope is not None for trend in trends),
+        fitted=any(trend.slope is not None for trend in trends),
         tests=tests,
         runs=len({point.run for trend in trends for point in trend.points}),
         figures=[_figure(trend) for trend in trends],
@@ -53,7 +52,7 @@ def _figure(trend: Trend) -> dict[str, Any]:
 
 
 def _line(trend: Trend) -> list[float] | None:
-    """Return the fitted line at the first and the last run."""
+    """Return the fitted line's values at the first and the last run; None if no line was fitted."""
     if trend.slope is None:
         return None
     first, last = trend.points[0].at, trend.points[-1].at

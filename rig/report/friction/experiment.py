@@ -3,17 +3,12 @@
 from collections.abc import Iterator
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator.friction import DISAGREEMENT, PARAMETERS, model_curve, steady_among
-from rig.report.templating import rendered
+from rig.report.templating import number, numbers, rendered
 from rig.runner.experiments import FrictionExperiment
 
 from .panel import MM, both_ways
 from .words import in_words, needs_in_words, shown
-
-Array = NDArray[np.float64]
 
 _INTERVAL: Final = 1.96
 _SLOWEST: Final = 1e-4
@@ -97,14 +92,14 @@ def _places(experiment: FrictionExperiment) -> dict[str, Any]:
         drawn["points"].append(
             {
                 "name": name,
-                "x": [_number(MM * each.position) for each in found],
-                "y": [_number(each.force) for each in found],
-                "half": [_number(_INTERVAL * each.standard_error) for each in found],
+                "x": numbers(MM * each.position for each in found),
+                "y": numbers(each.force for each in found),
+                "half": numbers(_INTERVAL * each.standard_error for each in found),
                 "open": [not each.taken_off for each in found],
             }
         )
         if level.places:
-            drawn["levels"].append(_number(level.offset + direction * level.level))
+            drawn["levels"].append(number(level.offset + direction * level.level))
     return drawn
 
 
@@ -115,33 +110,25 @@ def _curve(experiment: FrictionExperiment) -> dict[str, Any]:
     over = both_ways(_SLOWEST, fastest or 0.5)
     counted = steady_among(speeds, experiment.sliding)
     drawn: dict[str, Any] = {
-        "x": _numbers(MM * over),
-        "model": _numbers(model_curve(over, experiment.assumed.parameters)),
+        "x": numbers(MM * over),
+        "model": numbers(model_curve(over, experiment.assumed.parameters)),
         "speeds": {
-            "x": _numbers(np.array([MM * each.velocity for each in speeds])),
-            "y": _numbers(np.array([each.force for each in speeds])),
-            "half": _numbers(np.array([_INTERVAL * each.standard_error for each in speeds])),
+            "x": numbers(MM * each.velocity for each in speeds),
+            "y": numbers(each.force for each in speeds),
+            "half": numbers(_INTERVAL * each.standard_error for each in speeds),
             "open": [each not in counted for each in speeds],
         },
         "slowing": {
-            "x": [_number(MM * each.velocity) for each in experiment.sliding.bins],
-            "y": [_number(each.force) for each in experiment.sliding.bins],
+            "x": numbers(MM * each.velocity for each in experiment.sliding.bins),
+            "y": numbers(each.force for each in experiment.sliding.bins),
         },
-        "break_away": [
-            _number(each.force) for place in experiment.places for each in place if each.taken_off
-        ],
+        "break_away": numbers(
+            each.force for place in experiment.places for each in place if each.taken_off
+        ),
         "fitted": None,
     }
     if experiment.fit is not None:
         force, half = experiment.fit.force(over), _INTERVAL * experiment.fit.force_error(over)
-        drawn["fitted"] = _numbers(force)
-        drawn["upper"], drawn["lower"] = _numbers(force + half), _numbers(force - half)
+        drawn["fitted"] = numbers(force)
+        drawn["upper"], drawn["lower"] = numbers(force + half), numbers(force - half)
     return drawn
-
-
-def _numbers(values: Array) -> list[float | None]:
-    return [_number(value) for value in values]
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.5g}") if np.isfinite(value) else None

@@ -7,13 +7,12 @@ import numpy as np
 
 from estimator.friction import PARAMETERS, model_curve
 from rig.plant import Model
-from rig.report.templating import rendered
+from rig.report.templating import numbers, rendered
 
 from .panel import MM, both_ways
 from .words import FrictionRun, changes_in_words, in_words, needs_in_words, shown
 
 _INTERVAL: Final = 1.96
-_DIGITS: Final = 5
 
 
 def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
@@ -47,7 +46,7 @@ def _curves(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
         velocity = np.array([each.velocity * MM for each in curve.bins])
         force = np.array([each.force for each in curve.bins])
         dots = _trace(run.name, index, "markers", velocity, force)
-        spread = [_number(each.spread) for each in curve.bins]
+        spread = numbers(each.spread for each in curve.bins)
         drawn.append(dots | {"error_y": {"type": "data", "array": spread, "thickness": 1}})
         if curve.drawable and curve.slowest is not None and curve.fastest is not None:
             over = both_ways(curve.slowest, curve.fastest)
@@ -61,8 +60,8 @@ def _trace(
     return {
         "name": name,
         "mode": mode,
-        "x": [_number(x) for x in across],
-        "y": [_number(y) for y in up],
+        "x": numbers(across),
+        "y": numbers(up),
         "meta": {"run": run},
     }
 
@@ -83,7 +82,3 @@ def _trends(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
             }
         )
     return trends
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None

@@ -1,15 +1,23 @@
 """The page of `rig gap`: where the model is wrong, what is missing, how sure, before and after."""
 
 import shlex
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
 
+import numpy as np
 import yaml
 
-from estimator.gap import GapResult, Plant
-from rig.report.templating import rendered
+from estimator.gap import ChannelGap, Curve, FreeRun, GapResult, Plant
+from rig.report.templating import numbers, rendered
 from rig.runner.outcomes import versions
 
 from . import words as gap_words
-from .figures import drawn_curves, figures_of
+from .words import band, channel, unit_for
+
+MOST_CURVES: Final = 4
+_NORMAL_95: Final = 1.96
+_POINTS: Final = 1200
+"""Most points of a free run's line."""
 
 
 def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ...] = ()) -> str:
@@ -44,3 +52,134 @@ def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ..
         curves=drawn_curves(result),
         figures=figures_of(result),
     )
+
+
+def drawn_curves(result: GapResult) -> list[Curve]:
+    """Return the disturbances that are worth a plot: the largest of each equation first."""
+    first: list[Curve] = []
+    for curve in result.where:
+        if curve.equation not in {each.equation for each in first}:
+            first.append(curve)
+    others = [curve for curve in result.where if not any(curve is each for each in first)]
+    chosen = sorted([*first[:2], *others[:2]], key=lambda curve: -curve.gain)
+    return chosen[:MOST_CURVES]
+
+
+def figures_of(result: GapResult) -> dict[str, Any]:
+    """Return every plot of the page by its key."""
+    drawn: dict[str, Any] = {
+        f"curve_{number}": _curve(curve, None if result.as_given else _same(result.rest, curve))
+        for number, curve in enumerate(drawn_curves(result))
+    }
+    if result.channels:
+        drawn["gap"] = _bars(result.channels)
+    if result.channels and result.channels[0].bands:
+        drawn["bands"] = _band_bars(result.channels)
+    for number, run in enumerate(result.free_runs):
+        drawn[f"run_{number}"] = _run(run)
+    return drawn
+
+
+def _same(curves: Sequence[Curve], curve: Curve) -> Curve | None:
+    same = (c for c in curves if (c.equation, c.region) == (curve.equation, curve.region))
+    return next(same, None)
+
+
+def _curve(curve: Curve, rest: Curve | None) -> dict[str, Any]:
+    traces = [_band(curve, "bad"), _line(curve, "model as given", "bad")]
+    if rest is not None:
+        traces += [_band(rest, "found"), _line(rest, "model as written", "found")]
+    return {
+        "traces": traces,
+        "across": f"{curve.region}, {curve.region_shown[0]}",
+        "up": f"{curve.equation}, {curve.shown[0]}",
+    }
+
+
+def _line(curve: Curve, name: str, role: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "mode": "lines+markers",
+        "x": numbers(curve.at * curve.region_shown[1]),
+        "y": numbers(curve.values * curve.shown[1]),
+        "meta": {"role": role, "unit": curve.shown[0]},
+    }
+
+
+def _band(curve: Curve, role: str) -> dict[str, Any]:
+    """Return the 95 % band as one closed line."""
+    at = curve.at * curve.region_shown[1]
+    middle, half = curve.values * curve.shown[1], _NORMAL_95 * curve.errors * curve.shown[1]
+    return {
+        "mode": "lines",
+        "x": numbers(np.concatenate([at, at[::-1]])),
+        "y": numbers(np.concatenate([middle + half, (middle - half)[::-1]])),
+        "fill": "toself",
+        "line": {"width": 0},
+        "hoverinfo": "skip",
+        "showlegend": False,
+        "meta": {"role": role},
+    }
+
+
+def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
+    """Return each channel's error above the floor, before and after."""
+    names = [channel(gap.channel) for gap in channels]
+    before = [max(gap.before - gap.floor, 0.0) for gap in channels]
+    after = [max(gap.after - gap.floor, 0.0) for gap in channels]
+    return _before_and_after(names, before, after, "above the floor, noise variances")
+
+
+def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
+    """Return the mean over channels of the one-step errors above the floor, by frequency."""
+    names = [band(each) for each in channels[0].bands]
+    floor, before, after = (
+        np.array([[getattr(each, of) for each in gap.bands] for gap in channels])
+        for of in ("floor", "before", "after")
+    )
+    before, after = (np.maximum(errors - floor, 0.0).mean(axis=0) for errors in (before, after))
+    return _before_and_after(names, before, after, "excess, predicted variances")
+
+
+def _before_and_after(
+    names: Sequence[str], before: Iterable[float], after: Iterable[float], up: str
+) -> dict[str, Any]:
+    """Return bars of the model as given beside those of the model as written."""
+    return {
+        "traces": [
+            {"type": "bar", "name": name, "x": names, "y": numbers(values), "meta": {"role": role}}
+            for name, values, role in (
+                ("model as given", before, "bad"),
+                ("model as written", after, "found"),
+            )
+        ],
+        "across": "",
+        "up": up,
+    }
+
+
+def _run(run: FreeRun) -> dict[str, Any]:
+    # A channel's errors are shown in smaller units than the course of the channel.
+    unit, factor = unit_for(float(np.nanmax(np.abs(run.measured), initial=0.0)), run.unit)
+    if run.unit == "m":
+        unit, factor = "mm", 1e3
+    step = max(1, len(run.time_s) // _POINTS)
+    lines = (
+        ("measured", run.measured, "ink"),
+        ("model as given", run.before, "bad"),
+        ("model as written", run.after, "found"),
+    )
+    return {
+        "traces": [
+            {
+                "name": name,
+                "mode": "lines",
+                "x": numbers(run.time_s[::step]),
+                "y": numbers(values[::step] * factor),
+                "meta": {"role": role, "unit": unit},
+            }
+            for name, values, role in lines
+        ],
+        "across": "time, s",
+        "up": f"{channel(run.channel)}, {unit}",
+    }

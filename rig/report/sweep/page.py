@@ -1,51 +1,41 @@
 """The page of a sweep: how small a leak is found, ROC, confusion, and what was drawn."""
 
 from collections.abc import Iterator
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from rig.configuration import HEALTHY, Sweep
 from rig.plant import LITRE_PER_MINUTE
-from rig.recording import replacing
+from rig.recording import replace_text
+from rig.report.templating import number, numbers, rendered
 from rig.sweep import PowerCurve, Roc, Study, columns_of, unit_of, verdict_order
 
 from .words import limit_in_words, of_share, place_in_words
 
-_TEMPLATES: Final = "templates"
+_DIGITS: Final = 4
 _ROC_POINTS: Final = 400
 _CURVE_POINTS: Final = 80
 _SHOWN: Final = 3000
-"""Cases drawn in a plot of single cases at most: a browser draws no more with ease."""
+"""Most cases that a plot of single cases shows: a browser draws no more with ease."""
 
 
 def write_sweep_page(sweep: Sweep, table: pa.Table, study: Study, path: Path) -> None:
     """Write the page, in one step.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the page cannot be written.
     """
-    page = sweep_page(sweep, table, study)
-    with replacing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+    replace_text(path, sweep_page(sweep, table, study))
 
 
 def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
-    """Return the HTML page of a sweep; it fetches nothing."""
-    environment = Environment(
-        loader=PackageLoader("rig.report", _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("sweep.html.j2").render(
+    """Return the HTML page of a sweep; the page fetches nothing."""
+    return rendered(
+        "sweep.html.j2",
+        "sweep.js",
         sweep=sweep,
         study=study,
         rig_hours=f"{sweep.rig_s / 3600.0:.3g}",
@@ -60,18 +50,11 @@ def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
         in_words=place_in_words,
         drawn=list(_drawn(sweep, table)),
         figures=_figures(table, study),
-        style=_asset("report.css"),
-        script=_asset("sweep.js"),
-        plotly=Markup(get_plotlyjs()),
     )
 
 
-def _asset(name: str) -> Markup:
-    return Markup(files("rig.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8"))
-
-
 def _drawn(sweep: Sweep, table: pa.Table) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, range and unit of what was drawn, and its part of those named right."""
+    """Yield name, lowest and highest value, and unit of each quantity that was drawn."""
     for name in (*sweep.parameters, *sweep.followers, "noise"):
         values = columns_of(table.select([name]))[name]
         low, high = float(values.min()), float(values.max())
@@ -88,11 +71,11 @@ def _figures(table: pa.Table, study: Study) -> dict[str, Any]:
 
 
 def _power(curve: PowerCurve) -> dict[str, Any]:
-    """Return bins and fitted curve in L/min and %."""
+    """Return bins and fitted curve in L/min and %; the curve is None if none was fitted."""
     middles = [(each.low * each.high) ** 0.5 / LITRE_PER_MINUTE for each in curve.bins]
     parts = [100.0 * each.right.part for each in curve.bins]
     found: dict[str, Any] = {
-        "flow": [_number(each) for each in middles],
+        "flow": numbers(middles, _DIGITS),
         "part": parts,
         "above": [
             100.0 * each.right.interval[1] - p for each, p in zip(curve.bins, parts, strict=True)
@@ -108,11 +91,11 @@ def _power(curve: PowerCurve) -> dict[str, Any]:
         flow = np.geomspace(curve.bins[0].low, curve.bins[-1].high, _CURVE_POINTS)
         chance = 1.0 / (1.0 + np.exp(-(curve.intercept + curve.slope * np.log(flow))))
         found["curve"] = {
-            "flow": [_number(each / LITRE_PER_MINUTE) for each in flow],
-            "part": [_number(100.0 * each) for each in chance],
+            "flow": numbers(flow / LITRE_PER_MINUTE, _DIGITS),
+            "part": numbers(100.0 * chance, _DIGITS),
         }
     if curve.limit_m3_per_s is not None:
-        found["limit"] = _number(curve.limit_m3_per_s / LITRE_PER_MINUTE)
+        found["limit"] = number(curve.limit_m3_per_s / LITRE_PER_MINUTE, _DIGITS)
     return found
 
 
@@ -120,8 +103,8 @@ def _roc(roc: Roc) -> dict[str, Any]:
     """Return the curve in %, with no more points than can be seen."""
     at = np.unique(np.linspace(0, roc.found.size - 1, _ROC_POINTS).astype(int))
     return {
-        "alarms": [_number(100.0 * each) for each in roc.false_alarms[at]],
-        "found": [_number(100.0 * each) for each in roc.found[at]],
+        "alarms": numbers(100.0 * roc.false_alarms[at], _DIGITS),
+        "found": numbers(100.0 * roc.found[at], _DIGITS),
         "area": f"{roc.area:.3f}",
     }
 
@@ -142,7 +125,7 @@ def _confusion(study: Study) -> dict[str, Any]:
 
 
 def _cases(table: pa.Table) -> dict[str, Any]:
-    """Return single leaks: true flow, estimate where there is one, latency where it was found."""
+    """Return single leaks: true flow, estimated flow and latency, None where there is none."""
     names = [
         "case",
         "fault",
@@ -161,11 +144,7 @@ def _cases(table: pa.Table) -> dict[str, Any]:
         "fault": [place_in_words(str(each)) for each in column["fault"][at]],
         "verdict": [place_in_words(str(each)) for each in column["verdict"][at]],
         "right": [bool(each) for each in column["right"][at]],
-        "flow": [_number(each) for each in flow],
-        "estimate": [_number(each) for each in estimate],
-        "latency": [_number(each) for each in column["latency_s"][at]],
+        "flow": numbers(flow, _DIGITS),
+        "estimate": numbers(estimate, _DIGITS),
+        "latency": numbers(column["latency_s"][at], _DIGITS),
     }
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.4g}") if np.isfinite(value) else None
