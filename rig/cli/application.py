@@ -44,7 +44,7 @@ COMMANDS: Final = {
     "recover": ("recordings.recover", "Save what is left of a cut or damaged recording."),
     "home": ("hardware.home", "Home a rig's encoder, to see that it can be homed."),
     "calibrate": ("hardware.calibrate", "Measure a rig's needle valves with its flow meters."),
-    "doctor": ("hardware.doctor", "Tell what this machine grants to a rig, and the remedies."),
+    "doctor": ("hardware.doctor", "Show what this machine grants to a rig, and the remedies."),
     "init": ("init", "Copy the shipped rigs, models, campaigns, sweeps and maps to edit."),
 }
 """Subcommands: the module of this package whose `command` each is, and what it does."""
@@ -113,7 +113,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def is_bad_input(error: BaseException) -> bool:
-    """Tell an error that lists what is wrong with the input from one of this program.
+    """Return whether an error lists what is wrong with the input, rather than being a bug.
 
     ConfigError, RecordingError, RequestError and DirectoryError do; to import them all here would
     cost every `rig --help` half a second.

@@ -1,4 +1,4 @@
-"""Collects what is wrong with several inputs, so that all of it is told at once."""
+"""Collects what is wrong with several inputs, so that all of it is reported at once."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,2 +1,2 @@
-from .progress import CampaignProgress as CampaignProgress
+from .progress import CampaignProgress as CampaignProgress, MotionProgress as MotionProgress
 from .verdicts import leak as leak

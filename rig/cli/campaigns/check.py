@@ -1,4 +1,4 @@
-"""`rig check`: validates configurations, and tells what a campaign would do."""
+"""`rig check`: validates configurations, and shows what a campaign would do."""
 
 import click
 

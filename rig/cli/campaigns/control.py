@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from rig.cli.application import EXIT_BAD_INPUT
-from rig.cli.texts import TEXT
+from rig.cli.option_types import TEXT
 from rig.control_socket import ask
 from rig.runner.campaign import Request
 
@@ -27,7 +27,7 @@ def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> 
     retry        run a test again: --test, else the present one, else the last
     note TEXT    keep a text in journal, recording and report
     acknowledge  say that all that wants attention was seen; TEXT may say more
-    status       tell how it goes on, as JSON
+    status       show how it goes on, as JSON
 
     Whoever may write to the folder as its campaign's user may ask. A text may go with any request,
     and is kept. Exit code: 0, or 2 if no campaign runs there or it refuses, with the reason.

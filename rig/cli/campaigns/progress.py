@@ -1,8 +1,9 @@
 """Shows a campaign while it runs: live lines on a terminal, a line a test in a log."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
 from rich.table import Column
@@ -32,8 +33,8 @@ class CampaignProgress(Observer):
     A context manager, which gives the terminal back.
 
     Args:
-        screen: where to.
-        paced: tests take their time: a log says when one begins, too.
+        screen: where the lines are written.
+        paced: whether tests run at the wall clock; a log then also says when a test begins.
     """
 
     def __init__(self, screen: Screen, *, paced: bool) -> None:
@@ -52,7 +53,7 @@ class CampaignProgress(Observer):
         self._count = 0
         self._number = 0
 
-    def __enter__(self) -> "CampaignProgress":
+    def __enter__(self) -> Self:
         self._bars.start()
         return self
 
@@ -74,7 +75,7 @@ class CampaignProgress(Observer):
             self._screen.print(f"{done} finished, and not run again")
 
     def rig_tells(self, text: str) -> None:
-        """Write what the rig tells."""
+        """Write a text that the rig reports."""
         self._screen.print(text, soft_wrap=True)
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
@@ -115,6 +116,14 @@ class CampaignProgress(Observer):
     def _place(self) -> str:
         width = len(str(self._count))
         return f"[{self._number:{width}}/{self._count}]"
+
+
+class MotionProgress(CampaignProgress):
+    """A line a motion, without the verdicts on leaks that nobody asked for."""
+
+    def test_ends(self, outcome: TestOutcome) -> None:
+        """Write the motion's line."""
+        super().test_ends(replace(outcome, decision=None))
 
 
 class _RigTime(ProgressColumn):

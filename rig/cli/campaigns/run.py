@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_CRASHED, EXIT_STOPPED, one_line
+from rig.cli.rig_failures import require_possible_pace
 from rig.cli.screen import Screen
 from rig.configuration import load_campaign
 from rig.io import DriverError
@@ -75,10 +76,7 @@ def command(
     loaded, rig = load_campaign(
         reference, rig_reference or given["rig"], Path(str(given["folder"]))
     )
-    if rig.backend == "hardware" and pace == "fast":
-        limit = f"the rig {rig.name} is hardware, which runs at the wall clock"
-        click.echo(f"--pace fast: {limit}; leave the option out", err=True)
-        return EXIT_BAD_INPUT
+    require_possible_pace(rig, pace)
     if resume and out is None:
         out = unfinished_run(loaded.name, Path("runs"))
     paced = (pace or rig.pace) == "real"
@@ -125,7 +123,7 @@ def command(
 
 
 def _give_up() -> None:
-    """End at once: this process hangs, and who hears no more of it makes the rig safe."""
+    """End this hanging process at once; the rig is made safe by whoever hears no more of it."""
     os.write(2, b"rig: cleaning up takes too long; ended. Go on with rig run --resume\n")
     os._exit(EXIT_STOPPED)
 
@@ -137,7 +135,7 @@ def _again(campaign: str, rig_reference: str | None) -> list[str]:
 
 
 def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
-    """Return the report; None, with a message, if it cannot be made: the results are there."""
+    """Return the report's path; None, with a message, if it cannot be made."""
     try:
         from rig.report import write_report
 

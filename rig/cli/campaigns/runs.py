@@ -1,4 +1,4 @@
-"""`rig runs`: past runs, found, shown, compared and pruned; files only."""
+"""`rig runs`: finds, shows, compares and prunes past runs, by their files alone."""
 
 import json
 import re
@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-from rich import box
-from rich.table import Table
 from rich.text import Text
 
-from rig.cli.screen import Screen
+from rig.cli.screen import Screen, table_of
 from rig.runner.run_folder import RUNS, Run, RunError, is_plain, read_run, run_named, runs_below
 
 _AGE: Final = re.compile(r"(\d{1,5}) ?(min|h|d|w)")
@@ -31,12 +29,14 @@ _below = click.option(
 
 
 def _date(ctx: click.Context, param: click.Parameter, value: str | None) -> datetime | None:
-    """Return a date, or date and time (UTC unless it says otherwise); or an age, `7 d`, as one."""
-    age = _AGE.fullmatch(value or "")
+    """Return a date and time from a date, a date and time, or an age (`7 d`); None if not given.
+
+    A time without a zone is taken for UTC.
+    """
     if value is None:
         return None
-    if age is not None:
-        return datetime.now(UTC) - timedelta(**{_UNITS[age[2]]: int(age[1])})
+    if (age := _age(value)) is not None:
+        return datetime.now(UTC) - age
     try:
         given = datetime.fromisoformat(value)
     except ValueError:
@@ -46,13 +46,19 @@ def _date(ctx: click.Context, param: click.Parameter, value: str | None) -> date
 
 
 def _span(ctx: click.Context, param: click.Parameter, value: str | None) -> timedelta | None:
-    """Return a time span."""
+    """Return a time span from a text such as `30 d`; None if not given."""
     if value is None:
         return None
-    age = _AGE.fullmatch(value)
-    if age is None:
+    span = _age(value)
+    if span is None:
         raise click.BadParameter(f"{value!r} is no time span: write 30 d, 12 h or 6 w")
-    return timedelta(**{_UNITS[age[2]]: int(age[1])})
+    return span
+
+
+def _age(text: str) -> timedelta | None:
+    """Return an age such as `7 d`; None if the text is none."""
+    age = _AGE.fullmatch(text)
+    return None if age is None else timedelta(**{_UNITS[age[2]]: int(age[1])})
 
 
 @click.group()
@@ -77,12 +83,11 @@ def list_runs(below: Path, as_json: bool, **wanted: Any) -> int:
     found = [run for run in runs_below(below) if _is_wanted(run, **wanted)]
     if as_json:
         for run in found:
-            click.echo(json.dumps(_told(run), ensure_ascii=False))
+            click.echo(json.dumps(_document(run), ensure_ascii=False))
         return 0
     screen = Screen()
-    table = Table(box=box.ROUNDED if screen.is_terminal else box.ASCII2)
-    for heading in ("run", "begun (UTC)", "campaign", "rig", "state", "tests", "found"):
-        table.add_column(heading, overflow="fold")
+    headings = ("run", "begun (UTC)", "campaign", "rig", "state", "tests", "found")
+    table = table_of(headings, plain=not screen.is_terminal, fold=True)
     for run in found:
         counts = ", ".join(f"{count} {status}" for status, count in run.counts.items())
         table.add_row(
@@ -104,7 +109,7 @@ def show(run: str, below: Path, as_json: bool) -> int:
     """Show a run: its tests, what happened, where its files are."""
     found = _run(run, below)
     if as_json:
-        click.echo(json.dumps(_told(found) | {"results": found.results}, ensure_ascii=False))
+        click.echo(json.dumps(_document(found) | {"results": found.results}, ensure_ascii=False))
         return 0
     screen = Screen()
     for line in _lines(found):
@@ -139,11 +144,11 @@ def compare(
     from rig.runner.run_folder import ANYTHING, Change, Tolerance, compare as compared
 
     given = load_tolerances(tolerances) if tolerances is not None else {}
-    told = {
+    chosen = {
         name: ANYTHING if file is None else Tolerance(**file.model_dump())
         for name, file in given.items()
     }
-    comparison = compared(_run(reference, below), _run(candidate, below), told)
+    comparison = compared(_run(reference, below), _run(candidate, below), chosen)
     if out is not None:
         from rig.report.campaign import write_comparison
 
@@ -153,9 +158,8 @@ def compare(
             click.echo(json.dumps(asdict(each) | {"difference": each.difference}))
     else:
         screen = Screen()
-        table = Table(box=box.ROUNDED if screen.is_terminal else box.ASCII2)
-        for heading in ("test", "figure", "reference", "candidate", "tolerated", "unit"):
-            table.add_column(heading, overflow="fold")
+        headings = ("test", "figure", "reference", "candidate", "tolerated", "unit")
+        table = table_of(headings, plain=not screen.is_terminal, fold=True)
         for each in comparison.moved:
             table.add_row(
                 *map(Text, (
@@ -181,11 +185,11 @@ def compare(
               help="Of each campaign on each rig, the newest N stay.")  # fmt: skip
 @click.option("--older-than", callback=_span, metavar="AGE", help="Younger ones stay: 30 d, 12 h.")
 @click.option("--campaign", help="Only runs of this campaign.")
-@click.option("--delete", is_flag=True, help="Do it; without, it is only told what would go.")
+@click.option("--delete", is_flag=True, help="Do it; without, it is only shown what would go.")
 def prune(
     below: Path, keep: int, older_than: timedelta | None, campaign: str | None, delete: bool
 ) -> int:
-    """Remove old runs; without --delete, only tell which.
+    """Remove old runs; without --delete, only show which.
 
     Only files that a run wrote are removed. Runs that go on, or could be resumed, stay.
     """
@@ -235,7 +239,7 @@ def _is_wanted(
     )
 
 
-def _told(run: Run) -> dict[str, Any]:
+def _document(run: Run) -> dict[str, Any]:
     return {
         "folder": str(run.folder),
         "campaign": run.campaign,

@@ -1,4 +1,4 @@
-"""`rig schedule`: campaigns at their times, in the foreground or under systemd."""
+"""`rig schedule`: runs campaigns at their times, in the foreground or under systemd."""
 
 import json
 import subprocess
@@ -74,8 +74,8 @@ def add(schedule: Path, campaign: str, rig: str | None, name: str | None) -> int
     """Have CAMPAIGN run once, as soon as the schedule comes to it."""
     loaded = load_schedule(schedule)
     checked, _ = load_campaign(campaign, rig)
-    told = {"campaign": _absolute(campaign), "rig": None if rig is None else _absolute(rig)}
-    _ask(loaded, name=name or checked.name, **told)
+    references = {"campaign": _absolute(campaign), "rig": None if rig is None else _absolute(rig)}
+    _ask(loaded, name=name or checked.name, **references)
     click.echo(f"{checked.name}: waits in {loaded.folder}")
     return 0
 
@@ -99,26 +99,26 @@ def resume(schedule: Path) -> int:
 def list_entries(schedule: Path, as_json: bool) -> int:
     """Show when what is run next, what waits, and what ran."""
     loaded = load_schedule(schedule)
-    told = _told(loaded, _state(loaded))
+    shown = _document(loaded, _state(loaded))
     if as_json:
-        click.echo(json.dumps(told, ensure_ascii=False))
+        click.echo(json.dumps(shown, ensure_ascii=False))
         return 0
-    if told["halted"]:
-        click.echo(f"halted: {told['halted']}; rig schedule resume {schedule}")
-    for entry in told["entries"]:
+    if shown["halted"]:
+        click.echo(f"halted: {shown['halted']}; rig schedule resume {schedule}")
+    for entry in shown["entries"]:
         missed = f"; missed {entry['missed']}" if entry["missed"] else ""
         click.echo(f"{entry['name']}: next {entry['next'] or 'never'}, {entry['campaign']}{missed}")
-    if told["present"]:
-        click.echo(f"running: {told['present']['entry']} in {told['present']['folder']}")
-    for job in told["queue"]:
+    if shown["present"]:
+        click.echo(f"running: {shown['present']['entry']} in {shown['present']['folder']}")
+    for job in shown["queue"]:
         click.echo(f"waits: {job['entry']}, due {job['due']}, attempt {job['attempt']}")
-    for ended in told["history"]:
+    for ended in shown["history"]:
         click.echo(f"{ended['at']} {ended['entry']}: exit code {ended['exit_code']}, "
                    f"{ended['folder']}")  # fmt: skip
     return 0
 
 
-def _told(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
+def _document(schedule: Schedule, state: ScheduleState) -> dict[str, Any]:
     now = datetime.now(UTC)
     times = {entry.name: schedule.next_time(entry, now) for entry in schedule.entries}
     return {
@@ -184,7 +184,7 @@ class _Hands:
         click.echo(f"{self.now():%FT%TZ} {text}")
 
     def run(self, job: Job, entry: Entry | None) -> int:
-        """Run a campaign in a process of its own, so that no crash of it is one of the schedule."""
+        """Run a campaign in a process of its own, whose crash does not end the schedule."""
         assert job.folder is not None
         folder = Path(job.folder)
         # The process of a scheduler that was killed goes on: its run is waited for.

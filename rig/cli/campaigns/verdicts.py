@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from estimator.leaks import Decision
 from faults import to_litres_per_minute
+from rig.cli.screen import table_of
 from rig.runner import CampaignOutcome, InjectedFault, Status, TestOutcome
 from rig.runner.outcomes import chance, in_passing, reaction
 from rig.runner.run_folder import coefficient_unit
@@ -17,10 +17,8 @@ from .progress import STYLES
 
 def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
     """Return the table of a campaign's verdicts; `plain` draws it with ASCII."""
-    table = Table(box=box.ASCII2 if plain else box.ROUNDED)
-    for heading in ("test", "injected", "found", "onset", "latency", "result"):
-        right = heading in ("onset", "latency")
-        table.add_column(heading, justify="right" if right else "left")
+    headings = ("test", "injected", "found", "onset", "latency", "result")
+    table = table_of(headings, plain=plain, right=("onset", "latency"))
     for test in outcome.tests:
         table.add_row(
             Text(test.name),
@@ -45,8 +43,8 @@ def found(decision: Decision | None) -> str:
     """Return what was found: verdict, its probability, and mean flow with its 95 % interval."""
     if decision is None:
         return "-"
-    told = (str(decision.verdict), chance(decision), leak(decision))
-    return " ".join(part for part in told if part)
+    parts = (str(decision.verdict), chance(decision), leak(decision))
+    return " ".join(part for part in parts if part)
 
 
 def _passing(test: TestOutcome) -> list[str]:
@@ -54,14 +52,14 @@ def _passing(test: TestOutcome) -> list[str]:
 
 
 def leak(decision: Decision) -> str:
-    """Return a decision's mean leak flow with its 95 % interval, empty where there is none."""
+    """Return a decision's mean leak flow with its 95 % interval; empty if it has no flow."""
     if decision.leak_m3_per_s is None:
         return ""
     flow = f"{to_litres_per_minute(decision.leak_m3_per_s):.3f}"
     interval = decision.interval_m3_per_s
     if interval is None:
         return f"{flow} L/min"
-    # The lower end stops at no leak, so the upper one tells how wide the interval is.
+    # The lower end stops at no leak, so the upper one shows how wide the interval is.
     half = to_litres_per_minute(interval[1] - decision.leak_m3_per_s)
     return f"{flow} ± {half:.3f} L/min"
 
@@ -69,7 +67,7 @@ def leak(decision: Decision) -> str:
 def summary(outcome: CampaignOutcome, wall_s: float, *, live: bool) -> Iterator[str]:
     """Yield what there is to say below the table: what crashed, counts, and speed.
 
-    The speed of a run at the wall clock (`live`) tells nothing.
+    The speed of a run at the wall clock (`live`) is left out, as it is always the same.
     """
     for test in outcome.tests:
         if test.status == Status.ERROR:

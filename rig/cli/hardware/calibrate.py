@@ -8,18 +8,16 @@ from typing import Final
 
 import click
 import numpy as np
-from rich import box
 from rich.table import Table
 
 from control import RequestError
 from estimator.filters import DEFAULT_FILTER
 from faults import CalibratedPoint, Measurement, NeedleCalibration, to_litres_per_minute
 from rig.channels import BYPASSES
-from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED
-from rig.cli.screen import Screen
+from rig.cli.application import EXIT_BAD_INPUT
+from rig.cli.rig_failures import failures_reported
+from rig.cli.screen import Screen, table_of
 from rig.configuration import dump_calibration, load_model, load_rig
-from rig.io import DriverError
-from rig.loop import TripError
 from rig.runner import StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
 from rig.runner.run_folder import file_stem
@@ -31,7 +29,10 @@ _RAW: Final = (
     "bypass", "opening", "direction", "feedback", "flow_m3_per_s", "flow_error_m3_per_s", "drop_Pa",
     "coefficient", "coefficient_error",
 )  # fmt: skip
-"""Columns of the raw measurements: SI; of ball and needle in series; errors are standard errors."""
+"""Columns of the raw measurements.
+
+They are in SI, and of ball and needle in series; errors are standard errors.
+"""
 
 
 @click.group()
@@ -90,19 +91,13 @@ def valves(
     openings = [round(float(opening), 4) for opening in np.linspace(0.0, 1.0, points)]
     session = Session(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
     try:
-        with stop_on_signals(stop):
+        with failures_reported(), stop_on_signals(stop):
             compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
             with session:
                 needles = calibrate(
                     Strokes(session.rig), wanted, openings, assumed.parameters.return_pressure,
                     started.date(), on_measured,
                 )  # fmt: skip
-    except DriverError as error:
-        click.echo(str(error), err=True)
-        return EXIT_BAD_INPUT
-    except TripError as error:
-        click.echo(f"rig: {error}", err=True)
-        return EXIT_STOPPED
     except RequestError as error:
         click.echo(f"{error}\nno calibration; what was measured: {raw}", err=True)
         return EXIT_BAD_INPUT
@@ -113,7 +108,7 @@ def valves(
 
 
 def _keep(path: Path, kind: str, measurement: Measurement) -> None:
-    """Add a measurement to a file at once: what was measured before a trip is kept."""
+    """Add a measurement to a file at once, so that what was measured before a trip is kept."""
     new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -139,10 +134,9 @@ def _line(kind: str, measurement: Measurement) -> str:
 
 def _table(needles: Mapping[str, NeedleCalibration], *, plain: bool) -> Table:
     """Return the needles' points as a table; `plain` draws it with ASCII."""
-    table = Table(box=box.ASCII2 if plain else box.ROUNDED, title=f"Coefficients in {_UNIT}")
-    table.add_column("bypass")
-    for heading in ("opening", "coefficient", "± standard error", "up - down"):
-        table.add_column(heading, justify="right")
+    right = ("opening", "coefficient", "± standard error", "up - down")
+    title = f"Coefficients in {_UNIT}"
+    table = table_of(("bypass", *right), plain=plain, right=right, title=title)
     for kind, calibration in needles.items():
         for point in calibration.points:
             table.add_row(kind, *_cells(point))

@@ -1,4 +1,4 @@
-"""`rig doctor`: what this machine grants to a rig, with the remedy for what it does not."""
+"""`rig doctor`: shows what this machine grants to a rig, and the remedy for what it does not."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -8,13 +8,12 @@ from typing import Any, Final
 import click
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from rig.cli.application import EXIT_CRASHED
-from rig.cli.ranges import Range
-from rig.cli.screen import Screen
+from rig.cli.option_types import Range
+from rig.cli.screen import Screen, table_of
 from rig.configuration import Rig, load_rig
 from rig.io import DriverError, DriverSpec, LoopSettings, exclusive
 from rig.loop import Grant, RealTime, StageTimes, wakeup_lateness
@@ -40,7 +39,7 @@ _MISSED: Final = 5e-3
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object instead of the table.")
 def command(reference: str | None, seconds: float, as_json: bool) -> int:
-    """Tell what this machine grants to a rig's loop, and the remedy for what it does not.
+    """Show what this machine grants to a rig's loop, and the remedy for what it does not.
 
     Nothing moves; devices that another program on this machine drives are left alone. Exit code:
     0 the loop would run, 1 something it needs is bad, 2 bad input.
@@ -54,8 +53,8 @@ def command(reference: str | None, seconds: float, as_json: bool) -> int:
     timing = _timing(lateness)
     findings = list(_findings(real_time.grants, timing, loop, rig))
     if as_json:
-        told = [finding._asdict() for finding in findings]
-        click.echo(json.dumps({"findings": told, "loop": timing}))
+        listed = [finding._asdict() for finding in findings]
+        click.echo(json.dumps({"findings": listed, "loop": timing}))
     else:
         screen = Screen()
         screen.print(_table(findings, plain=not screen.is_terminal))
@@ -81,7 +80,7 @@ def _granted(grant: Grant) -> Finding:
 
 
 def _opened(spec: DriverSpec) -> Finding:
-    """Open a driver and close it again: whether the device answers and is the one expected."""
+    """Open and close a driver; return whether its device answers and is the one expected."""
     subject = f"driver {spec.name}"
     try:
         driver = spec.create()
@@ -118,9 +117,7 @@ def _judged(timing: dict[str, Any], loop: LoopSettings) -> Finding:
 
 def _table(findings: Sequence[Finding], *, plain: bool) -> Table:
     """Return the findings as a table; `plain` draws it with ASCII."""
-    table = Table(box=box.ASCII2 if plain else box.ROUNDED)
-    for heading in ("", "found", "remedy"):
-        table.add_column(heading)
+    table = table_of(("", "found", "remedy"), plain=plain)
     for subject, found, grade, remedy in findings:
         table.add_row(Text(subject), Text(found, STYLES[grade]), Text(remedy))
     return table

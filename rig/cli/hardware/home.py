@@ -6,11 +6,9 @@ from datetime import UTC, datetime
 import click
 
 from estimator.filters import DEFAULT_FILTER
-from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED
+from rig.cli.rig_failures import failures_reported
 from rig.cli.screen import Screen
 from rig.configuration import load_model, load_rig
-from rig.io import DriverError
-from rig.loop import TripError
 from rig.runner import StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
 from rig.runner.run_folder import default_directory
@@ -21,7 +19,7 @@ from rig.supervisor import Session
 @click.option("--rig", "reference", metavar="RIG", required=True, help="A hardware rig.")
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 def command(reference: str, model: str) -> int:
-    """Arm and home a rig; tell where its encoder's zero is, and how well that repeats.
+    """Arm and home a rig; show where its encoder's zero is, and how well that repeats.
 
     The rig is left safe; whatever runs on it next homes it again. A trip is reported below `runs`.
     Exit code: 0 homed, 2 bad input, 3 stopped or tripped.
@@ -34,17 +32,11 @@ def command(reference: str, model: str) -> int:
     directory.mkdir(parents=True)
     stop, screen = StopFlag(), Screen()
     try:
-        with stop_on_signals(stop):
+        with failures_reported(), stop_on_signals(stop):
             compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
             with Session(rig, DEFAULT_FILTER, assumed, directory, stop, screen.print):
                 return 0
-    except DriverError as error:
-        click.echo(str(error), err=True)
-        return EXIT_BAD_INPUT
-    except TripError as error:
-        click.echo(f"rig: {error}", err=True)
-        return EXIT_STOPPED
     finally:
-        # Without a trip there is nothing in it.
+        # Without a trip there is nothing in the folder.
         with contextlib.suppress(OSError):
             directory.rmdir()

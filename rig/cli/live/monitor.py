@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from rig.stream import Snapshot, StreamClient
 
 from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED
+from rig.cli.option_types import TEXT
 from rig.cli.screen import Screen
-from rig.cli.texts import TEXT
 
 from .following import endpoints, follows_streams
 from .monitor_view import document, line, screen
@@ -81,7 +81,7 @@ def command(
 
 
 def _await(client: "StreamClient", wait_s: float) -> None:
-    """Wait until a rig is there and has told something of itself."""
+    """Wait until a rig is there and has sent something."""
     until = time.monotonic() + wait_s
     while time.monotonic() < until:
         living = [shot.rig for shot in _snapshots(client) if shot.alive and shot.health]

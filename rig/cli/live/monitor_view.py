@@ -18,7 +18,7 @@ _US: Final = 1e6
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
-    """Return a snapshot for a program: SI, None for what is not known."""
+    """Return a snapshot for a program, in SI, with None for what is not known."""
     return {
         "rig": snapshot.rig,
         "alive": snapshot.alive,
@@ -33,10 +33,10 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
         "missing": dict(snapshot.missing),
         "refused": snapshot.refused,
         **{
-            kind: _told(getattr(snapshot, kind))
+            kind: _content(getattr(snapshot, kind))
             for kind in ("state", "campaign", "progress", "decision", "health")
         },
-        "events": [_told(event) for event in snapshot.events],
+        "events": [_content(event) for event in snapshot.events],
     }
 
 
@@ -148,7 +148,7 @@ def _known(value: float) -> float | None:
     return value if isfinite(value) else None
 
 
-def _told(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a message tells, without its header."""
+def _content(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a message holds besides its header."""
     header = ("version", "session", "sequence")
     return {name: value for name, value in content.items() if name not in header}

@@ -1,7 +1,7 @@
 """`rig gap`: finds where a model and recordings disagree, and what the model lacks."""
 
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final
 
 import click
 
@@ -36,7 +36,7 @@ class ManyHeldOut(click.Command):
     help="To judge with; nothing is fitted to these.",
 )
 @click.option("--live", is_flag=True, help="Make the recordings on a rig, and settle what is open.")
-@click.option("--rig", "rig_reference", metavar="RIG", help="Of --live: the rig.")
+@click.option("--rig", metavar="RIG", help="Of --live: the rig.")
 @click.option(
     "--pace",
     type=click.Choice(["real", "fast"]),
@@ -47,7 +47,7 @@ class ManyHeldOut(click.Command):
     type=click.IntRange(1, 20),
     help="Of --live: at most; 4 if not given.",
 )
-@click.option("--dry-run", is_flag=True, help="Of --live: tell the motions, and move nothing.")
+@click.option("--dry-run", is_flag=True, help="Of --live: show the motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="The model to be tested.")
 @click.option(
     "--plant",
@@ -62,26 +62,14 @@ class ManyHeldOut(click.Command):
     help="Folder for model.yaml, report.html and gap.json; made if missing.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One object instead of a table.")
-def command(
-    recordings: tuple[str, ...],
-    holdout: tuple[str, ...],
-    live: bool,
-    rig_reference: str | None,
-    pace: Literal["real", "fast"] | None,
-    rounds: int | None,
-    dry_run: bool,
-    model: str,
-    outside: str | None,
-    out: Path | None,
-    as_json: bool,
-) -> int:
+def command(**options: Any) -> int:
     """Find where a model and recordings disagree, name what the model lacks, and add it.
 
     Recordings are .mcap, .csv, .csv.gz or .parquet, 1 kHz. The model is a shipped name or a file.
     Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
     their tolerances first. DIR/model.yaml is the model with what was found added, or as given where
-    that would predict worse; DIR/report.html is one page that tells the story, DIR/gap.json all
-    figures. Where recordings cannot tell which of two effects it is and some motion would,
+    that would predict worse; DIR/report.html is one page with the whole story, DIR/gap.json all
+    figures. Where recordings do not show which of two effects it is and some motion would,
     DIR/experiment.yaml is the campaign that settles it.
 
     With --live --rig RIG no recordings are given: strokes, steps and slow reversals are run on the
@@ -92,12 +80,7 @@ def command(
     2 if any input is bad: then every problem is on stderr, and nothing is written; with --live 3
     if the rig tripped or was stopped.
     """
-    # What finds it takes seconds to load: not for --help, nor for a wrong option.
+    # The search takes seconds to load, so neither --help nor a wrong option loads it.
     from .gap_finding import Asked, found_by
 
-    return found_by(
-        Asked(
-            recordings, holdout, live, rig_reference, pace, rounds, dry_run, model, outside, out,
-            as_json,
-        )
-    )  # fmt: skip
+    return found_by(Asked(**options))

@@ -2,21 +2,23 @@
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import click
+from rich.table import Table
+from rich.text import Text
 
 from estimator.gap import GapResult, Plant, find_gap
 from rig.cli.application import EXIT_STOPPED
 from rig.cli.problems import Problems
-from rig.cli.screen import Screen
+from rig.cli.screen import Screen, table_of
 from rig.configuration import PlantModel, load_model, load_plant, load_rig
 from rig.recording import Recording, read_recording, replacing
-from rig.report.gap import gap_page
+from rig.report.gap import estimated, gap_page, gap_words, headline, in_words, where_words
 from rig.runner.campaign import Pace
 from rig.runner.experiments import (
     CHANNELS,
@@ -30,13 +32,14 @@ from rig.runner.experiments import (
 from rig.runner.outcomes import sensors_of
 
 from .gap_live import close_on_rig, experiment_file, show_motions
-from .gap_table import gap_lines, gap_table
 
 MODEL_FILE: Final = "model.yaml"
 REPORT_FILE: Final = "report.html"
 FIGURES_FILE: Final = "gap.json"
 EXPERIMENT_FILE: Final = "experiment.yaml"
 WITH_TERM_FILE: Final = "model_with_term.yaml"
+
+_STYLES: Final = {"adequate": "green", "missing_effect": "red", "unknown_effect": "red"}
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Asked:
 
 
 def found_by(asked: Asked) -> int:
-    """Find what is asked for, write and tell it; return the exit code."""
+    """Find what is asked for, write and show it; return the exit code."""
     problems = Problems()
     own: PlantModel | None = None
     with problems.collected():
@@ -66,7 +69,7 @@ def found_by(asked: Asked) -> int:
         else:
             own = load_plant(asked.outside, asked.model)
     if asked.outside is not None and own is None:
-        # Which channels a recording must have, the plant would have told.
+        # Only the plant says which channels a recording must have.
         return problems.report()
     if asked.live:
         if asked.recordings or asked.holdout or asked.outside or asked.rig is None:
@@ -94,27 +97,25 @@ def found_by(asked: Asked) -> int:
     if problems.found or out is None:
         return problems.report()
     if asked.live:
-        found = close_on_rig(
+        result = close_on_rig(
             rig, tested, asked.pace, asked.rounds or ROUNDS, out, as_json=asked.as_json
         )
-        if isinstance(found, int):
-            return found
-        plant, name, result = rig_plant(tested, rig.sensors, room_of(rig)), tested.name, found
+        plant, name = rig_plant(tested, rig.sensors, room_of(rig)), tested.name
     else:
         if own is not None:
             plant, name = own.plant, own.name
         else:
             plant, name = rig_plant(tested, sensors_of(fitted[0])), tested.name
         result = find_gap(fitted, judged, plant)
-    told = ("rig", *sys.argv[1:])
-    _write(result, plant, name, told, out, (asked.rig or "simulated", asked.model))
+    command = ("rig", *sys.argv[1:])
+    _write(result, plant, name, command, out, (asked.rig or "simulated", asked.model))
     if asked.as_json:
         click.echo(json.dumps(answer(result), allow_nan=False))
         return _code(result)
     screen = Screen()
-    for line in gap_lines(result):
+    for line in _lines(result):
         screen.print(line)
-    screen.print(gap_table(result, plain=not screen.is_terminal))
+    screen.print(_table(result, plain=not screen.is_terminal))
     screen.print(f"report: {out / REPORT_FILE}")
     screen.print(f"model: {out / MODEL_FILE}")
     if (out / WITH_TERM_FILE).is_file():
@@ -125,7 +126,7 @@ def found_by(asked: Asked) -> int:
 
 
 def _code(result: GapResult) -> int:
-    """Return the exit code of a finding; on a rig that tripped it is written, and told."""
+    """Return the exit code of a finding; write why its experiment ended, if the rig ended it."""
     if not result.ended_by:
         return 0
     click.echo(f"rig: {result.ended_by}", err=True)
@@ -150,7 +151,7 @@ def _read(
 def _refuse_repeated(
     fitted: Sequence[Recording], judged: Sequence[Recording], problems: Problems
 ) -> None:
-    """Take note of recordings with the same content: evidence must not be counted twice."""
+    """Note recordings with the same content as problems, as no evidence may count twice."""
     seen: dict[str, tuple[str, bool]] = {}
     for recording, held in [*((r, False) for r in fitted), *((r, True) for r in judged)]:
         content = recording.content_hash()
@@ -171,7 +172,7 @@ def _write(
     result: GapResult,
     plant: Plant,
     model: str,
-    told: tuple[str, ...],
+    command: tuple[str, ...],
     out: Path,
     references: tuple[str, str],
 ) -> None:
@@ -181,11 +182,11 @@ def _write(
         result: of the workflow.
         plant: that was looked at.
         model: name of the model that was tested.
-        told: the command line.
+        command: the command line.
         out: folder; made if missing.
         references: rig and model of the experiment's campaign.
     """
-    page = gap_page(result, plant, model, told)
+    page = gap_page(result, plant, model, command)
     figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
     campaign = next((each.campaign for each in result.experiments if each.campaign), None)
     out.mkdir(parents=True, exist_ok=True)
@@ -194,16 +195,53 @@ def _write(
     if result.added is None:
         (out / WITH_TERM_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
-        written, drawn, told_of = (
+        written, drawn, listed = (
             stack.enter_context(replacing(out / name))
             for name in (MODEL_FILE, REPORT_FILE, FIGURES_FILE)
         )
-        plant.write(result.values, result.names, provenance_of(result, told), written)
+        plant.write(result.values, result.names, provenance_of(result, command), written)
         if result.added is not None:
             also = stack.enter_context(replacing(out / WITH_TERM_FILE))
-            plant.write(result.added.values, (), provenance_of(result, told, with_term=True), also)
+            plant.write(
+                result.added.values, (), provenance_of(result, command, with_term=True), also
+            )
         drawn.write_text(page, encoding="utf-8")
-        told_of.write_text(figures + "\n", encoding="utf-8")
+        listed.write_text(figures + "\n", encoding="utf-8")
         if campaign is not None:
             to_run = stack.enter_context(replacing(out / EXPERIMENT_FILE))
             to_run.write_text(experiment_file(campaign, *references), encoding="utf-8")
+
+
+def _lines(result: GapResult) -> Iterator[Text | str]:
+    """Yield the finding in words."""
+    yield Text(f"{result.verdict}: {headline(result)}", _STYLES.get(result.verdict, "yellow"))
+    yield from result.reasons
+    for line in where_words(result.where):
+        yield f"where: {line}"
+    yield gap_words(result)
+    for experiment in result.experiments[:1]:
+        apart = " and ".join(map(in_words, experiment.effects))
+        if experiment.campaign:
+            sure = f"predicted z {experiment.z:.0f}"
+            yield f"to tell {apart} apart: {experiment.motion} ({sure})"
+        else:
+            yield f"{apart} cannot be told apart: {experiment.motion}"
+
+
+def _table(result: GapResult, *, plain: bool) -> Table:
+    """Return a table of effects and nuisances; `plain` draws it with ASCII."""
+    headings = ("", "name", "value, 95 % interval", "was", "evidence", "may as well be")
+    table = table_of(headings, plain=plain, fold=True)
+    for effect in result.effects:
+        others = ", ".join(rival.effect for rival in effect.indistinguishable)
+        for each in effect.parameters:
+            name = effect.name if each.key == "value" else f"{effect.name}.{each.key}"
+            table.add_row(
+                "missing", Text(name, "bold"), estimated(each), f"{each.before:.4g}",
+                f"z = {effect.z:.1f}", others,
+            )  # fmt: skip
+    for each in result.refitted:
+        how = "refitted" if not result.as_given else "refitted, not kept"
+        end = "at the end of its tolerance" if each.at_an_end else ""
+        table.add_row(how, each.key, estimated(each), f"{each.before:.4g}", end, "")
+    return table

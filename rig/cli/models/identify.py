@@ -1,19 +1,29 @@
 """`rig identify`: learns from recordings, or an experiment, what a rig's friction is."""
 
 import json
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import click
+from rich.table import Table
+from rich.text import Text
 
-from estimator.friction import Spring, identify_recording
+from estimator.friction import PARAMETERS, Spring, identify_recording
 from rig.cli.problems import Problems
-from rig.cli.screen import Screen
+from rig.cli.screen import Screen, table_of
 from rig.configuration import Physical, QuantityError, load_model, load_rig
 from rig.plant import Model, quantities
-from rig.recording import Recording, read_recording, replacing
-from rig.report.friction import FrictionRun, changes_in_words, friction_page, needs_in_words
+from rig.recording import Recording, read_recording, replace_text
+from rig.report.friction import (
+    FrictionRun,
+    changes_in_words,
+    friction_page,
+    in_words,
+    needs_in_words,
+    shown,
+)
 from rig.runner.campaign import Pace
 from rig.runner.outcomes import (
     change_figures,
@@ -23,7 +33,6 @@ from rig.runner.outcomes import (
     spring_of,
 )
 
-from .friction_table import friction_table
 from .identify_rig import run_on_rig, show_motions
 
 _PAGE: Final = Path("friction.html")
@@ -42,7 +51,7 @@ def command() -> None:
     type=click.Choice(["real", "fast"]),
     help="Of the experiment: at the wall clock, or as fast as it can; the rig's own if not given.",
 )
-@click.option("--dry-run", is_flag=True, help="Tell the experiment's motions, and move nothing.")
+@click.option("--dry-run", is_flag=True, help="Show the experiment's motions, and move nothing.")
 @click.option("--model", default="nominal", show_default=True, help="What is assumed of the rig.")
 @click.option("--spring", metavar="STIFFNESS", help="Spring that was there, such as '2e4 N/m'.")
 @click.option("--contact", metavar="POSITION", help="Where the ram meets it, such as '0.22 m'.")
@@ -86,7 +95,7 @@ def friction(
         problems.add("--pace, --dry-run: are of the experiment on a rig; give --rig")
     with problems.collected():
         assumed = load_model(model)
-    told = _spring(spring, contact, problems)
+    given = _spring(spring, contact, problems)
     if rig_reference is not None:
         with problems.collected():
             rig = load_rig(rig_reference)
@@ -94,7 +103,7 @@ def friction(
             return problems.report()
         if dry_run:
             return show_motions(rig, assumed)
-        return run_on_rig(rig, assumed, told or model_spring(assumed), pace, out, as_json=as_json)
+        return run_on_rig(rig, assumed, given or model_spring(assumed), pace, out, as_json=as_json)
     out = out or _PAGE
     if out.is_dir():
         problems.add(f"--out: {out} is a folder; name the page's file")
@@ -104,22 +113,21 @@ def friction(
     for recording in recordings:
         with problems.collected():
             content = read_recording(recording)
-            # With bad input nothing else is told: the rest is read for its own problems only.
+            # Once an input is bad, the others are read for their own problems only.
             if not problems.found:
-                runs.append(_run(recording, content, assumed, told))
+                runs.append(_run(recording, content, assumed, given))
     if problems.found:
         return problems.report()
-    with replacing(out) as partial:
-        partial.write_text(friction_page(runs, assumed), encoding="utf-8")
+    replace_text(out, friction_page(runs, assumed))
     if as_json:
         for run in runs:
             changes = change_figures(runs[0].curve, run.curve) if run is not runs[0] else {}
-            told_of = {"recording": run.recording, "name": run.name, "started": run.started}
-            figures = told_of | friction_figures(run.curve) | {"change_from_first": changes}
+            source = {"recording": run.recording, "name": run.name, "started": run.started}
+            figures = source | friction_figures(run.curve) | {"change_from_first": changes}
             click.echo(json.dumps(figures, allow_nan=False))
         return 0
     screen = Screen()
-    screen.print(friction_table(runs, plain=not screen.is_terminal))
+    screen.print(_table(runs, plain=not screen.is_terminal))
     for line in changes_in_words(runs):
         screen.print(line)
     for run in runs:
@@ -129,8 +137,8 @@ def friction(
     return 0
 
 
-def _run(name: str, recording: Recording, model: Model, told: Spring | None) -> FrictionRun:
-    spring = told or spring_of(recording) or model_spring(model)
+def _run(name: str, recording: Recording, model: Model, given: Spring | None) -> FrictionRun:
+    spring = given or spring_of(recording) or model_spring(model)
     curve = identify_recording(recording, model, spring, sensors_of(recording))
     test = recording.metadata.get("test")
     start_ns = recording.metadata.get("start_ns")
@@ -145,7 +153,7 @@ def _run(name: str, recording: Recording, model: Model, told: Spring | None) -> 
 
 
 def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spring | None:
-    """Return the spring of the options, None where they are not given."""
+    """Return the spring that the options give; None if they give none, or an unusable one."""
     if spring is None and contact is None:
         return None
     values = []
@@ -163,3 +171,19 @@ def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spri
         except QuantityError as error:
             problems.add(f"{option}: {text} {error}")
     return Spring(*values) if len(values) == 2 else None
+
+
+def _table(runs: Sequence[FrictionRun], *, plain: bool) -> Table:
+    """Return a table of recordings and their friction; `plain` draws it with ASCII."""
+    units = runs[0].curve.estimates
+    right = (*(f"{in_words(name)}, {units[name].unit}" for name in PARAMETERS), "speeds, mm/s")
+    table = table_of(("recording", "date", *right), plain=plain, right=right)
+    table.columns[0].overflow = "fold"
+    for run in runs:
+        curve = run.curve
+        speeds = "none"
+        if curve.slowest is not None and curve.fastest is not None:
+            speeds = f"{1e3 * curve.slowest:.0f} to {1e3 * curve.fastest:.0f}"
+        cells = [shown(curve.estimates[name]) for name in PARAMETERS]
+        table.add_row(Text(run.recording), run.started or "", *cells, speeds)
+    return table

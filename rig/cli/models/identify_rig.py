@@ -1,29 +1,22 @@
 """The friction experiment of `rig identify friction --rig`: runs it, shows it, writes it."""
 
 import json
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import click
-from rich import box
 from rich.table import Table
 
 from estimator.friction import Spring
-from rig.cli.application import EXIT_BAD_INPUT, EXIT_STOPPED
-from rig.cli.campaigns import CampaignProgress
-from rig.cli.screen import Screen
-from rig.configuration import Rig, dump_model, plan_campaign
-from rig.io import DriverError
-from rig.loop import TripError
+from rig.cli.rig_failures import require_possible_pace
+from rig.cli.screen import table_of
+from rig.configuration import Rig, dump_model
 from rig.plant import Model
-from rig.recording import replacing
+from rig.recording import replace_text
 from rig.report.friction import experiment_page, parameter_rows, remarks
-from rig.runner import StopFlag, TestOutcome, stop_on_signals
 from rig.runner.campaign import Pace
 from rig.runner.experiments import (
-    ExperimentStoppedError,
     FrictionExperiment,
     break_away_campaign,
     experiment_figures,
@@ -33,6 +26,8 @@ from rig.runner.experiments import (
     sliding_campaign,
 )
 from rig.runner.run_folder import default_directory, make_empty
+
+from .experiments import experiment, print_motions, rig_time
 
 EXIT_NOT_IDENTIFIED: Final = 1
 
@@ -45,16 +40,12 @@ def show_motions(rig: Rig, assumed: Model) -> int:
         sliding_campaign(rig, assumed),
         break_away_campaign(rig, assumed, null_V, places_of(rig, null_V)),
     )
-    minutes, seconds = divmod(round(sum(each.rig_time_s for each in campaigns)), 60)
     click.echo(
-        f"friction of {rig.name}: {minutes} min {seconds} s of rig time, "
+        f"friction of {rig.name}: {rig_time(campaigns)} of rig time, "
         f"judged by the model {assumed.name}"
     )
     for campaign in campaigns:
-        for test in plan_campaign(campaign, rig):
-            for line in test.lines():
-                if not line.startswith("  expect"):
-                    click.echo(line)
+        print_motions(campaign, rig)
     click.echo(
         "break-away ramps go around the command at which the ram is found to rest; here, by the "
         f"rig's own model, {1e3 * null_V:.1f} mV. Where one does not move the ram it is repeated, "
@@ -70,33 +61,16 @@ def run_on_rig(
 
     Raises:
         DirectoryError: the folder cannot be used.
+        click.exceptions.Exit: it failed, as is written; the error has the exit code.
     """
-    if rig.backend == "hardware" and pace == "fast":
-        limit = f"the rig {rig.name} is hardware, which runs at the wall clock"
-        click.echo(f"--pace fast: {limit}; leave the option out", err=True)
-        return EXIT_BAD_INPUT
+    require_possible_pace(rig, pace)
     begun = datetime.now(UTC)
     directory = out or default_directory(f"friction-{rig.name}", begun)
     make_empty(directory)
-    stop = StopFlag()
-    # With --json nothing but the figures goes to stdout.
-    screen = Screen(on_closed=lambda: stop.request("the end of its output"))
-    screen.quiet = as_json
-    paced = (pace or rig.pace) == "real" or rig.backend == "hardware"
-    with stop_on_signals(stop), _Progress(screen, paced=paced) as progress:
-        try:
-            found = run_friction_experiment(
-                rig, assumed, spring, directory, pace=pace, observer=progress, stop=stop
-            )
-        except DriverError as error:
-            click.echo(str(error), err=True)
-            return EXIT_BAD_INPUT
-        except TripError as error:
-            click.echo(f"rig: {error}", err=True)
-            return EXIT_STOPPED
-        except ExperimentStoppedError as error:
-            click.echo(f"rig: {error}; what was recorded is in {directory}", err=True)
-            return error.exit_code
+    with experiment(rig, pace, directory, as_json=as_json) as (screen, stop, progress):
+        found = run_friction_experiment(
+            rig, assumed, spring, directory, pace=pace, observer=progress, stop=stop
+        )
     _write(found, directory, f"{begun:%Y-%m-%d %H:%M}")
     if as_json:
         click.echo(json.dumps(experiment_figures(found), allow_nan=False))
@@ -110,11 +84,9 @@ def run_on_rig(
 
 
 def _write(found: FrictionExperiment, directory: Path, started: str) -> None:
-    with replacing(directory / "friction.json") as partial:
-        figures = json.dumps(experiment_figures(found), indent=1, allow_nan=False)
-        partial.write_text(figures + "\n", encoding="utf-8")
-    with replacing(directory / "friction.html") as partial:
-        partial.write_text(experiment_page(found, started), encoding="utf-8")
+    figures = json.dumps(experiment_figures(found), indent=1, allow_nan=False)
+    replace_text(directory / "friction.json", figures + "\n")
+    replace_text(directory / "friction.html", experiment_page(found, started))
     model = revised_model(found, directory, started)
     if model is not None:
         dump_model(model, directory / "model.yaml")
@@ -122,19 +94,8 @@ def _write(found: FrictionExperiment, directory: Path, started: str) -> None:
 
 def _table(found: FrictionExperiment, *, plain: bool) -> Table:
     """Return the parameters with their intervals; `plain` draws it with ASCII."""
-    table = Table(box=box.ASCII2 if plain else box.ROUNDED)
-    table.add_column("parameter")
-    table.add_column("unit")
-    for heading in ("found", "from slowing down alone", "model"):
-        table.add_column(heading, justify="right")
+    right = ("found", "from slowing down alone", "model")
+    table = table_of(("parameter", "unit", *right), plain=plain, right=right)
     for row in parameter_rows(found):
         table.add_row(*row)
     return table
-
-
-class _Progress(CampaignProgress):
-    """A line a motion, without the verdicts on leaks that nobody asked for."""
-
-    def test_ends(self, outcome: TestOutcome) -> None:
-        """Write the motion's line."""
-        super().test_ends(replace(outcome, decision=None))

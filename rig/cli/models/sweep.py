@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rig.cli.application import EXIT_CRASHED, EXIT_STOPPED, one_line
 from rig.cli.screen import Screen
 from rig.configuration import Sweep, load_sweep
-from rig.recording import replacing
+from rig.recording import replace_text
 from rig.runner.campaign import StopFlag, stop_on_signals
 from rig.sweep import (
     PAGE,
@@ -108,12 +108,12 @@ def command(
         return EXIT_CRASHED
 
 
-def _runner(jobs: int, cluster: str | None, stack: ExitStack, tell: Callable[[str], Any]) -> Runner:
+def _runner(jobs: int, cluster: str | None, stack: ExitStack, say: Callable[[str], Any]) -> Runner:
     if cluster is not None:
         from rig.sweep import connect, run_cluster
 
         client = stack.enter_context(connect(cluster))
-        return lambda chunks, setting, stopped: run_cluster(chunks, setting, client, stopped, tell)
+        return lambda chunks, setting, stopped: run_cluster(chunks, setting, client, stopped, say)
     from rig.sweep import run_here, run_pool
 
     if jobs == 1:
@@ -153,7 +153,7 @@ def _run(
 def _finish(
     sweep: Sweep, folder: SweepFolder, timing: Timing, say: Callable[[str], Any], *, as_json: bool
 ) -> int:
-    """Write table, summary and page; tell what came out."""
+    """Write table, summary and page, and say what came out; return the exit code."""
     from rig.report.sweep import lines_of
     from rig.sweep import study_of
 
@@ -167,8 +167,7 @@ def _finish(
         **study.told(),
         "timing": timing.told(),
     }
-    with replacing(folder.path / SUMMARY) as partial_file:
-        partial_file.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    replace_text(folder.path / SUMMARY, json.dumps(summary, indent=2) + "\n")
     for line in lines_of(sweep.filter_name, study, timing):
         say(line)
     page = folder.path / PAGE

@@ -31,7 +31,7 @@ from rig.recording import read_recording
 def command(recordings: tuple[str, ...], out: Path, model: str, model_error: float) -> int:
     """Learn from healthy recordings of a rig what is normal for it, for `rig replay --baseline`.
 
-    Recordings that do not look healthy are refused, and those that together tell of a leak which
+    Recordings that do not look healthy are refused, and those that together show a leak which
     was there all the time.
     """
     problems = Problems()

@@ -11,7 +11,7 @@ from rig.recording import RecordingError, RecordingProblem, recover
 def command(file: str, out: str) -> int:
     """Write the longest unbroken stretch of the damaged MCAP recording FILE to OUT, a new file.
 
-    Tells what was kept and what was lost. FILE is not changed.
+    Shows what was kept and what was lost. FILE is not changed.
     """
     try:
         summary = recover(file, out)

@@ -1,24 +1,42 @@
 """`rig replay`: runs filter and detector over recordings, as they would have run in the loop."""
 
 import json
+from collections.abc import Iterable
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import click
+from rich.table import Table
+from rich.text import Text
 
 from estimator.filters import DEFAULT_FILTER, filter_named
-from estimator.leaks import Baseline, load_baseline, replay
+from estimator.leaks import Baseline, Decision, Found, load_baseline, replay
+from faults import Verdict, to_litres_per_minute
+from rig.cli.campaigns import leak
+from rig.cli.option_types import Range
 from rig.cli.problems import Problems
-from rig.cli.ranges import Range
-from rig.cli.screen import Screen
+from rig.cli.screen import Screen, table_of
 from rig.configuration import load_model
-from rig.plant import Model
+from rig.plant import LEAKS, Model
 from rig.recording import Recording, read_recording
-from rig.runner.outcomes import detector_of, sensors_of
+from rig.runner.outcomes import chance, detector_of, in_passing, percent, sensors_of
 from rig.runner.run_folder import findings, leak_figures
 
-from .replay_table import Replayed, replay_table
+
+@dataclass(frozen=True)
+class Replayed:
+    """What filter and detector made of one recording; `recording` is the argument as given."""
+
+    recording: str
+    filter: str
+    decision: Decision
+    detected_at_s: float | None
+    filter_resets_s: tuple[float, ...] = ()
+    """Times at which the filter was lost and started anew."""
+    found: tuple[Found, ...] = ()
+    """All faults that were named, those that ended again among them."""
 
 
 @click.command()
@@ -72,7 +90,7 @@ def command(
     for recording in recordings:
         with problems.collected():
             content = read_recording(recording)
-            # With bad input nothing else is told: the rest is read for its own problems only.
+            # Once an input is bad, the others are read for their own problems only.
             if not problems.found:
                 replayed.append(
                     _replay(
@@ -137,3 +155,68 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         key: None if isinstance(value, float) and not isfinite(value) else value
         for key, value in figures.items()
     }
+
+
+def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
+    """Return a table of recordings and verdicts; `plain` draws it with ASCII."""
+    right = ("onset", "detected", "leak flow", "statistic/threshold")
+    table = table_of(("recording", "verdict", *right), plain=plain, right=right, fold=True)
+    for each in replayed:
+        decision = each.decision
+        verdict = Text(decision.verdict, _style(decision.verdict))
+        if probable := chance(decision):
+            verdict.append(f" {probable}", "default")
+        if decision.verdict == Verdict.INCONCLUSIVE:
+            verdict.append(f": {advice(decision)}", "default")
+        for line in in_passing(decision, each.found):
+            verdict.append(f"; {line}", "yellow")
+        if each.filter_resets_s:
+            verdict.append(f"; {_lost(each)}", "yellow")
+        table.add_row(
+            Text(each.recording),
+            verdict,
+            _seconds(decision.onset_s),
+            _seconds(each.detected_at_s),
+            leak(decision),
+            f"{decision.statistic:.1f}/{decision.threshold:.1f}",
+        )
+    return table
+
+
+def advice(decision: Decision) -> str:
+    """Return what would let a leak be seen where the recording could not show one."""
+    if decision.suspected is not None:
+        share = percent(decision.probabilities[decision.suspected])
+        return (
+            f"{decision.suspected} is likely ({share}), but not sure at the stated false-alarm "
+            "rate; record for longer, or replay with a baseline of the healthy rig"
+        )
+    details = decision.details
+    travel, needed = details.get("travel_m"), details.get("travel_needed_m")
+    if travel is not None and needed is not None and travel < needed:
+        return f"move the ram by more than {needed * 1e3:.0f} mm; it moved {travel * 1e3:.1f} mm"
+    unseen = {name: details.get(f"smallest_{name}_m3_per_s") for name in LEAKS}
+    flows = {name: flow for name, flow in unseen.items() if flow is not None}
+    if not flows:
+        return "record for longer"
+    worst = max(flows, key=lambda name: flows[name])
+    flow = to_litres_per_minute(flows[worst])
+    return (
+        f"{worst} up to {flow:.2g} L/min would not have shown; record for longer, "
+        "with larger motion both ways"
+    )
+
+
+def _lost(replayed: Replayed) -> str:
+    """Return how often the filter was lost, and when first."""
+    first, number = replayed.filter_resets_s[0], len(replayed.filter_resets_s)
+    return f"filter lost at {first:.2f} s" + (f", {number} times" if number > 1 else "")
+
+
+def _style(verdict: str) -> str:
+    styles: dict[str, str] = {Verdict.HEALTHY: "green", Verdict.INCONCLUSIVE: "yellow"}
+    return styles.get(verdict, "red")
+
+
+def _seconds(time_s: float | None) -> str:
+    return "" if time_s is None else f"{time_s:.2f} s"

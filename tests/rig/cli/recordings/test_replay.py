@@ -8,8 +8,7 @@ import pytest
 from rich.console import Console
 
 from estimator.leaks.detection import Decision
-from rig.cli.recordings.replay import json_object
-from rig.cli.recordings.replay_table import Replayed, advice, replay_table
+from rig.cli.recordings.replay import Replayed, advice, json_object, replay_table
 from rig.recording import Recording, export, read_recording
 
 Invoke = Callable[..., Any]

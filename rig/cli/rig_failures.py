@@ -1,0 +1,41 @@
+"""Ends a command with a message and an exit code where its rig does not run as asked."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import click
+
+from rig.configuration import Rig
+from rig.io import DriverError
+from rig.loop import TripError
+
+from .application import EXIT_BAD_INPUT, EXIT_STOPPED
+
+
+@contextmanager
+def failures_reported() -> Iterator[None]:
+    """End the command if a driver fails or the rig trips or is stopped in the block.
+
+    Raises:
+        click.exceptions.Exit: the message is written; the error has the exit code.
+    """
+    try:
+        yield
+    except DriverError as error:
+        click.echo(str(error), err=True)
+        raise click.exceptions.Exit(EXIT_BAD_INPUT) from error
+    except TripError as error:
+        click.echo(f"rig: {error}", err=True)
+        raise click.exceptions.Exit(EXIT_STOPPED) from error
+
+
+def require_possible_pace(rig: Rig, pace: str | None) -> None:
+    """End the command if it asks a hardware rig to run as fast as it can.
+
+    Raises:
+        click.exceptions.Exit: as of `failures_reported`.
+    """
+    if rig.backend == "hardware" and pace == "fast":
+        limit = f"the rig {rig.name} is hardware, which runs at the wall clock"
+        click.echo(f"--pace fast: {limit}; leave the option out", err=True)
+        raise click.exceptions.Exit(EXIT_BAD_INPUT)
