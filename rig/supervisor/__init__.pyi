@@ -1,5 +1,5 @@
 from .calibration import calibratable as calibratable, calibrate as calibrate
-from .connected_rig import LOG as LOG
+from .connected_rig import LOG as LOG, ConnectedRig as ConnectedRig
 from .processes import Onlooker as Onlooker, RowFeed as RowFeed, Stream as Stream
 from .session import Session as Session
 from .strokes import Strokes as Strokes

@@ -21,7 +21,7 @@ from rig.configuration import dump_calibration, load_model, load_rig
 from rig.runner import StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
 from rig.runner.run_folder import file_stem
-from rig.supervisor import Session, Strokes, calibratable, calibrate
+from rig.supervisor import ConnectedRig, Session, Strokes, calibratable, calibrate
 
 _FOLDER: Final = Path("calibrations")
 _UNIT: Final = "m^3/(s Pa^0.5)"
@@ -89,13 +89,13 @@ def valves(
         screen.print(_line(kind, measurement), soft_wrap=True)
 
     openings = [round(float(opening), 4) for opening in np.linspace(0.0, 1.0, points)]
-    session = Session(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
+    connected = ConnectedRig(rig, DEFAULT_FILTER, assumed, path.parent, stop, screen.print)
     try:
         with failures_reported(), stop_on_signals(stop):
             compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
-            with session:
+            with Session(connected):
                 needles = calibrate(
-                    Strokes(session.rig), wanted, openings, assumed.parameters.return_pressure,
+                    Strokes(connected), wanted, openings, assumed.parameters.return_pressure,
                     started.date(), on_measured,
                 )  # fmt: skip
     except RequestError as error:

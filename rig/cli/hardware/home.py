@@ -12,7 +12,7 @@ from rig.configuration import load_model, load_rig
 from rig.runner import StopFlag, stop_on_signals
 from rig.runner.campaign import WITHOUT_TESTS, Needs, compile_for
 from rig.runner.run_folder import default_directory
-from rig.supervisor import Session
+from rig.supervisor import ConnectedRig, Session
 
 
 @click.command()
@@ -34,7 +34,8 @@ def command(reference: str, model: str) -> int:
     try:
         with failures_reported(), stop_on_signals(stop):
             compile_for(Needs(rig, DEFAULT_FILTER), WITHOUT_TESTS, screen.print, stop)
-            with Session(rig, DEFAULT_FILTER, assumed, directory, stop, screen.print):
+            connected = ConnectedRig(rig, DEFAULT_FILTER, assumed, directory, stop, screen.print)
+            with Session(connected):
                 return 0
     finally:
         # Without a trip there is nothing in the folder.

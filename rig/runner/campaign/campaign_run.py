@@ -171,14 +171,16 @@ def bench_of(
         return SimulatedBench(rig, directory, observer.rig_tells)
     compile_for(needs, ON_HARDWARE, observer.rig_tells, stop)
     # Its drivers' libraries are of no use to a simulation.
-    from rig.supervisor import Session
+    from rig.supervisor import ConnectedRig, Session
 
     load(needs, ON_HARDWARE)
 
     onlooker = observer if isinstance(observer, Onlooker) else None
     return Session(
-        rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells, onlooker,
-        journal,
+        ConnectedRig(
+            rig, campaign.filter_name, campaign.model, directory, stop, observer.rig_tells,
+            onlooker, journal,
+        )
     )  # fmt: skip
 
 

@@ -196,3 +196,17 @@ def child_ends() -> tuple[Board, Connection]:
     os.set_inheritable(board_fd, False)
     os.set_inheritable(pipe_fd, False)
     return Board.attach(board_fd), Connection(pipe_fd)
+
+
+def obeyed_next(pipe: Connection, wait_s: float, obey: Callable[[object], None]) -> bool:
+    """Have the next order on a child's pipe obeyed, if one comes within `wait_s` seconds.
+
+    Returns:
+        False if the supervisor has closed its end of the pipe, else True.
+    """
+    try:
+        if pipe.poll(wait_s):
+            obey(pipe.recv())
+    except (EOFError, ConnectionError):
+        return False
+    return True

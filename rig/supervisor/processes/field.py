@@ -7,7 +7,7 @@ is told as driven by another master, and brought back.
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import nan
@@ -17,7 +17,7 @@ from typing import Final
 from rig.io import BALLS, NEEDLES, SLOW_INPUTS, Driver, DriverError, DriverSpec, LoopSettings
 from rig.loop import Board, Cause, Word
 
-from .child import News, child_ends
+from .child import News, child_ends, obeyed_next
 from .driven import Tally, departures
 
 CYCLE_S: Final = 0.01
@@ -80,24 +80,21 @@ class _Served:
 class FieldProcess:
     """Serves the drivers of one session; see the module."""
 
-    def __init__(
-        self, board: Board, pipe: Connection, clock: Callable[[], int] = time.monotonic_ns
-    ) -> None:
+    def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
         self._words = board.words
         self._pipe = pipe
-        self._clock = clock
         self._served: list[_Served] = []
         self._settings = LoopSettings()
         self._moves: list[tuple[int, Outputs]] = []
         self._moves_segment = -1
         self._safe = False
-        self._tally = Tally("field", self._tell, clock)
+        self._tally = Tally("field", self._tell)
 
     def run(self) -> None:
         """Serve until the pipe is closed; leave everything safe."""
         try:
-            while self._take_orders():
+            while obeyed_next(self._pipe, CYCLE_S, self._obey):
                 self.cycle()
         finally:
             self._tally.tell_rest()
@@ -119,15 +116,7 @@ class FieldProcess:
             elif now >= served.due:
                 served.due = now + 1.0 / served.driver.rate_hz
                 self._read(served, now)
-        self._words[Word.FIELD_BEAT] = self._clock()
-
-    def _take_orders(self) -> bool:
-        try:
-            if self._pipe.poll(CYCLE_S):
-                self._obey(self._pipe.recv())
-        except (EOFError, ConnectionError):
-            return False
-        return True
+        self._words[Word.FIELD_BEAT] = time.monotonic_ns()
 
     def _obey(self, order: object) -> None:
         if isinstance(order, OpenField):
@@ -209,14 +198,14 @@ class FieldProcess:
             return
         served.failure = ""
         if failed_before:
-            self._tell(News(self._clock(), served.driver.name, "is in its safe state now"))
+            self._tell(News(time.monotonic_ns(), served.driver.name, "is in its safe state now"))
         word = _CONFIRMED.get(rank_of(served.driver.outputs))
         if word is not None and not self._words[word]:
             # Once more confirms nothing anew: it has been so since the first.
-            self._words[word] = self._clock()
+            self._words[word] = time.monotonic_ns()
 
     def _publish(self, values: Mapping[str, float]) -> None:
-        at = self._clock()
+        at = time.monotonic_ns()
         for name, value in values.items():
             index = SLOW_INPUTS.index(name)
             self._board.slow[index] = value
@@ -231,14 +220,14 @@ class FieldProcess:
 
     def _tell_of(self, served: _Served, error: DriverError) -> None:
         what = f"{error.channel}: {error.state}" if error.channel else error.state
-        self._tell(News(self._clock(), served.driver.name, f"{what}; {error.action}"))
+        self._tell(News(time.monotonic_ns(), served.driver.name, f"{what}; {error.action}"))
 
     def _trip(self, cause: Cause) -> None:
-        self._words[Word.FIELD_TRIP_AT] = self._clock()
+        self._words[Word.FIELD_TRIP_AT] = time.monotonic_ns()
         self._words[Word.FIELD_TRIP] = cause
 
     def _must_be_safe(self) -> bool:
-        words, settings, now = self._words, self._settings, self._clock()
+        words, settings, now = self._words, self._settings, time.monotonic_ns()
         tripped = (Word.LOOP_TRIP, Word.FIELD_TRIP, Word.SUPERVISOR_TRIP)
         if any(words[word] for word in tripped):
             return True
@@ -268,7 +257,7 @@ class FieldProcess:
                 except DriverError as error:
                     # It may be raised once only, and say why the rig had to be made safe.
                     self._tell_of(served, error)
-            self._words[Word.FIELD_BEAT] = self._clock()
+            self._words[Word.FIELD_BEAT] = time.monotonic_ns()
         return Safety(
             {served.driver.name: served.failure for served in self._served if served.failure}
         )

@@ -10,6 +10,7 @@ import signal
 import threading
 import time
 import traceback
+from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -107,14 +108,8 @@ class LoopProcess:
         self._terminated = True
 
     def _serve(self) -> Cause:
-        """Obey orders; return the cause for which the process ends, NONE for an order."""
-        while not self._terminated:
-            try:
-                order = self._pipe.recv() if self._pipe.poll(_POLL_S) else None
-            except (EOFError, ConnectionError):
-                return Cause.SUPERVISOR_LOST
-            if isinstance(order, Close):
-                return Cause.NONE
+        """Obey orders; return the cause for which the process ends, NONE if it is an order."""
+        for order in self._orders():
             if isinstance(order, Open):
                 self._open(order)
             elif isinstance(order, Segment):
@@ -123,7 +118,25 @@ class LoopProcess:
             self._tend_null()
             if self._thread is not None and not self._thread.is_alive():
                 return self._rescue()
-        return Cause.OPERATOR_STOP
+        return self._ended_by
+
+    def _orders(self) -> Iterator[object]:
+        """Yield the orders that come, and None where none came for `_POLL_S`.
+
+        The iteration ends with a `Close`, with the supervisor, or after `terminate`; `_ended_by`
+        is then the cause, NONE for a `Close`.
+        """
+        self._ended_by = Cause.OPERATOR_STOP
+        while not self._terminated:
+            try:
+                order = self._pipe.recv() if self._pipe.poll(_POLL_S) else None
+            except (EOFError, ConnectionError):
+                self._ended_by = Cause.SUPERVISOR_LOST
+                return
+            if isinstance(order, Close):
+                self._ended_by = Cause.NONE
+                return
+            yield order
 
     def _open(self, order: Open) -> None:
         driver = order.driver.create_fast()
@@ -213,19 +226,13 @@ class LoopProcess:
             + (failure or "it is")
         )
         looked_at = time.monotonic()
-        while not self._terminated:
-            try:
-                order = self._pipe.recv() if self._pipe.poll(_POLL_S) else None
-            except (EOFError, ConnectionError):
-                return Cause.SUPERVISOR_LOST
-            if isinstance(order, Close):
-                return Cause.NONE
+        for order in self._orders():
             if order is not None:
                 self._pipe.send(TripError(_LEFT))
             if time.monotonic() - looked_at > (_REPEAT_S if failure else _LOOK_S):
                 failure = self._look_again(failure)
                 looked_at = time.monotonic()
-        return Cause.OPERATOR_STOP
+        return self._ended_by
 
     def _look_again(self, failure: str) -> str:
         """Look at a valve that the loop left; return why it is not known to be at null, if so."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rig.loop import Board, RingReader, Word, explain
 from rig.recording import McapWriter
 
-from .child import child_ends
+from .child import child_ends, obeyed_next
 from .safety_thread import trips_of
 
 Array = NDArray[np.float64]
@@ -86,21 +86,13 @@ class Recorder:
     def run(self) -> None:
         """Record until the pipe is closed, or the supervisor is silent for good."""
         try:
-            while self._take_orders():
+            while obeyed_next(self._pipe, POLL_S, self._obey):
                 self._take_rows()
                 self._flush_if_due()
             self._drain()
             self._note_trip()
         finally:
             self._close()
-
-    def _take_orders(self) -> bool:
-        try:
-            if self._pipe.poll(POLL_S):
-                self._obey(self._pipe.recv())
-        except (EOFError, ConnectionError):
-            return False
-        return True
 
     def _obey(self, order: object) -> None:
         if isinstance(order, BeginRecording):

@@ -1,4 +1,4 @@
-"""`rig home`: what it tells, and what it leaves behind."""
+"""`rig home`: what it prints, and what it leaves behind."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,13 +13,13 @@ from tests.rig.cli.conftest import Invoke
 
 @pytest.fixture
 def session(monkeypatch: pytest.MonkeyPatch) -> Callable[[Exception | None], None]:
-    """Put a session that tells its line, or fails, in the place of a real one."""
+    """Put a session that prints its line, or fails, in the place of a real one."""
 
-    class ToldSession:
+    class ShownSession:
         error: Exception | None = None
 
-        def __init__(self, *arguments: object) -> None:
-            self._directory, self._say = arguments[3], arguments[5]
+        def __init__(self, connected: tuple[object, ...]) -> None:
+            self._directory, self._say = connected[3], connected[5]
 
         def __enter__(self) -> None:
             if self.error is not None:
@@ -33,14 +33,15 @@ def session(monkeypatch: pytest.MonkeyPatch) -> Callable[[Exception | None], Non
             pass
 
     def fail_by(error: Exception | None) -> None:
-        ToldSession.error = error
+        ShownSession.error = error
 
-    monkeypatch.setattr(rig.cli.hardware.home, "Session", ToldSession)
+    monkeypatch.setattr(rig.cli.hardware.home, "ConnectedRig", lambda *arguments: arguments)
+    monkeypatch.setattr(rig.cli.hardware.home, "Session", ShownSession)
     return fail_by
 
 
 @pytest.mark.usefixtures("session")
-def test_it_tells_what_homing_found_and_leaves_nothing_behind(
+def test_it_prints_what_homing_found_and_leaves_nothing_behind(
     invoke: Invoke, tmp_path: Path
 ) -> None:
     done = invoke("home", "--rig", "emulated")
@@ -55,7 +56,7 @@ def test_it_tells_what_homing_found_and_leaves_nothing_behind(
         (TripError("homing failed: no stop; switch it on"), 3),
     ],
 )
-def test_a_rig_that_cannot_be_homed_is_told_with_the_remedy(
+def test_a_rig_that_cannot_be_homed_is_reported_with_the_remedy(
     invoke: Invoke, session: Callable[[Exception | None], None], error: Exception, code: int
 ) -> None:
     session(error)
