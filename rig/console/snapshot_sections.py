@@ -12,7 +12,7 @@ EVENTS: Final = 60
 VERDICTS: Final = 30
 MOST_TESTS: Final = 2000
 MOST_HELD: Final = 10
-TOLD_OF_TESTS: Final = ("name", "expect", "status", "verdict", "message")
+SHOWN_OF_TESTS: Final = ("name", "expect", "status", "verdict", "message")
 
 READINGS: Final = sorted(
     SHOWN, key=lambda row: row[0] not in ("position_m", "setpoint_m", "command_V", "spool_m")
@@ -78,7 +78,7 @@ def _readings(snapshot: Snapshot) -> list[dict[str, Any]]:
 
 
 def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
-    """Return what is known of each bypass valve; nothing of a rig that has none."""
+    """Return what is known of each bypass valve; an empty list for a rig that has none."""
     latest = snapshot.latest
     found = []
     for bypass in BYPASSES:
@@ -116,18 +116,14 @@ def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
         words = {True: ("homed", "good"), False: ("not homed", "off")}
         text, how = words[bool(health.get("homed"))] if health else ("not known", "off")
         contacts.append({"name": "position", "text": text, "how": how})
-    # Health of an earlier run tells of its trips, not of this one's.
+    # Trips in the health of an earlier run are not this run's.
     trips = _mapping(health.get("trips")) if _is_of_this_run(snapshot, health) else {}
     return {
         "contacts": contacts,
-        "action": _text(health.get("action")),
-        "sentence": _text(health.get("sentence")),
+        **_texts(health, "action", "sentence"),
         "first_out": [
             {
-                "by": _text(trip.get("by")),
-                "cause": _text(trip.get("cause")),
-                "sentence": _text(trip.get("sentence")),
-                "remedy": _text(trip.get("remedy")),
+                **_texts(trip, "by", "cause", "sentence", "remedy"),
                 "after_ms": _rounded(_scaled(trip.get("after_s"), 1e3), 0),
             }
             for trip in _mappings(trips.get("first_out"))
@@ -144,15 +140,13 @@ def _health(snapshot: Snapshot) -> dict[str, Any]:
     timing = _mapping(health.get("timing"))
     stages = []
     for name, stage in STAGES:
-        told = _mapping(timing.get(stage))
-        if told:
-            times = {key: _rounded(_scaled(told.get(f"{key}_s"), 1e6), 0) for key in ("p50", "p99")}
-            most = _rounded(_scaled(told.get("max_s"), 1e6), 0)
-            stages.append({"name": name, **times, "max": most})
+        known = _mapping(timing.get(stage))
+        if known:
+            keys = ("p50", "p99", "max")
+            times = {key: _rounded(_scaled(known.get(f"{key}_s"), 1e6), 0) for key in keys}
+            stages.append({"name": name, **times})
     return {
-        "rate_hz": _rounded(health.get("rate_hz"), 0),
-        "missed": _rounded(health.get("missed"), 0),
-        "exchange_errors": _rounded(health.get("exchange_errors"), 0),
+        **_numbers(health, 0, "rate_hz", "missed", "exchange_errors"),
         "stages_us": stages,
         "silent_ms": {
             str(part): _rounded(_scaled(silent_s, 1e3), 0)
@@ -166,12 +160,9 @@ def _progress(snapshot: Snapshot) -> dict[str, Any]:
     if not progress:
         return {}
     return {
-        "number": _rounded(progress.get("number"), 0),
-        "count": _rounded(progress.get("count"), 0),
-        "name": _text(progress.get("name")),
-        "expect": _text(progress.get("expect")),
-        "time_s": _rounded(progress.get("time_s"), 1),
-        "duration_s": _rounded(progress.get("duration_s"), 1),
+        **_numbers(progress, 0, "number", "count"),
+        **_texts(progress, "name", "expect"),
+        **_numbers(progress, 1, "time_s", "duration_s"),
     }
 
 
@@ -182,22 +173,20 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
     names = ("status", "name", "description", "rig", "model", "filter", "directory", "reason")
     held = campaign.get("held")
     return {
-        **{name: _text(campaign.get(name)) for name in names},
+        **_texts(campaign, *names),
         "begun_ms": _milliseconds(campaign.get("begun_ns")),
-        "rig_time_s": _rounded(campaign.get("rig_time_s"), 0),
-        "exit_code": _rounded(campaign.get("exit_code"), 0),
+        **_numbers(campaign, 0, "rig_time_s", "exit_code"),
         "pausing": campaign.get("pausing") is True,
         "held": [_text(reason) for reason in held][:MOST_HELD] if isinstance(held, list) else [],
         "tests": [
-            {name: _text(test.get(name)) for name in TOLD_OF_TESTS}
-            | {"duration_s": _rounded(test.get("duration_s"), 1)}
+            _texts(test, *SHOWN_OF_TESTS) | _numbers(test, 1, "duration_s")
             for test in _mappings(campaign.get("tests"))[:MOST_TESTS]
         ],
     }
 
 
 def _decision(snapshot: Snapshot) -> dict[str, Any]:
-    """Return what the detector holds; nothing while that is of an earlier run."""
+    """Return what the detector holds; an empty mapping while that is of an earlier run."""
     decision = snapshot.decision
     if not decision or not _is_of_this_run(snapshot, decision):
         return {}
@@ -205,21 +194,19 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
     probabilities = _mapping(decision.get("probabilities"))
     return {
         **_verdict(decision),
-        "statistic": _rounded(decision.get("statistic"), 2),
-        "threshold": _rounded(decision.get("threshold"), 2),
+        **_numbers(decision, 2, "statistic", "threshold"),
         "thresholds_kPa": [
             _rounded(_scaled(details.get(f"threshold_{chamber}_Pa"), KPA.factor), 1)
             for chamber in (1, 2)
         ],
-        "onset_s": _rounded(decision.get("onset_s"), 1),
-        "ended_s": _rounded(decision.get("ended_s"), 1),
-        "suspected": _text(decision.get("suspected")),
+        **_numbers(decision, 1, "onset_s", "ended_s"),
+        **_texts(decision, "suspected"),
         "probabilities": {str(name): _rounded(p, 4) for name, p in probabilities.items()},
     }
 
 
 def _is_of_this_run(snapshot: Snapshot, content: Mapping[str, Any]) -> bool:
-    """Tell whether a message was sent since the campaign was begun, as far as that is known."""
+    """Return whether a message was sent since the campaign was begun; True if that is not known."""
     begun_ms = _milliseconds(snapshot.campaign.get("begun_ns"))
     sent_ms = _milliseconds(content.get("sent_ns"))
     return sent_ms is None or begun_ms is None or sent_ms >= begun_ms
@@ -244,18 +231,24 @@ def _verdict(content: Mapping[str, Any]) -> dict[str, Any]:
 def _event(content: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "at_ms": _milliseconds(content.get("at_ns")),
-        "time_s": _rounded(content.get("time_s"), 1),
-        "who": _text(content.get("who")),
-        "kind": _text(content.get("kind")),
-        "text": _text(content.get("text")),
+        **_numbers(content, 1, "time_s"),
+        **_texts(content, "who", "kind", "text"),
     }
 
 
-# What comes by the stream is as trustworthy as whoever may publish there: anything may be anything.
+# Whoever may publish on the stream may put any value anywhere in a message: nothing is trusted.
 
 
 def _text(value: Any) -> str:
     return str(value)[:500] if value is not None else ""
+
+
+def _texts(content: Mapping[str, Any], *names: str) -> dict[str, str]:
+    return {name: _text(content.get(name)) for name in names}
+
+
+def _numbers(content: Mapping[str, Any], digits: int, *names: str) -> dict[str, float | None]:
+    return {name: _rounded(content.get(name), digits) for name in names}
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
