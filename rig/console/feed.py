@@ -7,7 +7,7 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -120,12 +120,10 @@ class Feed:
 
     Args:
         client: follows the streams; is not closed.
-        wall_ns: wall clock, ns since 1970.
     """
 
-    def __init__(self, client: StreamClient, wall_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, client: StreamClient) -> None:
         self._client = client
-        self._wall_ns = wall_ns
         self._rigs: dict[str, RigFeed] = {}
         self._notices: deque[dict[str, Any]] = deque(maxlen=NOTICES)
         self.common = Sections()
@@ -149,7 +147,7 @@ class Feed:
 
     def notice(self, text: str) -> None:
         """Tell all viewers of something that the console did, or was asked for."""
-        self._notices.append({"at_ms": self._wall_ns() // 10**6, "text": text})
+        self._notices.append({"at_ms": time.time_ns() // 10**6, "text": text})
         self.common.put("notices", list(self._notices))
 
     def first_rig(self) -> str:

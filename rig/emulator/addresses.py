@@ -1,7 +1,8 @@
 """Where the emulated devices are served: where the rig file has its drivers look for them."""
 
+import asyncio
 import errno
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -36,6 +37,31 @@ class PortNameError(ValueError):
             for name, port in unknown.items()
         )
         super().__init__("\n".join(self.problems))
+
+
+async def listen(
+    device: str, host: str, port: int, client: Callable[[], asyncio.BaseProtocol]
+) -> tuple[asyncio.Server, int]:
+    """Begin to serve a device over TCP.
+
+    Args:
+        device: what messages call it.
+        host: address to listen on.
+        port: 0 lets the system choose one.
+        client: makes what answers one connection.
+
+    Returns:
+        The server, and the port that it has.
+
+    Raises:
+        AddressError: the port is in use, or not to be had.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        server = await loop.create_server(client, host, port)
+    except OSError as error:
+        raise AddressError(device, host, port, error) from error
+    return server, server.sockets[0].getsockname()[1]
 
 
 class Address(NamedTuple):

@@ -8,14 +8,14 @@ PRIORITY: Final = 50
 it."""
 
 
-def raise_priority(priority: int = PRIORITY) -> bool:
-    """Run this thread at a real-time priority; return whether the system grants it.
+def raise_priority() -> bool:
+    """Run this thread at `PRIORITY`, in real time; return whether the system grants that.
 
-    What it starts runs at the ordinary one (SCHED_RESET_ON_FORK).
+    Threads and processes that it starts run at the ordinary priority (SCHED_RESET_ON_FORK).
     """
     try:
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(0, policy, os.sched_param(priority))
+        os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
     except (AttributeError, OSError):
         return False
     return True

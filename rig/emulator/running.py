@@ -22,15 +22,13 @@ _SIMPLE: Final = Endpoints(_ANYWHERE, bypass=_ANYWHERE, control=_ANYWHERE)
 class EmulatorThread:
     """Serves an emulated rig from a thread of its own.
 
-    Unless told otherwise these are an I/O node, bypass valves and a control port on free ports,
-    with an analog servovalve and a pump that always runs.
+    Unless `rig` or `endpoints` say otherwise, an I/O node, bypass valves and a control port are
+    served on free ports; the servovalve is analog, and the pump always runs.
 
     Args:
         rig: the rig, or its name or file.
         endpoints: where it is served.
-        record: takes note of all it receives; in memory if None.
         script: what happens by itself; nothing, if not given, and nobody presses a button.
-        seed: fixes the sensors' noise.
 
     Attributes:
         ports: where each part is served, by name.
@@ -42,15 +40,13 @@ class EmulatorThread:
         rig: Rig | str = "simulated",
         *,
         endpoints: Endpoints = _SIMPLE,
-        record: Record | None = None,
         script: Script = NOTHING,
-        seed: int = 0,
     ) -> None:
-        self.record = record or Record()
+        self.record = Record()
         self.ports: dict[str, int | str] = {}
         self._rig = load_rig(rig) if isinstance(rig, str) else rig
         self._endpoints = endpoints
-        self._options: dict[str, Any] = {"script": script, "seed": seed}
+        self._script = script
         self._loop = asyncio.new_event_loop()
         self._emulator: Emulator | None = None
         self._failure: Exception | None = None
@@ -71,7 +67,7 @@ class EmulatorThread:
         return self
 
     async def _open(self) -> None:
-        self._emulator = Emulator(self._rig, self._endpoints, self.record, **self._options)
+        self._emulator = Emulator(self._rig, self._endpoints, self.record, script=self._script)
         await self._emulator.open()
         self.ports = self._emulator.ports
 
@@ -117,7 +113,7 @@ class EmulatorThread:
 
     def status(self) -> dict[str, Any]:
         """Return how every device stands, and the plant's true state, SI."""
-        return self._ask(lambda emulator: emulator.status())
+        return self._ask(Emulator.status)
 
     def _ask(self, question: Any) -> Any:
         """Return the answer to a question put to the emulator in its own thread.

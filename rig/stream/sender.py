@@ -31,7 +31,6 @@ class StreamSender:
         session: opened; is not closed.
         rig: the rig's id.
         history_s: how long samples are kept for late joiners.
-        clock_ns: wall clock, ns since 1970.
         on_failure: is called, from another thread, with a line on an answer to a late joiner that
             failed; the next one is answered.
 
@@ -45,14 +44,12 @@ class StreamSender:
         session: zenoh.Session,
         rig: str,
         history_s: float,
-        clock_ns: Callable[[], int] = time.time_ns,
         on_failure: Callable[[str], object] = lambda line: None,
     ) -> None:
         self.name = secrets.token_hex(8)
         self.sequences: dict[str, int] = {}
         self._rig = rig
         self._session = session
-        self._clock_ns = clock_ns
         self._history_ns = round(1e9 * history_s)
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._lasting: dict[str, bytes] = {}
@@ -69,7 +66,7 @@ class StreamSender:
         """Send a message; it is dropped for readers that do not keep up."""
         sequence = self.sequences.get(kind, _BEFORE_ALL) + 1
         self.sequences[kind] = sequence
-        now_ns = self._clock_ns()
+        now_ns = time.time_ns()
         header = {"version": VERSION, "session": self.name, "sequence": sequence, "sent_ns": now_ns}
         payload = pack({**header, **content})
         self._keep(kind, now_ns, payload)
@@ -129,7 +126,7 @@ class StreamSender:
         with suppress(ValueError):
             last_s = float(query.parameters.get("last") or "nan")
             if last_s >= 0.0:
-                since_ns = self._clock_ns() - round(1e9 * min(last_s, 1e6))
+                since_ns = time.time_ns() - round(1e9 * min(last_s, 1e6))
         with self._lock:
             found = {kind: [payload] for kind, payload in self._lasting.items()}
             for kind, kept in self._kept.items():

@@ -12,6 +12,9 @@ from rig.io import COMMAND, STATUS, UNITS
 
 from .nodes import Note, Send
 
+_OIL_TEMPERATURE_K: Final = 313.15
+"""What the unit reports; it never changes."""
+
 
 @dataclass
 class PumpFaults:
@@ -40,10 +43,9 @@ class PumpNode:
     Args:
         send: puts a frame on the bus.
         dbc: describes its messages.
-        pressure: tells the supply pressure, Pa.
+        pressure: returns the supply pressure, Pa.
         load: called when the unloading valve moves, with whether the pump is loaded.
         note: takes note of what it receives and does; a repeated command is noted once.
-        oil_temperature: tells the oil's temperature, K.
 
     Attributes:
         faults: what is wrong with it.
@@ -62,7 +64,6 @@ class PumpNode:
         pressure: Callable[[], float],
         load: Callable[[bool], None],
         note: Note,
-        oil_temperature: Callable[[], float] = lambda: 313.15,
     ) -> None:
         self.faults = PumpFaults()
         self.loaded = False
@@ -73,7 +74,6 @@ class PumpNode:
         self._pressure = pressure
         self._load = load
         self._note = note
-        self._oil_temperature = oil_temperature
         self._now = 0.0
         self._status_at = 0.0
         self._alive = 0
@@ -131,7 +131,7 @@ class PumpNode:
             "MotorState": "FAULT" if self.faults.motor_fault else "RUNNING",
             "Loaded": int(self.loaded),
             "Pressure": self._in_unit("Pressure", max(self._pressure(), 0.0)),
-            "OilTemperature": self._in_unit("OilTemperature", self._oil_temperature()),
+            "OilTemperature": self._in_unit("OilTemperature", _OIL_TEMPERATURE_K),
         }
         return bytes(self._status.encode(values, strict=False))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Final
 
-from rig.emulator.addresses import AddressError
+from rig.emulator.addresses import listen
 from rig.emulator.record import Record
 
 from .functions import FEEDBACK_LIMIT, Device, exception_reply, serve
@@ -70,13 +70,8 @@ class ModbusServer:
         Raises:
             AddressError: the port is in use, or not to be had.
         """
-        loop = asyncio.get_running_loop()
-        try:
-            self._server = await loop.create_server(lambda: _Connection(self), host, port)
-        except OSError as error:
-            raise AddressError(self.name, host, port, error) from error
-        found: int = self._server.sockets[0].getsockname()[1]
-        return found
+        self._server, port = await listen(self.name, host, port, lambda: _Connection(self))
+        return port
 
     def close(self) -> None:
         """Let go of the port and of all clients."""

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
 from rig.configuration import ConfigError, suggestion
-from rig.emulator.addresses import AddressError
+from rig.emulator.addresses import listen
 from rig.emulator.operator_panel import EmulatedOperator
 from rig.emulator.record import Record
 from rig.surviving import failure
@@ -83,13 +83,8 @@ class ControlPort:
         Raises:
             AddressError: the port is in use, or not to be had.
         """
-        loop = asyncio.get_running_loop()
-        try:
-            self._server = await loop.create_server(lambda: _Client(self), host, port)
-        except OSError as error:
-            raise AddressError("control", host, port, error) from error
-        found: int = self._server.sockets[0].getsockname()[1]
-        return found
+        self._server, port = await listen("control", host, port, lambda: _Client(self))
+        return port
 
     def close(self) -> None:
         """Let go of the port and of all clients, once they have their replies."""

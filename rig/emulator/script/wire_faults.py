@@ -18,48 +18,43 @@ def _q(unit: str, lower: float, upper: float) -> _Quantity:
 
 
 @dataclass(frozen=True)
-class Delay:
-    """Replies come late by so much."""
+class _OfWire:
+    """A fault of the wire to a Modbus device."""
 
     target: ModbusDevice = "daq"
+
+
+@dataclass(frozen=True)
+class Delay(_OfWire):
+    """Replies come late by so much."""
+
     by: Annotated[float, _q("s", 1e-4, 60.0)] = 5e-3
 
 
 @dataclass(frozen=True)
-class Drop:
+class Drop(_OfWire):
     """Replies, or requests, are lost."""
 
-    target: ModbusDevice = "daq"
     what: Literal["replies", "requests"] = "replies"
 
 
-@dataclass(frozen=True)
-class Garbage:
+class Garbage(_OfWire):
     """Replies are random bytes of the right length."""
 
-    target: ModbusDevice = "daq"
 
-
-@dataclass(frozen=True)
-class WrongTransaction:
+class WrongTransaction(_OfWire):
     """Replies bear another transaction's number."""
 
-    target: ModbusDevice = "daq"
-
 
 @dataclass(frozen=True)
-class Refusal:
+class Refusal(_OfWire):
     """The device answers every request with an exception, and does nothing."""
 
-    target: ModbusDevice = "daq"
     code: Annotated[int, _q("", 1, 11)] = 4
 
 
-@dataclass(frozen=True)
-class Disconnect:
+class Disconnect(_OfWire):
     """Every connection breaks, and nobody gets a new one as long as it lasts."""
-
-    target: ModbusDevice = "daq"
 
 
 @dataclass(frozen=True)
@@ -89,7 +84,7 @@ class StuckValve:
 
 @dataclass(frozen=True)
 class StuckBypass:
-    """Ball and needle of a bypass stay where they are, whatever they are told."""
+    """Ball and needle of a bypass stay where they are, whatever the host orders."""
 
     target: FaultName
 

@@ -80,9 +80,12 @@ class Tolerances(NamedTuple):
     """The nominal plant."""
 
 
-def false_alarm_chance(period_s: float, years: float = YEARS_BETWEEN) -> float:
-    """Return the chance of a false trip that each comparison may have, for one in so many years."""
-    return period_s / (years * 365.25 * 86400.0) / _NOISY_CHECKS
+def false_alarm_chance(period_s: float) -> float:
+    """Return the chance of a false trip that each comparison may have.
+
+    With it all comparisons together trip falsely once in `YEARS_BETWEEN` years.
+    """
+    return period_s / (YEARS_BETWEEN * 365.25 * 86400.0) / _NOISY_CHECKS
 
 
 def sigmas(period_s: float) -> float:

@@ -34,6 +34,10 @@ class LoopProcess(Protocol):
         """Return the next answer of the loop process."""
 
 
+ANSWER_S: Final = 5.0
+"""How long the loop process may take to get ready for a segment."""
+
+
 class WireLoop:
     """One test on a real rig, with the face of `SimulatedLoop`.
 
@@ -45,7 +49,6 @@ class WireLoop:
         settle_ticks: ticks that this may take.
         period_s: of the loop.
         silence_s: silence of the loop process after which it counts as lost.
-        timeout_s: how long it may take to get ready for a segment.
     """
 
     def __init__(
@@ -58,7 +61,6 @@ class WireLoop:
         settle_ticks: int,
         period_s: float,
         silence_s: float,
-        timeout_s: float = 5.0,
     ) -> None:
         self._words = board.words
         self._ring = RingReader(board)
@@ -69,7 +71,6 @@ class WireLoop:
         self._settle_ticks = settle_ticks
         self._period_s = period_s
         self._silence_ns = round(1e9 * silence_s)
-        self._timeout_s = timeout_s
         self._number = 0
         self._rows: list[Array] = []
         self._waiting = 0
@@ -164,13 +165,13 @@ class WireLoop:
         number = int(self._words[Word.SWITCH]) + 1
         fresh = replace(segment, number=number)
         self._process.send(fresh)
-        self._process.answer(self._timeout_s)
+        self._process.answer(ANSWER_S)
         return number
 
     def _switch_to(self, segment: Segment) -> None:
         number = self._order(segment)
         self._words[Word.SWITCH] = number
-        until = time.monotonic() + self._timeout_s
+        until = time.monotonic() + ANSWER_S
         while self._words[Word.SEGMENT] != number and time.monotonic() < until:
             self._check()
             time.sleep(_NAP_S)

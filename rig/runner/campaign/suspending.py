@@ -74,23 +74,16 @@ class Suspenders:
     Args:
         conditions: of the campaign.
         reading: newest value of a channel.
-        clock: monotonic, in s.
     """
 
-    def __init__(
-        self,
-        conditions: Iterable[Condition],
-        reading: Reading,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, conditions: Iterable[Condition], reading: Reading) -> None:
         self._suspenders = [Suspender(condition) for condition in conditions]
         self._reading = reading
-        self._clock = clock
 
     def look(self) -> None:
         """Read every channel."""
         for suspender in self._suspenders:
-            suspender.look(self._reading(suspender.condition.channel), self._clock())
+            suspender.look(self._reading(suspender.condition.channel), time.monotonic())
 
     @property
     def reasons(self) -> Sequence[str]:
@@ -108,7 +101,7 @@ class Suspenders:
     @property
     def given_up(self) -> bool:
         """Whether a condition was not met for longer than the campaign shall wait."""
-        now = self._clock()
+        now = time.monotonic()
         return any(
             each.holds_since is not None and now - each.holds_since > each.condition.give_up_s
             for each in self._suspenders
