@@ -1,10 +1,11 @@
 """Checks a configuration of any kind; a campaign is dry-run as well."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from faults import Campaign
 from rig.configuration.campaigns import (
@@ -49,6 +50,7 @@ from rig.configuration.sweeps import Sweep, SweepFile, read_sweep, sweep_lines
 from rig.io import ChannelLimit, DriverSpec, RegisterMap
 from rig.plant import CATALOGUE, Model
 from rig.recording import unit_of
+from rig.stream import StreamSettings
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
@@ -62,6 +64,12 @@ _KEYS: Final[dict[Kind, frozenset[str]]] = {
     "map": frozenset(key for kind in MAPS for key in options_of(kind)),
     "stream": frozenset(StreamFile.model_fields),
 }
+
+
+_ORDER: Final[tuple[Kind, ...]] = (
+    "campaign", "rig", "model", "map", "dbc", "stream", "schedule", "sweep",
+)  # fmt: skip
+"""Kinds in the order in which a name is looked for."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +91,7 @@ class CheckReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings of what will not go as commanded, each with the test that it concerns."""
+        """What will not go as commanded, each warning with the name of its test."""
         return tuple(f"{test.name}: {warning}" for test in self.tests for warning in test.warnings)
 
     def __str__(self) -> str:
@@ -110,33 +118,16 @@ def check(
     path, kind = _locate(str(reference), base, sources)
     if path is None or kind is None:
         raise ConfigError(sources.problems.found)
-    report: CheckReport | None = None
-    if kind == "model":
-        model = read_model(path, sources)
-        report = _report_model(path, model) if model else None
-    elif kind == "rig":
-        rig = read_rig(path, sources)
-        report = _report_rig(path, rig) if rig else None
-    elif kind == "map":
-        device_map = read_map(path, sources)
-        report = _report_map(path, device_map) if device_map else None
-    elif kind == "schedule":
-        schedule = read_schedule(path, sources)
-        report = _report_schedule(path, schedule) if schedule else None
-    elif kind == "sweep":
-        sweep = read_sweep(path, sources)
-        report = _report_sweep(path, sweep) if sweep else None
-    elif kind == "dbc":
-        database = read_dbc(path, sources)
-        report = _report_dbc(path, database) if database else None
-    elif kind == "stream":
-        stream = read_stream(path, sources)
-        report = CheckReport("stream", path, path.stem, stream_lines(stream)) if stream else None
-    else:
+    if kind == "campaign":
         chosen = None
         if rig_override is not None:
             chosen = resolve("rig", str(rig_override), base, sources.problems)
-        report = _report_campaign(path, sources, chosen)
+        loaded = read_campaign(path, sources, chosen)
+        report = None if loaded is None else _report_campaign(path, *loaded)
+    else:
+        read, reported = _KINDS[kind]
+        found = read(path, sources)
+        report = None if found is None else reported(path, found)
     sources.problems.raise_if_any()
     assert report is not None
     return report
@@ -144,29 +135,19 @@ def check(
 
 def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, Kind | None]:
     """Return the file a reference means, and the kind of configuration it holds."""
-    order: tuple[Kind, ...] = (
-        "campaign",
-        "rig",
-        "model",
-        "map",
-        "dbc",
-        "stream",
-        "schedule",
-        "sweep",
-    )
     if is_path(reference):
         folder = Path(reference).parent.name
-        guess = next((kind for kind, name in FOLDERS.items() if name == folder), order[0])
+        guess = next((kind for kind, name in FOLDERS.items() if name == folder), _ORDER[0])
         path = resolve(guess, reference, base, sources.problems)
         if path is not None and path.suffix == ".dbc":
             return path, "dbc"
         root = sources.read_yaml(path) if path is not None else None
         return path, _kind_of(root, sources.problems) if root is not None else None
-    for kind in order:
+    for kind in _ORDER:
         found = resolve(kind, reference, base, Problems())
         if found is not None:
             return found, kind
-    names = [name for kind in order for name in available(kind, base)]
+    names = [name for kind in _ORDER for name in available(kind, base)]
     remedy = suggestion(reference, names, "configurations")
     limit = "is not known"
     sources.problems.add(Place(Path(reference), 0, 0), "configuration", "", limit, remedy)
@@ -263,21 +244,32 @@ def _report_sweep(path: Path, sweep: Sweep) -> CheckReport:
     return CheckReport("sweep", path, sweep.name, tuple(sweep_lines(sweep)))
 
 
-def _known(campaign: Campaign) -> str:
-    return f" and the baseline {campaign.baseline_file}" if campaign.baseline else ""
-
-
-def _report_campaign(path: Path, sources: Sources, rig_path: Path | None) -> CheckReport | None:
-    loaded = read_campaign(path, sources, rig_path)
-    if loaded is None:
-        return None
-    campaign, rig = loaded
+def _report_campaign(path: Path, campaign: Campaign, rig: Rig) -> CheckReport:
     minutes, seconds = divmod(round(campaign.rig_time_s), 60)
+    known = f" and the baseline {campaign.baseline_file}" if campaign.baseline else ""
     summary = (
         f"  {campaign.description}",
         f"  {len(campaign.tests)} tests on the rig {campaign.rig_name}, judged by "
-        f"{campaign.filter_name} with the model {campaign.model.name}{_known(campaign)}",
+        f"{campaign.filter_name} with the model {campaign.model.name}{known}",
         f"  rig time {minutes} min {seconds} s",
     )
     tests = plan_campaign(campaign, rig)
     return CheckReport("campaign", path, campaign.name, summary, tests, campaign.rig_time_s)
+
+
+def _report_stream(path: Path, stream: StreamSettings) -> CheckReport:
+    return CheckReport("stream", path, path.stem, stream_lines(stream))
+
+
+_Read = Callable[[Path, Sources], Any]
+_Report = Callable[[Path, Any], CheckReport]
+_KINDS: Final[dict[Kind, tuple[_Read, _Report]]] = {
+    "model": (read_model, _report_model),
+    "rig": (read_rig, _report_rig),
+    "map": (read_map, _report_map),
+    "schedule": (read_schedule, _report_schedule),
+    "sweep": (read_sweep, _report_sweep),
+    "dbc": (read_dbc, _report_dbc),
+    "stream": (read_stream, _report_stream),
+}
+"""What reads and what reports each kind of configuration; campaigns apart."""

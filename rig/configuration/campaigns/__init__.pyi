@@ -11,9 +11,11 @@ from .dry_run import (
 )
 from .faults import TYPICAL_PRESSURE as TYPICAL_PRESSURE
 from .schedule import (
+    Entry as Entry,
+    Missed as Missed,
+    Schedule as Schedule,
     ScheduleFile as ScheduleFile,
     load_schedule as load_schedule,
     read_schedule as read_schedule,
 )
 from .setpoints import Level as Level, LevelField as LevelField
-from .timetable import Entry as Entry, Missed as Missed, Schedule as Schedule

@@ -15,12 +15,11 @@ from rig.configuration.models import read_model
 from rig.configuration.reading import (
     Located,
     Physical,
-    Place,
     Schema,
     Sources,
     read_mapping,
-    reference_in,
     resolve,
+    resolve_in,
     shown,
     suggestion,
 )
@@ -86,8 +85,8 @@ def read_campaign(
     if root is None:
         return None
     file = read_mapping(CampaignFile, root, sources.problems)
-    rig = _read_rig(root, path, rig_path, sources)
-    model = _read_model(root, path, sources)
+    rig = _read_rig(root, rig_path, sources)
+    model = _read_model(root, sources)
     detector = _read_detector(root, sources)
     baseline = _read_baseline(root.find(("detector", "baseline")), detector, model, sources)
     conditions = read_conditions(root.get("conditions"), rig, sources.problems)
@@ -111,23 +110,14 @@ def read_campaign(
     return campaign, rig
 
 
-def _read_rig(root: Located, path: Path, chosen: Path | None, sources: Sources) -> Rig | None:
-    entry = root.get("rig")
-    reference = reference_in(entry)
-    if chosen is None and reference is not None:
-        chosen = resolve("rig", reference, path.parent, sources.problems, entry)
+def _read_rig(root: Located, chosen: Path | None, sources: Sources) -> Rig | None:
+    chosen = chosen or resolve_in("rig", root.get("rig"), sources.problems)
     return read_rig(chosen, sources) if chosen is not None else None
 
 
-def _read_model(root: Located, path: Path, sources: Sources) -> Model | None:
-    entry = root.get("model")
-    if entry is None:
-        place = Place(path, root.place.line, root.place.column)
-        entry = Located("nominal", place, "model")
-    reference = reference_in(entry)
-    if reference is None:
-        return None
-    found = resolve("model", reference, path.parent, sources.problems, entry)
+def _read_model(root: Located, sources: Sources) -> Model | None:
+    entry = root.get("model") or Located("nominal", root.place, "model")
+    found = resolve_in("model", entry, sources.problems)
     return read_model(found, sources) if found is not None else None
 
 
@@ -215,8 +205,8 @@ def resolved(
 def plain(value: Any) -> Any:
     """Return a value as dicts, lists, strings, numbers and None, as JSON holds them.
 
-    A dataclass tells its type, so that a sine is told from a chirp; "never" and "no limit" (inf)
-    become None.
+    A dataclass has its type beside its fields, so that a sine differs from a chirp; "never" and
+    "no limit" (inf) become None.
     """
     if is_dataclass(value) and not isinstance(value, type):
         public = {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.repr}

@@ -12,6 +12,7 @@ from rig.configuration.reading import (
     Problems,
     QuantityError,
     Schema,
+    elements_of,
     read_mapping,
     show,
     shown,
@@ -20,7 +21,10 @@ from rig.configuration.rigs import LEAKAGE, RESISTANCE, Rig, valves_of
 from rig.plant import quantities
 
 TYPICAL_PRESSURE: Final = 6.9e6
-"""Half the supply pressure of section 2.1 in Pa, near which a chamber sits: flows count at it."""
+"""Pressure drop in Pa at which flows are stated: half the supply pressure of section 2.1.
+
+The pressure of a chamber is near this.
+"""
 
 LINEAR_LEAKAGE: Final = Physical(
     "m^3/(s Pa)", 0.0, quantities()["internal_leakage_linear"].upper, 2e-12
@@ -57,12 +61,9 @@ def read_faults(
     """Return the faults of a test that can be injected into the rig; the others are problems."""
     if item is None or item.value == "none":
         return ()
-    if not isinstance(item.value, list):
-        remedy = "write a list: - {type: ..., at: ..., flow: ..., pressure: ...}"
-        problems.add(item.place, item.name, shown(item), "is not a list", remedy)
-        return ()
+    remedy = "write a list: - {type: ..., at: ..., flow: ..., pressure: ...}"
     accepted: list[Fault] = []
-    for element in item.value:
+    for element in elements_of(item, problems, remedy):
         fault = _FaultReader(element, rig, problems).read(duration_s)
         if fault is not None and not _is_taken(fault, accepted, element, problems):
             accepted.append(fault)
@@ -131,19 +132,13 @@ class _FaultReader:
             found = f"gives {' and '.join(given)}" if given else "has no size"
             self.problems.add(self.item.place, file.type, "", found, f"give one of {listing}")
             return False
-        if self._is_given("flow") != self._is_given("pressure"):
-            other = "flow" if self._is_given("flow") else "pressure"
-            missing = "pressure" if other == "flow" else "flow"
-            example = "0.5 L/min" if missing == "flow" else "6.9 MPa"
-            self.problems.add(
-                self.item.find((other,)).place,
-                other,
-                "",
-                f"is given without {missing}",
-                f"add `{missing}: {example}`; a flow counts at a stated pressure drop"
-                if missing == "pressure"
-                else "give the flow at that pressure drop, or leave the pressure out",
-            )
+        if self._is_given("flow") and not self._is_given("pressure"):
+            remedy = "add `pressure: 6.9 MPa`; a flow counts at a stated pressure drop"
+            self._add("flow", "", "is given without pressure", remedy)
+            return False
+        if self._is_given("pressure") and not self._is_given("flow"):
+            remedy = "give the flow at that pressure drop, or leave the pressure out"
+            self._add("pressure", "", "is given without flow", remedy)
             return False
         return given[0] in allowed
 
@@ -156,7 +151,7 @@ class _FaultReader:
         return SIZES if file.type in LEAK_KINDS else tuple(s for s in SIZES if "linear" not in s)
 
     def _is_movable(self, file: FaultFile, rig: Rig) -> bool:
-        """Tell whether real valves can make the fault: moved by drivers, and by a needle's law."""
+        """Return whether real valves can make the fault: drivers move them, by a needle's law."""
         fitted = {**rig.bypass_valves, str(Verdict.RETURN_BLOCKAGE): rig.return_valve}
         if fitted.get(file.type) is not None and file.type not in rig.injectable:
             outputs = " and ".join(valves_of(file.type))

@@ -2,8 +2,10 @@ from .model import (
     BELONGS_TO_EFFECT as BELONGS_TO_EFFECT,
     PARAMETERS as PARAMETERS,
     ModelFile as ModelFile,
+    effect_values as effect_values,
     load_model as load_model,
     override as override,
+    parameter_schemas as parameter_schemas,
     physical as physical,
     read_model as read_model,
 )

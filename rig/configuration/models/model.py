@@ -1,25 +1,36 @@
 """Model files: parameters with units, the effects switched on, and where the model comes from."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import create_model
 
 from rig.configuration.reading import (
     Adjustable,
+    Field,
     Located,
     Physical,
+    Problems,
     Relative,
     Schema,
     Sources,
+    load,
     read_mapping,
-    reference_in,
-    resolve,
+    resolve_in,
     show,
     shown,
 )
-from rig.plant import CATALOGUE, FRICTION_LAWS, NOMINAL, Model, quantities
+from rig.plant import (
+    CATALOGUE,
+    FRICTION_LAWS,
+    NOMINAL,
+    EffectParameter,
+    Model,
+    PlantEffect,
+    quantities,
+)
 
 from .unknown_term import KEY, read_terms
 
@@ -54,15 +65,55 @@ def physical(field: str) -> Physical:
     return Physical(quantity.unit, quantity.lower, quantity.upper, usual)
 
 
-def _create(name: str, definitions: dict[str, Any]) -> type[Schema]:
-    return create_model(name, __base__=Schema, **definitions)
+class ParameterSchemas(NamedTuple):
+    """Schemas of the sections `parameters` and `effects`, and of each effect by its name."""
+
+    parameters: type[Schema]
+    effects: type[Schema]
+    effect: dict[str, type[Schema]]
 
 
-def _schema(name: str, fields: dict[str, str]) -> type[Schema]:
-    return _create(
-        name,
-        {key: (Annotated[Any, Adjustable(physical(f))], None) for key, f in fields.items()},
+def parameter_schemas(field_of: Callable[[Physical], Field]) -> ParameterSchemas:
+    """Return the schemas of a file that gives parameters; `field_of` says how each is read."""
+
+    def schema(name: str, fields: dict[str, str]) -> type[Schema]:
+        definitions: dict[str, Any] = {
+            key: (Annotated[Any, field_of(physical(field))], None) for key, field in fields.items()
+        }
+        return create_model(name, __base__=Schema, **definitions)
+
+    effects: dict[str, Any] = dict.fromkeys(CATALOGUE, (Any, None))
+    return ParameterSchemas(
+        schema("ParametersFile", {name: name for name in PARAMETERS}),
+        create_model("EffectsFile", __base__=Schema, **effects),
+        {
+            effect.name: schema(effect.name, {p.name: p.field for p in effect.parameters})
+            for effect in CATALOGUE.values()
+        },
     )
+
+
+def effect_values(
+    effect: PlantEffect, entry: Located, alone: bool, schemas: ParameterSchemas, problems: Problems
+) -> list[tuple[EffectParameter, Any, Located]]:
+    """Return each parameter of an effect with its value, None if it has none, and its place.
+
+    Args:
+        effect: of the catalogue.
+        entry: what a file gives for the effect.
+        alone: whether the entry is the value itself, rather than a mapping of parameters.
+        schemas: of the file.
+        problems: takes what is wrong; without parameters nothing is returned.
+    """
+    names = [parameter.name for parameter in effect.parameters]
+    if alone and "value" in names:
+        entry = Located({"value": entry}, entry.place, entry.name)
+    elif alone or not entry.value:
+        limit, remedy = "lacks its parameters", f"give {{{', '.join(names)}}}"
+        problems.add(entry.place, effect.name, shown(entry), limit, remedy)
+        return []
+    file = read_mapping(schemas.effect[effect.name], entry, problems)
+    return [(p, getattr(file, p.name, None), entry.find((p.name,))) for p in effect.parameters]
 
 
 class ModelFile(Schema):
@@ -78,12 +129,7 @@ class ModelFile(Schema):
     provenance: Any = None
 
 
-_PARAMETERS_SCHEMA: Final = _schema("ParametersFile", {name: name for name in PARAMETERS})
-_EFFECTS_SCHEMA: Final = _create("EffectsFile", dict.fromkeys(CATALOGUE, (Any, None)))
-_EFFECT_SCHEMAS: Final = {
-    effect.name: _schema(effect.name, {p.name: p.field for p in effect.parameters})
-    for effect in CATALOGUE.values()
-}
+_SCHEMAS: Final = parameter_schemas(Adjustable)
 BELONGS_TO_EFFECT: Final = {
     field: f"set it under effects: {{{effect}: ...}}"
     if key == "value"
@@ -121,16 +167,12 @@ def model_from(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> 
 
 def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Model | None:
     entry = root.get("parent")
-    reference = reference_in(entry)
-    if entry is None or reference is None:
-        return None
-    path = resolve("model", reference, ancestors[-1].parent, sources.problems, entry)
-    if path is None:
+    path = resolve_in("model", entry, sources.problems)
+    if entry is None or path is None:
         return None
     if path in ancestors or len(ancestors) > MAX_ANCESTORS:
-        sources.problems.add(
-            entry.place, "parent", reference, "descends from this model", "name another parent"
-        )
+        limit, remedy = "descends from this model", "name another parent"
+        sources.problems.add(entry.place, "parent", entry.value, limit, remedy)
         return None
     return read_model(path, sources, ancestors)
 
@@ -174,12 +216,12 @@ class _Overrides:
         self.effects: list[str] = list(self.base.effects)
 
     def apply_parameters(self, item: Located) -> None:
-        file = read_mapping(_PARAMETERS_SCHEMA, item, self.sources.problems, BELONGS_TO_EFFECT)
+        file = read_mapping(_SCHEMAS.parameters, item, self.sources.problems, BELONGS_TO_EFFECT)
         for field in PARAMETERS:
             self._set(field, getattr(file, field, None), item.find((field,)))
 
     def apply_effects(self, item: Located) -> None:
-        read_mapping(_EFFECTS_SCHEMA, item, self.sources.problems)
+        read_mapping(_SCHEMAS.effects, item, self.sources.problems)
         for name, entry in item.items():
             if name not in CATALOGUE:
                 continue
@@ -189,19 +231,11 @@ class _Overrides:
                 self._switch_on(name, entry)
 
     def _switch_on(self, name: str, entry: Located) -> None:
-        fields = {parameter.name: parameter.field for parameter in CATALOGUE[name].parameters}
-        if not isinstance(entry.value, dict) and "value" in fields:
-            entry = Located({"value": entry}, entry.place, entry.name)
-        elif not isinstance(entry.value, dict) or not entry.value:
-            keys = ", ".join(fields)
-            self.sources.problems.add(
-                entry.place, name, shown(entry), "lacks its parameters", f"give {{{keys}}}"
-            )
-            return
-        file = read_mapping(_EFFECT_SCHEMAS[name], entry, self.sources.problems)
-        for key, field in fields.items():
-            self._set(field, getattr(file, key, None), entry.find((key,)))
-        if name not in self.effects:
+        alone = not isinstance(entry.value, dict)
+        given = effect_values(CATALOGUE[name], entry, alone, _SCHEMAS, self.sources.problems)
+        for parameter, value, place in given:
+            self._set(parameter.field, value, place)
+        if given and name not in self.effects:
             self.effects.append(name)
 
     def let_follow(self, item: Located) -> None:
@@ -279,9 +313,4 @@ def load_model(reference: str | Path, base: Path | None = None) -> Model:
     Raises:
         ConfigError: every problem of the file and its parents.
     """
-    sources = Sources()
-    path = resolve("model", str(reference), base or Path.cwd(), sources.problems)
-    model = read_model(path, sources) if path else None
-    sources.problems.raise_if_any()
-    assert model is not None
-    return model
+    return load("model", reference, base, read_model)

@@ -1,14 +1,16 @@
-"""Model files of plants from outside this package: values, channels and what may be off.
+"""Model files of plants from outside this package, read and written.
 
+Such a file has the plant's values, its channels, and by how much it may be wrong.
 The plant itself, its equations and effects, is a Python module (`plant_loading`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import yaml
 from pydantic import create_model
 
 from estimator.gap import (
@@ -23,16 +25,22 @@ from estimator.gap import (
 from rig.configuration.reading import (
     Located,
     Physical,
-    QuantityError,
     Schema,
     Sources,
+    quantity_in,
     read_mapping,
     shown,
+    suggestion,
     unit_factor,
 )
 from rig.recording import Column, Recording, read_recording
 
+from .model_writing import plain_provenance
+
 TIME: Final = "time_s"
+REVISED: Final = "revised"
+_COMMENT_COLUMN: Final = 48
+_CARRIED: Final = ("channels", "tolerances", "model_error", "steering")
 
 
 @dataclass(frozen=True)
@@ -43,15 +51,15 @@ class PlantModel:
         name: of the model.
         plant: as the workflow sees it.
         columns: channel -> column of a recording, where it has another name or unit.
-        effects: names of those switched on in the model file.
-        told: the model file as read.
+        effects: names of the effects that the model file switches on.
+        content: of the model file, as read.
     """
 
     name: str
     plant: Plant
     columns: Mapping[str, Column]
     effects: tuple[str, ...]
-    told: Mapping[str, Any] = field(repr=False)
+    content: Mapping[str, Any] = field(repr=False)
 
     def read(self, path: str | Path) -> Recording:
         """Read a recording, its columns under the plant's names and in SI.
@@ -84,7 +92,7 @@ class _Times(Schema):
 
 
 def catalogue(thing: PlantDescription | Plant) -> dict[str, dict[str, str]]:
-    """Return what a plant may lack: effect -> key in a model file -> parameter."""
+    """Return the effects that a plant may lack: effect -> key in a model file -> parameter."""
     if isinstance(thing, Plant):
         return {
             effect.name: {knob.key: knob.parameter for knob in effect.knobs}
@@ -153,12 +161,22 @@ class _Reading:
         self.known = {parameter.name: parameter for parameter in thing.parameters}
         self.effects = catalogue(thing)
 
-    def _checked(self, item: Located, fields: Mapping[str, Any]) -> dict[str, Any]:
+    def _checked(
+        self, item: Located, fields: Mapping[str, Any], hints: dict[str, str] | None = None
+    ) -> dict[str, Any]:
         """Return the values of a mapping with these keys, None for those absent or wrong."""
         definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
         made = create_model("Section", __base__=Schema, **definitions)
-        file = read_mapping(made, item, self.problems)
+        file = read_mapping(made, item, self.problems, hints)
         return {key: getattr(file, key, None) for key in fields}
+
+    def _input_units(self) -> dict[str, str]:
+        """Return the unit of each input by its channel; empty if the unit is not known."""
+        inputs = self.thing.inputs
+        return {
+            **{each: "" for each in inputs if isinstance(each, str)},
+            **{each.channel: each.unit for each in inputs if not isinstance(each, str)},
+        }
 
     def _physical(self, name: str) -> Any:
         each = self.known[name]
@@ -179,7 +197,8 @@ class _Reading:
                 for effect, keys in self.effects.items()
                 for name in keys.values()
             }
-            found = self._section(section, own, hints)
+            read = self._checked(section, {p.name: self._physical(p.name) for p in own}, hints)
+            found = {name: float(value) for name, value in read.items() if value is not None}
             for name, value in found.items():
                 if name in under_effects:
                     self.problems.add(
@@ -192,15 +211,6 @@ class _Reading:
                     self._lacking(section, each)
         values.update(under_effects)
         return {name: values.get(name, float("nan")) for name in self.known}
-
-    def _section(
-        self, section: Located, own: list[Parameter], hints: dict[str, str]
-    ) -> dict[str, float]:
-        definitions: dict[str, Any] = {p.name: (self._physical(p.name), None) for p in own}
-        made = create_model("Parameters", __base__=Schema, **definitions)
-        file = read_mapping(made, section, self.problems, hints)
-        found = {p.name: getattr(file, p.name, None) for p in own}
-        return {name: float(value) for name, value in found.items() if value is not None}
 
     def _lacking(self, section: Located, each: Parameter) -> None:
         entry = section.find((each.name,))
@@ -243,10 +253,7 @@ class _Reading:
         outputs = {output.channel: output for output in self.thing.outputs}
         if section is None:
             return {}, self.thing.outputs
-        inputs = {
-            each if isinstance(each, str) else each.channel: "" if isinstance(each, str)
-            else each.unit for each in self.thing.inputs
-        }  # fmt: skip
+        inputs = self._input_units()
         self._checked(section, dict.fromkeys((TIME, *inputs, *outputs), Any))
         columns: dict[str, Column] = {}
         for name, entry in section.items():
@@ -278,11 +285,9 @@ class _Reading:
             place = entry.find(("scale",)).place
             self.problems.add(place, "scale", found["scale"], "is given beside unit", "keep one")
         elif found["unit"] is not None:
-            try:
-                factor = float(unit_factor(found["unit"], unit))
-            except QuantityError as error:
-                item = entry.find(("unit",))
-                self.problems.add(item.place, "unit", shown(item), error.limit, error.remedy)
+            item = entry.find(("unit",))
+            read = quantity_in(item, lambda: unit_factor(found["unit"], unit), self.problems)
+            factor = 1.0 if read is None else float(read)
         elif found["scale"] is not None:
             factor = found["scale"]
             if not isfinite(factor) or factor == 0.0:
@@ -318,15 +323,13 @@ class _Reading:
         self._known_keys(section, list(equations))
         for name, entry in section.items():
             if name in equations:
-                value = self._quantity(entry, Physical(equations[name].unit, 0.0))
+                value = self._quantity(entry, equations[name].unit, 0.0)
                 if value is not None:
                     found[name] = value
         return found
 
     def _known_keys(self, section: Located, names: list[str]) -> None:
-        # Names with spaces are no fields of a schema.
-        from rig.configuration.reading import suggestion
-
+        # A schema cannot do this: names with spaces are no fields of one.
         if not isinstance(section.value, dict):
             self.problems.add(section.place, section.name, shown(section), "is not a mapping",
                               f"keys: {', '.join(names)}")  # fmt: skip
@@ -335,12 +338,8 @@ class _Reading:
                 self.problems.add(entry.place, name, "", "is not a known key",
                                   suggestion(name, names, "keys"))  # fmt: skip
 
-    def _quantity(self, entry: Located, physical: Physical) -> float | None:
-        try:
-            return physical.parse(entry.value)
-        except QuantityError as error:
-            self.problems.add(entry.place, entry.name, shown(entry), error.limit, error.remedy)
-            return None
+    def _quantity(self, entry: Located, unit: str, lower: float = -inf) -> float | None:
+        return quantity_in(entry, lambda: Physical(unit, lower).parse(entry.value), self.problems)
 
     def steering(self, root: Located) -> dict[tuple[str, str], float] | None:
         """Return gains by input and output; None if the file does not say."""
@@ -349,10 +348,7 @@ class _Reading:
             return None
         if section.value == "none":
             return {}
-        units = {
-            each if isinstance(each, str) else each.channel: "" if isinstance(each, str)
-            else each.unit for each in self.thing.inputs
-        }  # fmt: skip
+        units = self._input_units()
         outputs = {output.channel: output.unit for output in self.thing.outputs}
         self._known_keys(section, list(units))
         gains: dict[tuple[str, str], float] = {}
@@ -363,7 +359,90 @@ class _Reading:
             for channel, gain in entry.items():
                 if channel in outputs:
                     unit = f"{units[name]}/{outputs[channel]}" if units[name] else ""
-                    value = self._quantity(gain, Physical(unit))
+                    value = self._quantity(gain, unit)
                     if value is not None:
                         gains[name, channel] = value
         return gains
+
+
+def write_plant_file(
+    model: PlantModel, values: Mapping[str, float], effects: tuple[str, ...], provenance: Any,
+    path: Path,
+) -> None:  # fmt: skip
+    """Write a model file with given values of all parameters; it reads back to the same floats.
+
+    The file has the effects of the model and those given. Intervals in the provenance
+    (`effects`, `refitted`: key -> value, lower, upper) are written beside the values too, except
+    for what was refitted and not kept (`kept`). A model whose values are as they were keeps its
+    name.
+
+    Args:
+        model: as read.
+        values: of all parameters by name, SI.
+        effects: names of those added.
+        provenance: where the values come from.
+        path: of the file, which is replaced.
+    """
+    names = [*model.effects, *(name for name in effects if name not in model.effects)]
+    on = {name: keys for name, keys in catalogue(model.plant).items() if name in names}
+    written = _Values(values, model.plant.parameters, provenance)
+    same = dict(values) == model.plant.nominal and not effects
+    revised = same or model.name.endswith(f" {REVISED}")
+    name = model.name if revised else f"{model.name} {REVISED}"
+    header = {"name": name, "description": model.content.get("description")}
+    lines = [_dumped({key: value for key, value in header.items() if value})]
+    lines += ["parameters:"]
+    under_effects = {parameter for keys in on.values() for parameter in keys.values()}
+    for each in own_parameters(model.plant):
+        if each.name not in under_effects:
+            lines.append(written.line("  ", each.name, each.name, written.refitted.get(each.name)))
+    if on:
+        lines.append("effects:")
+    for effect, keys in on.items():
+        intervals = written.intervals(effect)
+        if list(keys) == ["value"]:
+            lines.append(written.line("  ", effect, keys["value"], intervals.get("value")))
+            continue
+        lines.append(f"  {effect}:")
+        lines += [written.line("    ", k, p, intervals.get(k)) for k, p in keys.items()]
+    lines += _carried(model.content)
+    if provenance:
+        lines.append(_dumped({"provenance": plain_provenance(provenance)}))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+class _Values:
+    """Lines of values with their units, symbols and intervals."""
+
+    def __init__(
+        self, values: Mapping[str, float], parameters: tuple[Parameter, ...], provenance: Any
+    ) -> None:
+        self.values = values
+        self.known = {parameter.name: parameter for parameter in parameters}
+        self.provenance = provenance if isinstance(provenance, Mapping) else {}
+        refitted: Mapping[str, Any] = self.provenance.get("refitted") or {}
+        self.refitted = {key: each for key, each in refitted.items() if each.get("kept", True)}
+
+    def intervals(self, effect: str) -> Mapping[str, Any]:
+        found = (self.provenance.get("effects") or {}).get(effect) or {}
+        return dict(found.get("parameters") or {})
+
+    def line(self, indent: str, key: str, parameter: str, interval: Any) -> str:
+        each = self.known[parameter]
+        text = f"{indent}{key}: {float(self.values[parameter])!r} {each.unit}".rstrip()
+        comment = [each.about] if each.about else []
+        ends = [interval.get(end) for end in ("lower", "upper")] if interval else []
+        if ends and None not in ends:
+            comment.append(f"95 %: {ends[0]:.6g} to {ends[1]:.6g} {each.unit}".rstrip())
+        return f"{text:<{_COMMENT_COLUMN}} # {'; '.join(comment)}" if comment else text
+
+
+def _carried(content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the sections that a revision does not change."""
+    for key in _CARRIED:
+        if content.get(key) is not None:
+            yield _dumped({key: content[key]})
+
+
+def _dumped(content: Mapping[str, Any]) -> str:
+    return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=100).rstrip()

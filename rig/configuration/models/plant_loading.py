@@ -14,8 +14,7 @@ from typing import Any
 from estimator.gap import Plant, PlantDescription, PlantError
 from rig.configuration.reading import ConfigError, Problem, display_path, suggestion
 
-from .plant_file import PlantModel, read_plant_file
-from .plant_writing import write_plant_file
+from .plant_file import PlantModel, read_plant_file, write_plant_file
 
 _EXAMPLE = "give a module and an object of it, as in axis:axis (docs/another_plant.md)"
 
@@ -36,10 +35,10 @@ def load_plant(reference: str, model: str | Path | None) -> PlantModel:
     thing = _object(reference)
     path = Path(model) if model is not None else None
     if path is None or not path.is_file():
-        told = display_path(path) if path else "none given"
+        given = display_path(path) if path else "none given"
         remedy = "give the YAML file with this plant's parameters"
         limit = "" if path is None else "is not a file" if path.exists() else "does not exist"
-        raise ConfigError([Problem("--model", 0, 0, told, "", limit, remedy)])
+        raise ConfigError([Problem("--model", 0, 0, given, "", limit, remedy)])
     try:
         read = read_plant_file(path, thing)
     except PlantError as error:

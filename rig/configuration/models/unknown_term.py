@@ -14,9 +14,9 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Problems,
-    QuantityError,
     Schema,
     Sources,
+    quantity_in,
     read_mapping,
     shown,
 )
@@ -79,42 +79,38 @@ def read_terms(section: Located, sources: Sources) -> dict[str, float]:
 
 
 def _term(entry: Located, problems: Problems) -> AddedTerm | None:
-    told = read_mapping(_Term, entry, problems)
-    if told is None:
+    term = read_mapping(_Term, entry, problems)
+    if term is None:
         return None
-    form, of = _FORMS[told.form], told.of or ""
+    form, of = _FORMS[term.form], term.of or ""
     if (form == "1") != (of == ""):
-        limit = f"does not go with form {told.form}" if of else f"is what form {form} is of"
+        limit = f"does not go with form {term.form}" if of else f"is what form {form} is of"
         remedy = "leave it out" if of else f"name one of {', '.join(tuple(QUANTITIES)[1:])}"
         problems.add(entry.find(("of",)).place, "of", of, limit, remedy)
         return None
-    wanted = {"size": Physical(size_unit(told.to, of, form)), **_places(form, of)}
+    wanted = {"size": Physical(size_unit(term.to, of, form)), **_places(form, of)}
     for key in _OF_FORMS:
         if entry.get(key) is not None and key not in wanted:
             place = entry.find((key,)).place
-            problems.add(place, key, "", f"is not of form {told.form}", "leave it out")
+            problems.add(place, key, "", f"is not of form {term.form}", "leave it out")
     numbers = [_number(entry, key, kind, problems) for key, kind in wanted.items()]
     known = [number for number in numbers if number is not None]
     if len(known) < len(numbers):
         return None
-    return AddedTerm(told.to, of, form, told.against_motion, *known)
+    return AddedTerm(term.to, of, form, term.against_motion, *known)
 
 
 def _number(entry: Located, key: str, kind: Physical, problems: Problems) -> float | None:
     item = entry.get(key)
     if item is None:
-        if key != "size":  # of that, the schema has told
+        if key != "size":  # the schema has reported a size that is missing
             problems.add(entry.place, entry.name, "", f"lacks the key {key}", f"add `{key}: ...`")
         return None
-    try:
-        return kind.parse(item.plain())
-    except QuantityError as error:
-        problems.add(item.place, key, shown(item), error.limit, error.remedy)
-        return None
+    return quantity_in(item, lambda: kind.parse(item.plain()), problems)
 
 
 def written_terms(model: Model) -> Iterator[str]:
-    """Yield the lines of a model file that tell its terms; none where it has none."""
+    """Yield the lines of a model file that give its terms; none if the model has none."""
     terms = terms_of(model.parameters)
     if not terms:
         return

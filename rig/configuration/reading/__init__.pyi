@@ -12,8 +12,10 @@ from .lookup import (
     available as available,
     copy_shipped as copy_shipped,
     is_path as is_path,
+    load as load,
     reference_in as reference_in,
     resolve as resolve,
+    resolve_in as resolve_in,
     shipped_config_dir as shipped_config_dir,
 )
 from .matrix import expand as expand
@@ -36,6 +38,8 @@ from .quantities import (
 from .validation import (
     LONGEST_VALUE as LONGEST_VALUE,
     Schema as Schema,
+    elements_of as elements_of,
+    quantity_in as quantity_in,
     read_mapping as read_mapping,
     shown as shown,
 )

@@ -1,12 +1,14 @@
 """Where configurations are found: by path, beside the file that refers to them, or as shipped."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
-from .document import Located
+from .document import Located, Sources
 from .problems import ConfigError, Place, Problem, Problems, display_path, nearest
 
+T = TypeVar("T")
 Kind = Literal["model", "rig", "campaign", "map", "dbc", "stream", "schedule", "sweep"]
 
 FOLDERS: Final[dict[Kind, str]] = {
@@ -56,12 +58,15 @@ def _refusal(path: Path, limit: str, remedy: str) -> ConfigError:
 
 
 def is_path(reference: str) -> bool:
-    """Tell a path from a name: a path has a separator or the suffix of a configuration."""
+    """Return whether a reference is a path: it has a separator, or a configuration's suffix."""
     return "/" in reference or "\\" in reference or reference.endswith(SUFFIXES)
 
 
 def reference_in(item: Located | None) -> str | None:
-    """Return the name or path a value gives; a number is a name too (`rig: 7`)."""
+    """Return the name or path that a value gives, None if it gives none.
+
+    A number is a name too (`rig: 7`).
+    """
     if item is None or isinstance(item.value, bool):
         return None
     return str(item.value) if isinstance(item.value, str | int | float) else None
@@ -93,6 +98,42 @@ def resolve(
     remedy = _alternatives(kind, reference, base)
     problems.add(place, name, reference, f"is not a known {kind}", remedy)
     return None
+
+
+def resolve_in(kind: Kind, item: Located | None, problems: Problems) -> Path | None:
+    """Return the file that a value refers to; relative paths count from the value's own file.
+
+    None, with a problem, if there is no such file; None without one if the value is no reference.
+    """
+    reference = reference_in(item)
+    if item is None or reference is None:
+        return None
+    return resolve(kind, reference, item.place.path.parent, problems, item)
+
+
+def load(
+    kind: Kind,
+    reference: str | Path,
+    base: Path | None,
+    read: Callable[[Path, Sources], T | None],
+) -> T:
+    """Return what a configuration describes, given by path or by name.
+
+    Args:
+        kind: of the configuration.
+        reference: its path or name.
+        base: folder that relative paths count from; the working directory if None.
+        read: returns what a file describes; None, with problems, if it cannot be used.
+
+    Raises:
+        ConfigError: every problem of the file and of all it refers to.
+    """
+    sources = Sources()
+    path = resolve(kind, str(reference), base or Path.cwd(), sources.problems)
+    found = read(path, sources) if path is not None else None
+    sources.problems.raise_if_any()
+    assert found is not None
+    return found
 
 
 def available(kind: Kind, base: Path | None = None) -> list[str]:

@@ -1,8 +1,8 @@
-"""Sections of a file that are read into a dataclass of a lower layer, by the types of its fields.
+"""Reads sections of a file into a dataclass of a lower layer, by the types of its fields.
 
 The options of a driver, register maps, the settings of the loop and of homing, and the transducers'
-data sheet are such: the class says what may be written, in what unit and within which limits, and
-nothing repeats it.
+data sheet are such sections. The class says what may be written, in what unit and within which
+limits, and nothing repeats that.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from rig.plant import Quantity
 
 from .document import Located, Sources
 from .fields import Physical
-from .lookup import FOLDERS, reference_in, resolve
-from .validation import Schema, read_mapping, shown
+from .lookup import FOLDERS, reference_in, resolve_in
+from .validation import Schema, elements_of, read_mapping, shown
 
 T = TypeVar("T")
 
@@ -87,7 +87,7 @@ def options_of(options: type) -> dict[str, Option]:
 
 
 def _default(field: Field[Any]) -> Any:
-    """Return a field's default, `...` if it has none."""
+    """Return a field's default; `...` if it has none."""
     if field.default_factory is not MISSING:
         return field.default_factory()
     return ... if field.default is MISSING else field.default
@@ -110,7 +110,7 @@ def kind_of(option: Option) -> Any:
 
 
 def _written(option: Option) -> Any:
-    """Return the type of an option as its schema checks it; what has a reader is left to that."""
+    """Return the type by which a schema checks an option; Any if the option has a reader."""
     kind, quantity = kind_of(option), option.quantity
     if _reader(option) is not None:
         return Any
@@ -124,7 +124,7 @@ def _written(option: Option) -> Any:
 
 
 def _reader(option: Option) -> Callable[[Located, Sources], Any] | None:
-    """Return what reads an option that is no plain value of YAML."""
+    """Return what reads an option; None if the option is a plain value of YAML."""
     kind = kind_of(option)
     if kind is Path:
         return _read_path
@@ -145,27 +145,24 @@ def _read_path(item: Located, sources: Sources) -> Path | None:
 
     An option named after a kind of shipped file (`dbc`) is found by name too, as these are.
     """
-    folder, reference = item.place.path.parent, reference_in(item)
+    reference = reference_in(item)
     if reference is None:
         sources.problems.add(item.place, item.name, shown(item), "is not a path", "write one")
         return None
     if item.name in FOLDERS:
-        return resolve(item.name, reference, folder, sources.problems, item)
-    return folder / Path(reference).expanduser()
+        return resolve_in(item.name, item, sources.problems)
+    return item.place.path.parent / Path(reference).expanduser()
 
 
 def _read_dataclass(kind: type[T], item: Located, sources: Sources) -> T | None:
     """Return a nested section, or one from a file of its own in `maps`, by path or name."""
-    reference = reference_in(item)
-    if reference is None:
+    if reference_in(item) is None:
         return read_options(kind, item, sources)
-    path = resolve("map", reference, item.place.path.parent, sources.problems, item)
+    path = resolve_in("map", item, sources.problems)
     root = sources.read_yaml(path, item) if path is not None else None
     return read_options(kind, root, sources) if root is not None else None
 
 
 def _read_list(kind: type[T], item: Located, sources: Sources) -> tuple[T | None, ...]:
-    if not isinstance(item.value, list):
-        remedy = "write a list: - {...}"
-        sources.problems.add(item.place, item.name, shown(item), "is not a list", remedy)
-    return tuple(read_options(kind, element, sources) for element in item.elements())
+    elements = elements_of(item, sources.problems, "write a list: - {...}")
+    return tuple(read_options(kind, element, sources) for element in elements)

@@ -1,5 +1,6 @@
-"""Validates located YAML with pydantic, every complaint placed at its line and column."""
+"""Validates located YAML with pydantic, and places every complaint at its line and column."""
 
+from collections.abc import Callable
 from enum import Enum
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -7,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from .document import Located
 from .problems import Problems, nearest, suggestion
+from .quantities import QuantityError
 
 LONGEST_VALUE = 60
 
@@ -18,6 +20,7 @@ class Schema(BaseModel):
 
 
 S = TypeVar("S", bound=Schema)
+T = TypeVar("T")
 
 
 def read_mapping(
@@ -25,8 +28,8 @@ def read_mapping(
 ) -> S | None:
     """Return the mapping read by its schema, as far as possible: a bad key counts as absent.
 
-    Unknown keys, wrong values and missing keys are recorded; None means that a required key is
-    among them. `hints` gives the remedy for keys that belong somewhere else.
+    Unknown keys, wrong values and missing keys are recorded as problems. None if a required key
+    is wrong or missing. `hints` gives the remedy for keys that belong somewhere else.
     """
     if not isinstance(item.value, dict):
         keys = ", ".join(schema.model_fields)
@@ -59,6 +62,22 @@ def shown(item: Located) -> str:
         return text if len(text) <= LONGEST_VALUE else "a list"
     text = "nothing" if item.value is None else str(item.value)
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+def elements_of(item: Located | None, problems: Problems, remedy: str) -> list[Located]:
+    """Return the elements of a list; none of None, and none, with a problem, of anything else."""
+    if item is not None and not isinstance(item.value, list):
+        problems.add(item.place, item.name, shown(item), "is not a list", remedy)
+    return [] if item is None else item.elements()
+
+
+def quantity_in(item: Located, read: Callable[[], T], problems: Problems) -> T | None:
+    """Return what `read` makes of a value; None, with a problem, if that is a `QuantityError`."""
+    try:
+        return read()
+    except QuantityError as error:
+        problems.add(item.place, item.name, shown(item), error.limit, error.remedy)
+        return None
 
 
 def _add_unknown_key(

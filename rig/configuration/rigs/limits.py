@@ -1,10 +1,10 @@
-"""The `limits` of a rig file: what a test may ask of a rig, and what is done beyond.
+"""The `limits` of a rig file: what a test may ask of a rig, and what is done beyond that.
 
-Position and pressure make the ladder that every rig has; `channels` adds rungs for whatever the
-loop reads.
+The limits of position and pressure make the ladder that every rig has; `channels` adds rungs for
+whatever the loop reads.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Annotated, Any, Final
@@ -18,6 +18,7 @@ from rig.configuration.reading import (
     Physical,
     Problems,
     Schema,
+    elements_of,
     read_mapping,
     show,
     shown,
@@ -98,51 +99,63 @@ def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
 def read_ladder(item: Located | None, problems: Problems) -> tuple[ChannelLimit, ...]:
     """Return the rungs that a rig file gives itself, under `limits: {channels: [...]}`."""
     channels = item.get("channels") if item is not None else None
-    if channels is None:
-        return ()
-    if not isinstance(channels.value, list):
-        remedy = "write a list: - {channel: ..., high: ..., action: ...}"
-        problems.add(channels.place, channels.name, shown(channels), "is not a list", remedy)
-        return ()
-    return tuple(_read_rungs(channels.elements(), problems))
+    remedy = "write a list: - {channel: ..., high: ..., action: ...}"
+    elements = elements_of(channels, problems, remedy)
+    limit = "is not a known channel"
+    limits = read_channel_limits(elements, _rung_keys, FAST_INPUTS, FAST_INPUTS, limit, problems)
+    rungs = ((ChannelLimit(**given), element) for element, given in limits)
+    return tuple(rung for rung, element in rungs if _is_sound(rung, element, problems))
 
 
-def _read_rungs(elements: list[Located], problems: Problems) -> Iterator[ChannelLimit]:
+def read_channel_limits(
+    elements: list[Located],
+    keys_of: Callable[[Any], dict[str, Any]],
+    channels: Sequence[str],
+    known: Sequence[str],
+    unknown: str,
+    problems: Problems,
+) -> Iterator[tuple[Located, dict[str, Any]]]:
+    """Yield each usable limit of a list of channels with its keys, `for` as `for_s`.
+
+    Args:
+        elements: of the list.
+        keys_of: returns the keys beside `channel`, `low` and `high`, given the type of a bound.
+        channels: whose unit is known; bounds are read in it.
+        known: channels that may have a limit here.
+        unknown: what is wrong with any other channel.
+        problems: takes what is wrong with the other limits.
+    """
     for element in elements:
         entry = element.get("channel")
         channel = str(entry.value) if entry is not None else ""
         before = problems.reported
-        file = read_mapping(_rung_schema(channel), element, problems)
-        if entry is not None and channel not in FAST_INPUTS:
-            remedy = suggestion(channel, FAST_INPUTS, "channels")
-            problems.add(entry.place, "channel", channel, "is not a known channel", remedy)
+        # An unknown channel has no unit: the channel alone is what is wrong with the limit.
+        bound = Annotated[float, Physical(unit_of(channel))] if channel in channels else Any
+        ends = {"channel": (str, ...), "low": (bound, -inf), "high": (bound, inf)}
+        keys: dict[str, Any] = ends | keys_of(bound)
+        file = read_mapping(create_model("LimitFile", __base__=Schema, **keys), element, problems)
+        if entry is not None and channel not in known:
+            remedy = suggestion(channel, known, "channels")
+            problems.add(entry.place, "channel", channel, unknown, remedy)
         elif file is not None and problems.reported == before:
-            keys = file.model_dump()
-            rung = ChannelLimit(for_s=keys.pop("for"), **keys)
-            if _is_sound(rung, element, problems):
-                yield rung
+            given = file.model_dump()
+            if given["low"] == -inf and given["high"] == inf:
+                remedy = "add `low: ...`, `high: ...` or both"
+                problems.add(element.place, channel, "", "has no limit", remedy)
+            else:
+                given["for_s"] = given.pop("for")
+                yield element, given
 
 
-def _rung_schema(channel: str) -> type[Schema]:
-    """Return the keys of one rung; its limits are in the channel's unit."""
-    # Of an unknown channel no unit is known: that alone is what is wrong with it.
-    bound = Annotated[float, Physical(unit_of(channel))] if channel in FAST_INPUTS else Any
-    keys: dict[str, Any] = {
-        "channel": (str, ...),
-        "low": (bound, -inf),
-        "high": (bound, inf),
+def _rung_keys(bound: Any) -> dict[str, Any]:
+    return {
         "action": (Response, ...),
         "hysteresis": (bound, 0.0),
         "for": (Annotated[float, Physical("s", 0.0, 600.0, 1.0)], 0.0),
     }
-    return create_model("ChannelLimitFile", __base__=Schema, **keys)
 
 
 def _is_sound(rung: ChannelLimit, element: Located, problems: Problems) -> bool:
-    if rung.low == -inf and rung.high == inf:
-        remedy = "add `low: ...`, `high: ...` or both"
-        problems.add(element.place, rung.channel, "", "has no limit", remedy)
-        return False
     if rung.low >= rung.high:
         entry, unit = element.find(("low",)), unit_of(rung.channel)
         limit = f"is not below high ({show(rung.high, unit)})"

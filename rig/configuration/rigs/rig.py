@@ -13,10 +13,11 @@ from rig.configuration.reading import (
     Physical,
     Schema,
     Sources,
+    load,
     read_mapping,
     read_options,
     reference_in,
-    resolve,
+    resolve_in,
     show,
 )
 from rig.io import ChannelLimit, DriverSpec, HomingSettings, LoopSettings
@@ -41,12 +42,12 @@ class Rig:
         bypass_valves: the valves that make leaks, by the kind of fault each makes.
         return_valve: the valve that blocks the return line, if there is one.
         gain_V_per_m: gain of the proportional position loop.
-        pace: whether its campaigns run at the wall clock or as fast as they can, unless told; a
-            hardware rig knows the wall clock only.
+        pace: whether its campaigns run at the wall clock or as fast as they can, unless a
+            command says so; a hardware rig knows the wall clock only.
         ladder: what is done when a channel leaves its limits.
         drivers: of a hardware rig, one of them fast; a simulated one has none.
         loop: how the loop of a hardware rig is paced and watched.
-        homing: how its encoder finds its zero; None: it always knows where it is.
+        homing: how its encoder finds its zero; None if the encoder always knows the position.
     """
 
     name: str
@@ -109,7 +110,7 @@ class PlantFile(Schema):
 
 
 def read_rig(path: Path, sources: Sources) -> Rig | None:
-    """Return the rig in a file; None, with problems added to the sources', if it cannot be made."""
+    """Return the rig in a file; None, with problems, if the rig cannot be made."""
     root = _with_parents(path, sources, ())
     if root is None:
         return None
@@ -154,12 +155,7 @@ def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
     Raises:
         ConfigError: every problem of the file, its parents and its models.
     """
-    sources = Sources()
-    path = resolve("rig", str(reference), base or Path.cwd(), sources.problems)
-    rig = read_rig(path, sources) if path else None
-    sources.problems.raise_if_any()
-    assert rig is not None
-    return rig
+    return load("rig", reference, base, read_rig)
 
 
 def _with_parents(
@@ -173,10 +169,9 @@ def _with_parents(
         return None
     root = sources.read_yaml(path, referrer)
     entry = root.get("parent") if root is not None else None
-    reference = reference_in(entry)
-    if root is None or entry is None or reference is None:
+    if root is None or reference_in(entry) is None:
         return root
-    found = resolve("rig", reference, path.parent, sources.problems, entry)
+    found = resolve_in("rig", entry, sources.problems)
     parent = _with_parents(found, sources, (*children, path), entry) if found else None
     if parent is None:
         return None
@@ -193,8 +188,7 @@ def _read_plant(root: Located, sources: Sources) -> Model | None:
     file = read_mapping(PlantFile, item, sources.problems)
     base = None
     if file is not None:
-        entry = item.find(("model",))
-        found = resolve("model", file.model, entry.place.path.parent, sources.problems, entry)
+        found = resolve_in("model", item.find(("model",)), sources.problems)
         base = read_model(found, sources) if found else None
     model = override(base or Model(), item, sources)
     return model if base else None
@@ -207,7 +201,7 @@ def _read_drivers(
     rungs: tuple[ChannelLimit, ...],
     sources: Sources,
 ) -> tuple[DriverSpec, ...]:
-    """Return the drivers of a hardware rig; a simulated one may inherit some, and has no use."""
+    """Return the drivers of a hardware rig; none of a simulated one, which may inherit some."""
     item = root.get("drivers")
     hardware = file is not None and file.backend == "hardware"
     if not hardware and item is not None and item.place.path == root.place.path:

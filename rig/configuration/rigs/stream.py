@@ -11,8 +11,9 @@ from rig.configuration.reading import (
     Physical,
     Schema,
     Sources,
+    elements_of,
+    load,
     read_mapping,
-    resolve,
     shown,
 )
 from rig.stream import (
@@ -28,7 +29,7 @@ from rig.stream import (
 )
 
 OFF: Final = "off"
-"""What is written in place of a profile where no stream is wanted."""
+"""The word that is written in place of a profile where no stream is wanted."""
 DEFAULT: Final = "loopback"
 
 
@@ -88,16 +89,11 @@ def load_stream(reference: str | Path, base: Path | None = None) -> StreamSettin
     Raises:
         ConfigError: every problem of the file.
     """
-    sources = Sources()
-    path = resolve("stream", str(reference), base or Path.cwd(), sources.problems)
-    settings = read_stream(path, sources) if path else None
-    sources.problems.raise_if_any()
-    assert settings is not None
-    return settings
+    return load("stream", reference, base, read_stream)
 
 
 def read_stream(path: Path, sources: Sources) -> StreamSettings | None:
-    """Return the stream in a file; None, with problems added, if it cannot be made."""
+    """Return the stream in a file; None, with problems, if the stream cannot be made."""
     root = sources.read_yaml(path)
     if root is None:
         return None
@@ -163,11 +159,9 @@ def _access(item: Located | None, sources: Sources) -> Access | None:
 
 
 def _operators(item: Located | None, sources: Sources) -> tuple[Operator, ...]:
-    if item is not None and not isinstance(item.value, list):
-        remedy = "write a list: - {operator: NAME, allow: [abort]}"
-        sources.problems.add(item.place, item.name, shown(item), "is not a list", remedy)
     found: dict[str, Operator] = {}
-    for element in item.elements() if item is not None else ():
+    remedy = "write a list: - {operator: NAME, allow: [abort]}"
+    for element in elements_of(item, sources.problems, remedy):
         file = read_mapping(OperatorFile, element, sources.problems)
         if file is None:
             continue

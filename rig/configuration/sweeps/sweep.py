@@ -5,23 +5,30 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args
 
-from pydantic import Field as SchemaField, create_model
+from pydantic import Field as SchemaField
 
 from estimator.leaks import LEARNING_S
 from faults import LEAK_KINDS
 from rig.configuration.campaigns import TYPICAL_PRESSURE, plain
-from rig.configuration.models import BELONGS_TO_EFFECT, PARAMETERS, physical, read_model
+from rig.configuration.models import (
+    BELONGS_TO_EFFECT,
+    PARAMETERS,
+    effect_values,
+    parameter_schemas,
+    physical,
+    read_model,
+)
 from rig.configuration.reading import (
     Adjustable,
     Located,
     Physical,
     Problems,
-    QuantityError,
     Schema,
     Sources,
+    load,
+    quantity_in,
     read_mapping,
-    reference_in,
-    resolve,
+    resolve_in,
     show,
     shown,
     suggestion,
@@ -84,25 +91,7 @@ class LeaksFile(Schema):
     onset: Annotated[Any, Random(Physical("s", 0.0, 3600.0, 20.0))]
 
 
-def _schema(name: str, fields: dict[str, str]) -> type[Schema]:
-    drawn = {
-        key: (Annotated[Any, Random(Adjustable(physical(field)))], None)
-        for key, field in fields.items()
-    }
-    made: type[Schema] = create_model(name, __base__=Schema, **drawn)  # type: ignore[call-overload]
-    return made
-
-
-_PARAMETERS_SCHEMA: Final = _schema("SweptParametersFile", {name: name for name in PARAMETERS})
-_EFFECTS_SCHEMA: Final[type[Schema]] = create_model(
-    "SweptEffectsFile", __base__=Schema, **dict.fromkeys(CATALOGUE, (Any, None))
-)  # type: ignore[call-overload]
-_EFFECT_SCHEMAS: Final = {
-    effect.name: _schema(
-        f"Swept{effect.name}", {knob.name: knob.field for knob in effect.parameters}
-    )
-    for effect in CATALOGUE.values()
-}
+_SCHEMAS: Final = parameter_schemas(lambda quantity: Random(Adjustable(quantity)))
 
 
 def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
@@ -111,23 +100,18 @@ def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
     Raises:
         ConfigError: every problem of the file, its rig and its models.
     """
-    sources = Sources()
-    path = resolve("sweep", str(reference), base or Path.cwd(), sources.problems)
-    sweep = read_sweep(path, sources) if path is not None else None
-    sources.problems.raise_if_any()
-    assert sweep is not None
-    return sweep
+    return load("sweep", reference, base, read_sweep)
 
 
 def read_sweep(path: Path, sources: Sources) -> Sweep | None:
-    """Return the sweep in a file; None, with problems added to the sources', if it is unusable."""
+    """Return the sweep in a file; None, with problems, if the sweep is unusable."""
     root = sources.read_yaml(path)
     if root is None:
         return None
     problems = sources.problems
     file = read_mapping(SweepFile, root, problems)
-    rig = _read_rig(root, path, sources)
-    model = _read_model(root, path, sources)
+    rig = _read_rig(root, sources)
+    model = _read_model(root, sources)
     plant = rig.plant.parameters if rig is not None else None
     duration_s = file.duration if file is not None else None
     drawn = _Parameters(plant or NOMINAL, problems).read(root)
@@ -176,7 +160,7 @@ def _check_duration(file: SweepFile, root: Located, problems: Problems) -> None:
 
 
 def _meaning(sweep: Sweep) -> dict[str, Any]:
-    """Return what decides on every figure of a sweep, as plain values, SI."""
+    """Return all that the figures of a sweep depend on, as plain values in SI."""
     rig = sweep.rig
     return {
         "name": sweep.name,
@@ -200,14 +184,11 @@ def _meaning(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def _read_rig(root: Located, path: Path, sources: Sources) -> Rig | None:
+def _read_rig(root: Located, sources: Sources) -> Rig | None:
     entry = root.get("rig")
-    reference = reference_in(entry)
-    if entry is None or reference is None:
-        return None
-    found = resolve("rig", reference, path.parent, sources.problems, entry)
+    found = resolve_in("rig", entry, sources.problems)
     rig = read_rig(found, sources) if found is not None else None
-    if rig is None:
+    if entry is None or rig is None:
         return None
     for field in REMEMBERING:
         value = getattr(rig.plant.parameters, field)
@@ -218,12 +199,9 @@ def _read_rig(root: Located, path: Path, sources: Sources) -> Rig | None:
     return rig
 
 
-def _read_model(root: Located, path: Path, sources: Sources) -> Model | None:
+def _read_model(root: Located, sources: Sources) -> Model | None:
     entry = root.get("model") or Located("nominal", root.place, "model")
-    reference = reference_in(entry)
-    if reference is None:
-        return None
-    found = resolve("model", reference, path.parent, sources.problems, entry)
+    found = resolve_in("model", entry, sources.problems)
     model = read_model(found, sources) if found is not None else None
     chosen = root.get("filter")
     if model is None or chosen is None or chosen.value != "product":
@@ -247,11 +225,11 @@ class _Parameters:
     def read(self, root: Located) -> "_Parameters":
         parameters, effects = root.get("parameters"), root.get("effects")
         if parameters is not None:
-            file = read_mapping(_PARAMETERS_SCHEMA, parameters, self._problems, BELONGS_TO_EFFECT)
+            file = read_mapping(_SCHEMAS.parameters, parameters, self._problems, BELONGS_TO_EFFECT)
             for field in PARAMETERS:
                 self._set(field, getattr(file, field, None), parameters.find((field,)))
         if effects is not None:
-            read_mapping(_EFFECTS_SCHEMA, effects, self._problems)
+            read_mapping(_SCHEMAS.effects, effects, self._problems)
             for name, entry in effects.items():
                 if name in CATALOGUE:
                     self._read_effect(CATALOGUE[name], entry)
@@ -259,19 +237,10 @@ class _Parameters:
         return self
 
     def _read_effect(self, effect: PlantEffect, entry: Located) -> None:
-        fields = {knob.name: knob.field for knob in effect.parameters}
         alone = not isinstance(entry.value, dict) or bool(set(entry.value) & set(KINDS))
-        if alone and "value" in fields:
-            entry = Located({"value": entry}, entry.place, entry.name)
-        elif alone or not entry.value:
-            keys = ", ".join(fields)
-            limit, remedy = "lacks its parameters", f"give {{{keys}}}"
-            self._problems.add(entry.place, effect.name, shown(entry), limit, remedy)
-            return
-        file = read_mapping(_EFFECT_SCHEMAS[effect.name], entry, self._problems)
-        for knob in effect.parameters:
-            self._set(knob.field, getattr(file, knob.name, None), entry.find((knob.name,)))
-            if knob.followed_by and getattr(file, knob.name, None) is not None:
+        for knob, drawn, place in effect_values(effect, entry, alone, _SCHEMAS, self._problems):
+            self._set(knob.field, drawn, place)
+            if knob.followed_by and drawn is not None:
                 self.followers[knob.followed_by] = knob.field
 
     def _set(self, field: str, drawn: Drawn | None, item: Located) -> None:
@@ -285,13 +254,11 @@ class _Parameters:
             limit = "remembers more than the plant's states, which a sweep does not"
             self._problems.add(item.place, field, shown(item), limit, "leave it out")
             return
-        try:
-            found = resolved(drawn, getattr(self._base, field), physical(field))
-        except QuantityError as error:
-            self._problems.add(item.place, item.name, shown(item), error.limit, error.remedy)
-            return
-        self.distributions[field] = found
-        self._entries[field] = item
+        base = getattr(self._base, field)
+        found = quantity_in(item, lambda: resolved(drawn, base, physical(field)), self._problems)
+        if found is not None:
+            self.distributions[field] = found
+            self._entries[field] = item
 
     def _support(self, field: str) -> tuple[float, float]:
         base = float(getattr(self._base, field))
@@ -339,14 +306,15 @@ def _read_leaks(
         return None
     name, drawn = next(iter(sizes.items()))
     _check_places(item, file, rig, problems)
-    size = _resolved(item.find((name,)), drawn, _FLOW if name == "flow" else _LEAKAGE, problems)
+    entry, limits = item.find((name,)), _FLOW if name == "flow" else _LEAKAGE
+    size = quantity_in(entry, lambda: resolved(drawn, limits=limits), problems)
     if size is not None and size.support[0] <= 0.0:
-        entry = item.find((name,))
         remedy = "give its part of all cases as `healthy`"
         problems.add(entry.place, name, shown(entry), "may be no leak at all", remedy)
-    onset = _resolved(item.find(("onset",)), file.onset, Physical("s", 0.0, 3600.0), problems)
+    entry, seconds = item.find(("onset",)), Physical("s", 0.0, 3600.0)
+    onset = quantity_in(entry, lambda: resolved(file.onset, limits=seconds), problems)
     if onset is not None and duration_s is not None:
-        _check_onset(item.find(("onset",)), onset, duration_s, filter_name, problems)
+        _check_onset(entry, onset, duration_s, filter_name, problems)
     if size is None or onset is None:
         return None
     pressures = tuple(_drop(place, file.pressure) for place in file.places)
@@ -359,16 +327,6 @@ def _drop(place: str, given: float | None) -> float:
     if given is not None:
         return given
     return INTERNAL_PRESSURE if place == "internal_leakage" else TYPICAL_PRESSURE
-
-
-def _resolved(
-    entry: Located, drawn: Drawn, limits: Physical, problems: Problems
-) -> Distribution | None:
-    try:
-        return resolved(drawn, limits=limits)
-    except QuantityError as error:
-        problems.add(entry.place, entry.name, shown(entry), error.limit, error.remedy)
-        return None
 
 
 def _check_places(item: Located, file: LeaksFile, rig: Rig | None, problems: Problems) -> None:

@@ -9,8 +9,8 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Problems,
-    QuantityError,
     Schema,
+    quantity_in,
     read_mapping,
     show,
     shown,
@@ -184,15 +184,13 @@ class _Reader:
             limit = f"has {len(elements)} elements"
             self._problems.add(entry.place, key, "", limit, f"give 1 to {most}")
             return None
-        found = []
-        for element in elements:
-            try:
-                found.append(self._one(key, reader.parse(element.plain())))
-            except QuantityError as error:
-                self._problems.add(
-                    element.place, element.name, shown(element), error.limit, error.remedy
-                )
-        return tuple(found) if len(found) == len(elements) else None
+        read = [self._element(key, reader, element) for element in elements]
+        found = tuple(each for each in read if each is not None)
+        return found if len(found) == len(elements) else None
+
+    def _element(self, key: str, reader: Random, element: Located) -> Distribution | None:
+        read = reader.parse
+        return quantity_in(element, lambda: self._one(key, read(element.plain())), self._problems)
 
     def _one(self, key: str, drawn: Drawn) -> Distribution:
         for value in drawn.values:

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from rig.configuration import ConfigError, check
-from rig.configuration.campaigns.schedule import load_schedule
-from rig.configuration.campaigns.timetable import Missed, Schedule
+from rig.configuration.campaigns.schedule import Missed, Schedule, load_schedule
 
 HEAD = "name: night\ntimezone: Europe/Helsinki\nruns: out\n"
 

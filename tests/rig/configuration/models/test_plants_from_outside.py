@@ -82,7 +82,7 @@ def test_a_model_written_reads_back_to_the_same_values_and_tells_their_intervals
     text = (workplace / "found.yaml").read_text()
     assert "95 %: 91 to 92 kg" in text
     assert "95 %: 0.31 to 0.35 N" in text
-    assert found.told["provenance"] == provenance
+    assert found.content["provenance"] == provenance
 
 
 def test_a_model_written_as_given_keeps_its_name_and_tells_no_interval_of_what_was_not_kept(

@@ -10,7 +10,7 @@ from zoneinfo import ZoneInfo
 import pytest
 from hypothesis import Phase, given, settings, strategies as st
 
-from rig.configuration.campaigns.timetable import MOST_TIMES, Entry, Missed, Schedule
+from rig.configuration.campaigns.schedule import MOST_TIMES, Entry, Missed, Schedule
 from rig.runner.run_folder.journal import Journal, JournalError
 from rig.runner.schedule.additions import ADDITIONS, add
 from rig.runner.schedule.scheduler import MOST_RESUMES, Scheduler
