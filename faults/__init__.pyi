@@ -1,4 +1,4 @@
-from .bypass import BypassValve as BypassValve, NeedleCharacteristic as NeedleCharacteristic
+from .bypass import BypassValve as BypassValve
 from .campaign import (
     Campaign as Campaign,
     CampaignTest as CampaignTest,
@@ -11,6 +11,7 @@ from .leakage import (
     square_root_flow as square_root_flow,
     to_litres_per_minute as to_litres_per_minute,
 )
+from .needle import NeedleCharacteristic as NeedleCharacteristic
 from .needle_calibration import (
     CalibratedPoint as CalibratedPoint,
     CalibrationError as CalibrationError,

@@ -17,18 +17,7 @@ from .leakage import Value, square_root_flow, to_litres_per_minute
 from .needle import ROUNDING, BypassError, NeedleCharacteristic, require_share
 from .verdict import LEAK_KINDS, Verdict
 
-__all__ = [
-    "NOMINAL_BYPASSES",
-    "BypassError",
-    "BypassValve",
-    "NeedleCharacteristic",
-    "bore_coefficient",
-    "coefficient_beside",
-    "port_opening",
-    "series_coefficient",
-]
-
-# Half the supply pressure of section 2.1, near which a chamber sits: what flows are quoted at.
+# Half the supply pressure of section 2.1, which a chamber's is near: flows are quoted at this drop.
 _QUOTED_DROP: Final = 6.9e6
 
 

@@ -63,10 +63,10 @@ class Campaign:
         model: what the detector assumes of the rig.
         filter_name: `product`, `thesis-6` or `thesis-7`.
         baseline: what the detector may assume of the rig; None if it knows the model only.
-        baseline_file: where that was read from.
+        baseline_file: where the baseline was read from.
         source_files: SHA-256 of every file the campaign was read from, by path.
         resolved: the campaign with its rig and models as plain values, for the recordings.
-        conditions: what must hold of the rig, lest the campaign be held.
+        conditions: of the rig; while one does not hold, the campaign is held.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Campaign:
     conditions: tuple[Condition, ...] = ()
 
     def detector(self) -> Detector:
-        """Return a new detector, that knows what the campaign says of the rig."""
+        """Return a new detector with the campaign's model and baseline."""
         if self.baseline is None:
             return detector_for(self.filter_name, self.model, self.false_alarms_per_day)
         return self.baseline.detector(self.filter_name, self.model, self.false_alarms_per_day)

@@ -1,4 +1,4 @@
-"""What must hold of the rig while a campaign runs; else it is held, and goes on by itself."""
+"""Conditions of a campaign: while one does not hold, the campaign is held, then it goes on."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -6,12 +6,12 @@ from math import inf
 
 
 class WhenUnmet(StrEnum):
-    """What becomes of a test that runs as its campaign is held."""
+    """What becomes of a test that runs when its campaign is held."""
 
     FINISH = "finish"
-    """It comes to its end first."""
+    """The test comes to its end first."""
     INTERRUPT = "interrupt"
-    """It ends at once, with the ram held, and is run again."""
+    """The test ends at once, with the ram held, and is run again."""
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class Condition:
 
     Attributes:
         channel: a signal that the rig measures.
-        low, high: it holds while beyond one of them.
+        low, high: the campaign is held while the channel is beyond one of them.
         hysteresis: by how much the channel must be back within before the campaign goes on.
-        for_s: how long it must have been beyond, or be back.
+        for_s: how long the channel must have been beyond its limits, or back within them.
         action: what becomes of a test that runs.
         give_up_s: how long the campaign may be held before it is stopped.
     """

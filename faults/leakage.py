@@ -34,8 +34,9 @@ def linear_flow(coefficient: float, pressure_drop: Value) -> Value:
 def square_root_coefficient(flow: Value, pressure_drop: Value) -> Value:
     """Return q / (sgn(dp) sqrt|dp|) in m^3/(s Pa^0.5) (eqs. 5.4, 5.6 and 5.7, in SI).
 
-    Flow in m^3/s, dp in Pa. It is NaN where the drop is zero: no flow there tells a coefficient. A
-    meter that reads no sign, as the internal one of the rig, wants the drop's magnitude.
+    Flow in m^3/s, dp in Pa. The result is NaN where the drop is zero, as no flow there gives a
+    coefficient. For a meter that reads no sign, as the rig's internal one, the drop is to be its
+    magnitude.
     """
     return _ratio(flow, signed_roots(pressure_drop))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from control import Checks, RequestError
 
-# Points closer than these shares of full scale cannot be told apart by a calibration, and finer
+# A calibration cannot distinguish points closer than these shares of full scale, and finer
 # steps would cost the inverse the nine digits that hold for every table admitted here.
 _OPENING_STEP: Final = 0.01
 _COEFFICIENT_STEP: Final = 1e-4

@@ -1,4 +1,4 @@
-"""Calibrating a needle valve: its coefficient from what a meter and the pressure drop tell.
+"""Calibrates a needle valve: finds its coefficient from a flow meter and the pressure drop.
 
 A flow meter and two pressures see the bypass, ball and needle in series: k = q / sqrt(dp). Noise is
 judged by batches long against the meter's lag, which are independent of each other (the method of
@@ -23,9 +23,9 @@ from .needle import NeedleCharacteristic
 Array = NDArray[np.float64]
 
 RESOLVED: Final = 3.0
-"""Standard errors from which on a flow is told from none."""
+"""Number of standard errors above which a flow is distinguished from no flow."""
 _SETTLED: Final = 3.0
-"""Standard deviations by which a batch may differ from those after it."""
+"""Number of standard deviations by which a batch may differ from the batches after it."""
 _LEAST_DROP: Final = 3e5
 """Pa. Ten times the noise of a pressure transducer: a smaller drop says little about a valve."""
 
@@ -35,7 +35,7 @@ class CalibrationError(RequestError):
 
 
 class UnsettledError(Exception):
-    """Batches that go on changing: there is nothing yet to average."""
+    """The batches go on changing, so that there is nothing to average yet."""
 
 
 class Estimate(NamedTuple):
@@ -46,7 +46,7 @@ class Estimate(NamedTuple):
 
     @property
     def is_resolved(self) -> bool:
-        """Whether it can be told from zero."""
+        """Whether the value can be distinguished from zero."""
         return self.value > RESOLVED * self.standard_error
 
 
@@ -57,7 +57,7 @@ class Measurement:
     Attributes:
         opening: that the needle was sent to, 0 to 1.
         upwards: whether it came from a smaller opening.
-        feedback: where it said it was, NaN if it does not say.
+        feedback: opening that the needle reported, NaN if it reports none.
         flow: through the bypass, m^3/s, without the meter's zero.
         drop_Pa: mean pressure drop across the bypass.
         coefficient: of ball and needle in series, m^3/(s Pa^0.5).
@@ -87,7 +87,7 @@ class CalibratedPoint:
 
     @property
     def bound(self) -> float:
-        """The most it can be, by two standard errors (95 %)."""
+        """The most that the coefficient can be, by two standard errors (95 %)."""
         return max(self.coefficient.value, 0.0) + 2.0 * self.coefficient.standard_error
 
 
@@ -127,7 +127,7 @@ def settled(values: Array) -> Array:
 
 
 def meter_zero(flow: Array, ticks: int) -> Estimate:
-    """Return what a meter tells of no flow, m^3/s, from samples (n,) and a batch's length.
+    """Return what a meter reads without a flow, m^3/s, from samples (n,) and a batch's length.
 
     Batches have medians, here and of a flow: a meter that reads nothing below zero cuts off part of
     its noise, which lifts a mean much more. Samples that are NaN do not count.
@@ -176,8 +176,8 @@ def calibrated_needle(
 ) -> NeedleCalibration:
     """Return a needle's own coefficient at each opening, the ball's share removed.
 
-    Openings at which the meter does not tell the flow from none are left out; a shut needle that
-    passes so little counts as tight.
+    Openings at which the meter does not distinguish the flow from none are left out; a shut needle
+    that passes so little counts as tight.
 
     Raises:
         CalibrationError: the drop was too small, more passed than the open ball lets pass, or
@@ -230,7 +230,7 @@ def _require_possible(valve: BypassValve, measurements: Sequence[Measurement]) -
 def _point(valve: BypassValve, opening: float, group: Sequence[Measurement]) -> CalibratedPoint:
     estimates = [_without_ball(each.coefficient, valve) for each in group]
     values = {each.upwards: k.value for each, k in zip(group, estimates, strict=True)}
-    # The plain mean of their errors: most of it may be the zero's, which is the same in all.
+    # The errors have a plain mean: most of each may be the zero's error, which all share.
     return CalibratedPoint(
         opening,
         Estimate(
@@ -243,6 +243,6 @@ def _point(valve: BypassValve, opening: float, group: Sequence[Measurement]) -> 
 
 def _without_ball(series: Estimate, valve: BypassValve) -> Estimate:
     ball = valve.ball_coefficient
-    # Its derivative by the series coefficient.
+    # The derivative of the result by the series coefficient.
     slope = (1.0 - (series.value / ball) ** 2) ** -1.5
     return Estimate(float(coefficient_beside(series.value, ball)), slope * series.standard_error)

@@ -1,4 +1,4 @@
-from .csv_table import SetpointFileError as SetpointFileError
+from .csv_table import FromFile as FromFile, SetpointFileError as SetpointFileError
 from .held import Constant as Constant, Pseudorandom as Pseudorandom, Steps as Steps
 from .periodic import Chirp as Chirp, Multisine as Multisine, Sine as Sine
 from .polyline import Polyline as Polyline
@@ -9,4 +9,3 @@ from .protocol import (
     SetpointError as SetpointError,
     Times as Times,
 )
-from .tabulated import FromFile as FromFile

@@ -1,7 +1,8 @@
-"""Reading a setpoint from a CSV file, with every fault of the file named by its line."""
+"""A setpoint read from a CSV file; every fault of the file is named by its line."""
 
 import csv
 import gzip
+from dataclasses import dataclass, field
 from math import isfinite, nan
 from pathlib import Path
 from typing import Final, TextIO
@@ -9,7 +10,7 @@ from typing import Final, TextIO
 import numpy as np
 
 from ..request import RequestProblem
-from .protocol import Quantity, Samples, SetpointError
+from .protocol import Quantity, Samples, SetpointError, Times, checks_of
 
 _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
 
@@ -21,7 +22,42 @@ class SetpointFileError(SetpointError):
     """A setpoint file that is missing or cannot be used; each problem is at file:line."""
 
 
-def read_setpoint(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
+@dataclass(frozen=True)
+class FromFile:
+    """A setpoint read from a CSV file (.csv or .csv.gz), linear between its rows.
+
+    The file has a header with `time_s` and `position_m` (quantity "position") or `command_V`
+    (quantity "command"); before the first row and after the last their values hold. It is read
+    once, when the setpoint is made.
+
+    Raises:
+        SetpointFileError: the file is missing or bad; every problem with file:line.
+    """
+
+    path: Path
+    quantity: Quantity = "position"
+    _time: Samples = field(init=False, repr=False, compare=False)
+    _value: Samples = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        checks_of(self).finish()
+        time, value = _read_file(Path(self.path), self.quantity)
+        object.__setattr__(self, "path", Path(self.path))
+        object.__setattr__(self, "_time", time)
+        object.__setattr__(self, "_value", value)
+
+    def sample(self, time_s: Times) -> Samples:
+        """Return the setpoint at each time, as `Setpoint.sample`."""
+        return np.interp(np.asarray(time_s, dtype=np.float64), self._time, self._value)
+
+    def peak_rate(self, duration_s: float) -> float:
+        """Return the steepest slope between rows that the duration reaches, in m/s or V/s."""
+        slopes = np.abs(np.diff(self._value) / np.diff(self._time))
+        reached = (self._time[:-1] < duration_s) & (self._time[1:] > 0.0)
+        return float(np.max(slopes, where=reached, initial=0.0))
+
+
+def _read_file(path: Path, quantity: Quantity) -> tuple[Samples, Samples]:
     """Return (time in s, setpoint in m or V) of a .csv or .csv.gz file, both float64 (rows,).
 
     Raises:

@@ -1,9 +1,9 @@
-"""What is wrong with a recording: every problem of a file at once, each with its remedy."""
+"""What is wrong with a recording: every problem of a file together, each with its remedy."""
 
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 MAX_PROBLEMS: Final = 20
 """Problems listed for one file; the rest is counted."""
@@ -51,6 +51,11 @@ class RecordingError(ValueError):
         self.omitted: dict[str, int] = {
             path: count - MAX_PROBLEMS for path, count in seen.items() if count > MAX_PROBLEMS
         }
+
+    @classmethod
+    def of_file(cls, path: str, value: str, remedy: str, limit: str = "") -> Self:
+        """Return the error of a single problem, which is the whole file's."""
+        return cls([RecordingProblem(path, None, "file", value, limit, remedy)])
 
     def __str__(self) -> str:
         """Return one line a problem, then one line for each file that has more."""

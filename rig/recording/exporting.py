@@ -1,4 +1,4 @@
-"""Writes a recording to another format, lossless, and never half a file under its final name."""
+"""Writes a recording to another format, lossless; no half-written file has the final name."""
 
 import json
 from os import PathLike, fspath
@@ -9,10 +9,10 @@ from .errors import RecordingError, RecordingProblem
 from .metadata import metadata_texts
 from .reading import EXTENSIONS, SIDECAR, extension_of
 from .recording import Recording
-from .targets import replacing, target_problems
+from .targets import replace_text, replacing, target_problems
 
 MF4: Final = ".mf4"
-"""Written only, so that it is none of `EXTENSIONS`."""
+"""Extension that is written only, and therefore not among `EXTENSIONS`."""
 
 
 def export(recording: Recording, path: str | PathLike[str]) -> None:
@@ -68,5 +68,4 @@ def _write_sidecar(recording: Recording, path: Path) -> None:
         "metadata": recording.metadata,
         "events": [[event.time_s, event.kind, event.text] for event in recording.events],
     }
-    with replacing(path) as partial:
-        partial.write_text(json.dumps(content, indent=1) + "\n")
+    replace_text(path, json.dumps(content, indent=1) + "\n")

@@ -1,4 +1,4 @@
-"""Values no rig of this kind shows: mostly a column in another unit than its name says."""
+"""Finds values that no rig of this kind shows; mostly a column has another unit than its name."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from .table import Table
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """Magnitudes a channel can have, and what a channel beyond them is likely to be."""
+    """Largest magnitude that a channel can have, and what one beyond it is likely to be."""
 
     upper: float
     unit: str
@@ -32,9 +32,9 @@ _SPANS: Final = {
     "pressure_2_Pa": _PRESSURE,
     "supply_pressure_Pa": _PRESSURE,
 }
-# A rig under pressure passes this in some chamber at some time; so does 30 kPa of sensor noise.
+# A rig under pressure exceeds this in some chamber at some time; so does 30 kPa of sensor noise.
 _PRESSURE_FLOOR_PA: Final = 5e4
-# Largest chamber pressure -> what unit gives such a figure on rigs of 5 to 35 MPa.
+# Largest chamber pressure -> the unit that gives such a figure on rigs of 5 to 35 MPa.
 _PRESSURE_UNITS: Final = (
     (40.0, "MPa (multiply by 1e6) or bar (by 1e5)"),
     (700.0, "bar: multiply by 1e5"),

@@ -1,4 +1,4 @@
-"""Reads a recording of any format and refuses what a filter could not use, saying all of why."""
+"""Reads a recording of any format; one that a filter could not use is refused, with all reasons."""
 
 import difflib
 import json
@@ -8,7 +8,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
 
-from .errors import RecordingError, RecordingProblem
+from .errors import RecordingError
 from .mapping import Column, mapped
 from .metadata import events_from
 from .recording import REPLAY_CHANNELS, Recording
@@ -17,11 +17,11 @@ from .validation import problems_of
 
 EXTENSIONS: Final = (".mcap", ".csv", ".csv.gz", ".parquet")
 SIDECAR: Final = ".json"
-"""Appended to a CSV's name: metadata and events, which CSV has no place for."""
+"""Suffix to a CSV's name: that file holds metadata and events, for which CSV has no place."""
 
 
 def extension_of(path: str) -> str | None:
-    """Return which of EXTENSIONS a file name ends with (in any case), or None."""
+    """Return which of EXTENSIONS a file name ends with, in any case; None if with none."""
     lowered = path.lower()
     return next((end for end in EXTENSIONS if lowered.endswith(end)), None)
 
@@ -49,16 +49,12 @@ def read_recording(
     """
     name = fspath(path)
     extension = extension_of(name)
-    problems = _path_problems(name, extension)
-    if problems:
-        raise RecordingError(problems)
+    _check_path(name, extension)
     try:
         table = _read_table(name, extension)
     except OSError as error:
         remedy = "check that the file can be read"
-        raise RecordingError(
-            [RecordingProblem(name, None, "file", error.strerror or str(error), "", remedy)]
-        ) from None
+        raise RecordingError.of_file(name, error.strerror or str(error), remedy) from None
     needed = tuple(dict.fromkeys(("time_s", *required)))
     missing = mapped(table, columns or {}, needed)
     needed = tuple(name for name in needed if name not in missing)
@@ -85,22 +81,21 @@ def _read_table(path: str, extension: str | None) -> Table:
     return read_csv(path)
 
 
-def _path_problems(path: str, extension: str | None) -> list[RecordingProblem]:
+def _check_path(path: str, extension: str | None) -> None:
+    """Check that a recording may be at a path.
+
+    Raises:
+        RecordingError: a folder or nothing is there, or the extension is no recording's.
+    """
     file = Path(path)
     if file.is_dir():
-        remedy = f"give a file, as in {path}/*.mcap"
-        return [RecordingProblem(path, None, "file", "is a folder", "", remedy)]
+        raise RecordingError.of_file(path, "is a folder", f"give a file, as in {path}/*.mcap")
     if not file.exists():
-        return [RecordingProblem(path, None, "file", "does not exist", "", _nearest_files(file))]
+        raise RecordingError.of_file(path, "does not exist", _nearest_files(file))
     if extension is None:
+        value = f"unknown extension {file.suffix!r}"
         limit = f"recordings are {', '.join(EXTENSIONS)}"
-        remedy = "rename or convert the file"
-        return [
-            RecordingProblem(
-                path, None, "file", f"unknown extension {file.suffix!r}", limit, remedy
-            )
-        ]
-    return []
+        raise RecordingError.of_file(path, value, "rename or convert the file", limit)
 
 
 def _nearest_files(file: Path) -> str:
@@ -122,14 +117,8 @@ def _with_sidecar(recording: Recording) -> Recording:
         belongs = content["sha256"] == recording.content_hash()
         metadata, events = dict(content["metadata"]), events_from(json.dumps(content["events"]))
     except (OSError, ValueError, TypeError, KeyError) as error:
-        remedy = "restore or delete it"
-        raise RecordingError(
-            [
-                RecordingProblem(
-                    str(sidecar), None, "file", f"cannot be read ({error!r})", "", remedy
-                )
-            ]
-        ) from None
+        value, remedy = f"cannot be read ({error!r})", "restore or delete it"
+        raise RecordingError.of_file(str(sidecar), value, remedy) from None
     if not belongs:
         warnings.warn(
             f"{sidecar}: describes other data than {recording.source} has now; ignored",

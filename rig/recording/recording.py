@@ -64,7 +64,7 @@ class Recording:
             raise KeyError(f"no channel {channel!r}; the recording has {present}") from None
 
     def __contains__(self, channel: str) -> bool:
-        """Tell whether the recording has this channel."""
+        """Return whether the recording has this channel."""
         return channel in self.channels
 
     def __len__(self) -> int:

@@ -68,12 +68,12 @@ def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> Reco
         try:
             stretches, lost = _readable(file, collector)
         except ForeignSchemaError as error:
-            raise RecordingError([foreign(source, str(error))]) from None
+            raise foreign(source, str(error)) from None
     sizes = [sum(len(block) for block in stretch) for stretch in stretches]
     best = int(np.argmax(sizes))
     if not sizes[best]:
         value = "; ".join(["no sample can be read", *lost])
-        raise RecordingError([RecordingProblem(source, None, "file", value, "", "record again")])
+        raise RecordingError.of_file(source, value, "record again")
     dropped = sum(sizes) - sizes[best]
     if dropped:
         lost.append(f"{dropped} readable samples on the other side of a gap")
@@ -140,7 +140,7 @@ def _take_chunk(chunk: Chunk, collector: SampleCollector, lost: list[str]) -> No
 
 
 def _breaks(blocks: Sequence[NDArray[np.float64]]) -> list[int]:
-    """Return which blocks do not continue the one before: their chunk's record may be gone too."""
+    """Return which blocks do not continue the one before; records of a chunk may be lost too."""
     if len(blocks) < 2:
         return []
     steps = np.diff(np.concatenate([block[:, 0] for block in blocks]))

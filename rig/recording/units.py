@@ -48,7 +48,7 @@ CONVERSIONS: Final = {
 
 
 def unit_of(channel: str) -> str:
-    """Return the unit named by the channel's suffix (`flow_1_m3_per_s` -> `m^3/s`), or ""."""
+    """Return the unit that a channel's suffix names (`flow_1_m3_per_s` -> `m^3/s`); "" if none."""
     parts = channel.split("_")
     # The longest suffix wins: `speed_m_per_s` is in m/s, not in seconds.
     for start in range(1, len(parts)):

@@ -18,9 +18,9 @@ PERIOD_TOLERANCE: Final = 0.01
 MIN_DURATION_S: Final = 1.0
 
 MISSED: Final = "exchange_status"
-"""Channel of a hardware loop: 0 where a fresh sample came; elsewhere it records none."""
+"""Channel of a hardware loop that is 0 where a fresh sample came, and else the reason for none."""
 
-# What the loop knows whatever the wire does.
+# Channels that the loop knows whether samples come or not.
 _COMMANDED: Final = ("time_s", "command_V")
 
 # Names other programs use, where the letters alone are not near enough.
@@ -104,7 +104,7 @@ def _missing_values(table: Table, name: str) -> Iterator[RecordingProblem]:
     limit = f"{name} must have a value in every row"
     missing = ~np.isfinite(values) & ~table.unread(name)
     if name not in _COMMANDED and MISSED in table.columns:
-        # The loop recorded why there is none, and its filter went on without it.
+        # The loop recorded why the sample is missing, and its filter went on without it.
         missing &= ~(np.isnan(values) & (table.columns[MISSED] != 0.0))
     for first, last in runs(missing):
         if np.isinf(values[first]):
@@ -155,7 +155,7 @@ def _not_advancing(table: Table, steps: FloatArray, known: NDArray[np.intp]) -> 
 
 
 def _is_right(period: float, unit_s: float = 1.0) -> bool:
-    """Tell whether a period, counted in units of unit_s, is 1 ms within the tolerance."""
+    """Return whether a period, counted in units of unit_s, is 1 ms within the tolerance."""
     return abs(period * unit_s / SAMPLE_PERIOD_S - 1.0) <= PERIOD_TOLERANCE
 
 

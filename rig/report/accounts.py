@@ -1,6 +1,6 @@
-"""What a recording's verdict was held by: its oil accounts and evidence, as the detector has them.
+"""The oil accounts and the evidence on which a recording's verdict rests, as the detector has them.
 
-The detector is shown again what it saw in the run, with the settings of the run.
+A detector with the settings of the run is given what the run's detector saw.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,8 +33,8 @@ class AccountHistory:
         decided_s: float64 (m,), when the detector decided: every half second.
         statistic: float64 (m,), of what speaks most for a fault then; 0 if nothing does.
         threshold: float64 (m,), what that has to exceed; it does where the detector finds a fault.
-        smallest: what the detector told of the smallest leaks before the first one began: its
-            `details`; empty where it could not tell.
+        smallest: `details` of the detector's last decision before the first fault began, among
+            them the smallest leaks that would have shown; empty if there was no such decision.
     """
 
     start_s: Array
@@ -50,7 +50,7 @@ class AccountHistory:
 def recorded_run(recording: Recording, filter_name: str) -> FilterRun | None:
     """Return the estimates that a recording holds of a filter's states; None if not all of them.
 
-    What else the filter told is not recorded: NaN.
+    The filter's other outputs are not recorded, and are NaN here.
     """
     chosen = FILTERS.get(filter_name)
     if chosen is None or not all(f"est_{state}" in recording for state in chosen.states):
@@ -79,10 +79,10 @@ def account_history(recording: Recording, detector: OilAccountDetector) -> Accou
         history.append(decided)
         evidence.append(detector.evidence())
         blocks += [(detector.begun, block) for block in detector.drawn_up if block.complete]
-        # A fault that is not found any more is taken for errors of the model.
-        told = bool(detector.claimed)
-        if told or not errors.get(detector.begun, (False,))[0]:
-            errors[detector.begun] = told, detector.model_errors()
+        # A fault that is no longer found is taken for errors of the model.
+        claimed = bool(detector.claimed)
+        if claimed or not errors.get(detector.begun, (False,))[0]:
+            errors[detector.begun] = claimed, detector.model_errors()
     if not blocks:
         return None
     drawn_up = [block for _, block in blocks]

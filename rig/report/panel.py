@@ -22,7 +22,7 @@ class TestData:
     """What is known of one test when its panels are drawn.
 
     Attributes:
-        parameters: what the filter assumed; None if the recording does not tell.
+        parameters: what the filter assumed; None if that is not recorded.
         accounts: None where the filter keeps none.
         points: most points of a trace.
     """
@@ -48,7 +48,7 @@ class Panel:
     """One plot: its traces over time in s, or another quantity, and how its axes read.
 
     Attributes:
-        key: tells it from the test's other panels.
+        key: distinguishes the panel from the test's others.
         title: what is drawn.
         caption: what to look for.
         unit: of the vertical axis.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 POINTS: Final = 1600
-"""Points of a thinned signal: two a bucket, and some 800 pixels to show them on."""
+"""Points of a thinned signal: two for each bucket, of which some 800 pixels show one each."""
 
 # A diverged filter reaches beyond a 32-bit float.
 _LARGEST: Final = 1e30
@@ -25,7 +25,7 @@ class Trace:
     """A curve, dots or a band over time.
 
     Attributes:
-        name: as the key of the plot tells it.
+        name: in the key of the plot.
         role: names the colour.
         shape: how it is drawn.
         time_s, values: float64 (n,), in screen units, NaN for a gap; of a band, its outline.

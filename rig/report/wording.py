@@ -138,21 +138,21 @@ def story(test: TestOutcome) -> str:
 
 def _gone(test: TestOutcome) -> str:
     """Return what the final verdict does not say, as a sentence."""
-    told = [] if test.decision is None else in_passing(test.decision, test.found)
-    return f"Found in passing: {'; '.join(told)}." if told else ""
+    passing = [] if test.decision is None else in_passing(test.decision, test.found)
+    return f"Found in passing: {'; '.join(passing)}." if passing else ""
 
 
 def _injection(injected: Sequence[InjectedFault]) -> str:
     if not injected:
         return "No fault was injected."
-    told = []
+    sentences = []
     for fault in injected:
         what = _OPENED.get(fault.kind, f"{label(fault.kind)} was injected")
         size = injected_size(fault)
         size = f"{size} on average" if fault.mean_flow_m3_per_s is not None else size
         until = "" if fault.until_s is None else f", until {fault.until_s:.1f} s"
-        told.append(f"At {fault.at_s:.1f} s {what} ({size}{until}).")
-    return " ".join(told)
+        sentences.append(f"At {fault.at_s:.1f} s {what} ({size}{until}).")
+    return " ".join(sentences)
 
 
 def _finding(test: TestOutcome) -> str:

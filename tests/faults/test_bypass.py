@@ -10,14 +10,13 @@ from hypothesis import assume, given, strategies as st
 
 from faults.bypass import (
     NOMINAL_BYPASSES,
-    BypassError,
     BypassValve,
-    NeedleCharacteristic,
     bore_coefficient,
     port_opening,
     series_coefficient,
 )
 from faults.leakage import square_root_flow, to_litres_per_minute
+from faults.needle import BypassError, NeedleCharacteristic
 from faults.verdict import LEAK_KINDS, Verdict
 
 EQUAL_PERCENTAGE = NeedleCharacteristic.equal_percentage(2.6e-8, 50.0)

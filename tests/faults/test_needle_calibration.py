@@ -8,7 +8,8 @@ from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
 from control.request import RequestError
-from faults.bypass import NOMINAL_BYPASSES, BypassError, BypassValve, NeedleCharacteristic
+from faults.bypass import NOMINAL_BYPASSES, BypassValve
+from faults.needle import BypassError, NeedleCharacteristic
 from faults.needle_calibration import (
     CalibrationError,
     Estimate,

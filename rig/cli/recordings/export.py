@@ -30,7 +30,7 @@ def command(source: str, out: str, extension: str | None) -> int:
         return _export_run(Path(source), Path(out), extension or "parquet")
     if extension is not None and not out.lower().endswith(f".{extension}"):
         limit = f"does not end with .{extension}"
-        raise RecordingError([RecordingProblem(out, None, "file", "", limit, "leave --format out")])
+        raise RecordingError.of_file(out, "", "leave --format out", limit)
     content = read_recording(source, required=())
     _export(content, out)
     click.echo(_line(out, content))
@@ -72,10 +72,7 @@ def _export(content: Recording, out: str) -> None:
 
 def _unwritable(out: str, error: OSError) -> RecordingError:
     reason = error.strerror or str(error)
-    remedy = "choose another folder"
-    return RecordingError(
-        [RecordingProblem(out, None, "file", reason, "cannot be written", remedy)]
-    )
+    return RecordingError.of_file(out, reason, "choose another folder", "cannot be written")
 
 
 def _line(out: str, content: Recording) -> str:

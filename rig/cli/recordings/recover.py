@@ -2,7 +2,7 @@
 
 import click
 
-from rig.recording import RecordingError, RecordingProblem, recover
+from rig.recording import RecordingError, recover
 
 
 @click.command()
@@ -17,8 +17,6 @@ def command(file: str, out: str) -> int:
         summary = recover(file, out)
     except OSError as error:
         path, reason = error.filename or out, error.strerror or str(error)
-        raise RecordingError(
-            [RecordingProblem(str(path), None, "file", reason, "", "check the path")]
-        ) from error
+        raise RecordingError.of_file(str(path), reason, "check the path") from error
     click.echo(str(summary))
     return 0

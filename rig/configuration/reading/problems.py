@@ -63,7 +63,7 @@ class Problems:
             self.found.append(problem)
 
     def has_at(self, place: Place) -> bool:
-        """Tell whether a mistake was recorded at a place already."""
+        """Return whether a mistake at a place is recorded already."""
         where = (display_path(place.path), place.line, place.column)
         return any((p.path, p.line, p.column) == where for p in self.found)
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from faults import NeedleCalibration
 from rig.configuration.reading import Located, Schema, Sources, display_path, read_mapping
-from rig.recording import replacing
+from rig.recording import replace_text
 
 _UNIT: Final = "m^3/(s Pa^0.5)"
 
@@ -28,7 +28,9 @@ class NeedleReference(Schema):
 
 
 def find_needle(kind: str, item: Located, sources: Sources) -> Located | None:
-    """Return a bypass's needle in the calibration file that the rig file names; None if amiss.
+    """Return a bypass's needle from the calibration file that the rig file names.
+
+    None, with a problem, if the needle or the file cannot be used.
 
     The path counts from the folder of the file that names it.
     """
@@ -73,8 +75,7 @@ def dump_calibration(
     ]
     for kind, calibration in needles.items():
         lines += [f"  {kind}:", *(f"    {line}" for line in _needle(calibration))]
-    with replacing(path) as partial:
-        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    replace_text(path, "\n".join(lines) + "\n")
 
 
 def _needle(calibration: NeedleCalibration) -> Iterator[str]:
@@ -85,10 +86,10 @@ def _needle(calibration: NeedleCalibration) -> Iterator[str]:
     yield "points:  # of the needle alone; +- one standard error; by how much more on the way up"
     table = dict(zip(needle.openings, needle.coefficients, strict=True))
     for point in calibration.points:
-        told = f"+- {point.coefficient.standard_error:.1e}, {point.hysteresis:+.1e}"
+        comment = f"+- {point.coefficient.standard_error:.1e}, {point.hysteresis:+.1e}"
         if not point.coefficient.is_resolved:
-            told = f"below what the meter resolves: {point.bound:.1e} at most"
+            comment = f"below what the meter resolves: {point.bound:.1e} at most"
         if point.opening in table:
-            yield f"  - [{point.opening:g}, {table[point.opening]:.6g} {_UNIT}]  # {told}"
+            yield f"  - [{point.opening:g}, {table[point.opening]:.6g} {_UNIT}]  # {comment}"
         else:
-            yield f"  # {point.opening:g}: {told}"
+            yield f"  # {point.opening:g}: {comment}"

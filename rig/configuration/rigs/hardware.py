@@ -1,8 +1,9 @@
 """Whether drivers, sensors, valves and limits of a hardware rig fit together, before it is opened.
 
-What only the device can tell (no such port, another identity) its driver finds out when opened.
+What only the device shows (no such port, another identity) its driver finds out when opened.
 """
 
+from operator import attrgetter
 from typing import Final
 
 from faults import FAULT_KINDS, Verdict
@@ -39,7 +40,7 @@ def valves_of(kind: str) -> tuple[str, ...]:
 
 
 def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
-    """Verify that drivers supply what a rig file needs, each channel and each device once."""
+    """Verify that drivers supply all that a rig file needs, and share no channel and no device."""
     section = root.find(("drivers",))
     _check_fast(section, drivers, problems)
     _check_channels(drivers, problems)
@@ -111,7 +112,7 @@ def _check_fast(section: Located, drivers: tuple[PlacedDriver, ...], problems: P
 
 def _check_channels(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
     """Verify that no two drivers read, or write, the same signal."""
-    for verb, signals_of in (("read", _inputs), ("written", _outputs)):
+    for verb, signals_of in (("read", attrgetter("inputs")), ("written", attrgetter("outputs"))):
         first: dict[str, str] = {}
         for driver in drivers:
             taken: dict[str, list[str]] = {}
@@ -124,14 +125,6 @@ def _check_channels(drivers: tuple[PlacedDriver, ...], problems: Problems) -> No
                 remedy = "leave it out of one of them"
                 value = ", ".join(signals)
                 problems.add(driver.item.place, driver.spec.name, value, limit, remedy)
-
-
-def _inputs(spec: DriverSpec) -> tuple[str, ...]:
-    return spec.inputs
-
-
-def _outputs(spec: DriverSpec) -> tuple[str, ...]:
-    return spec.outputs
 
 
 def _check_devices(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:

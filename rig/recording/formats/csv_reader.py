@@ -47,17 +47,12 @@ def _text(path: str) -> bytes:
     compressed = path.lower().endswith(".gz")
     if not data:
         remedy = "record again or fetch the file again"
-        raise RecordingError([RecordingProblem(path, None, "file", "empty (0 bytes)", "", remedy)])
+        raise RecordingError.of_file(path, "empty (0 bytes)", remedy)
     if data.startswith(_GZIP_MAGIC) != compressed:
         value = "not gzip-compressed" if compressed else "gzip-compressed"
         wanted = path[: -len(".gz")] if compressed else f"{path}.gz"
-        raise RecordingError(
-            [
-                RecordingProblem(
-                    path, None, "file", value, "its extension says otherwise", f"rename to {wanted}"
-                )
-            ]
-        )
+        limit = "its extension says otherwise"
+        raise RecordingError.of_file(path, value, f"rename to {wanted}", limit)
     if not compressed:
         return data
     try:
@@ -66,7 +61,7 @@ def _text(path: str) -> bytes:
         cut = isinstance(error, EOFError)
         value = "gzip data is cut off" if cut else f"gzip data is corrupt ({error})"
         remedy = f"fetch the file again, or keep what is readable: zcat {path} > salvaged.csv"
-        raise RecordingError([RecordingProblem(path, None, "file", value, "", remedy)]) from None
+        raise RecordingError.of_file(path, value, remedy) from None
 
 
 def _header(path: str, text: bytes) -> tuple[list[str], list[RecordingProblem]]:
@@ -110,13 +105,8 @@ def _refuse_other_delimiter(path: str, line: str, names: Sequence[str]) -> None:
         known = any(name in split for name in REPLAY_CHANNELS)
         if len(split) > len(names) and (known or len(names) == 1):
             remedy = "convert the delimiter to a comma (and decimal commas to points)"
-            raise RecordingError(
-                [
-                    RecordingProblem(
-                        path, 1, "header", f"separated by {called}", "must be commas", remedy
-                    )
-                ]
-            )
+            value, limit = f"separated by {called}", "must be commas"
+            raise RecordingError([RecordingProblem(path, 1, "header", value, limit, remedy)])
 
 
 def _cells(line: str) -> list[str]:
@@ -132,7 +122,7 @@ def _is_number(text: str) -> bool:
 
 
 def _line_numbers(text: bytes) -> Callable[[int], int]:
-    """Return the map from row to line; blank lines are no rows, and only counted when asked for."""
+    """Return the map from row to line; blank lines are no rows. Lines are counted when needed."""
     numbers: list[int] = []
 
     def line_of(row: int) -> int:
@@ -220,12 +210,9 @@ def _not_numbers(
     limit = "every cell must be a number or empty"
     if len(found) == n_rows:
         line, cell = found[0]
+        value = f"text throughout ({cell[:40]!r}, ...)"
         remedy = "delete the column or write numbers"
-        return [
-            RecordingProblem(
-                path, line, name, f"text throughout ({cell[:40]!r}, ...)", limit, remedy
-            )
-        ]
+        return [RecordingProblem(path, line, name, value, limit, remedy)]
     remedy = "write a number with a decimal point, or leave the cell empty"
     return [
         RecordingProblem(path, line, name, f"{cell[:40]!r} is not a number", limit, remedy)

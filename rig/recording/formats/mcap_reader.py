@@ -22,7 +22,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
-from rig.recording.errors import RecordingError, RecordingProblem
+from rig.recording.errors import RecordingError
 from rig.recording.recording import REPLAY_CHANNELS, Event, FloatArray
 from rig.recording.table import Table
 
@@ -40,7 +40,7 @@ DAMAGE: Final = (
     OverflowError,
     MemoryError,
 )
-"""What the libraries raise on bytes that are not what they should be."""
+"""What the libraries raise on damaged bytes."""
 
 
 class ForeignSchemaError(Exception):
@@ -149,7 +149,7 @@ def mapped(path: str) -> Iterator[IO[bytes]]:
         if not magic or not MCAP0_MAGIC.startswith(magic):
             value = "not an MCAP file" if magic else "empty (0 bytes)"
             remedy = "give the right extension, or record again"
-            raise RecordingError([RecordingProblem(path, None, "file", value, "", remedy)])
+            raise RecordingError.of_file(path, value, remedy)
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapping:
             yield cast(IO[bytes], mapping)
 
@@ -163,14 +163,14 @@ def read_mcap(path: str) -> Table:
     collector = SampleCollector()
     with mapped(path) as file:
         if not _ends_properly(file):
-            raise RecordingError([_damaged(path, "cut off: the end of the file is missing")])
+            raise _damaged(path, "cut off: the end of the file is missing")
         try:
             _check_summary(file)
             _collect(file, collector)
         except ForeignSchemaError as error:
-            raise RecordingError([foreign(path, str(error))]) from None
+            raise foreign(path, str(error)) from None
         except DAMAGE as error:
-            raise RecordingError([_damaged(path, f"damaged ({error})")]) from None
+            raise _damaged(path, f"damaged ({error})") from None
     return Table(
         path,
         columns_of(collector.channels, collector.blocks),
@@ -187,12 +187,12 @@ def columns_of(
     return {name: np.ascontiguousarray(rows[:, k]) for k, name in enumerate(channels)}
 
 
-def foreign(path: str, reason: str) -> RecordingProblem:
-    """Return the problem of an MCAP file that is another program's."""
+def foreign(path: str, reason: str) -> RecordingError:
+    """Return the error of an MCAP file that is another program's."""
     limit = "only recordings written by rig are read"
     columns = ", ".join(REPLAY_CHANNELS)
     remedy = f"export it as CSV from the program that made it, with columns {columns}"
-    return RecordingProblem(path, None, "file", reason, limit, remedy)
+    return RecordingError.of_file(path, reason, remedy, limit)
 
 
 def _ends_properly(file: IO[bytes]) -> bool:
@@ -249,5 +249,5 @@ def _collect(file: IO[bytes], collector: SampleCollector) -> None:
         raise ValueError(f"the index leads to {found} of {promised} messages")
 
 
-def _damaged(path: str, value: str) -> RecordingProblem:
-    return RecordingProblem(path, None, "file", value, "", f"rig recover {path} OUT.mcap")
+def _damaged(path: str, value: str) -> RecordingError:
+    return RecordingError.of_file(path, value, f"rig recover {path} OUT.mcap")

@@ -87,7 +87,7 @@ class McapStream:
 
     @property
     def closed(self) -> bool:
-        """Tell whether the file is closed."""
+        """Whether the file is closed."""
         return self._file.closed
 
     def flush(self) -> None:

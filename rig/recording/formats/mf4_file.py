@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from rig.recording.errors import RecordingError, RecordingProblem
+from rig.recording.errors import RecordingError
 from rig.recording.metadata import events_text
 from rig.recording.recording import Recording
 from rig.recording.units import unit_of
@@ -33,9 +33,7 @@ def write_mf4(recording: Recording, path: Path, name: str) -> None:
     except ImportError:
         value = "asammdf is not installed"
         remedy = "pip install 'hydraulic-rig[mf4]', or choose .parquet or .csv"
-        raise RecordingError(
-            [RecordingProblem(name, None, "file", value, "MF4 needs it", remedy)]
-        ) from None
+        raise RecordingError.of_file(name, value, remedy, "MF4 needs it") from None
     signals = [
         Signal(
             samples=np.ascontiguousarray(values),
@@ -47,7 +45,7 @@ def write_mf4(recording: Recording, path: Path, name: str) -> None:
         if channel != "time_s"
     ]
     comment = {"metadata": recording.metadata, "events": json.loads(events_text(recording.events))}
-    # It would append a suffix of its own to any other name.
+    # asammdf appends a suffix of its own to any other name.
     written = path.with_suffix(".mf4")
     try:
         with MDF(version=_VERSION) as file:

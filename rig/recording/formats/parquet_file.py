@@ -56,15 +56,9 @@ def read_parquet(path: str) -> Table:
         metadata = json.loads(described.get(_METADATA, b"{}"))
         events = events_from(described.get(_EVENTS, b"[]"))
     except (pa.ArrowException, OSError, ValueError, TypeError) as error:
-        reason = str(error).splitlines()[0]
+        value = f"cannot be read as Parquet ({str(error).splitlines()[0]})"
         remedy = "fetch the file again, or export it again from its source"
-        raise RecordingError(
-            [
-                RecordingProblem(
-                    path, None, "file", f"cannot be read as Parquet ({reason})", "", remedy
-                )
-            ]
-        ) from None
+        raise RecordingError.of_file(path, value, remedy) from None
     table = Table(path, {}, metadata=metadata, events=events)
     counts = Counter(arrow.column_names)
     for position, name in enumerate(arrow.column_names):

@@ -1,4 +1,4 @@
-"""What a test asked of the rig, read from its recording's metadata and said with units."""
+"""What a test asked of the rig, read from its recording's metadata and written with units."""
 
 import json
 import re
@@ -16,40 +16,40 @@ _UNITS_BY_ENDING: Final = (
     ("_s", "s"),
 )
 _FEW: Final = 8
-"""Values of a list that are still worth reading out."""
+"""Most values of a list that are written one by one."""
 
 
 def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
     """Return the parameters that the filter assumed, as the runner records them under `model`.
 
-    Parameters of effects that the recording does not know yet are absent from it: they keep the
-    value at which the effect is. None where nothing readable is recorded.
+    Parameters of effects that are newer than the recording keep the value at which the effect is
+    absent. None if nothing readable is recorded.
     """
     try:
-        told = dict(metadata["model"]["parameters"])
-        known = {name: float(told[name]) for name in Parameters._fields if name in told}
+        recorded = dict(metadata["model"]["parameters"])
+        known = {name: float(recorded[name]) for name in Parameters._fields if name in recorded}
     except (KeyError, TypeError, ValueError):
         return None
     return Parameters(**known) if "piston_area" in known else None
 
 
 def conditions_of(metadata: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the setpoint and load of a recorded test as (name, text), as far as told."""
+    """Return the setpoint and load of a recorded test as (name, text), as far as recorded."""
     test = metadata.get("test")
     if not isinstance(test, Mapping):
         return []
-    told = []
+    found = []
     setpoint, load = test.get("setpoint"), test.get("load")
     if isinstance(setpoint, Mapping):
-        told.append(("Setpoint", _setpoint(setpoint)))
+        found.append(("Setpoint", _setpoint(setpoint)))
     if isinstance(load, Mapping):
-        told.append(("Load", _load(load)))
-    return told
+        found.append(("Load", _load(load)))
+    return found
 
 
 def loop_conditions(recording: Recording) -> list[tuple[str, str]]:
-    """Return how the loop of a rig on hardware kept its time as (name, text), as far as told."""
-    told = []
+    """Return how a hardware rig's loop kept its time as (name, text), as far as recorded."""
+    found = []
     loop = recording.metadata.get("loop")
     if isinstance(loop, Mapping):
         grants = [grant for grant in loop.get("grants", ()) if isinstance(grant, Mapping)]
@@ -57,11 +57,11 @@ def loop_conditions(recording: Recording) -> list[tuple[str, str]]:
             grant.get("name", "") if grant.get("granted") else f"without {grant.get('name', '')}"
             for grant in grants
         ]
-        told.append(("Loop ran with", ", ".join(shown) or "nothing granted"))
+        found.append(("Loop ran with", ", ".join(shown) or "nothing granted"))
     for event in recording.events:
         if event.kind == TIMING:
-            told.append(("Loop timing", in_short(json.loads(event.text))))
-    return told
+            found.append(("Loop timing", in_short(json.loads(event.text))))
+    return found
 
 
 def _setpoint(setpoint: Mapping[str, Any]) -> str:

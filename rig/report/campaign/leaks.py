@@ -26,7 +26,7 @@ _CALLED: Final = (
     ("internal", "internal", "true_leak_internal_m3_per_s", "flow_internal_m3_per_s"),
 )
 _LEAST_SPAN: Final = 0.1
-"""L/min that an axis of flow spans at least: noise shall not look like a leak."""
+"""Least span of an axis of flow in L/min, so that noise does not look like a leak."""
 
 
 def missing_flow(data: TestData) -> Panel | None:
@@ -137,8 +137,8 @@ def _concerned(outcome: TestOutcome) -> set[str]:
 def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float | None]:
     """Return what a leak's meter read, less its zero, and that zero, m^3/s.
 
-    Nothing of a leak that was never opened: what is read then is the zero. The zero is None where
-    the bypass was not shut for long enough to know it.
+    Both are None for a leak that was never opened, whose meter reads its zero. The zero is None if
+    the bypass was not shut for long enough to know the zero.
     """
     onsets = [fault.at_s for fault in data.outcome.injected if fault.kind == leak]
     flow = data.channel(meter)
@@ -162,7 +162,7 @@ def _in_filter_states(data: TestData) -> dict[str, Array]:
 
 
 def _found(data: TestData) -> Iterator[Trace]:
-    """Yield the band of the flow found, then its mean: as held at each time, if that is told."""
+    """Yield the band of the flow found, then its mean: as held at each time, if recorded."""
     held = list(flow_as_decided(data))
     if held:
         yield from held

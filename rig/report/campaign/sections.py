@@ -139,11 +139,13 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
     test = outcome.tests[index]
     symbol, status = STATUS_LABELS[test.status]
     recording, notes = _recording(test, directory)
-    told = "" if test.status is Status.NOT_RUN else story(test)
+    happened = "" if test.status is Status.NOT_RUN else story(test)
     anchor = f"test-{index + 1}"
     if recording is None:
         smallest = _smallest(test, None)
-        return Section(anchor, test, symbol, status, told, notes, smallest=smallest, opened=opened)
+        return Section(
+            anchor, test, symbol, status, happened, notes, smallest=smallest, opened=opened
+        )
     parameters = assumed_parameters(recording.metadata)
     accounts = None
     if outcome.filter == DEFAULT_FILTER and parameters is not None:
@@ -164,7 +166,7 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
         test,
         symbol,
         status,
-        told,
+        happened,
         notes,
         (*conditions_of(recording.metadata), *loop_conditions(recording)),
         tuple(panel for drawn in draw if (panel := drawn(data)) is not None),
@@ -242,13 +244,13 @@ def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
 def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | None:
     """Return the smallest leaks that would have been found, by the decision or the one before.
 
-    A detector that has found a fault no longer tells; what it told before that fault does.
+    A detector that has found a fault no longer gives them; its decision before that fault does.
     """
     decided = {} if test.decision is None else test.decision.details
     for details in (decided, {} if accounts is None else accounts.smallest):
         begun, there = (
-            {leak: details[key] for leak in LEAKS if (key := f"{told}_{leak}_m3_per_s") in details}
-            for told in ("smallest", "smallest_from_start")
+            {leak: details[key] for leak in LEAKS if (key := f"{kind}_{leak}_m3_per_s") in details}
+            for kind in ("smallest", "smallest_from_start")
         )
         if len(begun) == len(LEAKS):
             return Smallest(begun, there if len(there) == len(LEAKS) else None)

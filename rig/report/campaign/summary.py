@@ -143,7 +143,7 @@ def false_alarm_words(outcome: CampaignOutcome) -> str:
 
 
 def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str], list[str]]]:
-    """Return (test, of leaks that begin, of leaks there from the start), each test that tells.
+    """Return (test, of leaks that begin, of leaks there from the start), for tests that have them.
 
     Flows are in L/min by leak, and "none" where the motion shows no leak at all.
     """

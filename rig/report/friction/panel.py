@@ -54,13 +54,13 @@ def both_ways(slowest: float, fastest: float) -> Array:
 def caption(curve: FrictionCurve) -> str:
     """Return what the panel shows, with the parameters in words."""
     words = "Estimated load less the known spring, where the ram slid steadily; positive extending."
-    told = [
+    fitted = [
         f"{in_words(name)} {shown(each)} {each.unit}"
         for name, each in curve.estimates.items()
         if each.identified
     ]
-    if told:
-        words += f" Fitted, with 95 % intervals: {', '.join(told)}."
+    if fitted:
+        words += f" Fitted, with 95 % intervals: {', '.join(fitted)}."
     for need in needs_in_words(curve):
         words += f" {need[0].upper()}{need[1:]}."
     return words

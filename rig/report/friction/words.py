@@ -14,7 +14,7 @@ class FrictionRun:
     Attributes:
         recording: as named by the user.
         name: of its test, else of its file.
-        started: date and time (UTC); None if the recording does not tell.
+        started: date and time (UTC); None if that is not recorded.
         curve: what was identified.
     """
 
@@ -57,6 +57,6 @@ def changes_in_words(runs: Sequence[FrictionRun]) -> Iterator[str]:
     yield f"change from first to last (false alarms: {rate} of unchanged pairs at most):"
     units = {name: each.unit for name, each in runs[0].curve.estimates.items()}
     for change in changes:
-        told = "changed" if change.significant else "no change shown"
+        result = "changed" if change.significant else "no change shown"
         difference = f"{change.difference:+.3g} {units[change.name]}"
-        yield f"{in_words(change.name)}: {difference}, z = {change.score:+.1f}, {told}"
+        yield f"{in_words(change.name)}: {difference}, z = {change.score:+.1f}, {result}"

@@ -29,7 +29,7 @@ _PREFIXES: Final = {
     "N/m": (("MN/m", 1e-6), ("kN/m", 1e-3), ("N/m", 1.0)),
     "m/s": (("m/s", 1.0), ("mm/s", 1e3)),
 }
-"""Units a value may be shown in, largest first; others are shown in SI."""
+"""Units in which a value may be shown, largest first; other values are shown in SI."""
 
 
 def in_words(name: str) -> str:
@@ -101,10 +101,10 @@ def shrunk(result: GapResult) -> float:
 
 
 def _named(effect: NamedEffect) -> str:
-    """Return an effect with its size, and what it cannot be told from."""
-    told = f"{in_words(effect.name)}, {sizes(effect)}"
+    """Return an effect with its size, and what it cannot be distinguished from."""
+    name = f"{in_words(effect.name)}, {sizes(effect)}"
     others = " or ".join(in_words(rival.effect) for rival in effect.indistinguishable)
-    return f"{told} (or {others}: these recordings cannot tell)" if others else told
+    return f"{name} (or {others}: these recordings cannot tell)" if others else name
 
 
 def headline(result: GapResult) -> str:
@@ -142,19 +142,19 @@ def gap_words(result: GapResult) -> str:
     return f"{words}."
 
 
-def found_in(told: Round) -> str:
+def found_in(ended: Round) -> str:
     """Return what was found by the end of a round."""
-    named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in told.effects)
-    return named or VERDICT_WORDS[told.verdict].lower()
+    named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in ended.effects)
+    return named or VERDICT_WORDS[ended.verdict].lower()
 
 
-def checked_in(told: Round) -> str:
+def checked_in(ended: Round) -> str:
     """Return what became of the model revised in a round."""
-    check = told.check
+    check = ended.check
     if check is None:
         return "not checked: " + (
             "there was nothing to revise"
-            if not told.effects
+            if not ended.effects
             else "it could be settled first which effect it is"
         )
     missing = f": {', '.join(map(in_words, check.effects))}" if check.effects else ""

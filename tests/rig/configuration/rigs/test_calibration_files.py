@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from faults.bypass import NeedleCharacteristic
+from faults.needle import NeedleCharacteristic
 from faults.needle_calibration import CalibratedPoint, Estimate, NeedleCalibration
 from rig.configuration import ConfigError, load_rig
 from rig.configuration.rigs.calibration_file import dump_calibration
