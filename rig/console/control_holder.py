@@ -21,11 +21,11 @@ class ControlHolder:
     """Who may act; nobody, to begin with.
 
     Attributes:
-        tell: is told, in a sentence, of every change.
+        say: is called with a sentence on every change.
         clock_ns: wall clock, ns since 1970.
     """
 
-    tell: Callable[[str], None]
+    say: Callable[[str], None]
     clock_ns: Callable[[], int] = time.time_ns
     holder: Visitor | None = None
     since_ns: int = 0
@@ -47,14 +47,14 @@ class ControlHolder:
             raise NotInControl(f"{before.name} has control; take over, if it is agreed")
         self.holder, self.since_ns = visitor, self.clock_ns()
         taken = f" over from {before.name}" if before is not None else ""
-        self.tell(f"{visitor.name} takes{taken or ' control'}")
+        self.say(f"{visitor.name} takes{taken or ' control'}")
 
     def release(self, visitor: Visitor) -> None:
         """Let go of control, if this visitor has it."""
         if self.holder == visitor:
             self.holder = None
             self.since_ns = self.clock_ns()
-            self.tell(f"{visitor.name} gives control up")
+            self.say(f"{visitor.name} gives control up")
 
     def require(self, visitor: Visitor) -> None:
         """Look whether a visitor may act.

@@ -19,7 +19,7 @@ from .curves import AVERAGED_S, CHANNELS, SHOWN_S, Curves
 from .snapshot_sections import sections
 
 TICK_S: Final = 0.05
-TOLD_S: Final = 0.2
+NOTICED_S: Final = 0.2
 """How often numbers and lists are looked at; curves go on with every tick."""
 CAUGHT_UP_S: Final = 0.3
 """How much of the past is looked through for new rows, each tick."""
@@ -27,7 +27,7 @@ PAST_COMES_S: Final = (0.5, 2.0, 6.0)
 """When the curves are drawn anew, after a stream was heard first: with the past, which was asked
 for and comes later than the present."""
 REFUSED_S: Final = 10.0
-"""How often it is told that somebody publishes nonsense on a rig's keys."""
+"""How often it is reported that somebody publishes nonsense on a rig's keys."""
 NOTICES: Final = 40
 USUAL_PERIOD_S: Final = 1e-3
 
@@ -44,7 +44,7 @@ class Sections:
     def put(self, name: str, content: Any) -> None:
         """Say what a section is now."""
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-        # Orders are carried out, and told of, in threads.
+        # Orders are carried out, and reported, in threads.
         with self._lock:
             if self._texts.get(name) != text:
                 self.number += 1
@@ -64,14 +64,14 @@ class RigFeed:
         self.sections = Sections()
         self.curves = Curves()
         self._session = ""
-        self._told_at = 0.0
+        self._noticed_at = 0.0
         self._anew: list[float] = []
         self._period_s = USUAL_PERIOD_S
         self._refused = 0
         self._refused_at = -REFUSED_S
 
     def refusals(self, snapshot: Snapshot, now: float) -> str:
-        """Return the notice of unreadable messages; nothing if viewers have had it."""
+        """Return the notice of unreadable messages; empty if viewers have had it."""
         new = snapshot.refused - self._refused
         if not new or now - self._refused_at < REFUSED_S:
             return ""
@@ -80,8 +80,8 @@ class RigFeed:
 
     def follow(self, client: StreamClient, now: float) -> None:
         """Take what has come since the last time."""
-        if now - self._told_at >= TOLD_S:
-            self._told_at = now
+        if now - self._noticed_at >= NOTICED_S:
+            self._noticed_at = now
             snapshot = client.snapshot(self.rig)
             for name, content in sections(snapshot).items():
                 self.sections.put(name, content)
@@ -104,7 +104,7 @@ class RigFeed:
 
 
 class Cursor:
-    """How far one viewer has been told: the rig looked at, and what was sent of it."""
+    """How far one viewer is informed: the rig looked at, and what was sent of it."""
 
     def __init__(self) -> None:
         self.rig = ""
@@ -146,12 +146,15 @@ class Feed:
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
 
     def notice(self, text: str) -> None:
-        """Tell all viewers of something that the console did, or was asked for."""
+        """Show all viewers something that the console did, or was asked for."""
         self._notices.append({"at_ms": time.time_ns() // 10**6, "text": text})
         self.common.put("notices", list(self._notices))
 
     def first_rig(self) -> str:
-        """Return the rig to show where none is asked for: one that lives, else any; or nothing."""
+        """Return the rig to show where none is asked for; empty if none is known.
+
+        A rig that lives is preferred.
+        """
         rigs = self._client.rigs()
         alive = [rig for rig in rigs if self._client.snapshot(rig).alive]
         return next(iter(alive or rigs), "")

@@ -42,7 +42,7 @@ class Guard:
         application: what is guarded.
         hosts: what a browser may call the console, with port.
         secure: whether it is served over TLS.
-        refused: is told of each refusal: from where, and why.
+        refused: is called with each refusal: from where, and why.
     """
 
     def __init__(

@@ -107,8 +107,8 @@ def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
         problems += sources.problems.found
         if root is None:
             continue
-        told = {key: root.get(key) for key in ("name", "description", "rig", "tests")}
-        values = {key: item.value for key, item in told.items() if item is not None}
+        given = {key: root.get(key) for key in ("name", "description", "rig", "tests")}
+        values = {key: item.value for key, item in given.items() if item is not None}
         name = str(values.get("name") or path.stem)
         tests = values.get("tests")
         if name in found:
@@ -152,7 +152,7 @@ class Launcher:
         folder: in which each run gets a folder of its own.
         profile: of the stream that the runs are to have; empty: nothing may be started.
         rig: on which they run, instead of the campaign's own.
-        say: is told, in a sentence, of what was started and how it ended.
+        say: is called with a sentence on what was started and how it ended.
         popen: starts a process.
     """
 
@@ -208,7 +208,7 @@ class Launcher:
         return "" if offer is None else self._rig or offer.rig
 
     def _rig_of_run(self, folder: Path) -> str:
-        """Return the id of the rig that a run is on, by its journal; empty if that is not told."""
+        """Return the id of the rig that a run is on, by its journal; empty if that is not known."""
         with suppress(OSError, ValueError, KeyError, TypeError):
             with (folder / JOURNAL).open("rb") as file:
                 begun = json.loads(file.readline(TAIL_BYTES))
@@ -230,7 +230,7 @@ class Launcher:
     def stop(self, said: str) -> str:
         """Stop what runs here, and return how; empty if nothing runs.
 
-        Its control port is asked first: then its journal tells who stopped it and why (`ASKED`).
+        Its control port is asked first: then its journal shows who stopped it and why (`ASKED`).
         Where that does not take it within `ASK_S`, the process is interrupted, as by Ctrl-C
         (`INTERRUPTED`); so is one that has taken a stop before and still runs (`ENDING`).
 

@@ -176,14 +176,14 @@ class Orders:
         return Answer(True, INTERRUPTED_REASON)
 
     def _only_living(self) -> str:
-        """Return the rig that is meant by a page that was not told of any yet."""
+        """Return the rig that is meant by a page that was not shown any yet."""
         alive = self._living()
         if len(alive) != 1:
             raise UnknownRigError(f"name the rig; alive are: {', '.join(alive) or 'none'}")
         return alive[0]
 
     def rig_of_run(self, folder: str) -> str:
-        """Return the living rig that has a run of this folder; nothing if none is known."""
+        """Return the living rig that has a run of this folder; empty if none is known."""
         for rig in self._living() if folder else []:
             if self._client.snapshot(rig).campaign.get("directory") == folder:
                 return rig

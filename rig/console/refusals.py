@@ -12,7 +12,7 @@ class Refusals:
     """Logs refusals.
 
     Args:
-        log: is told of them.
+        log: is called with a line on each.
         clock: monotonic, s.
     """
 

@@ -36,7 +36,7 @@ def serve(
         token: to log in with.
         served: what is served.
         address: where.
-        log: is told of refusals and of what operators do.
+        log: is called with a line on each refusal and on what operators do.
         ready: is called with the URL once it listens.
 
     Raises:

@@ -74,7 +74,7 @@ class Console:
         token: to log in with.
         address: at which it is served.
         served: what is served.
-        log: is told of refusals and of what operators do.
+        log: is called with a line on each refusal and on what operators do.
     """
 
     client: StreamClient
@@ -144,12 +144,12 @@ class Console:
 
     def _look(self) -> None:
         try:
-            self._tell()
+            self._show_console()
         except Exception as error:  # whatever it is, an order that was obeyed stays obeyed
             self._survives.note(error)
 
-    def _tell(self) -> None:
-        """Tell all viewers of the console itself."""
+    def _show_console(self) -> None:
+        """Show all viewers how the console itself stands."""
         self._refused.look()
         self.launcher.look()
         content = self.launcher.content()
@@ -229,12 +229,12 @@ class Console:
         answer = await loop.run_in_executor(threads, self.orders.carry_out, order, visitor)
         rig = order.rig if order.order == STOP else ""
         about = " ".join(part for part in (order.order, rig, order.name) if part)
-        told = f"{visitor.name}: {about}"
+        line = f"{visitor.name}: {about}"
         if order.order == STOP or not answer.accepted:
-            told += "" if answer.accepted else f" refused, {answer.reason}"
-            self.say(told) if order.order == STOP else self.log(told)
+            line += "" if answer.accepted else f" refused, {answer.reason}"
+            self.say(line) if order.order == STOP else self.log(line)
         else:
-            self.log(told)
+            self.log(line)
         self._look()
         content = {"accepted": answer.accepted, "reason": answer.reason}
         return JSONResponse(content, 200 if answer.accepted else 409)
@@ -264,7 +264,7 @@ class Console:
             for task in tasks:
                 task.cancel()
             for ended in await asyncio.gather(*tasks, return_exceptions=True):
-                # A viewer that went away is no failure, however it is told.
+                # A viewer that went away is no failure, however it is reported.
                 gone = isinstance(ended, WebSocketDisconnect | RuntimeError)
                 if isinstance(ended, Exception) and not gone:
                     self._survives.note(ended)
@@ -322,7 +322,7 @@ def _chosen(message: Any) -> str | None:
 
 
 async def _body(request: Request) -> bytes:
-    """Return what was sent with a request; nothing if its sender went away meanwhile."""
+    """Return what was sent with a request; empty if its sender went away meanwhile."""
     try:
         return await request.body()
     except ClientDisconnect:

@@ -83,7 +83,7 @@ class Visitors:
         Raises:
             LoginRefused: the token is wrong, there were too many wrong ones, or no name is given.
         """
-        # Digests are of one length: the time taken tells nothing of the token.
+        # Digests are of one length: the time taken shows nothing of the token.
         given = hashlib.sha256(token.strip().encode(errors="replace")).digest()
         if not hmac.compare_digest(given, self._token):
             # The right one is let in always: its 256 bits are not guessed, and whoever guesses

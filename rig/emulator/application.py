@@ -28,7 +28,7 @@ from .record import Record
 _TEND_S: Final = 5e-3
 """How often what nobody looks at is brought up to date; exchanges do so themselves."""
 _SUMMARY_NS: Final = 1_000_000_000
-"""How often the record tells of exchanges, of which it does not name each."""
+"""How often the record sums up exchanges, which it does not name one by one."""
 
 
 class Emulator:
@@ -40,7 +40,7 @@ class Emulator:
         record: takes note of all it receives.
         script: what happens by itself; nothing, if not given, and nobody presses a button.
         seed: fixes the sensors' noise.
-        clock: tells the time in ns.
+        clock: returns the time in ns.
 
     Attributes:
         ports: TCP port, or path, at which each part is served, by name, once it is open.
@@ -159,7 +159,7 @@ class Emulator:
         self._positions = positions
 
     def _summarize(self) -> None:
-        """Tell the record of the exchanges of the last second."""
+        """Note the exchanges of the last second in the record."""
         now = self._clock()
         if now - self._summed_ns < _SUMMARY_NS:
             return

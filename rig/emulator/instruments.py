@@ -27,7 +27,7 @@ Failure = Literal["nan", "zero", "low", "high", "drift"]
 
 @dataclass
 class FailedSensor:
-    """One transducer that no longer tells the truth.
+    """One transducer that no longer shows the truth.
 
     Attributes:
         reads: what it does: not a number, zero, one of its rails, drifting away.
@@ -53,16 +53,16 @@ class Instruments:
         reading = self.plant.reading()
         if not self._frozen and not self._failed:
             return reading
-        return Reading(*(self._told(index, value) for index, value in enumerate(reading)))
+        return Reading(*(self._shown(index, value) for index, value in enumerate(reading)))
 
     def read_carried(self) -> dict[str, float]:
         """Return what the carried transducers read, SI, by channel in the order of `CARRIED`."""
         return {
-            name: self._told(index, STEADY[name])
+            name: self._shown(index, STEADY[name])
             for index, name in enumerate(CARRIED, len(READINGS))
         }
 
-    def _told(self, index: int, value: float) -> float:
+    def _shown(self, index: int, value: float) -> float:
         """Return what the transducer at an index in `CHANNELS` reads of a true value, SI."""
         if index in self._frozen:
             return self._frozen[index]
@@ -93,7 +93,7 @@ class Instruments:
         self._failed[index] = FailedSensor(reads, rate_per_s, self.plant.clock())
 
     def mend(self, channel: Channel) -> None:
-        """Let the transducer of a channel tell the truth again."""
+        """Let the transducer of a channel show the truth again."""
         self._failed.pop(CHANNELS.index(channel), None)
 
 

@@ -1,4 +1,4 @@
-"""The flow meters on their serial line: a pseudo-terminal that tells three flows by itself."""
+"""The flow meters on their serial line: a pseudo-terminal that sends three flows by itself."""
 
 import asyncio
 import random
@@ -56,13 +56,13 @@ class MeterPanel:
         self._record.note("meters_unplugged")
 
     async def run(self) -> None:
-        """Tell the flows for ever."""
+        """Send the flows for ever."""
         while True:
-            self.tell()
+            self.send()
             await asyncio.sleep(PERIOD_S)
 
-    def tell(self) -> None:
-        """Tell the three flows once."""
+    def send(self) -> None:
+        """Send the three flows once."""
         if self.silent:
             return
         for meter, flow in enumerate(self._flows(), start=1):

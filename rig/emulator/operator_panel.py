@@ -16,7 +16,7 @@ class EmulatedOperator:
 
     Args:
         node: where lamp and button are wired to.
-        clock: tells the time in ns.
+        clock: returns the time in ns.
         attentive: whether he presses by himself, whoever lit the lamp.
     """
 

@@ -54,7 +54,7 @@ class EmulatedPlant:
         fitted: float64 (9,), 1 where the rig has the transducer of `Reading`, else NaN.
         pump_loaded: whether there is pressure from the start.
         seed: fixes the noise.
-        clock: tells the time; the plant rests at mid stroke when it is made.
+        clock: returns the time; the plant rests at mid stroke when it is made.
     """
 
     def __init__(

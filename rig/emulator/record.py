@@ -21,7 +21,7 @@ class Record:
     Args:
         path: file to append to.
         trace: CSV file for every command received, a line each.
-        clock: tells the time in ns.
+        clock: returns the time in ns.
 
     Raises:
         OSError: a file cannot be written.

@@ -107,7 +107,7 @@ class ExchangeStatus(IntEnum):
     DISCONNECTED = 4
     """The connection is gone, or cannot take a whole frame."""
     GARBAGE = 5
-    """What came is nothing that the device can have said; all of it was dropped."""
+    """The bytes that came cannot be from the device; all of them were dropped."""
 
 
 @runtime_checkable

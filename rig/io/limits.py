@@ -5,7 +5,7 @@ from math import inf
 from typing import Literal
 
 Response = Literal["indicate", "hold", "ramp_down", "trip"]
-"""What a channel beyond its limit calls for, mildest first: tell the operator, hold the position,
+"""What a channel beyond its limit calls for, mildest first: inform the operator, hold the position,
 bring the motion to rest, or leave at once for the safe state (`rig.loop.interlocks.ladder` carries
 it out)."""
 

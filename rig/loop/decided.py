@@ -1,6 +1,6 @@
 """What the detector holds, as the columns of numbers that the loop copies beside every sample.
 
-A recording then tells of each sample what was known when it came, and what the loop could act upon.
+A recording then shows of each sample what was known when it came, and what the loop could act upon.
 Everything is NaN before the first decision.
 """
 
@@ -29,7 +29,7 @@ VERDICT_CODES: Final = (
 """A verdict's code is its index here; recordings hold codes, so that none is given to another."""
 
 PROBABLE: Final = (Verdict.HEALTHY, *FAULT_KINDS, Verdict.MULTIPLE)
-"""What probabilities are told of; they add up to 1."""
+"""What has a probability; the probabilities add up to 1."""
 PROBABILITIES: Final = tuple(f"probability_{name}" for name in PROBABLE)
 PRESENT: Final = tuple(f"present_{leak}_m3_per_s_sqrtPa" for leak in LEAK_KINDS)
 
@@ -68,7 +68,7 @@ def verdict_of(code: float) -> str:
 
 
 def confirmed_fault(row: Array) -> str:
-    """Return what a decision confirms: "external_leakage_1 confirmed"; empty for nothing."""
+    """Return what a decision confirms: "external_leakage_1 confirmed"; empty if nothing."""
     if row[Decided.CONFIRMED] != 1.0:
         return ""
     return f"{verdict_of(row[Decided.VERDICT])} confirmed"

@@ -1,6 +1,6 @@
 """What the kernel can do for a loop that must keep its time, asked for one by one.
 
-The loop runs without any of it, later at times; what was refused is told with its remedy, by
+The loop runs without any of it, later at times; what was refused is reported with its remedy, by
 `rig doctor` and in every recording.
 """
 

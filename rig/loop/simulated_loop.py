@@ -98,7 +98,7 @@ class SimulatedLoop:
 
     @property
     def ticks_left(self) -> int:
-        """Ticks of the test that are still to run; 1 at least while a stop is still to be told."""
+        """Ticks of the test that are still to run; at least 1 until a stop was reported."""
         left = self._motion.setpoint.size - self._tick
         return max(left, 1) if self._is_stopped else left
 
@@ -183,7 +183,7 @@ class SimulatedLoop:
     def last_sample(self) -> Array:
         """Return the last sample judged as a row, float64 (1, columns), NaN where it has nothing.
 
-        It tells of the ram on its way to a test's start, which is not recorded.
+        It shows the ram on its way to a test's start, which is not recorded.
         """
         row = np.full((1, len(self.channels)), np.nan)
         row[0, 0] = -TICK

@@ -23,7 +23,7 @@ STAGES: Final = {
 """What is timed, by name."""
 
 TIMING: Final = "timing"
-"""Kind of the event by which a recording tells `Timing.summary`, as JSON."""
+"""Kind of the event by which a recording holds `Timing.summary`, as JSON."""
 
 _TIMED: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s")
 
@@ -121,7 +121,7 @@ def in_short(summary: Mapping[str, Any]) -> str:
     """Return ticks missed, and median and 99 % of the stages an operator asks about.
 
     Args:
-        summary: as `Timing.summary` gives it, or an event of kind `timing` tells.
+        summary: as `Timing.summary` gives it, or an event of kind `timing` holds it.
     """
     shown = [f"{summary['missed']} of {summary['ticks']} ticks missed"]
     for name, words in (
@@ -129,7 +129,7 @@ def in_short(summary: Mapping[str, Any]) -> str:
         ("tick_to_command", "has its command out"),
         ("tick_to_reply", "has its reply"),
     ):
-        # Recordings from before a stage was timed do not tell it.
+        # Recordings from before a stage was timed do not hold it.
         stage = summary["stages"].get(name, {})
         p50, p99 = (stage.get(key) for key in ("p50_s", "p99_s"))
         if p50 is not None and p99 is not None:

@@ -1,4 +1,4 @@
-"""Gathers rows into batches of samples, and tells which rows are missing between them."""
+"""Gathers rows into batches of samples, and shows which rows are missing between them."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -5,7 +5,7 @@
         print(client.snapshot().decision)
 
 Messages are taken in threads of Zenoh; every method may be called from any thread. A reader that
-does not keep up loses the oldest messages, and is told how many. Whatever anybody publishes, the
+does not keep up loses the oldest messages, and learns how many. Whatever anybody publishes, the
 next message is taken as well: what is none is counted in the rig's snapshot, with the reason.
 """
 
@@ -191,7 +191,7 @@ class StreamClient:
         timeout_s: float = ANSWER_S,
         test: str = "",
     ) -> Answer:
-        """Send a command, and return the rig's answer; that nobody answers is one, too.
+        """Send a command, and return the rig's answer, or an answer that says that nobody answers.
 
         Args:
             command: what to do.
@@ -295,7 +295,7 @@ class StreamClient:
             raise
 
     def _run(self) -> None:
-        """Take messages until closed; a failure is told of, and what failed is tried again."""
+        """Take messages until closed; a failure is reported, and what failed is tried again."""
         while not self._closing.is_set():
             with self._survives:
                 if self._session is None:
@@ -349,8 +349,8 @@ def _content(sample: zenoh.Sample) -> dict[str, Any]:
 def _answer(payload: bytes) -> Answer | None:
     """Return the answer to a command; None if it is none."""
     with suppress(Exception):  # whatever a parser makes of bytes that may be anything
-        told = msgpack.unpackb(payload, max_map_len=8)
-        accepted, reason = told["accepted"], told["reason"]
+        reply = msgpack.unpackb(payload, max_map_len=8)
+        accepted, reason = reply["accepted"], reply["reason"]
         if type(accepted) is bool and type(reason) is str:
             return Answer(accepted, reason)
     return None

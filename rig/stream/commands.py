@@ -164,7 +164,7 @@ class Gate:
             raise Refused("malformed", f"is not of version {VERSION}")
         by = str(envelope["by"])[:64]
         credentials, allowed = self._operators.get(by, (None, frozenset()))
-        # Compared in any case, so that the time taken does not tell whose names are known.
+        # Compared in any case, so that the time taken does not show whose names are known.
         key = credentials.key if credentials is not None else bytes(KEY_BYTES)
         genuine = hmac.compare_digest(hmac.digest(key, envelope["body"], "sha256"), envelope["mac"])
         if credentials is None:

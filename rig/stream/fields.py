@@ -21,42 +21,42 @@ LONGEST_HEARTBEAT_S: Final = 10.0
 
 
 def is_text(value: Any) -> bool:
-    """Tell whether a value is a text."""
+    """Return whether a value is a text."""
     return type(value) is str
 
 
 def is_truth(value: Any) -> bool:
-    """Tell whether a value is true or false."""
+    """Return whether a value is true or false."""
     return type(value) is bool
 
 
 def is_packed(value: Any) -> bool:
-    """Tell whether a value is bytes."""
+    """Return whether a value is bytes."""
     return type(value) is bytes
 
 
 def is_whole(value: Any) -> bool:
-    """Tell whether a value is a whole number of 64 bits, with its sign."""
+    """Return whether a value is a whole number of 64 bits, with its sign."""
     return type(value) is int and -(1 << 63) <= value < 1 << 63
 
 
 def is_count(value: Any) -> bool:
-    """Tell whether a value numbers something, from 0 on."""
+    """Return whether a value numbers something, from 0 on."""
     return type(value) is int and 0 <= value < MOST_ROWS
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether a value is a finite number, or nil, which stands for one that is not known."""
+    """Return whether a value is a finite number, or nil, which stands for one that is not known."""
     return value is None or is_whole(value) or (type(value) is float and isfinite(value))
 
 
 def is_period(value: Any) -> bool:
-    """Tell whether a value is a time between heartbeats, s."""
+    """Return whether a value is a time between heartbeats, s."""
     return type(value) in (int, float) and 0.0 < value <= LONGEST_HEARTBEAT_S
 
 
 def is_plain(value: Any, depth: int = DEEPEST) -> bool:
-    """Tell whether a value is text, truth, number or nil, or maps and lists of such."""
+    """Return whether a value is text, truth, number or nil, or maps and lists of such."""
     if type(value) is dict:
         return depth > 0 and all(is_text(k) and is_plain(v, depth - 1) for k, v in value.items())
     if type(value) is list:
@@ -82,7 +82,7 @@ def holds(**checks: Check) -> Check:
 
 
 def wrong_keys(content: Mapping[Any, Any], checks: Mapping[str, Check]) -> list[str]:
-    """Return the keys of a map whose values do not pass; those that are not known must be plain."""
+    """Return the keys of a map whose values do not pass; values of unknown keys must be plain."""
     return [
         str(name)[:40]
         for name, value in content.items()

@@ -285,7 +285,7 @@ class RigView:
         # The channels of the session before are kept: should it have been a stranger who spoke in
         # between, the rows that follow are still those of the rig.
         self._sequences.clear()
-        # What an earlier publisher told of test, verdict and trips is not so now, and its numbers
+        # What an earlier publisher said of test, verdict and trips is not so now, and its numbers
         # say nothing of how new an answer of this one is.
         self._lasting.clear()
 
@@ -332,8 +332,8 @@ class RigView:
             self._is_new |= content.get("begun_ns") != self._lasting.get(kind, {}).get("begun_ns")
         elif kind == "decision":
             before = self._verdicts[-1] if self._verdicts else {}
-            told = ("verdict", "test")
-            if self._is_new or any(before.get(name) != content.get(name) for name in told):
+            named = ("verdict", "test")
+            if self._is_new or any(before.get(name) != content.get(name) for name in named):
                 self._verdicts.append(content)
             self._is_new = False
 
@@ -427,7 +427,7 @@ def _column(batches: list[_Received], name: str) -> Singles:
 
 
 def _period_s(samples: Samples) -> float:
-    """Return the time between two samples; the usual 1 ms where a batch cannot tell."""
+    """Return the time between two samples; the usual 1 ms where a batch does not show it."""
     if len(samples.time_s) < 2:
         return 1e-3
     return max(float(np.median(np.diff(samples.time_s))), 1e-6)

@@ -83,7 +83,9 @@ class Motions(Protocol):
 
 
 def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
-    """Return the bypass valves to calibrate, by the fault each makes; all that can be, if not told.
+    """Return the bypass valves to calibrate, by the fault each makes.
+
+    These are all that can be calibrated if none is asked for.
 
     Raises:
         CalibrationError: one that was asked for cannot be calibrated, or none can be.
@@ -150,10 +152,10 @@ def calibrate(
 
 
 def measure_zeros(motions: Motions, kinds: Iterable[str]) -> dict[str, Estimate]:
-    """Return what the meter of each bypass tells of no flow, m^3/s; every bypass is shut.
+    """Return what the meter of each bypass reads without flow, m^3/s; every bypass is shut.
 
     Raises:
-        CalibrationError: a meter tells nothing.
+        CalibrationError: a meter reads nothing.
         TripError: the rig tripped or was stopped.
     """
     motions.shut_bypasses()
@@ -180,7 +182,7 @@ def measure_needle(
         on_measured: is called with each measurement as it comes.
 
     Raises:
-        CalibrationError: a meter tells nothing, or the flow does not settle.
+        CalibrationError: a meter reads nothing, or the flow does not settle.
         TripError: the rig tripped or was stopped.
     """
     measured = []

@@ -69,7 +69,7 @@ LOG: Final = "session.log"
 """What the processes write to stderr, in the run's folder; removed if it stays empty."""
 
 _FEEDBACK: Final = {"drive_target": "drive_state", "pump_load": "pump_loaded"}
-"""The slow inputs that tell of outputs of another name."""
+"""The slow inputs that show outputs of another name."""
 
 
 class Stop(Protocol):
@@ -94,7 +94,7 @@ class ConnectedRig:
         directory: of the run; a trip report goes there.
         stop: whether somebody asked for an end.
         say: shows a line to the operator.
-        onlooker: is told of the shared memory, and of the states.
+        onlooker: is called with the shared memory, and with each state.
         journal: keeps what another master drives, in words.
 
     Attributes:
@@ -332,7 +332,7 @@ class ConnectedRig:
         return replace(segment, **changes)
 
     def switch_to(self, segment: orders.Segment) -> None:
-        """Have the loop go over to a segment; its number is given here."""
+        """Have the loop go over to a segment, which is given its number here."""
         words = self.board.words
         number = int(words[Word.SWITCH]) + 1
         self.parts.loop.ask(replace(segment, number=number), ANSWER_S)
@@ -371,7 +371,7 @@ class ConnectedRig:
         return TripError(str(error))
 
     def alive(self) -> None:
-        """Show the safety thread that the supervisor works; tell what the loop says."""
+        """Show the safety thread that the supervisor works; show what the loop indicates."""
         self._safety.alive()
         words = self.board.words
         indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
@@ -409,7 +409,7 @@ class ConnectedRig:
         """Bring everything to its safe state, and end the processes.
 
         Raises:
-            TripError: the rig tripped, and nobody was told of it yet, or something is not safe.
+            TripError: the rig tripped, and that was not reported yet, or something is not safe.
         """
         ended: TripError | None = None
         unsafe: dict[str, str] = {}
@@ -426,12 +426,12 @@ class ConnectedRig:
             self._end_parts()
             self._event_log.complete_report()
         self.handle(Event.DISCONNECT)
-        told = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
-        if told and self._safety.tripped:
-            # What came first is told by the trip.
-            self.say(told)
-        elif told:
-            ended = TripError(f"{told}; look at the rig before going near it")
+        line = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
+        if line and self._safety.tripped:
+            # The trip reports what came first.
+            self.say(line)
+        elif line:
+            ended = TripError(f"{line}; look at the rig before going near it")
         if ended is not None:
             raise ended
 

@@ -1,4 +1,4 @@
-"""What happens while a session is connected, and what a trip report tells of it."""
+"""What happens while a session is connected, and what a trip report shows of it."""
 
 import time
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_
 LAST_S: Final = 2.0
 """How much of the rig's last seconds a trip report shows, of all channels."""
 LAST_NEWS_S: Final = 0.2
-"""How long a trip report waits for what the slow drivers have to tell once all is safe."""
+"""How long a trip report waits for what the slow drivers have to report once all is safe."""
 
 _STEPS: Final = {
     "valve null": Word.VALVE_NULL_AT,
@@ -67,7 +67,7 @@ class EventLog:
         self._notes.append(Note(time.monotonic_ns(), who, what))
 
     def take(self, news: News) -> None:
-        """Note what a part tells, and show it to the operator."""
+        """Note what a part reports, and show it to the operator."""
         text = news.text
         if isinstance(news, Driven):
             self._driven[news.who, news.part] = news
@@ -104,7 +104,7 @@ class EventLog:
         )
 
     def complete_report(self) -> None:
-        """Write a trip report anew that does not tell all of what another master did."""
+        """Write the trip report anew if another master did something that is not in it."""
         report, driven = self._report, tuple(self._driven.values())
         if report is not None and report.driven != driven:
             self._report = replace(report, driven=driven, notes=tuple(self._notes))

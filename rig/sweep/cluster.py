@@ -54,7 +54,7 @@ def run_cluster(
     setting: Setting,
     client: Any,
     stopped: Stopped,
-    tell: Callable[[str], None],
+    say: Callable[[str], None],
 ) -> Iterator[Judged]:
     """Yield what comes of chunks, run by a cluster's workers, in the order in which they end.
 
@@ -63,14 +63,14 @@ def run_cluster(
         setting: of the sweep.
         client: of `connect`.
         stopped: once it holds, nothing more is sent, and what has not begun is taken back.
-        tell: takes what the operator should know.
+        say: takes what the operator should know.
 
     Raises:
         SweepError: a case could not be run, or the cluster is lost.
     """
     ended: queue.Queue[Any] = queue.Queue()
     running: set[Any] = set()
-    look = _Look(client, tell)
+    look = _Look(client, say)
     try:
         while True:
             while len(running) < look.wanted() and not stopped():
@@ -96,11 +96,11 @@ def run_cluster(
 class _Look:
     """Looks after the cluster's workers now and then."""
 
-    def __init__(self, client: Any, tell: Callable[[str], None]) -> None:
-        self._client, self._tell = client, tell
+    def __init__(self, client: Any, say: Callable[[str], None]) -> None:
+        self._client, self._say = client, say
         self._next = 0.0
         self._threads = 1
-        self._told = False
+        self._has_said = False
 
     def wanted(self) -> int:
         """Return how many chunks should be on their way."""
@@ -108,9 +108,9 @@ class _Look:
         if now >= self._next:
             self._next = now + _LOOK_S
             threads = sum(self._client.nthreads().values())
-            if threads == 0 and not self._told:
-                self._tell("the cluster has no workers; waiting for one")
-            self._told = threads == 0
+            if threads == 0 and not self._has_said:
+                self._say("the cluster has no workers; waiting for one")
+            self._has_said = threads == 0
             self._threads = max(threads, 1)
         return _QUEUED * self._threads
 

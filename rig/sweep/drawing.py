@@ -63,7 +63,7 @@ class Streams:
 
 @dataclass(frozen=True)
 class Cases:
-    """Some cases as drawn: what runs them, and what the table tells of them.
+    """Some cases as drawn: what runs them, and what the table shows of them.
 
     Attributes:
         chunk: number of the chunk that they make.
@@ -126,7 +126,7 @@ def draw(sweep: Sweep, first: int, count: int) -> Cases:
     parameters, columns = _parameters(sweep, streams)
     noise = streams.drawn("noise", sweep.noise)
     columns["noise"] = Column(noise, "", "factor on the deviation of every transducer")
-    coefficients, onset_s, faults, told = _leaks(sweep, streams)
+    coefficients, onset_s, faults, shown = _leaks(sweep, streams)
     motions, described = drawn_motions(sweep.motions, streams, sweep.duration_s)
     columns |= {name: Column(*column) for name, column in described.items()}
     numbers = np.arange(first, first + count, dtype=np.int64)
@@ -143,7 +143,7 @@ def draw(sweep: Sweep, first: int, count: int) -> Cases:
         motions=motions,
         faults=faults,
         onset_s=onset_s,
-        columns={"case": Column(numbers, "", "number of the case"), **columns, **told},
+        columns={"case": Column(numbers, "", "number of the case"), **columns, **shown},
     )
 
 
@@ -167,7 +167,7 @@ def _parameters(sweep: Sweep, streams: Streams) -> tuple[Array, dict[str, Column
 def _leaks(
     sweep: Sweep, streams: Streams
 ) -> tuple[Array, Array, NDArray[np.str_], dict[str, Column]]:
-    """Return coefficients (3, n), onsets (n,), names (n,), and the columns that tell of them."""
+    """Return coefficients (3, n), onsets (n,), names (n,), and the columns that show them."""
     count, leaks = streams.count, sweep.leaks
     coefficients = np.zeros((len(LEAKS), count))
     onset_s, size = np.full(count, np.nan), np.full(count, np.nan)
@@ -182,12 +182,12 @@ def _leaks(
         onset_s = np.where(leaky, streams.drawn("onset", leaks.onset), np.nan)
         for row, name in enumerate(LEAKS):
             coefficients[row] = np.where(faults == name, size, 0.0)
-    told = {
+    shown = {
         "fault": Column(faults, "", "what was injected"),
         "onset_s": Column(onset_s, "s", "when it began"),
         "coefficient": Column(size, "m^3/(s Pa^0.5)", "of the leak injected"),
     }
-    return coefficients, onset_s, faults, told
+    return coefficients, onset_s, faults, shown
 
 
 def still_case(setting: Setting) -> Cases:

@@ -138,7 +138,7 @@ class SweepFolder:
 
 
 def identity(sweep: Sweep) -> dict[str, Any]:
-    """Return what a sweep is, as its folder tells."""
+    """Return what a sweep is, as its folder holds it."""
     text = json.dumps(sweep.meaning, sort_keys=True)
     return {
         "schema": SCHEMA,

@@ -106,7 +106,7 @@ def _columns(of_cases: Sequence[Sequence[float]], padding: float | None) -> Arra
 def drawn_motions(
     motions: Sequence[SweptMotion], draws: Draws, duration_s: float
 ) -> tuple[Motions, dict[str, tuple[Any, str, str]]]:
-    """Return the setpoints of some cases, and columns (values, unit, about) that tell of them.
+    """Return the setpoints of some cases, and columns (values, unit, about) that show them.
 
     Args:
         motions: of the sweep.
@@ -133,24 +133,24 @@ def drawn_motions(
             own = {key: [float(values[case]) for values in each] for key, each in drawn.items()}
             turns = [float(phase[case]) for phase in phases]
             _FILL[motion.type](table, int(case), own, duration_s, int(seeds[case]), turns)
-        columns |= _told(motion, drawn, chosen == index)
+        columns |= _columns_of(motion, drawn, chosen == index)
     return table.finish(chosen), columns
 
 
-def _told(
+def _columns_of(
     motion: SweptMotion, drawn: dict[str, list[Array]], chosen: NDArray[np.bool_]
 ) -> dict[str, tuple[Any, str, str]]:
     """Return what is drawn of a motion as columns, NaN where a case has another."""
     level = "m" if motion.quantity == "position" else "V"
-    told = {}
+    columns = {}
     for key, laws in motion.values.items():
         for index, law in enumerate(laws):
             if not law.is_drawn:
                 continue
             name = f"{motion.name}_{key}" + (f"_{index + 1}" if len(laws) > 1 else "")
             values = np.where(chosen, drawn[key][index], np.nan)
-            told[name] = (values, _UNITS.get(key, level), f"{key} of the motion {motion.name}")
-    return told
+            columns[name] = (values, _UNITS.get(key, level), f"{key} of the motion {motion.name}")
+    return columns
 
 
 Own = dict[str, list[float]]

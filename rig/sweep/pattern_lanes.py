@@ -30,7 +30,7 @@ of what a chamber holds, and the thesis's largest healthy one is 0.2 MPa."""
 
 
 def judged_by_pattern(sums: Array, group: Group, setting: Setting) -> Figures:
-    """Return what the table tells of a group's cases, (LANES,) by column.
+    """Return what the table shows of a group's cases, (LANES,) by column.
 
     Args:
         sums: float64 (blocks, 6, LANES), `rig.sweep.ticks.SUMS`.
@@ -46,7 +46,7 @@ def judged_by_pattern(sums: Array, group: Group, setting: Setting) -> Figures:
         averages = _moving(means)
         patterns = pattern_of(averages, baseline)
         excess = (averages - baseline.normal) / (baseline.thresholds - baseline.normal)
-        # The moving averages are looked at anew each half second, the most telling counts.
+        # The moving averages are looked at anew each half second, the clearest counts.
         score = np.fmax.reduce(excess.max(axis=1), axis=0)
         ratio = (averages[-1] / baseline.thresholds).max(axis=0)
         squares = sums[_STARTED:, 2:5].mean(axis=0) / BLOCK

@@ -28,7 +28,7 @@ _LEAST_HEALTHY: Final = 1e-12
 
 
 def judged_by_product(group: Group) -> Figures:
-    """Return what the table tells of a group's cases, (LANES,) by column.
+    """Return what the table shows of a group's cases, (LANES,) by column.
 
     Raises:
         SweepError: a rig needed more integration steps than there may be.
@@ -121,7 +121,7 @@ class _Watch:
         return self._decisions[lane].verdict
 
     def figures(self) -> Figures:
-        """Return the columns that the detectors tell of."""
+        """Return the columns that the detectors fill."""
         decisions = self._decisions
         healthy = np.array([each.probabilities.get("healthy", np.nan) for each in decisions])
         leak = np.array([_or_nan(each.leak_m3_per_s) for each in decisions])

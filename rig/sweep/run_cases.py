@@ -81,7 +81,7 @@ def run_thesis7(group: Group) -> Array:
 
 
 def judge_cases(setting: Setting, cases: Cases) -> Figures:
-    """Run and judge cases; return what the table tells of each, (n,) by column.
+    """Run and judge cases; return what the table shows of each, (n,) by column.
 
     Raises:
         SweepError: a case could not be run.
@@ -101,7 +101,7 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
 
 
 def run_chunk(setting: Setting, cases: Cases) -> Judged:
-    """Run and judge a chunk of cases on this process, and tell what it took."""
+    """Run and judge a chunk of cases on this process, and return what it took."""
     start_s = _load(setting)
     wall, process = time.perf_counter(), time.thread_time()
     figures = judge_cases(setting, cases)

@@ -63,7 +63,7 @@ class Timing:
         """Return the names of the processes that ran the cases."""
         return set(self.ready_s)
 
-    def told(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, Any]:
         """Return it as JSON holds it, with rates."""
         after_start = sum(self.elapsed_s - ready_s for ready_s in self.ready_s.values())
         return {
@@ -138,7 +138,7 @@ def run_sweep(
         folder: of the sweep, with what is done.
         runner: where.
         stopped: whether to end before all is done.
-        advanced: is told how many cases more are done, those from before first.
+        advanced: is called with how many cases more are done, those from before first.
 
     Raises:
         SweepError: a case could not be run, or a worker has another version of this program.

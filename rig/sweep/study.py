@@ -88,7 +88,7 @@ class PowerCurve:
         return sum(each.right.of for each in self.bins)
 
     @property
-    def tells_apart(self) -> bool:
+    def separates(self) -> bool:
         """Whether every leak that was named is larger than every one that was not."""
         missed, named = self.missed_m3_per_s, self.named_m3_per_s
         return missed is not None and named is not None and missed < named
@@ -130,13 +130,13 @@ class Study:
     sizing: dict[str, Any] | None
     lost: Share
 
-    def told(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, Any]:
         """Return it as JSON holds it; flows in L/min."""
         return {
             "cases": self.cases,
             "confusion": self.confusion,
-            "false_alarms": _told(self.false_alarms),
-            "right": {name: _told(share) for name, share in self.right.items()},
+            "false_alarms": _plain(self.false_alarms),
+            "right": {name: _plain(share) for name, share in self.right.items()},
             "limit_L_per_min": {
                 name: None if curve.limit_m3_per_s is None else {
                     "value": curve.limit_m3_per_s / LITRE_PER_MINUTE,
@@ -147,11 +147,11 @@ class Study:
             "roc_area": {name: roc.area for name, roc in self.roc.items()},
             "latency_s": self.latency_s and {"median": self.latency_s[0], "p95": self.latency_s[1]},
             "sizing": self.sizing,
-            "lost": _told(self.lost),
+            "lost": _plain(self.lost),
         }  # fmt: skip
 
 
-def _told(share: Share) -> dict[str, Any]:
+def _plain(share: Share) -> dict[str, Any]:
     part = None if not share.of else share.part
     return {"count": share.count, "of": share.of, "part": part, "interval": list(share.interval)}
 
@@ -276,7 +276,7 @@ def _logistic(x: Array, y: Array) -> tuple[tuple[float, float], Array] | None:
         step = covariance.dot(design.T.dot(y - chance))
         beta = beta + np.clip(step, -5.0, 5.0)
         if np.abs(step).max() < 1e-9:
-            # Of sizes that tell apart completely, the slope grows without an end.
+            # If sizes separate named leaks from others completely, the slope grows without an end.
             if abs(beta[1]) * float(x.std()) > 25.0:
                 return None
             back = np.array([[1.0, -centre], [0.0, 1.0]])
@@ -307,5 +307,5 @@ def _sizing(column: dict[str, Any], named: NDArray[np.bool_]) -> dict[str, Any] 
         "leaks": int(at.sum()),
         "relative_bias": float(relative.mean()),
         "relative_rms": float(np.sqrt(np.square(relative).mean())),
-        "in_interval": _told(covered),
+        "in_interval": _plain(covered),
     }

@@ -38,15 +38,15 @@ FIGURES: Final = {
     "resets": ("", "how often the filter was found lost and started anew"),
     "lost": ("", "whether the filter followed its rig no more"),
 }
-"""Unit and meaning of each column that tells what came of a case."""
+"""Unit and meaning of each column that shows what came of a case."""
 _ABOUT: Final = b"about"
 _UNIT: Final = b"unit"
 
 
 def rows_of(cases: Cases, figures: Figures) -> pa.Table:
     """Return the rows of some cases: what was drawn, and what came of it."""
-    told = {name: Column(figures[name], *FIGURES[name]) for name in FIGURES}
-    columns = {**cases.columns, **told}
+    outcomes = {name: Column(figures[name], *FIGURES[name]) for name in FIGURES}
+    columns = {**cases.columns, **outcomes}
     fields = [
         pa.field(name, kind, metadata={_UNIT: column.unit, _ABOUT: column.about})
         for name, column in columns.items()

@@ -30,7 +30,7 @@ def test_off_this_machine_it_is_refused_without_tls(capsys: pytest.CaptureFixtur
     assert "ssh -L 8480" in said
 
 
-def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_is_taken_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -51,6 +51,6 @@ def test_a_token_that_others_may_read_is_refused(
     assert (code, "may be read by others" in said) == (2, True)
 
 
-def test_campaigns_that_are_not_there_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_campaigns_that_are_not_there_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
     code, said = ended(capsys, "--campaign", "nothing.yaml")
     assert (code, "does not exist" in said) == (2, True)

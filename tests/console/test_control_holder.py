@@ -1,4 +1,4 @@
-"""One operator at a time; that somebody takes over is asked for, and told to all."""
+"""One operator at a time; that somebody takes over is asked for, and shown to all."""
 
 import pytest
 

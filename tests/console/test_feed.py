@@ -17,7 +17,7 @@ def told(feed: Feed) -> dict[str, Any]:
     return common
 
 
-def test_a_rig_that_cannot_be_shown_is_not_dead_and_viewers_are_told(
+def test_a_rig_that_cannot_be_shown_is_not_dead_and_viewers_are_shown_why(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fails(*_: object) -> None:
@@ -33,7 +33,7 @@ def test_a_rig_that_cannot_be_shown_is_not_dead_and_viewers_are_told(
     assert "showing a rig goes on after a failure: ZeroDivisionError" in notice["text"]
 
 
-def test_nonsense_on_a_rigs_keys_is_told_now_and_then() -> None:
+def test_nonsense_on_a_rigs_keys_is_reported_now_and_then() -> None:
     client = FakeClient(RUNNING)
     feed = Feed(client)
     feed.tick(0.0)

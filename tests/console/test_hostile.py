@@ -31,7 +31,7 @@ ANNA, BEN = Visitor(1, "Anna", 9e9), Visitor(2, "Ben", 9e9)
 
 
 class Started:
-    """A process that goes on until it is told, and took its time to begin."""
+    """A process that goes on until it is stopped, and took its time to begin."""
 
     def __init__(self, count: list["Started"]) -> None:
         time.sleep(0.05)

@@ -23,7 +23,7 @@ CAMPAIGN = (
 
 
 class Process:
-    """A process that ends when it is told."""
+    """A process that ends when it is asked to."""
 
     def __init__(self, arguments: list[str], **options: Any) -> None:
         self.arguments, self.options = arguments, options
@@ -78,7 +78,7 @@ def test_the_shipped_campaigns_are_offered_unless_others_are_given(tmp_path: Pat
     assert mine.description == "Two lines."
 
 
-def test_campaigns_that_cannot_be_offered_are_all_told(tmp_path: Path) -> None:
+def test_campaigns_that_cannot_be_offered_are_all_reported(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("- no mapping\n")
     for name in ("b", "c"):
         (tmp_path / f"{name}.yaml").write_text(CAMPAIGN.format(name="twin"))
@@ -110,7 +110,7 @@ def test_nothing_else_is_started(launcher: Launcher, started: list[Process], nam
     assert started == []
 
 
-def test_one_runs_at_a_time_and_its_end_is_told(
+def test_one_runs_at_a_time_and_its_end_is_reported(
     launcher: Launcher, started: list[Process], said: list[str]
 ) -> None:
     launcher.start("leaks")
@@ -126,7 +126,7 @@ def test_one_runs_at_a_time_and_its_end_is_told(
     assert said[-1] == "leaks has ended: killed by SIGKILL"
 
 
-def test_why_a_run_did_not_begin_is_told_as_its_journal_has_it(
+def test_why_a_run_did_not_begin_is_reported_as_its_journal_has_it(
     launcher: Launcher, started: list[Process], running: Path
 ) -> None:
     assert launcher.content()["last"]["said"] == "is wrong"

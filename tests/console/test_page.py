@@ -58,7 +58,7 @@ def test_a_stream_that_dies_is_shown_as_dead_with_its_age(site: Site, page: Page
     expect(page.locator("#campaign-name")).to_have_text("leaks, running")
 
 
-def test_a_trip_is_told_with_its_first_out_and_its_remedy(site: Site, page: Page) -> None:
+def test_a_trip_is_reported_with_its_first_out_and_its_remedy(site: Site, page: Page) -> None:
     first = {"by": "loop", "cause": "ESTOP_OPEN", "sentence": "the emergency stop is open",
              "remedy": "release it, then reset", "after_s": 0.0}  # fmt: skip
     trips = {"first_out": [first], "confirmed": {"valve null": 0.001, "bypass shut": None}}
@@ -127,7 +127,7 @@ def test_the_key_stops_while_somebody_writes_and_a_refusal_is_shouted(
     assert site.client.sent == [("abort", "bench", "Anna", "")]
 
 
-def test_a_console_that_does_not_answer_is_told_and_found_again(site: Site, page: Page) -> None:
+def test_a_console_that_does_not_answer_is_reported_and_found_again(site: Site, page: Page) -> None:
     page.context.set_offline(True)
     page.evaluate("rigConsole.socket.close()")
     expect(page.locator("#life")).to_have_text("no console")

@@ -297,7 +297,7 @@ def test_a_viewer_that_comes_back_is_sent_everything_again(site: Site) -> None:
             assert len(heard(live, "points")["points"]["time_s"]) >= 1
 
 
-def test_all_viewers_are_told_of_who_takes_over(site: Site) -> None:
+def test_all_viewers_are_shown_who_takes_over(site: Site) -> None:
     anna, ben = site.cookie("Anna"), site.cookie("Ben")
     with site.live(anna) as hers, site.live(ben) as his:
         site.order(anna, order="take")

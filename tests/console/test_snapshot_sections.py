@@ -1,4 +1,4 @@
-"""What the page is told of a rig: in the units of the screen, dead when it is dead, no nonsense."""
+"""What the page shows of a rig: in the units of the screen, dead when it is dead, no nonsense."""
 
 import json
 from dataclasses import replace
@@ -72,7 +72,7 @@ def test_a_stream_that_died_is_dead_with_its_age() -> None:
     assert sections(Snapshot("bench"))["life"]["life"] == "unheard"
 
 
-def test_interlocks_are_told_in_words_with_the_first_out_first() -> None:
+def test_interlocks_are_reported_in_words_with_the_first_out_first() -> None:
     latest = {"estop_closed": 0.0, "valve_enabled": 1.0, "watchdog_tripped": NAN}
     trips = {
         "first_out": [

@@ -164,8 +164,8 @@ def _finish(
         "filter": sweep.filter_name,
         "false_alarms_per_day": sweep.false_alarms_per_day,
         "table": str(folder.path / TABLE),
-        **study.told(),
-        "timing": timing.told(),
+        **study.plain(),
+        "timing": timing.plain(),
     }
     replace_text(folder.path / SUMMARY, json.dumps(summary, indent=2) + "\n")
     for line in lines_of(sweep.filter_name, study, timing):

@@ -81,7 +81,7 @@ class ValveNode:
 
     Args:
         send: puts a frame on the bus.
-        spool: tells where the spool is, m.
+        spool: returns where the spool is, m.
         full_stroke: travel of the spool at 100 %, m.
         node: its node id.
         note: takes note of what it receives and does; a repeated command is noted once.

@@ -36,7 +36,7 @@ class BypassIo:
 
     Args:
         record: takes note of what happens.
-        clock: tells the time in ns.
+        clock: returns the time in ns.
         ball_travel_s: time of a ball from shut to open.
         needle_travel_s: time of a needle over its whole range.
 

@@ -134,7 +134,7 @@ class _Connection(asyncio.Protocol):
         while len(self._received) > _MBAP.size:
             _, protocol, length, _ = _MBAP.unpack_from(self._received)
             if protocol != 0 or not 2 <= length <= FEEDBACK_LIMIT - _HEADER_BYTES:
-                # Not Modbus/TCP: there is no telling where the next request would begin.
+                # This is not Modbus/TCP: nobody knows where the next request would begin.
                 self._server.record.note("not_modbus", device=self._server.name, peer=self._peer)
                 self.abort()
                 return

@@ -39,7 +39,7 @@ class ValveBank:
 
     Args:
         record: takes note of orders, arrivals and the watchdog.
-        clock: tells the time in ns.
+        clock: returns the time in ns.
         ball_travel_s: time of a ball from shut to open.
         needle_travel_s: time of a needle over its whole range.
 

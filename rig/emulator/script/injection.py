@@ -50,7 +50,7 @@ class Injection:
     Args:
         effects: what makes faults begin and end.
         record: takes note of each.
-        clock: tells the time in ns.
+        clock: returns the time in ns.
     """
 
     def __init__(self, effects: Effects, record: Record, clock: Clock) -> None:

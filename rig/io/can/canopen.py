@@ -127,7 +127,7 @@ def abort_reply(index: int, subindex: int, code: int) -> bytes:
 
 
 def answers(data: bytes, entry: Entry) -> bool:
-    """Tell whether the 8 bytes of a node's reply are about an entry."""
+    """Return whether the 8 bytes of a node's reply are about an entry."""
     return len(data) == 8 and struct.unpack_from("<HB", data, 1) == (entry.index, entry.subindex)
 
 

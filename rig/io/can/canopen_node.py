@@ -45,7 +45,7 @@ class CanopenNode:
         driver: name of its driver; errors begin with it.
         link: the bus, which lets the node's `identifiers` through.
         node: its id.
-        clock: tells the time in s.
+        clock: returns the time in s.
         take_pdo: called with the data of every TPDO1.
 
     Attributes:
@@ -79,7 +79,7 @@ class CanopenNode:
             self._take(frame)
 
     def _take(self, frame: can.Message) -> None:
-        """Sort one frame; one of a length that its kind does not have is garbage."""
+        """Sort one frame; a frame of a length that its kind does not have is dropped."""
         data = bytes(frame.data)
         match frame.arbitration_id - self._node, len(data):
             case (base, 1) if base == HEARTBEAT:
@@ -100,7 +100,7 @@ class CanopenNode:
         self.heard_at = self._clock()
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Listen until a condition holds or so many seconds are over; tell whether it held."""
+        """Listen until a condition holds or so many seconds are over; return whether it held."""
         until = self._clock() + timeout
         while not condition():
             if self._clock() >= until:
@@ -113,7 +113,7 @@ class CanopenNode:
         self._link.send(NMT, bytes((command, self._node)))
 
     def beat(self) -> None:
-        """Send the host's own heartbeat, which the node watches once it was told to."""
+        """Send the host's own heartbeat, which the node watches once it was asked to."""
         self._link.send(HEARTBEAT + HOST_NODE, bytes((NmtState.OPERATIONAL,)))
 
     def send_pdo(self, data: bytes) -> None:

@@ -95,7 +95,7 @@ class Transition(NamedTuple):
     word: str
 
     def made_by(self, word: int, previous_word: int) -> bool:
-        """Tell whether the valve makes this transition when it receives a control word.
+        """Return whether the valve makes this transition when it receives a control word.
 
         The bits of `word` decide by their level. `previous_word`, the control word that came
         before, matters only where this transition needs a rising edge, which is the reset of a

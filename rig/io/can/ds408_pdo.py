@@ -1,8 +1,8 @@
 """What a digital servovalve and its host exchange cyclically, and how the valve is set up for it.
 
-RPDO1: control word and setpoint; TPDO1: status word and actual spool position, of which
-`config/dbc/servovalve.dbc` tells other programs. The mapping is written at every start (CiA 301,
-sections 7.5.2.33 ff.), so that it does not depend on what a valve was left with.
+RPDO1 is control word and setpoint, TPDO1 is status word and actual spool position; the file
+`config/dbc/servovalve.dbc` describes both to other programs. The mapping is written at every start
+(CiA 301, sections 7.5.2.33 ff.), so that nothing depends on what a valve was left with.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""A digital servovalve as its host sees it on the bus: state, actual spool, what it can be told."""
+"""A digital servovalve as its host sees it on the bus: state, actual spool, what it can be sent."""
 
 import struct
 from typing import Final
@@ -37,7 +37,7 @@ class Ds408Valve:
     Args:
         driver: name of its driver; errors begin with it.
         options: its section in the rig file.
-        clock: tells the time in s.
+        clock: returns the time in s.
 
     Attributes:
         state: what it last showed; NOT_READY before that.
@@ -162,7 +162,7 @@ class Ds408Valve:
             raise self._error(state, "check the valve's firmware")
 
     def _take_status(self, data: bytes) -> None:
-        """Take in a TPDO1; one of another length, or a state that there is not, is garbage."""
+        """Take in a TPDO1; one of another length, or with an unknown state, is dropped."""
         if len(data) != struct.calcsize(STATUS_LAYOUT):
             return
         word, actual = struct.unpack(STATUS_LAYOUT, data)
@@ -170,7 +170,7 @@ class Ds408Valve:
             self.spool, self._status_at, self.fresh = to_share(actual), self._clock(), True
 
     def _show(self, status_word: int) -> bool:
-        """Take the state from a status word; tell whether there is such a state."""
+        """Take the state from a status word; return whether there is such a state."""
         try:
             self.state = DriveState(status_word & _STATUS_BITS)
         except ValueError:

@@ -57,7 +57,7 @@ class CanPump:
     Args:
         name: name in the rig file.
         options: its section there.
-        clock: tells the time in s.
+        clock: returns the time in s.
 
     Raises:
         DriverError: the DBC cannot be read, or does not describe a pump unit.
@@ -184,7 +184,7 @@ class CanPump:
             self._take(bytes(frame.data))
 
     def _take(self, data: bytes) -> None:
-        """Take in one status message; one of another length is garbage, a repeated one is old."""
+        """Take in one status message; one of another length, or a repeated one, is dropped."""
         if len(data) != self._status.length:
             return
         signals: Any = self._status.decode(data, decode_choices=False)

@@ -27,7 +27,7 @@ class CanValve:
     Args:
         name: name in the rig file.
         options: its section there.
-        clock: tells the time in s.
+        clock: returns the time in s.
     """
 
     kind: ClassVar[Literal["fast", "slow"]] = "slow"
@@ -109,14 +109,14 @@ class CanValve:
 
     def _require_healthy(self, state: DriveState, codes: Iterable[int]) -> None:
         fell, self._was_ready = self._was_ready and not state.ready, state.ready
-        told = False
+        is_new = False
         for code in codes:
             if code:
                 self._emergencies.append(code)
-                told = True
+                is_new = True
             else:
                 self._emergencies.clear()
-        if fell or told:
+        if fell or is_new:
             words = [f"emergency 0x{c:04X}, {emergency_words(c)}" for c in self._emergencies]
             why = "; ".join(words) or "no emergency message came"
             action = "remove the cause; the next target asked for resets the fault"

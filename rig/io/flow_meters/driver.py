@@ -35,7 +35,7 @@ class FlowMeterOptions:
     Attributes:
         port: serial port.
         baud: of the line; 8 data bits, no parity, 1 stop bit.
-        rate: how often the line is read; the meters themselves tell their flow 10 times a second.
+        rate: how often the line is read; the meters themselves send their flow 10 times a second.
         stale: silence after which a meter has no value.
     """
 
@@ -68,7 +68,7 @@ class FlowMeters:
     Args:
         name: name in the rig file.
         options: its section there.
-        clock: tells the time in ns.
+        clock: returns the time in ns.
         sleep: waits for a time in s, in `open` only.
 
     Attributes:

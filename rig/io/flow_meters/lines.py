@@ -80,7 +80,7 @@ class MeterLineParser:
 
 
 def meter_line(meter: int, flow: float, failed: bool = False) -> bytes:
-    """Return the line by which a meter tells a flow in m^3/s."""
+    """Return the line by which a meter sends a flow in m^3/s."""
     status = _SENSOR_FAULT if failed else 0
     body = f"FM,{meter},{flow / LITRE_PER_MINUTE:.3f},{status:02X}".encode("ascii")
     return b"$%s*%02X\r\n" % (body, _checksum(body))

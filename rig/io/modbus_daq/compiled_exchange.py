@@ -151,7 +151,7 @@ def _judge_reply(plan, transaction, size):
 
 @inner
 def _receive_reply(fd, plan, transaction, deadline_ns):
-    """Wait for the reply to a transaction; one that fits stays at the start of the buffer."""
+    """Wait for the reply to a transaction; a reply that fits stays at the start of the buffer."""
     reply, tally = plan.received, plan.tally
     start = plan.transactions[transaction, 0]
     expected = np.int64(plan.frames[start]) << 8 | np.int64(plan.frames[start + 1])

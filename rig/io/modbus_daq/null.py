@@ -1,4 +1,4 @@
-"""How a Modbus device is brought to null, and how it is told that it is there."""
+"""How a Modbus device is brought to null, and how it shows that it is there."""
 
 import time
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ _POLL_S: Final = 0.002
 
 
 def null(link: DaqLink, register_map: RegisterMap, timeout_s: float) -> None:
-    """Bring the valve to 0 V and off, and wait until all that the device tells of it says so.
+    """Bring the valve to 0 V and off, and wait until all that the device reports of it says so.
 
     Args:
         link: to the device.
@@ -65,17 +65,17 @@ def _waiting(link: DaqLink, register_map: RegisterMap) -> str:
 
 
 def driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:
-    """Yield what of the valve is not at null, of all that the device tells.
+    """Yield what of the valve is not at null, of all that the device reports.
 
     Raises:
         DriverError: no reply, or the device refuses.
     """
     request = register_map.null_request
     for register in register_map.registers:
-        told = register.signal in _REPORTED
+        counts = register.signal in _REPORTED
         if request is None:
-            told |= register.access == "rw" and register.signal in _COMMANDED
-        if told and (value := _value_of(register, link)) != 0.0:
+            counts |= register.access == "rw" and register.signal in _COMMANDED
+        if counts and (value := _value_of(register, link)) != 0.0:
             yield f"has {register.signal} at {value:g}"
 
 

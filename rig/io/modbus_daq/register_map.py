@@ -56,7 +56,7 @@ class RegisterMap:
         rate: exchanges it can do in a second, Hz.
         registers: its signals.
         identity: register and value by which it is known.
-        version: the same for the version of its map, if it tells one.
+        version: the same for the version of its map, if it has one.
         word_order: of 32-bit values.
         setup: written at the start, in order, unless the device has the last value of each already
             (some keep them in flash, which wears).

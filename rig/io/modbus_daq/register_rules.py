@@ -1,4 +1,4 @@
-"""The rules of register maps; every one that is broken is told at once."""
+"""The rules of register maps; all that are broken are reported at once."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -73,7 +73,7 @@ def problems(given: "RegisterMap") -> list[MapProblem]:
 
 
 def _si_ending(signal: str) -> str:
-    """Return the unit that ends a signal's name; none for counters and switches."""
+    """Return the unit that ends a signal's name; empty for counters and switches."""
     endings = {ending for ending, _ in UNITS.values() if ending}
     return next((ending for ending in endings if signal.endswith(f"_{ending}")), "")
 

@@ -52,7 +52,7 @@ class RegisterValue:
 
 @dataclass(frozen=True)
 class Fact:
-    """A register that tells something of the device; read for diagnostics, as it stands."""
+    """A register that says something about the device; read for diagnostics, as it stands."""
 
     name: str
     address: int

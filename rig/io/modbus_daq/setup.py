@@ -8,7 +8,7 @@ from .link import DaqLink, RefusedError
 from .register_map import RegisterMap, RegisterValue
 
 GREATEST_RATE: Final = "greatest_rate_Hz"
-"""The fact of a map that tells the rate which the device itself gives."""
+"""The fact of a map that holds the rate which the device itself gives."""
 
 
 def verify(link: DaqLink, register_map: RegisterMap, rate_hz: float) -> None:

@@ -161,7 +161,7 @@ def held_position(position, homed, limits):
 
 
 class Tick(NamedTuple):
-    """What the interlock is told of one tick."""
+    """What the interlock is given of one tick."""
 
     inputs: NDArray[np.float64]
     """(len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`."""
@@ -283,7 +283,7 @@ def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
         off = off and values[_ENABLED] != 0.0
         ticks[_NOT_PUT_OUT] = ticks[_NOT_PUT_OUT] + 1 if off else 0
     if max(age_ticks, ticks[_NOT_SAMPLED]) > tol.stale_ticks:
-        # Told from a device that does not answer: this one's last answer was an old sample.
+        # Unlike a device that does not answer, this one answered, but with an old sample.
         if ticks[_NOT_SAMPLED] > 0:
             return _TRIP, Cause.DEVICE_STOPPED.value, _COUNTER
         return _TRIP, Cause.STALE_SAMPLE.value, NO_CHANNEL
@@ -337,7 +337,7 @@ def _unhomed(command, homed, tol, memory):
 
 @inlined
 def _limits(homed, limits, memory):
-    """Judge the limits of all channels; those of a position that is not known say nothing."""
+    """Judge the limits of all channels, but for the position's while that is not known."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     for i in range(limits.channel.size):
         where = limits.channel[i]

@@ -222,7 +222,7 @@ EXPLANATIONS: Final = {
         "on_fault",
     ),
 }
-"""What the operator is told about every cause."""
+"""What the operator is shown about every cause."""
 
 
 def explain(cause: Cause, channel: str = "") -> Explanation:

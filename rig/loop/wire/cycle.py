@@ -144,11 +144,11 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         held = command
         if fd >= 0:
             age = (ended - counts[Count.SAMPLED_NS]) // pace.period_ns
-            told = Tick(
+            seen = Tick(
                 memory.inputs, fresh, missed + 1, (ended - begun) / pace.period_ns, age, command,
                 outputs[_HOST_COUNTER], counts[Count.DRIVEN] != 0, words[Word.HOMED] != 0,
             )  # fmt: skip
-            judged, cause, channel = check_sample(told, interlock)
+            judged, cause, channel = check_sample(seen, interlock)
             if judged == Action.TRIP.value and words[Word.LOOP_TRIP] == 0:
                 _trip(words, cause, channel, ended)
                 _exchange(fd, plan, 0.0, 0.0, course, pace, memory, words)
@@ -214,7 +214,7 @@ def _cause_at_wakeup(words, counts, now, missed, pace):
         return Cause.NONE.value
     if pace.overrun == Overrun.TRIP and missed >= pace.trip_after:
         return Cause.OVERRUN.value
-    # Its own pause is told from a device's silence, which the interlock judges after the exchange.
+    # This is the loop's own pause; the interlock judges a device's silence after the exchange.
     if missed > 0 and now - counts[Count.SAMPLED_NS] > pace.stale_ns:
         return Cause.OVERRUN.value
     return Cause.NONE.value

@@ -77,7 +77,7 @@ class Left(IntEnum):
     SWITCHED = 0
     """Another segment is asked for."""
     ASKED = 1
-    """It was told to leave; a null frame was sent."""
+    """It was asked to leave; a null frame was sent."""
     UNCONFIRMED = 2
     """It tripped, and the device did not confirm by this connection that the valve is at null."""
 
@@ -193,7 +193,7 @@ class Count(IntEnum):
     NULL_NS = 7
     """When the device last showed the valve at null; 0 since it may be enabled."""
     SETTLED = 8
-    """Looks in a row that found the spool at null; it counts no further than it must."""
+    """Looks in a row that found the spool at null; the count stops where it is enough."""
     AWAY = 9
     """Looks in a row that found a spool away from null that had settled there."""
 

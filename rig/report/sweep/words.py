@@ -31,7 +31,7 @@ def limit_in_words(curve: PowerCurve) -> str:
         return f"not known: all {curve.cases} were named, down to {in_flow(named)}"
     if named is None:
         return f"not known: none of {curve.cases} was named, up to {in_flow(missed)}"
-    if curve.tells_apart:
+    if curve.separates:
         whole = f"none up to {in_flow(missed, 3)}, all from {in_flow(named, 3)} on"
         return f"{whole}: {curve.cases} cases draw no curve between"
     if curve.cases < LEAST_CASES:
@@ -57,7 +57,7 @@ def lines_of(filter_name: str, study: Study, timing: Timing) -> Iterator[str]:
         yield f"  named 95 times in 100, of {place_in_words(place)}, from: {limit_in_words(curve)}"
     if study.latency_s is not None:
         yield f"  latency: median {study.latency_s[0]:.1f} s, 95 % {study.latency_s[1]:.1f} s"
-    rates = timing.told()["rig_seconds_per_second"]
+    rates = timing.plain()["rig_seconds_per_second"]
     if timing.cases and rates["of_process_after_start"]:
         yield (
             f"  {timing.cases} cases by {filter_name} on {len(timing.workers)} processes: "

@@ -98,7 +98,7 @@ class Bench(Protocol):
         """Return what records a test, to a new file, once it is entered."""
 
     def reading(self, channel: str) -> float | None:
-        """Return the newest value of a channel, NaN if it has none; None if there is no telling."""
+        """Return the newest value of a channel, NaN if it has none; None if it cannot be known."""
 
     def idle(self) -> None:
         """Look after the rig while it waits between two tests; called every 50 ms or so.

@@ -88,7 +88,7 @@ def run_campaign(
     The folder gets a journal, `results.json` and `junit.xml`, a recording a test, and `errors.log`
     if a test crashed. They are written whatever ends the run: a test that crashes is an outcome; a
     stop, a trip, or a rig that cannot be armed or homed leaves the rest of the tests as not run.
-    Of a kill, or a power cut, the journal tells how far it had come.
+    After a kill, or a power cut, the journal shows how far the run had come.
 
     Args:
         campaign: checked against the rig.
@@ -97,7 +97,7 @@ def run_campaign(
             new one below `runs`.
         pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
             The results are the same bit for bit.
-        observer: is told how the run goes on.
+        observer: is called as the run goes on.
         stop: ends the run after the present batch; see `stop_on_signals`.
         detector: makes the detector of each test instead of the filter's own.
         bench: what the tests are run on, not entered yet; the rig itself if not given.
@@ -185,7 +185,7 @@ def bench_of(
 
 
 class _CampaignRun:
-    """A campaign while it runs; what is known of it is what its journal tells."""
+    """A campaign while it runs; what is known of it is what its journal holds."""
 
     def __init__(
         self,
@@ -365,12 +365,12 @@ class _CampaignRun:
         if phase is self._phase:
             return
         self._phase = phase
-        told = {"recording": recording} if recording else {}
+        more = {"recording": recording} if recording else {}
         self._setting.desk.enters(phase)
-        self._setting.desk.record("phase", test=self._present, phase=phase, durable=False, **told)
+        self._setting.desk.record("phase", test=self._present, phase=phase, durable=False, **more)
 
-    def _keep(self, kind: str, *, durable: bool = True, **told: Any) -> None:
-        self._standing.take(self._journal.write(kind, durable=durable, **told))
+    def _keep(self, kind: str, *, durable: bool = True, **details: Any) -> None:
+        self._standing.take(self._journal.write(kind, durable=durable, **details))
 
     def _refuse(self, why: str) -> None:
         self._refused += 1

@@ -48,7 +48,7 @@ class Setting:
         desk: what operators ask for.
         suspenders: what may hold the campaign.
         deadline: of cleaning up.
-        enters: is told of each phase that a test enters, and of its recording once there is one.
+        enters: is called with each phase that a test enters, and its recording once there is one.
     """
 
     campaign: Campaign
@@ -147,8 +147,11 @@ def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
         loop.safe_state()
 
 
-class _Told:
-    """A writer whose events the observer is told of, too; it knows the timing if that one does."""
+class _Observed:
+    """Passes rows and events on to a writer, and events to the observer as well.
+
+    It has `timing` if the writer has.
+    """
 
     def __init__(self, writer: Writer, observer: Observer) -> None:
         self._writer = writer
@@ -266,7 +269,7 @@ class _RunningTest:
         with setting.bench.writer(path, channels, metadata) as writer:
             self._recorded = True
             setting.observer.test_runs(channels, getattr(self._loop, "number", None))
-            yield _Told(writer, setting.observer)
+            yield _Observed(writer, setting.observer)
 
     def _drive(self, writer: Writer) -> None:
         writer.event(0.0, "test_begin", self._test.name)
@@ -301,14 +304,14 @@ class _RunningTest:
         for event in (*self._injection.take(rows), *self._reactions.take(rows)):
             writer.event(*event)
         if self._judge.take(rows):
-            self._tell_loop()
+            self._report_loop()
             self._note_verdict(writer)
         for note in self._setting.desk.take_notes():
             writer.event(self._last_s, "note", f"{note.who}: {note.text}")
         pacer.wait_until(self._test.settle_s + self._last_s)
         self._setting.observer.test_advances(self._last_s, self._judge.decision)
 
-    def _tell_loop(self) -> None:
+    def _report_loop(self) -> None:
         decision = self._judge.decision
         assert decision is not None
         self._loop.decided(self._decisions.row(self._last_s, decision))

@@ -262,4 +262,4 @@ PIECES: Final[dict[str, Piece]] = {
     "decisions": Piece(_decisions),
     "loop": Piece(_loop, after=("filter",), exchanges=True),
 }
-"""All pieces, by the names that an operator is told."""
+"""All pieces, by the names that an operator is shown."""

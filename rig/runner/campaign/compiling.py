@@ -28,7 +28,7 @@ from rig.compile_cache import marks_folder
 from .compiled_pieces import PIECES, Needs
 from .stopping import StopFlag
 
-Tell = Callable[[str], None]
+Say = Callable[[str], None]
 Names = tuple[str, ...]
 
 SIMULATED: Final[Names] = (
@@ -48,25 +48,25 @@ _LOCK: Final = "lock"
 _FORK: Final = multiprocessing.get_context("fork")
 
 
-def compile_for(needs: Needs, names: Names, tell: Tell, stop: StopFlag) -> None:
-    """Compile what a session runs, unless that is done, and tell how far it is.
+def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
+    """Compile what a session runs, unless that is done, and report how far it is.
 
-    It returns early, with less, if a stop is requested. A piece that fails is told of, and left to
-    whoever runs it first.
+    It returns early, with less, if a stop is requested. A piece that fails is reported, and is
+    compiled by whoever runs it first.
 
     Args:
         needs: what decides how it is compiled.
         names: of the pieces.
-        tell: shows a line to the operator.
+        say: shows a line to the operator.
         stop: whether somebody asked for an end.
     """
     marks = marks_folder()
     if marks is None or not _missing(marks, needs, names):
         return
-    with _alone(marks / _LOCK, tell, stop):
+    with _alone(marks / _LOCK, say, stop):
         missing = _missing(marks, needs, names)
         if missing and not stop.requested:
-            _compile(marks, needs, missing, tell, stop)
+            _compile(marks, needs, missing, say, stop)
 
 
 def load(needs: Needs, names: Names) -> None:
@@ -89,27 +89,27 @@ def _missing(marks: Path, needs: Needs, names: Names) -> Names:
 
 
 @contextmanager
-def _alone(path: Path, tell: Tell, stop: StopFlag) -> Iterator[None]:
+def _alone(path: Path, say: Say, stop: StopFlag) -> Iterator[None]:
     """Wait until no other program compiles the same; where files cannot be locked, do not wait."""
     with path.open("w") as file:
-        told = False
+        has_said = False
         while not stop.requested:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break
             except BlockingIOError:
-                if not told:
-                    tell("waiting for another program that compiles the same")
-                told = True
+                if not has_said:
+                    say("waiting for another program that compiles the same")
+                has_said = True
                 time.sleep(_LOOK_S)
             except OSError:
                 break
         yield
 
 
-def _compile(marks: Path, needs: Needs, names: Names, tell: Tell, stop: StopFlag) -> None:
+def _compile(marks: Path, needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
     """Compile pieces in processes of their own, as many at once as there are processors."""
-    tell(f"compiling for this machine, once for each version of the program: {', '.join(names)}")
+    say(f"compiling for this machine, once for each version of the program: {', '.join(names)}")
     waiting, compiled = list(names), 0
     workers = [_Worker(needs) for _ in range(min(len(names), len(os.sched_getaffinity(0))))]
     try:
@@ -117,13 +117,13 @@ def _compile(marks: Path, needs: Needs, names: Names, tell: Tell, stop: StopFlag
             for number, worker in enumerate(workers):
                 if worker.piece and (failure := worker.failure()) is not None:
                     if failure:
-                        tell(f"compiling the {worker.piece} failed: {failure}")
+                        say(f"compiling the {worker.piece} failed: {failure}")
                         worker.end()
                         worker = workers[number] = _Worker(needs)
                     else:
                         compiled += 1
                         _mark(marks, needs, worker.piece).touch()
-                        tell(f"compiled the {worker.piece}, {compiled} of {len(names)}")
+                        say(f"compiled the {worker.piece}, {compiled} of {len(names)}")
                         worker.piece = ""
                 if not worker.piece and (name := _next(waiting, [each.piece for each in workers])):
                     waiting.remove(name)

@@ -22,7 +22,7 @@ from rig.surviving import Surviving, failure
 from .operator_requests import Desk, RefusedError, Request
 
 PATIENCE_S: Final = 2.0
-"""How long a client may take for its request; others wait meanwhile, the campaign does not."""
+"""How long a client may take for its request, while others wait; the campaign does not wait."""
 
 _AGAIN_S: Final = 0.1
 """How long nobody is served after no connection could be taken: there are no descriptors left."""
@@ -37,7 +37,7 @@ class ControlPort:
     Args:
         folder: of the run.
         desk: takes the requests.
-        refused: is told of what was refused, or failed, and why.
+        refused: is called with a line on what was refused, or failed, and why.
     """
 
     def __init__(self, folder: Path, desk: Desk, refused: Callable[[str], None]) -> None:
@@ -95,7 +95,7 @@ class ControlPort:
                     client.sendall(json.dumps(self._answer(client)).encode() + b"\n")
 
     def _answer(self, client: socket.socket) -> dict[str, Any]:
-        """Return the answer to whatever a client sends, and have a refusal told."""
+        """Return the answer to whatever a client sends; a refusal is reported to `refused`."""
         try:
             return {"ok": True, **self._obeyed(client)}
         except RefusedError as error:

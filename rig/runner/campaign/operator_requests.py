@@ -35,7 +35,7 @@ class Request(StrEnum):
     ACKNOWLEDGE = "acknowledge"
     """Say in the record that all that wants attention was seen."""
     STATUS = "status"
-    """Tell how the campaign goes on; asks for nothing."""
+    """The answer is how the campaign goes on; it changes nothing."""
 
 
 class RefusedError(ValueError):
@@ -71,7 +71,7 @@ class Desk:
         self._notes: list[Note] = []
         self._paused = False
         self._interruption: Request | None = None
-        self._told: Callable[[bool, Sequence[str]], None] = lambda pausing, held: None
+        self._changed: Callable[[bool, Sequence[str]], None] = lambda pausing, held: None
 
     # -- the campaign's thread --------------------------------------------------------------------
 
@@ -90,16 +90,19 @@ class Desk:
             self._names, self._statuses = names, dict(statuses)
             self._write, self._stop = write, stop
 
-    def on_change(self, told: Callable[[bool, Sequence[str]], None]) -> None:
-        """Have somebody told, from any thread, whether a pause is asked for and what else holds."""
-        self._told = told
+    def on_change(self, changed: Callable[[bool, Sequence[str]], None]) -> None:
+        """Have a function called with whether a pause is asked for, and what else holds.
+
+        It is called from any thread whenever one of the two changes.
+        """
+        self._changed = changed
 
     def close(self) -> None:
         """Take no more requests."""
         with self._lock:
             self._write = None
 
-    def record(self, kind: str, **told: Any) -> None:
+    def record(self, kind: str, **details: Any) -> None:
         """Write to the journal, between the requests of operators.
 
         Nothing is written where somebody has held the desk for 5 s: the disk hangs, and who would
@@ -109,7 +112,7 @@ class Desk:
             return
         try:
             if self._write is not None:
-                self._write(kind, **told)
+                self._write(kind, **details)
         finally:
             self._lock.release()
 
@@ -132,13 +135,13 @@ class Desk:
                 self._attention.append(f"{self._names[index]}: {status}")
 
     def held_by(self, reasons: Sequence[str]) -> None:
-        """Take note of why the campaign is held; nothing if it is not."""
+        """Take note of the reasons why the campaign is held; without any it is not held."""
         with self._lock:
             if reasons and not self._held:
                 self._attention += reasons
             changed, self._held = list(reasons) != list(self._held), reasons
         if changed:
-            self._told(self._paused, self._held)
+            self._changed(self._paused, self._held)
 
     @property
     def paused(self) -> bool:
@@ -183,20 +186,20 @@ class Desk:
                 raise RefusedError("the campaign is not running")
             index = self._index(request, test) if request in (Request.SKIP, Request.RETRY) else None
             reply = self._checked(request, text, index)
-            told: dict[str, Any] = {"text": text} if text else {}
+            details: dict[str, Any] = {"text": text} if text else {}
             if index is not None:
-                told |= {"test": index, "running": index == self._present}
+                details |= {"test": index, "running": index == self._present}
             if request is Request.ACKNOWLEDGE:
-                told |= {"seen": list(self._attention)}
+                details |= {"seen": list(self._attention)}
             try:
-                self._write("operator", request=str(request), who=who, **told)
+                self._write("operator", request=str(request), who=who, **details)
             except OSError as error:
                 if request is not Request.ABORT:
                     raise RefusedError(f"the journal cannot be written: {error}") from None
                 reply += f", but the journal cannot be written: {error}"
             self._obey(request, who, text, index)
         if request in (Request.PAUSE, Request.RESUME):
-            self._told(self._paused, self._held)
+            self._changed(self._paused, self._held)
         return reply
 
     def status(self) -> dict[str, Any]:

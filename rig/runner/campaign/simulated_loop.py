@@ -28,7 +28,7 @@ _REPORTED: Final = round(2.0 / TICK)
 
 
 class SimulatedTest:
-    """A simulated loop that tells of what stops it as a rig on hardware does.
+    """A simulated loop that reports what stops it as a rig on hardware does.
 
     Args:
         loop: before its first tick.
@@ -72,7 +72,7 @@ class SimulatedTest:
         except LoopStoppedError as error:
             self._last = self._loop.last_sample()
             raise self._stopped(error) from None
-        self._tell_indicated()
+        self._show_indicated()
 
     def inject(self) -> None:
         """Do nothing: the faults are in the loop's table."""
@@ -100,7 +100,7 @@ class SimulatedTest:
         except LoopStoppedError as error:
             raise self._stopped(error) from None
         self._last = np.concatenate([self._last, rows])[-_REPORTED:]
-        self._tell_indicated()
+        self._show_indicated()
         return rows
 
     def decided(self, row: Array) -> None:
@@ -112,7 +112,7 @@ class SimulatedTest:
         """Put the valve at null and take every injected fault away."""
         self._loop.safe_state()
 
-    def _tell_indicated(self) -> None:
+    def _show_indicated(self) -> None:
         """Show the operator what the interlock indicates, once each."""
         indicated = self._loop.indicated
         if indicated not in ((Cause.NONE, ""), self._indicated):

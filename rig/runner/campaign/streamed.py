@@ -1,4 +1,4 @@
-"""A campaign as the live stream shows it: what a run tells, and where its rows come from."""
+"""A campaign as the live stream shows it: what a run reports, and where its rows come from."""
 
 import threading
 import time
@@ -25,7 +25,7 @@ CAMPAIGN_S: Final = 0.5
 
 
 class StreamedRun(Observer, Onlooker):
-    """Tells a stream of a run, and another observer as before.
+    """Sends what a run reports to a stream, and passes it on to another observer.
 
     Args:
         stream: of the rig; closed by `ends`.
@@ -46,13 +46,13 @@ class StreamedRun(Observer, Onlooker):
         self._channels: tuple[str, ...] = ()
         self._test: CampaignTest | None = None
         self._decision: Decision | None = None
-        self._told_at = self._listed_at = 0.0
+        self._progress_at = self._listed_at = 0.0
         self._unlisted = False
         self._lock = threading.Lock()
         """Held while the list of tests changes: operators change it from threads of their own."""
 
     def ends(self) -> None:
-        """Tell that the run has ended, and end the stream."""
+        """Send that the run has ended, and end the stream."""
         if self._campaign:
             self._campaign["status"] = "ended"
             self._list_tests(last=True)
@@ -65,13 +65,13 @@ class StreamedRun(Observer, Onlooker):
         self.stream.attach(board, channels)
 
     def came_to(self, state: str) -> None:
-        """Tell the session's state."""
-        self.stream.tell("state", {"state": state, "since_ns": time.time_ns()})
+        """Send the session's state."""
+        self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
 
     def campaign_begins(
         self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
     ) -> None:
-        """Tell of the campaign and all its tests, those that are finished with their outcomes."""
+        """Send the campaign and all its tests, those that are finished with their outcomes."""
         self._inner.campaign_begins(campaign, directory, finished)
         self._campaign = {
             "status": "running",
@@ -102,52 +102,52 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=True)
 
     def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
-        """Tell what keeps the next test from beginning."""
+        """Send what keeps the next test from beginning."""
         self._inner.campaign_stands(pausing=pausing, held=held)
         with self._lock:
             self._campaign |= {"pausing": pausing, "held": list(held)}
         self._list_tests(last=True)
 
     def campaign_ends(self, exit_code: int, reason: str) -> None:
-        """Keep what is told last of all, once the rig is safe."""
+        """Keep what is sent last of all, once the rig is safe."""
         self._inner.campaign_ends(exit_code, reason)
         with self._lock:
             self._campaign |= {"exit_code": exit_code, "reason": reason}
 
     def rig_tells(self, text: str) -> None:
-        """Tell what the operator is told."""
+        """Send what the operator is shown."""
         self._inner.rig_tells(text)
         self.stream.event("rig", "told", text)
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
-        """Tell of a test that begins."""
+        """Send that a test begins."""
         self._inner.test_begins(number, test)
         self._number, self._test, self._decision = number, test, None
         with self._lock:
             self._tests.setdefault(test.name, {"name": test.name})["status"] = "running"
         self._list_tests(last=False)
-        self._tell_progress(0.0)
+        self._send_progress(0.0)
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
-        """Tell how far a test has come, and what its detector holds, when that changes."""
+        """Send how far a test has come, and what its detector holds, when that changes."""
         self._inner.test_advances(time_s, decision)
         if decision is not None and decision is not self._decision:
             self._decision = decision
-            self.stream.tell("decision", self._decided(time_s, decision))
-        if time.monotonic() - self._told_at >= PROGRESS_S:
-            self._tell_progress(time_s)
+            self.stream.send("decision", self._decided(time_s, decision))
+        if time.monotonic() - self._progress_at >= PROGRESS_S:
+            self._send_progress(time_s)
             if self._unlisted:
                 self._list_tests(last=False)
 
     def test_ends(self, outcome: TestOutcome) -> None:
-        """Tell how a test ended."""
+        """Send how a test ended."""
         self._inner.test_ends(outcome)
         self._note(outcome)
-        self._tell_progress(outcome.recorded_s)
+        self._send_progress(outcome.recorded_s)
         self._list_tests(last=False)
 
     def test_skipped(self, outcome: TestOutcome) -> None:
-        """Tell that a test is not to be run."""
+        """Send that a test is not to be run."""
         self._inner.test_skipped(outcome)
         self._note(outcome)
         self._list_tests(last=False)
@@ -156,7 +156,7 @@ class StreamedRun(Observer, Onlooker):
         """Say what the columns of the present test's rows are."""
         self._inner.test_runs(channels, segment)
         self._channels = channels
-        # On the wire a test is a segment; simulated rows are told apart by their test.
+        # On the wire a test is a segment; simulated rows are distinguished by their test.
         self.stream.columns(self._number if segment is None else segment, channels, self._number)
 
     def test_rows(self, rows: Array) -> None:
@@ -169,7 +169,7 @@ class StreamedRun(Observer, Onlooker):
         self._feed.add(rows, self._number)
 
     def test_event(self, time_s: float, kind: str, text: str) -> None:
-        """Tell of something that happened at a time of the present test."""
+        """Send something that happened at a time of the present test."""
         self._inner.test_event(time_s, kind, text)
         self.stream.event("test", kind, text, time_s)
 
@@ -192,10 +192,10 @@ class StreamedRun(Observer, Onlooker):
             "suspected": decision.suspected,
         }
 
-    def _tell_progress(self, time_s: float) -> None:
-        self._told_at = time.monotonic()
+    def _send_progress(self, time_s: float) -> None:
+        self._progress_at = time.monotonic()
         test = self._test
-        self.stream.tell(
+        self.stream.send(
             "progress",
             {
                 "number": self._number,
@@ -215,4 +215,4 @@ class StreamedRun(Observer, Onlooker):
             self._listed_at, self._unlisted = now, False
             with self._lock:
                 tests = [dict(test) for test in self._tests.values()]
-                self.stream.tell("campaign", {**self._campaign, "tests": tests})
+                self.stream.send("campaign", {**self._campaign, "tests": tests})

@@ -28,7 +28,10 @@ class Suspender:
         self._changing_since: float | None = None
 
     def look(self, value: float | None, now: float) -> None:
-        """Take a reading (NaN: there is none; None: none can be had at present) at a time in s."""
+        """Take a reading at a time in s.
+
+        The value is NaN if the channel has no reading, None if none can be had at present.
+        """
         if value is None:
             return
         first, self._value = self._value is None, value
@@ -87,7 +90,7 @@ class Suspenders:
 
     @property
     def reasons(self) -> Sequence[str]:
-        """Why the campaign is to be held; nothing if it may run."""
+        """The reasons why the campaign is to be held; none if it may run."""
         return [each.reason for each in self._suspenders if each.reason]
 
     @property

@@ -97,7 +97,7 @@ def run_friction_experiment(
         spring: the known environment.
         directory: an existing folder; each part of the experiment gets a folder in it.
         pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
-        observer: is told how it goes on.
+        observer: is called as the experiment goes on.
         stop: ends it after the present batch.
         places: along the stroke.
         speeds: shares of what the fully open valve delivers.

@@ -1,9 +1,10 @@
 """Closes a gap on a rig: runs motions, finds what the model lacks, settles which, and checks.
 
 Each round adds motions to what the model is fitted to: first the programme, then the experiment
-that tells apart what the recordings so far do not, then whatever a check brought to light. A check
-is a run of its own, after the model was revised, on which the revised model is tested as if it were
-given. It ends when a model is adequate, when nothing more can be found, or after some rounds.
+that distinguishes what the recordings so far do not, then whatever a check brought to light. A
+check is a run of its own, after the model was revised, on which the revised model is tested as if
+it were given. The rounds end when a model is adequate, when nothing more can be found, or after the
+number of rounds that was asked for.
 """
 
 import os
@@ -66,7 +67,7 @@ class Question:
         rig: they were made on.
         model: to be tested.
         among: effects that are looked for; all of the catalogue if empty.
-        experiment_s: how long a motion that tells effects apart takes.
+        experiment_s: how long a motion that distinguishes effects takes.
     """
 
     rig: Rig
@@ -166,13 +167,13 @@ def close_gap(
         rounds: at most, from 1.
         among: effects that are looked for; all of the catalogue if empty.
         pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
-        observer: is told how it goes on.
+        observer: is called as the experiment goes on.
         stop: ends it after the present batch.
         worker: computes while the rig is looked after.
         seed: of the motions' phases and of a simulated rig's noise.
 
     A rig that trips while it is held, and the model is fitted, ends the rounds; what its recordings
-    tell is returned, with `ended_by`.
+    show is returned, with `ended_by`.
 
     Raises:
         ExperimentStoppedError: it tripped in a motion, was stopped, or a test crashed.
@@ -273,7 +274,7 @@ class _Closing:
 
     @staticmethod
     def _is_done(found: GapResult, check: Check) -> bool:
-        """Whether another round of the same would tell nothing new."""
+        """Whether another round of the same would show nothing new."""
         known = {effect.name for effect in found.effects}
         known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
         left = max((1.0 - CLOSED) * check.gap_before, SURE * check.scatter)
@@ -294,7 +295,7 @@ class _Closing:
         except StopRequestedError:
             raise
         except TripError as error:
-            # Its recordings are whole, and it is safe: what they tell is not to be lost with it.
+            # Its recordings are whole, and it is safe: what they show is not to be lost with it.
             self._tripped = str(error)
             self._say(f"{error}; what was recorded is still looked at")
 

@@ -1,8 +1,8 @@
 """Motions of the rig that show effects: within the stroke, in closed loop, as campaigns hold them.
 
 All are position setpoints, so that no effect, however large, lets the ram drift to an end. They are
-drawn from one library: for the programme that identifies a rig, and for the experiment that tells
-two effects apart (`estimator.gap.verdict.experiments`).
+drawn from one library: for the programme that identifies a rig, and for the experiment that
+distinguishes two effects (`estimator.gap.verdict.experiments`).
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ MARGIN_M: Final = 0.02
 EXPERIMENT_S: Final = 20.0
 _GREATEST_V: Final = 9.0
 """Greatest command that a step may ask of the valve by the loop's gain: beyond the valve's range
-nothing is told apart."""
+no effects can be distinguished."""
 _ROUNDED: Final = 4
 """Decimals of lengths in m: a campaign file holds what is run."""
 
@@ -55,13 +55,13 @@ class Stroke:
 
     Attributes:
         name: of it.
-        told: what it does, in words.
+        about: what it does, in words.
         setpoint: in m.
         duration_s: of it.
     """
 
     name: str
-    told: str
+    about: str
     setpoint: Multisine | Pseudorandom
     duration_s: float
 
@@ -97,7 +97,7 @@ def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict
         ("near the extended end", "quick strokes where chamber 2 is small",
          waves(room.high - near, 0.9 * near, 0.23, 0.71, 1.7)),
     )  # fmt: skip
-    return {name: Stroke(name, told, setpoint, duration_s) for name, told, setpoint in found}
+    return {name: Stroke(name, about, setpoint, duration_s) for name, about, setpoint in found}
 
 
 def motions(room: Room, pressure: float, duration_s: float = EXPERIMENT_S) -> tuple[Motion, ...]:
@@ -111,7 +111,7 @@ def _motion(stroke: Stroke, pressure: float) -> Motion:
     pressures, spool = np.full(count, pressure), np.zeros(count)
     return Motion(
         stroke.name,
-        stroke.told,
+        stroke.about,
         np.zeros((count, 1)),
         np.column_stack([setpoint, pressures, pressures, spool]),
         campaign_of(stroke),
@@ -132,7 +132,7 @@ def campaign_of(stroke: Stroke) -> dict[str, Any]:
     }
     return {
         "name": f"gap {stroke.name}".replace(" ", "_"),
-        "description": f"Experiment of rig gap: {stroke.told}.",
+        "description": f"Experiment of rig gap: {stroke.about}.",
         "tests": [test],
     }
 

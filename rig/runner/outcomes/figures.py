@@ -48,7 +48,7 @@ def figures_of(
 
     `leak` (L/min), `residual_pressure_1` and `_2` (mean absolute innovation, Pa), `friction_NAME`
     (SI; said once in `friction_asymmetry`) for each parameter that was identified, `bulk_modulus`
-    (Pa) where a detector tells it, and on hardware `loop_wakeup_p50`, `loop_wakeup_p99`,
+    (Pa) where a detector estimates it, and on hardware `loop_wakeup_p50`, `loop_wakeup_p99`,
     `loop_command_p99` (s), `loop_missed` (share).
 
     Args:

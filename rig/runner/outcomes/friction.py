@@ -21,7 +21,7 @@ class FrictionWatch:
 
     Args:
         detector: the other one.
-        test: tells the spring.
+        test: its load is the spring.
         model: what the filter assumes.
         sensors: data sheet of the transducers.
     """

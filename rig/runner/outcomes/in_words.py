@@ -28,21 +28,21 @@ def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
         decision: the final one.
         found: all that was named.
     """
-    told = []
+    clauses = []
     if decision.ended_s is not None:
-        told.append(f"gone again at {decision.ended_s:.1f} s")
+        clauses.append(f"gone again at {decision.ended_s:.1f} s")
     for each in found:
         held = each.decision
         if not each.confirmed or is_of(decision, replace(held, ended_s=each.ended_s)):
             continue
         began = "" if held.onset_s is None else f" from {held.onset_s:.1f} s"
         ended = "" if each.ended_s is None else f" to {each.ended_s:.1f} s"
-        told.append(f"{held.verdict.replace('_', ' ')}{began}{ended}")
-    return told
+        clauses.append(f"{held.verdict.replace('_', ' ')}{began}{ended}")
+    return clauses
 
 
 def reaction(test: TestOutcome) -> str:
-    """Return what the loop did about a fault, and since when; empty for nothing."""
+    """Return what the loop did about a fault, and since when; empty if it did nothing."""
     if not test.actions:
         return ""
     first, last = test.actions[0], test.actions[-1]

@@ -1,4 +1,4 @@
-"""What a run tells whoever watches it."""
+"""What a run reports to whoever watches it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Observer:
-    """Is told how a run goes on; does nothing with it. Derive from it and override what you need.
+    """Is called as a run goes on, and does nothing. Derive from it and override what you need.
 
     Calls come from the run itself, which waits for them to return.
     """
@@ -66,7 +66,7 @@ class Observer:
         """Take note of the time (s) a test has come to, and of what its detector holds by then."""
 
     def test_ends(self, outcome: TestOutcome) -> None:
-        """Take note of a test that ended, in whatever way; one that was not run does not."""
+        """Take note of a test that ended, in whatever way; a test that was not run never ends."""
 
     def test_skipped(self, outcome: TestOutcome) -> None:
         """Take note of a test that an operator does not want to be run."""

@@ -80,10 +80,10 @@ class Reactions:
         return what
 
     def _tolerating(self, row: Array) -> str:
-        told = []
+        leaks = []
         for leak, column in zip(LEAKS, self._present, strict=True):
             coefficient = float(row[column])
             if coefficient > 0.0:
                 flow = reference_flow(self._assumed, leak, coefficient)
-                told.append(f"{leak} {to_litres_per_minute(flow):.2f} L/min")
-        return f"tolerating {', '.join(told)}"
+                leaks.append(f"{leak} {to_litres_per_minute(flow):.2f} L/min")
+        return f"tolerating {', '.join(leaks)}"

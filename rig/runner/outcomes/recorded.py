@@ -46,7 +46,7 @@ def metadata_of(
         campaign: as configured.
         rig: as configured; holds the truth of a simulated rig.
         test: as configured.
-        learning: what the detector was told of the healthy rig.
+        learning: what the detector was given about the healthy rig.
         channels: names of the recording's channels.
         provenance: `rig.runner.outcomes.software_state.provenance` of the campaign.
     """
@@ -74,16 +74,16 @@ def metadata_of(
 
 
 def sensors_of(recording: Recording) -> SensorParameters:
-    """Return the transducers that a recording tells of, else those of the thesis's rig."""
-    told = recording.metadata.get("sensors")
+    """Return the transducers that a recording names, else those of the thesis's rig."""
+    saved = recording.metadata.get("sensors")
     try:
-        return SensorParameters(**{name: float(value) for name, value in dict(told or {}).items()})
+        return SensorParameters(**{name: float(value) for name, value in dict(saved or {}).items()})
     except (TypeError, ValueError):
         return DATA_SHEET
 
 
 def spring_of(recording: Recording) -> Spring | None:
-    """Return the spring of a recorded test; None where the recording tells of none."""
+    """Return the spring of a recorded test; None if the recording names none."""
     try:
         load = recording.metadata["test"]["load"]
         return Spring(float(load["stiffness"]), float(load["contact"]))
@@ -100,11 +100,11 @@ def account_detector_of(
 
     Args:
         recording: of a campaign's test.
-        model: what it tells that was assumed.
+        model: the one that the recording says was assumed.
         false_alarms_per_day: of the campaign.
     """
-    told = recording.metadata.get("detector")
-    baseline = told.get("baseline") if isinstance(told, Mapping) else None
+    saved = recording.metadata.get("detector")
+    baseline = saved.get("baseline") if isinstance(saved, Mapping) else None
     if baseline is None:
         return OilAccountDetector(model, false_alarms_per_day)
     try:
@@ -118,24 +118,24 @@ def account_detector_of(
 def detector_of(
     recording: Recording, model: Model, filter_name: str, false_alarms_per_day: float
 ) -> Detector | None:
-    """Return a detector that knows of the healthy rig what a recording tells that it knew.
+    """Return a detector that knows of the healthy rig what the recorded one knew.
 
-    None where the recording tells nothing, or what was learnt with another model; thresholds that
+    None if the recording does not say it, or if it was learnt with another model; thresholds that
     were learnt from other tests hold for the same filter and false-alarm rate only.
     """
     metadata = recording.metadata
     try:
-        told = metadata["detector"]
+        saved = metadata["detector"]
         if metadata["provenance"]["model_sha256"] != model_sha256(model):
             return None
-        if told.get("baseline") is not None:
-            known = baseline_of(told["baseline"])
+        if saved.get("baseline") is not None:
+            known = baseline_of(saved["baseline"])
             return known.detector(filter_name, model, false_alarms_per_day)
-        normal, thresholds = (np.array(told["baseline_Pa"][key], dtype=float) for key in _BASELINE)
+        normal, thresholds = (np.array(saved["baseline_Pa"][key], dtype=float) for key in _BASELINE)
         fits = (
             filter_name != DEFAULT_FILTER
-            and told["filter"] == filter_name
-            and told["false_alarms_per_day"] == false_alarms_per_day
+            and saved["filter"] == filter_name
+            and saved["false_alarms_per_day"] == false_alarms_per_day
             and normal.shape == thresholds.shape == (2,)
         )
     except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError):

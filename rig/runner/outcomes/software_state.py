@@ -24,8 +24,8 @@ def provenance(campaign: Campaign, command: Sequence[str] = ()) -> dict[str, Any
         campaign: the campaign.
         command: the command line that runs it, if it was one.
     """
-    told = {"command": list(command)} if command else {}
-    return told | {
+    known = {"command": list(command)} if command else {}
+    return known | {
         "versions": versions(),
         "git": git_state(Path(rig.__file__).parent),
         "model_sha256": model_sha256(campaign.model),

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Learning:
-    """What a detector is told of the healthy rig, and where that comes from.
+    """What a detector is given about the healthy rig, and where that comes from.
 
     `baseline` is None where the detector learns by itself, or has nothing to learn; what the
     campaign's own baseline says is not in it.
@@ -75,7 +75,7 @@ class HealthyReferences:
         return sorted(range(len(tests)), key=lambda index: not self.is_reference(tests[index]))
 
     def is_reference(self, test: CampaignTest) -> bool:
-        """Tell whether other tests may learn from a test."""
+        """Return whether other tests may learn from a test."""
         return self._learns and not test.faults and test.expect == Verdict.HEALTHY
 
     def add(self, test: CampaignTest, innovations: Array) -> None:
@@ -84,7 +84,7 @@ class HealthyReferences:
             self._kept.append((test, innovations))
 
     def learning(self, test: CampaignTest) -> Learning:
-        """Return what the healthy tests with the same setpoint and load tell of a test."""
+        """Return what a test learns from healthy tests with the same setpoint and load."""
         if self.campaign.baseline is not None:
             return Learning(None, f"baseline {self.campaign.baseline_file}")
         if not self._learns:

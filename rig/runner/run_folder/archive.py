@@ -12,7 +12,7 @@ from .directory import RESULTS, SCHEMA, files_of_run
 from .journal import JOURNAL, JournalError, is_written, read_journal
 
 RUNS: Final = Path("runs")
-"""Where runs are looked for, and made, unless told otherwise."""
+"""Where runs are looked for, and made, unless another folder is given."""
 LARGEST_RESULTS: Final = 1 << 28
 """Bytes: what is larger is no `results.json` of ours."""
 
@@ -135,7 +135,7 @@ def _state_of(folder: Path, run: Run) -> str:
 
 
 def is_plain(name: str) -> bool:
-    """Tell whether a name is that of a file or folder, and no way to another place."""
+    """Return whether a name is that of a file or folder, and does not lead to another place."""
     return name not in ("", ".", "..") and not set(name) & {"/", "\\", "\0"}
 
 

@@ -38,9 +38,11 @@ TOLERANCES: Final[Mapping[str, Tolerance]] = {
     "loop_missed": Tolerance(absolute=1e-3),
     "loop": Tolerance(absolute=1e-4, relative=1.0),
 }
-"""Unless told otherwise, by the figure's name or the beginning of it (the longest counts): leaks in
-L/min by their 99.7 % interval and 5 %; residuals by 10 %; friction, of which a run sees some twenty
-strokes, by 4 standard errors; times of the loop by a factor of two, as machines stall."""
+"""Tolerances where none is given, by the figure's name or the beginning of it (the longest counts).
+
+Leaks (L/min) may differ by their 99.7 % interval and 5 %; residuals by 10 %; friction, of which a
+run sees some twenty strokes, by 4 standard errors; times of the loop by a factor of two, as
+machines stall."""
 
 ANYTHING: Final = Tolerance(absolute=inf)
 

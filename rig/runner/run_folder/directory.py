@@ -74,7 +74,7 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
             file.unlink()
         path.mkdir(parents=True, exist_ok=True)
         with NamedTemporaryFile(dir=path):
-            pass  # permissions alone do not tell whether a file can be made
+            pass  # permissions alone do not show whether a file can be made
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         line = f"{path}: cannot be written: {reason}; choose another --out"
@@ -167,7 +167,7 @@ def _refuse_others(path: Path, earlier: list[Path], recordings: Iterable[str]) -
 
 
 def files_of_run(path: Path) -> list[Path]:
-    """Return what a run wrote to its folder, by its results; nothing where there was none.
+    """Return what a run wrote to its folder, by its results; an empty list if there was no run.
 
     Recordings alone are no run: a folder of them may be somebody's collection.
     """

@@ -43,17 +43,17 @@ class Entry:
         at: UTC, ISO 8601.
         kind: what happened: `begin`, `resume`, `phase`, `outcome`, `operator`, `held`, `released`,
             `driven`, `overdue` or `end`.
-        told: the rest of it, by name.
+        details: the rest of the entry, by name.
     """
 
     number: int
     at: str
     kind: str
-    told: Mapping[str, Any]
+    details: Mapping[str, Any]
 
     def __getitem__(self, name: str) -> Any:
-        """Return something told; None where it was not."""
-        return self.told.get(name)
+        """Return a detail by its name; None if the entry has none of this name."""
+        return self.details.get(name)
 
 
 def read_journal(path: Path) -> list[Entry]:
@@ -165,7 +165,7 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         os.close(self._file)
 
-    def write(self, kind: str, *, durable: bool = True, **told: Any) -> Entry:
+    def write(self, kind: str, *, durable: bool = True, **details: Any) -> Entry:
         """Add a line; a `durable` one is on disk when this returns, whatever happens then.
 
         Any other outlives a kill of this process, and is on disk with the next durable one.
@@ -174,7 +174,7 @@ class Journal:
             OSError: it cannot be written.
         """
         at = self._now().isoformat(timespec="milliseconds")
-        content = {"n": self._number, "at": at, "kind": kind, **told}
+        content = {"n": self._number, "at": at, "kind": kind, **details}
         written = json.dumps(content, allow_nan=False, ensure_ascii=False)
         # Half a character, as in the name of a folder, becomes the escape that JSON has for it.
         text = written.encode(errors="backslashreplace")
@@ -184,11 +184,11 @@ class Journal:
         if durable:
             os.fsync(self._file)
         self._number += 1
-        return Entry(content.pop("n"), at, kind, told)
+        return Entry(content.pop("n"), at, kind, details)
 
 
 def is_written(folder: Path) -> bool:
-    """Tell whether a process writes the journal of a folder at present."""
+    """Return whether a process writes the journal of a folder at present."""
     try:
         file = os.open(folder / JOURNAL, os.O_RDONLY)
     except OSError:

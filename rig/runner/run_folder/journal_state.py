@@ -14,7 +14,7 @@ CAMPAIGN: Final = "campaign"
 
 @dataclass
 class JournalState:
-    """What a journal tells; changed by `take`, entry by entry, while a campaign goes on.
+    """What a journal says; changed by `take`, entry by entry, while a campaign goes on.
 
     Attributes:
         tests: names of the campaign's tests.
@@ -144,12 +144,12 @@ class JournalState:
         if request == "retry" and index in self.finished:
             outcome = self._partial[index] = self.finished.pop(index)
             self._leave_open(index, outcome.status, outcome.message, outcome.recording)
-        told = [request if request != "note" else ""]
+        words = [request if request != "note" else ""]
         if index is not None:
-            told.append(self.tests[index])
+            words.append(self.tests[index])
         if entry["seen"]:
-            told.append("; ".join(entry["seen"]))
-        sentence = " ".join(word for word in told if word)
+            words.append("; ".join(entry["seen"]))
+        sentence = " ".join(word for word in words if word)
         self._happened(entry, entry["who"], ": ".join(part for part in (sentence, text) if part))
 
     def _happened(self, entry: Entry, who: str, what: str) -> None:
@@ -169,7 +169,7 @@ def standing_of(entries: Sequence[Entry]) -> JournalState:
 
 
 def stands_unfinished(standing: JournalState) -> bool:
-    """Tell whether a campaign was begun and has tests that are still to be run."""
+    """Return whether a campaign was begun and has tests that are still to be run."""
     return standing.begun is not None and len(standing.finished) < len(standing.tests)
 
 

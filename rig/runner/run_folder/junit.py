@@ -38,8 +38,8 @@ def _case(campaign: str, test: TestOutcome) -> TestCase:
     found = _result(test)
     if found is not None:
         case.result = [found]
-    if test.decision is not None and (told := in_passing(test.decision, test.found)):
-        case.system_out = _text("\n".join(told))
+    if test.decision is not None and (lines := in_passing(test.decision, test.found)):
+        case.system_out = _text("\n".join(lines))
     return case
 
 

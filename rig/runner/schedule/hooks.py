@@ -10,27 +10,27 @@ PLACES: Final = ("schedule", "entry", "campaign", "run", "exit_code", "verdicts"
 """What may stand in braces in a hook's words."""
 
 
-def filled(words: Sequence[str], told: Mapping[str, str]) -> list[str]:
-    """Return a hook's words with `{name}` replaced, once, by what is told; others stay."""
-    return [_filled(word, told) for word in words]
+def filled(words: Sequence[str], values: Mapping[str, str]) -> list[str]:
+    """Return a hook's words with `{name}` replaced, once, by its value; other words stay."""
+    return [_filled(word, values) for word in words]
 
 
-def _filled(word: str, told: Mapping[str, str]) -> str:
+def _filled(word: str, values: Mapping[str, str]) -> str:
     # In one pass: what is put in is never looked at again.
     found, rest = "", word
     while "{" in rest:
         before, _, after = rest.partition("{")
         name, brace, tail = after.partition("}")
-        if brace and name in told:
-            found, rest = found + before + told[name], tail
+        if brace and name in values:
+            found, rest = found + before + values[name], tail
         else:
             found, rest = found + before + "{", after
     return found + rest
 
 
-def run_hook(words: Sequence[str], told: Mapping[str, str], timeout_s: float = HOOK_S) -> str:
+def run_hook(words: Sequence[str], values: Mapping[str, str], timeout_s: float = HOOK_S) -> str:
     """Run a hook; return what went wrong, empty if nothing did."""
-    command = filled(words, told)
+    command = filled(words, values)
     try:
         done = subprocess.run(
             command,

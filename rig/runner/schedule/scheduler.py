@@ -10,7 +10,7 @@ from rig.runner.outcomes import EXIT_FAILED, EXIT_STOPPED
 from rig.runner.run_folder import Journal, file_stem
 
 from .additions import asked_of
-from .state import Job, ScheduleState, state_of, told_of
+from .state import Job, ScheduleState, details_of, state_of
 
 POLL_S: Final = 5.0
 MOST_RESUMES: Final = 3
@@ -61,7 +61,7 @@ class Scheduler:
         self.state: ScheduleState = state_of(journal.entries)
 
     def run(self, stopped: Callable[[], bool], *, until_idle: bool = False) -> None:
-        """Run until told to stop, or until nothing waits any more."""
+        """Run until `stopped` returns True or, with `until_idle`, until nothing waits any more."""
         while not stopped():
             wait_s = self.step(stopped)
             if wait_s is None:
@@ -84,8 +84,8 @@ class Scheduler:
         waits = [(time - now).total_seconds() for time in times if time is not None]
         return max(0.0, min([*waits, self._poll_s]))
 
-    def _keep(self, kind: str, **told: Any) -> None:
-        self.state.take(self._journal.write(kind, **told))
+    def _keep(self, kind: str, **details: Any) -> None:
+        self.state.take(self._journal.write(kind, **details))
 
     def _collect(self) -> None:
         """Put what has become due into the queue."""
@@ -103,7 +103,7 @@ class Scheduler:
             kept, lost = self._chosen(entry, times, now if first else None)
             for time in kept:
                 id_ = f"{entry.name}@{time.isoformat()}"
-                due.append(told_of(Job(id_, entry.name, entry.campaign, entry.rig, time)))
+                due.append(details_of(Job(id_, entry.name, entry.campaign, entry.rig, time)))
             if lost:
                 missed[entry.name] = lost
                 self._hands.say(f"{entry.name}: missed {lost}; policy {entry.missed}")
@@ -143,7 +143,7 @@ class Scheduler:
             rig = request.get("rig")
             name = str(request.get("name") or file_stem(campaign))
             job = Job(request["id"], name, campaign, None if rig is None else str(rig), now)
-            self._keep("added", **told_of(job))
+            self._keep("added", **details_of(job))
 
     def _next(self) -> Job | None:
         """Return what is to be run now: what was begun comes first."""
@@ -187,7 +187,9 @@ class Scheduler:
             return None
         later = self._hands.now() + timedelta(seconds=entry.retry_after_s)
         id_ = f"{job.id.partition('#')[0]}#{job.attempt + 1}"
-        return told_of(replace(job, id=id_, attempt=job.attempt + 1, not_before=later, folder=None))
+        return details_of(
+            replace(job, id=id_, attempt=job.attempt + 1, not_before=later, folder=None)
+        )
 
     def _halt(self, job: Job, exit_code: int) -> str:
         """Return why nothing more is run: after a run that was stopped the rig needs a look."""

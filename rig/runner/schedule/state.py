@@ -15,7 +15,7 @@ class Job:
     """A run that is due.
 
     Attributes:
-        id: tells it from all others.
+        id: distinguishes the job from all others.
         entry: name of the schedule's entry, or of what was added.
         campaign: as `rig run` takes it.
         rig: likewise; None for the campaign's own.
@@ -48,7 +48,7 @@ class Ended:
 
 @dataclass
 class ScheduleState:
-    """What a schedule's journal tells; `take` goes on with it entry by entry.
+    """What a schedule's journal says; `take` goes on with it entry by entry.
 
     Attributes:
         collected: up to when the entries' times are in the queue; None before the first start.
@@ -70,39 +70,39 @@ class ScheduleState:
 
     def take(self, entry: Entry) -> None:
         """Take the next entry of the journal."""
-        told = entry.told
+        details = entry.details
         match entry.kind:
             case "collected":
-                self.collected = datetime.fromisoformat(told["upto"])
-                self.queue += [_job(job) for job in told.get("due", ())]
-                for name, count in told.get("missed", {}).items():
+                self.collected = datetime.fromisoformat(details["upto"])
+                self.queue += [_job(job) for job in details.get("due", ())]
+                for name, count in details.get("missed", {}).items():
                     self.missed[name] = self.missed.get(name, 0) + int(count)
             case "added":
-                self.taken.add(told["id"])
-                self.queue.append(_job(told))
+                self.taken.add(details["id"])
+                self.queue.append(_job(details))
             case "begun":
-                self._begin(told)
+                self._begin(details)
             case "ended" if self.present is not None:
                 at = datetime.fromisoformat(entry.at)
-                self.history.append(Ended(self.present, int(told["exit_code"]), at))
+                self.history.append(Ended(self.present, int(details["exit_code"]), at))
                 self.present = None
-                self.halted = str(told.get("halted") or "")
-                if told.get("retry"):
-                    self.queue.insert(0, _job(told["retry"]))
+                self.halted = str(details.get("halted") or "")
+                if details.get("retry"):
+                    self.queue.insert(0, _job(details["retry"]))
             case "resumed":
-                self.taken.add(str(told.get("id", "")))
+                self.taken.add(str(details.get("id", "")))
                 self.halted = ""
 
-    def _begin(self, told: Any) -> None:
-        mine = [job for job in self.queue if job.id == told["id"]]
+    def _begin(self, details: Any) -> None:
+        mine = [job for job in self.queue if job.id == details["id"]]
         if mine:
             self.queue.remove(mine[0])
-            self.present = replace(mine[0], folder=told["folder"])
+            self.present = replace(mine[0], folder=details["folder"])
         elif self.present is not None:
             self.present = replace(self.present, resumes=self.present.resumes + 1)
 
 
-def told_of(job: Job) -> dict[str, Any]:
+def details_of(job: Job) -> dict[str, Any]:
     """Return a job as a journal's entry holds it."""
     return {
         "id": job.id,
@@ -115,15 +115,15 @@ def told_of(job: Job) -> dict[str, Any]:
     }
 
 
-def _job(told: Any) -> Job:
-    later = told.get("not_before")
+def _job(details: Any) -> Job:
+    later = details.get("not_before")
     return Job(
-        id=str(told["id"]),
-        entry=str(told["entry"]),
-        campaign=str(told["campaign"]),
-        rig=told["rig"],
-        due=datetime.fromisoformat(told["due"]),
-        attempt=int(told.get("attempt", 1)),
+        id=str(details["id"]),
+        entry=str(details["entry"]),
+        campaign=str(details["campaign"]),
+        rig=details["rig"],
+        due=datetime.fromisoformat(details["due"]),
+        attempt=int(details.get("attempt", 1)),
         not_before=None if later is None else datetime.fromisoformat(later),
     )
 

@@ -36,7 +36,7 @@ class ChildError(TripError):
 
 @dataclass(frozen=True)
 class News:
-    """What a child tells without being asked.
+    """What a child reports without being asked.
 
     Attributes:
         at_ns: when it happened, CLOCK_MONOTONIC in ns.

@@ -1,4 +1,4 @@
-"""What another master does to a rig that is in its safe state: counted, and told now and then.
+"""What another master does to a rig that is in its safe state: counted, and reported now and then.
 
 Whoever holds a part of the rig in its safe state brings it back there; a master that goes on would
 otherwise fill log and report with the same line.
@@ -45,25 +45,25 @@ class Driven(News):
 
 
 class Tally:
-    """Counts by part, and tells of each at once, then no more often than it must.
+    """Counts by part; reports each part at once, and then at most every `REPEAT_S`.
 
     Args:
         who: which part of the software counts.
-        tell: is called with what is to be told.
+        report: is called with what is to be reported.
         clock: CLOCK_MONOTONIC in ns.
     """
 
     def __init__(
         self,
         who: str,
-        tell: Callable[[Driven], None],
+        report: Callable[[Driven], None],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._who = who
-        self._tell = tell
+        self._report = report
         self._clock = clock
         self._found: dict[str, Driven] = {}
-        self._told: dict[str, Driven] = {}
+        self._reported: dict[str, Driven] = {}
 
     def found(self, part: str, what: str) -> None:
         """Count a part that is driven now."""
@@ -75,19 +75,19 @@ class Tally:
         """Take over what was counted of a part so far."""
         now = self._clock()
         self._found[part] = Driven(now, self._who, what, part, times, first_ns, last_ns)
-        told = self._told.get(part)
-        if told is None or (times != told.times and now - told.at_ns >= REPEAT_S * 1e9):
+        reported = self._reported.get(part)
+        if reported is None or (times != reported.times and now - reported.at_ns >= REPEAT_S * 1e9):
             self._say(part)
 
-    def tell_rest(self) -> None:
-        """Tell what was counted since it was last told."""
+    def report_rest(self) -> None:
+        """Report what was counted since the last report."""
         for part, found in self._found.items():
-            if self._told[part].times != found.times:
+            if self._reported[part].times != found.times:
                 self._say(part)
 
     def _say(self, part: str) -> None:
-        self._told[part] = replace(self._found[part], at_ns=self._clock())
-        self._tell(self._told[part])
+        self._reported[part] = replace(self._found[part], at_ns=self._clock())
+        self._report(self._reported[part])
 
 
 def departures(values: Mapping[str, float]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 It publishes what they read on the board, and trips if a driver that moves something fails. On
 anybody's trip, or a silence of loop or supervisor, it brings its drivers to their safe state in the
 order of a trip: valve drive, bypass valves, pump. It keeps them there: whatever leaves that state
-is told as driven by another master, and brought back.
+is reported as driven by another master, and brought back.
 """
 
 import time
@@ -89,7 +89,7 @@ class FieldProcess:
         self._moves: list[tuple[int, Outputs]] = []
         self._moves_segment = -1
         self._safe = False
-        self._tally = Tally("field", self._tell)
+        self._tally = Tally("field", self._report)
 
     def run(self) -> None:
         """Serve until the pipe is closed; leave everything safe."""
@@ -97,7 +97,7 @@ class FieldProcess:
             while obeyed_next(self._pipe, CYCLE_S, self._obey):
                 self.cycle()
         finally:
-            self._tally.tell_rest()
+            self._tally.report_rest()
             self._make_safe()
             for served in self._served:
                 served.driver.close()
@@ -184,7 +184,7 @@ class FieldProcess:
             self._bring_to_safe_state(served)
 
     def _bring_to_safe_state(self, served: _Served) -> None:
-        """Make a driver safe, and confirm it; what keeps it from being is its `failure`, told once.
+        """Make a driver safe, and confirm that; why it is not safe is its `failure`, reported once.
 
         A driver that failed is tried again from time to time, for as long as this process lives.
         """
@@ -198,7 +198,7 @@ class FieldProcess:
             return
         served.failure = ""
         if failed_before:
-            self._tell(News(time.monotonic_ns(), served.driver.name, "is in its safe state now"))
+            self._report(News(time.monotonic_ns(), served.driver.name, "is in its safe state now"))
         word = _CONFIRMED.get(rank_of(served.driver.outputs))
         if word is not None and not self._words[word]:
             # Once more confirms nothing anew: it has been so since the first.
@@ -212,15 +212,15 @@ class FieldProcess:
             self._board.slow_at[index] = at
 
     def _complain(self, served: _Served, error: DriverError) -> None:
-        """Tell the supervisor; trip if the driver moves something."""
+        """Report to the supervisor; trip if the driver moves something."""
         moves = bool(served.driver.outputs)
         if moves and not self._words[Word.FIELD_TRIP]:
             self._trip(_cause_of(served.driver, error))
-        self._tell_of(served, error)
+        self._report_error(served, error)
 
-    def _tell_of(self, served: _Served, error: DriverError) -> None:
+    def _report_error(self, served: _Served, error: DriverError) -> None:
         what = f"{error.channel}: {error.state}" if error.channel else error.state
-        self._tell(News(time.monotonic_ns(), served.driver.name, f"{what}; {error.action}"))
+        self._report(News(time.monotonic_ns(), served.driver.name, f"{what}; {error.action}"))
 
     def _trip(self, cause: Cause) -> None:
         self._words[Word.FIELD_TRIP_AT] = time.monotonic_ns()
@@ -256,7 +256,7 @@ class FieldProcess:
                     self._publish(served.driver.read())
                 except DriverError as error:
                     # It may be raised once only, and say why the rig had to be made safe.
-                    self._tell_of(served, error)
+                    self._report_error(served, error)
             self._words[Word.FIELD_BEAT] = time.monotonic_ns()
         return Safety(
             {served.driver.name: served.failure for served in self._served if served.failure}
@@ -269,8 +269,8 @@ class FieldProcess:
         while not self._words[Word.VALVE_NULL_AT] and time.monotonic() < until:
             time.sleep(1e-3)
 
-    def _tell(self, message: object) -> None:
-        # Without a supervisor there is nobody to tell; what it would have done is done here.
+    def _report(self, message: object) -> None:
+        # Without a supervisor there is nobody to report to; what it would have done is done here.
         with suppress(OSError):
             self._pipe.send(message)
 

@@ -151,7 +151,7 @@ class LoopProcess:
         self._interlock = interlock(order.limits, order.tolerances)
         self._segments[order.first.number] = order.first
         # Compiled, or loaded, before time matters.
-        with telling_of_compiling(lambda name: self._tell(f"compiles {name}")):
+        with telling_of_compiling(lambda name: self._report(f"compiles {name}")):
             self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
         self._thread = threading.Thread(target=self._loop, args=arguments, name="loop")
@@ -172,7 +172,7 @@ class LoopProcess:
                     self._left = self._run_segment(number, segment)
         except Exception:
             self._left = Left.UNCONFIRMED
-            self._tell(traceback.format_exc())
+            self._report(traceback.format_exc())
         finally:
             self._running.set()
 
@@ -217,11 +217,11 @@ class LoopProcess:
         )
 
     def _rescue(self) -> Cause:
-        """Null the valve of a loop that ended by itself, and keep it there, until told to end."""
+        """Hold the valve of a loop that ended by itself at null until the session ends."""
         self._trip(Cause.CRASH)
         self._tend_null()
         failure = self._safe_state()
-        self._tell(
+        self._report(
             "the loop's connection does not confirm that the valve is at null; by another one: "
             + (failure or "it is")
         )
@@ -246,13 +246,13 @@ class LoopProcess:
             return ""
         found = self._safe_state()
         if found and not failure:
-            self._tell(f"nobody knows whether the valve is at null any more: {found}")
+            self._report(f"nobody knows whether the valve is at null any more: {found}")
         elif failure and not found:
-            self._tell("the valve is at null")
+            self._report("the valve is at null")
         return found
 
     def _tend_null(self) -> None:
-        """Tell of a valve that another master drives, and have the device latch its null.
+        """Report a valve that another master drives, and have the device latch its null.
 
         The loop nulls it at its next tick; a device that latches takes no command afterwards.
         """
@@ -266,10 +266,10 @@ class LoopProcess:
             self._nulled_at = now
             failure = self._safe_state()
             if failure:
-                self._tell(f"the valve is not latched at null: {failure}")
+                self._report(f"the valve is not latched at null: {failure}")
 
     def _end(self, cause: Cause) -> str:
-        """Leave loop and driver; return why the safe state was not confirmed, or nothing."""
+        """Leave loop and driver; return why the safe state was not confirmed, empty if it was."""
         if cause != Cause.NONE:
             self._trip(cause)
         self._memory.counts[Count.LEAVE] = 1
@@ -278,7 +278,7 @@ class LoopProcess:
         if not self._is_open:
             return ""
         self._tend_null()
-        self._tally.tell_rest()
+        self._tally.report_rest()
         failure = self._safe_state()
         self._driver.close()
         return failure
@@ -297,7 +297,7 @@ class LoopProcess:
             self._words[Word.LOOP_TRIP_AT] = time.monotonic_ns()
             self._words[Word.LOOP_TRIP] = cause
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._send(News(time.monotonic_ns(), "loop", text))
 
     def _send(self, news: News) -> None:
@@ -307,14 +307,14 @@ class LoopProcess:
 
 def _in_words(found: Integers) -> str:
     """Return what another master did to the valve, by `Found`."""
-    told = []
+    parts = []
     if found[Found.ENABLED]:
-        told.append("enabled")
+        parts.append("enabled")
     if found[Found.OUTPUT_UV]:
-        told.append(f"output at {1e-6 * found[Found.OUTPUT_UV]:.2f} V")
+        parts.append(f"output at {1e-6 * found[Found.OUTPUT_UV]:.2f} V")
     if found[Found.SPOOL_NM]:
-        told.append(f"spool {1e-3 * found[Found.SPOOL_NM]:.0f} um off null")
-    return ", ".join(told)
+        parts.append(f"spool {1e-3 * found[Found.SPOOL_NM]:.0f} um off null")
+    return ", ".join(parts)
 
 
 def main() -> None:

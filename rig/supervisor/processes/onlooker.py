@@ -1,10 +1,10 @@
-"""What a session tells whoever looks on; nothing depends on it."""
+"""What a session reports to whoever looks on; nothing depends on it."""
 
 from rig.loop import Board
 
 
 class Onlooker:
-    """Is told of a session on hardware; does nothing with it. Derive, and override what you need.
+    """Is called as a session on hardware goes on; does nothing. Derive, and override what you need.
 
     Calls come from the session itself, which waits for them to return.
     """

@@ -54,8 +54,8 @@ FLUSH_S: Final = 0.1
 COMMANDS_WAITING: Final = 32
 ANSWER_S: Final = 3.0
 """How long the supervisor may take to say whether it obeys."""
-REFUSALS_TOLD: Final = 5
-"""Refusals in a second that are told one by one; the rest is counted."""
+REFUSALS_REPORTED: Final = 5
+"""Refusals in a second that are reported one by one; the others are counted."""
 NICENESS: Final = 5
 
 
@@ -66,8 +66,8 @@ class Open:
     Attributes:
         settings: the profile.
         rig: the rig's id.
-        channels: the rows' columns, unless told otherwise of their segment.
-        note: what there is to tell, such as that it was started again; empty for nothing.
+        channels: the rows' columns, unless `Columns` names others for their segment.
+        note: an event to send at once, such as that it was started again; empty for none.
     """
 
     settings: StreamSettings
@@ -86,7 +86,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Tell:
+class Send:
     """Send a message."""
 
     kind: str
@@ -199,14 +199,14 @@ class Publisher:
             # Of a session that lasts for weeks, the last tests are enough.
             while len(self._columns) > 100:
                 del self._columns[min(self._columns)]
-        elif isinstance(order, Tell):
+        elif isinstance(order, Send):
             self._sender.send(order.kind, finite(order.content))
         elif isinstance(order, Obeyed):
             waiting = self._waiting.pop(order.number, None)
             if waiting is not None:
                 self._reply(waiting.query, order.refusal)
                 state = f"not obeyed: {order.refusal}" if order.refusal else "obeyed"
-                self._event("command", self._told(waiting.command, state))
+                self._event("command", self._described(waiting.command, state))
 
     def _take_rows(self) -> None:
         if self._ring.waiting > MOST_WAITING:
@@ -230,7 +230,7 @@ class Publisher:
             self._send(self._batches.add(int(numbers[begin]), rows[begin:end], newest_ns))
 
     def _newest_ns(self) -> int:
-        """Return when the newest row was written, wall clock; the loop's beat tells it."""
+        """Return when the newest row was written, wall clock; the loop's beat shows it."""
         beat = int(self._board.words[Word.LOOP_BEAT])
         now_ns = time.time_ns()
         return now_ns if not beat else now_ns - (time.monotonic_ns() - beat)
@@ -256,8 +256,8 @@ class Publisher:
         if now - self._health_at >= HEALTH_S:
             self._health_at = now
             self._sender.send("health", finite(self._health.content()))
-            self._tell_silent_refusals()
-            self._tell_failures()
+            self._report_silent_refusals()
+            self._report_failures()
         if now - self._heartbeat_at >= self._settings.heartbeat_s:
             self._heartbeat_at = now
             self._sender.send(
@@ -313,12 +313,12 @@ class Publisher:
             return
         until = time.monotonic() + ANSWER_S
         self._waiting[command.number] = _Waiting(query, command, until)
-        self._event("command", self._told(command, "accepted"))
+        self._event("command", self._described(command, "accepted"))
         self._pipe.send(
-            Asked(time.monotonic_ns(), "stream", self._told(command, "asked for"), command)
+            Asked(time.monotonic_ns(), "stream", self._described(command, "asked for"), command)
         )
 
-    def _told(self, command: Command, state: str) -> str:
+    def _described(self, command: Command, state: str) -> str:
         said = f": {command.text}" if command.text else ""
         return f"{command.name} by {command.by} {state}{said}"
 
@@ -326,31 +326,31 @@ class Publisher:
         """Log a refusal, in the session's log and in the stream, but not a flood of them."""
         now = time.monotonic()
         self._refused = [at for at in self._refused if now - at < 1.0]
-        if len(self._refused) >= REFUSALS_TOLD:
+        if len(self._refused) >= REFUSALS_REPORTED:
             self._refused_silently += 1
             return
         self._refused.append(now)
         claimed = "".join(c if c.isprintable() else "?" for c in by) or "unknown"
-        told = f"command refused, {text} (from {claimed}, {fingerprint(payload)})"
-        self._event("refused", told)
-        self._log(told)
+        line = f"command refused, {text} (from {claimed}, {fingerprint(payload)})"
+        self._event("refused", line)
+        self._log(line)
 
-    def _tell_silent_refusals(self) -> None:
+    def _report_silent_refusals(self) -> None:
         if self._refused_silently:
             count, self._refused_silently = self._refused_silently, 0
             self._event("refused", f"{count} more commands refused")
 
-    def _tell_failures(self) -> None:
-        """Tell of what failed, in the session's log and in the stream."""
+    def _report_failures(self) -> None:
+        """Report what failed, in the session's log and in the stream."""
         while not self._failures.empty():
-            told = self._failures.get()
-            self._event("error", told)
-            self._log(told)
+            line = self._failures.get()
+            self._event("error", line)
+            self._log(line)
 
-    def _log(self, told: str) -> None:
+    def _log(self, line: str) -> None:
         with suppress(OSError):
             stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-            os.write(sys.stderr.fileno(), f"{stamp} stream: {told}\n".encode(errors="replace"))
+            os.write(sys.stderr.fileno(), f"{stamp} stream: {line}\n".encode(errors="replace"))
 
     def _reply(self, query: zenoh.Query, refusal: str) -> None:
         with suppress(zenoh.ZError), query:

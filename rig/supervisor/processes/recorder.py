@@ -110,7 +110,7 @@ class Recorder:
         self._writer = McapWriter(
             order.path, order.channels, order.metadata, start_ns=order.start_ns
         )
-        # A file that is cut right after its birth tells at least which test it was to be.
+        # A file that is cut right after its birth shows at least which test it was to be.
         self._writer.flush()
         self._pipe.send(order.segment)
 

@@ -37,7 +37,7 @@ TRIPS: Final = {
 }
 
 NS: Final = 1e9
-Tell = Callable[[str, str], None]
+Report = Callable[[str, str], None]
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class SafetyThread:
         parts: the processes.
         settings: after how long a silence which part counts as lost.
         drivers: as configured, to make connections of its own.
-        tell: called with who and what, for the trip report; from the safety thread.
+        report: called with who and what, for the trip report; from the safety thread.
         found: called with what another master drives; from the safety thread.
     """
 
@@ -67,14 +67,14 @@ class SafetyThread:
         parts: Parts,
         settings: LoopSettings,
         drivers: tuple[DriverSpec, ...],
-        tell: Tell,
+        report: Report,
         found: Callable[[Driven], None] = lambda driven: None,
     ) -> None:
         self._words = board.words
         self._parts = parts
         self._settings = settings
         self._drivers = drivers
-        self._tell = tell
+        self._report = report
         self._survives = Surviving("the safety thread", self._failed)
         self._tally = Tally("supervisor", found)
         self._kept: dict[str, DriverSpec] = {}
@@ -93,7 +93,7 @@ class SafetyThread:
         """End; the parts are on their own from now on."""
         self._stopping.set()
         self._thread.join()
-        self._tally.tell_rest()
+        self._tally.report_rest()
 
     def alive(self) -> None:
         """Show that the supervisor's main thread goes on."""
@@ -131,9 +131,9 @@ class SafetyThread:
                     self._kept_at = time.monotonic()
 
     def _say(self, who: str, what: str) -> None:
-        # What nobody can be told is done all the same.
+        # What cannot be reported to anybody is done all the same.
         with suppress(Exception):
-            self._tell(who, what)
+            self._report(who, what)
 
     def _failed(self, line: str) -> None:
         """Trip: who cannot watch does not let the rig move; then go on, to make it safe."""
@@ -206,7 +206,7 @@ class SafetyThread:
                 self._say(spec.name, "made safe by the supervisor's own connection")
 
     def _is_made_safe(self, spec: DriverSpec) -> bool:
-        """Bring a device to its safe state; tell why it is not, unless it was not before."""
+        """Bring a device to its safe state; report why it is not, unless it was not before."""
         self._beat()
         try:
             driver = spec.create()
@@ -229,7 +229,7 @@ class SafetyThread:
                 return
             if spec.name not in self._unsafe:
                 for part, what in _found_driven(spec).items():
-                    # What nobody can be told is made safe again all the same.
+                    # What cannot be reported to anybody is made safe again all the same.
                     with suppress(Exception):
                         self._tally.found(part, what)
             if self._is_made_safe(spec) and spec.name in self._unsafe:
@@ -238,7 +238,7 @@ class SafetyThread:
 
 
 def _found_driven(spec: DriverSpec) -> dict[str, str]:
-    """Return what of a device is driven, by the part; nothing of one that does not tell."""
+    """Return what of a device is driven, by the part; nothing if the device does not report it."""
     try:
         driver = spec.create()
         try:

@@ -1,6 +1,6 @@
 """The supervisor's end of the live stream: starts the publisher, watches it, hands it what happens.
 
-Nothing here waits for the publisher. What it is told goes through a queue of bounded length, and
+Nothing here waits for the publisher. What is sent to it goes through a queue of bounded length, and
 rows through shared memory; if it dies or hangs it is killed and started again.
 """
 
@@ -22,7 +22,7 @@ from rig.stream import LASTING, Command, StreamSettings, UnreachableError
 from rig.surviving import Surviving, failure
 
 from .child import Child, ChildError, News
-from .publisher import Asked, Columns, Obeyed, Open, Tell
+from .publisher import Asked, Columns, Obeyed, Open, Send
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Stream:
         log: file that the publisher's stderr is appended to.
         say: shows a line to the operator; is called from any thread.
         on_command: is called with a command that is genuine and allowed, from a thread of its own;
-            returns why it is not obeyed, or nothing.
+            returns why it is not obeyed, or an empty text.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Stream:
         self._orders: deque[object] = deque(maxlen=ORDERS_KEPT)
         self._wanted = threading.Event()
         self._columns: deque[Columns] = deque(maxlen=20)
-        self._lasting: dict[str, Tell] = {}
+        self._lasting: dict[str, Send] = {}
         self._lock = threading.Lock()
         self._child: Child | None = None
         self._closing = threading.Event()
@@ -88,7 +88,7 @@ class Stream:
         return None if child is None else child.pid
 
     def attach(self, board: Board, channels: tuple[str, ...]) -> None:
-        """Begin to publish the rows of a board, whose columns these are unless told otherwise."""
+        """Begin to publish a board's rows; they have these columns if `columns` names no others."""
         self._board = Board.attach(os.dup(board.fd))
         self._channels = channels
         self._board.words[Word.PUBLISHED] = self._board.words[Word.ROWS]
@@ -103,9 +103,9 @@ class Stream:
         self._columns.append(columns)
         self._order(columns)
 
-    def tell(self, kind: str, content: Mapping[str, Any]) -> None:
+    def send(self, kind: str, content: Mapping[str, Any]) -> None:
         """Send a message of a kind, plain values in it."""
-        order = Tell(kind, content)
+        order = Send(kind, content)
         if kind in LASTING:
             with self._lock:
                 self._lasting[kind] = order
@@ -114,7 +114,7 @@ class Stream:
     def event(self, who: str, kind: str, text: str, time_s: float | None = None) -> None:
         """Send an event, at a time of the present test if it has one."""
         content = {"at_ns": time.time_ns(), "time_s": time_s, "who": who, "kind": kind}
-        self.tell("event", {**content, "text": text})
+        self.send("event", {**content, "text": text})
 
     def close(self) -> None:
         """Send what is still to be sent, within a second, and end the publisher."""
@@ -138,7 +138,7 @@ class Stream:
         self._wanted.set()
 
     def _send_orders(self) -> None:
-        """Hand over orders as they come; this thread may be held up, and nobody waits for it."""
+        """Hand over orders as they come. This thread may be held up: nobody waits for it."""
         while not self._closing.is_set():
             self._wanted.wait()
             self._wanted.clear()
@@ -146,7 +146,7 @@ class Stream:
                 child = self._child
                 if child is None:
                     break
-                # What cannot be sent is dropped, and told of; the next one is sent.
+                # An order that cannot be sent is dropped and reported; the next one is sent.
                 with self._survives, suppress(ChildError, IndexError):
                     child.send(self._orders.popleft())
 
@@ -230,7 +230,7 @@ class Stream:
         self._say(f"{news.who}: {news.text}")
 
     def _refusal_of(self, command: Command) -> str:
-        """Have a command obeyed; return why it is not, or nothing."""
+        """Have a command obeyed; return why it was not, empty if it was."""
         try:
             return self._on_command(command)
         except Exception as error:
@@ -239,7 +239,7 @@ class Stream:
 
 
 def _end(child: Child) -> None:
-    """End a publisher; one that hangs is killed, as nothing is lost with it."""
+    """End a publisher. One that hangs is killed: nothing is lost with it."""
     if not child.ended:
         patience = threading.Timer(END_S, _kill, (child.pid,))
         patience.start()

@@ -14,7 +14,7 @@ from rig.plant import Model
 
 
 class ManualClock:
-    """A clock that stands still until it is told how far to go."""
+    """A clock that stands still until the test says how far to go."""
 
     def __init__(self) -> None:
         self.now_ns = 1_000_000_000

@@ -90,7 +90,7 @@ def test_a_rig_whose_pump_is_not_loaded_yet_does_not_move(clock: Clock) -> None:
     assert position(plant) == pytest.approx(start, abs=1e-4)
 
 
-def test_a_stuck_spool_stays_whatever_it_is_told_until_it_is_freed(
+def test_a_stuck_spool_stays_whatever_is_ordered_until_it_is_freed(
     clock: Clock, plant: EmulatedPlant
 ) -> None:
     plant.drive_valve(2.0)

@@ -16,7 +16,7 @@ def serve_until_it_fails(emulator: EmulatorThread) -> None:
             time.sleep(0.01)
 
 
-def test_who_asks_an_emulator_that_has_failed_is_told_why(
+def test_who_asks_an_emulator_that_has_failed_learns_why(
     simulated: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(emulator: Emulator) -> None:

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class ManualClock:
-    """A clock that stands still until it is told to go on."""
+    """A clock that stands still until the test lets it go on."""
 
     def __init__(self) -> None:
         self.now_ns = 1_000_000_000

@@ -89,7 +89,7 @@ def flow_meters(folder: Path) -> Iterator[Specimen]:
 
     def wait(time_s: float) -> None:
         clock.advance(time_s)
-        panel.tell()
+        panel.send()
 
     driver = FlowMeters("meters", FlowMeterOptions(str(folder / "tty")), clock, wait)
     try:

@@ -1,4 +1,4 @@
-"""Two programs never drive the same device: the second is told who has it."""
+"""Two programs never drive the same device: the second learns who has it."""
 
 import os
 from dataclasses import dataclass, replace

@@ -80,7 +80,7 @@ def test_with_nothing_confirmed_the_command_is_the_proportional_one_bit_for_bit(
     assert memory.acted[1] == 0.0
 
 
-def test_what_is_added_for_a_leak_is_told_as_compensation() -> None:
+def test_what_is_added_for_a_leak_is_reported_as_compensation() -> None:
     memory, row, x = reaction_memory(), decision(), np.full(11, 7e6)
     for _ in range(1000):
         react(int(Reaction.TOLERATE), row, 10.1, memory)

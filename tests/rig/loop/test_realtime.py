@@ -1,4 +1,4 @@
-"""What the kernel refuses is told with its remedy, and nothing fails for it."""
+"""What the kernel refuses is reported with its remedy, and nothing fails for it."""
 
 import ctypes
 import errno

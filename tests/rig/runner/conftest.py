@@ -44,7 +44,7 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="session")
 def make_test() -> MakeTest:
-    """Make a test: 14 s of a healthy sine, unless told otherwise."""
+    """Make a test: 14 s of a healthy sine, unless the test says otherwise."""
 
     def make(name: str = "healthy", **changes: Any) -> CampaignTest:
         test = CampaignTest(
@@ -78,7 +78,7 @@ def leaking(make_test: MakeTest) -> MakeTest:
 
 @pytest.fixture(scope="session")
 def make_campaign() -> MakeCampaign:
-    """Make a campaign of tests, judged by the default detector unless told otherwise."""
+    """Make a campaign of tests, judged by the default detector unless the test says otherwise."""
 
     def make(*tests: CampaignTest, filter_name: str = "product") -> Campaign:
         return Campaign(

@@ -1,4 +1,4 @@
-"""What a campaign asks to be done about a confirmed fault is done, recorded and told."""
+"""What a campaign asks to be done about a confirmed fault is done, recorded and reported."""
 
 import json
 from collections.abc import Callable
@@ -34,7 +34,7 @@ LEAKING = Decision("external_leakage_1", present_leaks=(LEAK, 0.0, 0.0))
 
 
 class Scripted:
-    """A detector that decides as it is told, block by block; the last goes on."""
+    """A detector that decides as the test says, block by block; the last goes on."""
 
     def __init__(self, *script: Decision) -> None:
         self._script = list(script)

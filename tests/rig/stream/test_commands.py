@@ -207,7 +207,7 @@ def test_this_users_own_key_is_made_once(tmp_path: Path, monkeypatch: pytest.Mon
     assert os.stat(path).st_mode & 0o777 == 0o600
 
 
-def test_a_missing_key_is_told_with_its_path(tmp_path: Path) -> None:
+def test_a_missing_key_is_reported_with_its_path(tmp_path: Path) -> None:
     operator = Operator("ann", ("abort",), tmp_path / "none.key")
     with pytest.raises(KeyFileError, match=r"none\.key"):
         gate_of(StreamSettings(operators=(operator,)), "bench", "s1")

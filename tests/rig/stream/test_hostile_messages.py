@@ -266,7 +266,7 @@ def test_a_flood_of_forgeries_ends_no_reader(forged: list[tuple[str, dict[str, A
         assert failures == []
 
 
-def test_who_is_called_with_messages_and_fails_is_told_and_called_again(
+def test_who_is_called_with_messages_and_fails_is_reported_and_called_again(
     rig: Rig, capsys: pytest.CaptureFixture[str]
 ) -> None:
     called: list[str] = []

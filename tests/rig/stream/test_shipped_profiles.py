@@ -249,14 +249,14 @@ def test_on_loopback_rigs_share_the_port_and_outlive_each_other(tmp_path: Path, 
             assert comes(second, lambda: "second" in late.rigs() and late.snapshot("second").alive)
 
 
-def test_a_missing_file_is_told_before_anything_is_opened(tmp_path: Path, port: int) -> None:
+def test_a_missing_file_is_reported_before_anything_is_opened(tmp_path: Path, port: int) -> None:
     with pytest.raises(StreamError, match=r"authority\.pem: cannot be read"):
         check_files(load_stream(place(tmp_path, "mtls", port)))
     with pytest.raises(StreamError, match=r"this\.password"):
         check_files(load_stream(place(tmp_path, "password", port)))
 
 
-def test_a_port_that_is_taken_is_told(port: int) -> None:
+def test_a_port_that_is_taken_is_reported(port: int) -> None:
     taken = StreamSettings(mode="router", listen=(Endpoint("tcp", "127.0.0.1", port),))
     with publisher_session(taken), pytest.raises(StreamError, match=f"127.0.0.1:{port}"):
         publisher_session(taken).close()

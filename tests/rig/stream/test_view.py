@@ -98,7 +98,7 @@ def test_joining_late_is_no_gap(view: RigView, publisher: Publisher) -> None:
     assert view.snapshot(0).missing == {}
 
 
-def test_a_publisher_that_begins_anew_is_told_with_the_rows_that_it_missed(
+def test_a_publisher_that_begins_anew_is_reported_with_the_rows_that_it_missed(
     view: RigView, publisher: Publisher
 ) -> None:
     publisher.samples(0)
@@ -275,7 +275,7 @@ def test_verdicts_are_kept_when_they_change(view: RigView, publisher: Publisher)
     assert verdicts == ["healthy", "internal_leakage", "healthy"]
 
 
-def test_the_verdict_of_a_new_run_is_told_though_it_is_that_of_the_run_before(
+def test_the_verdict_of_a_new_run_is_reported_though_it_is_that_of_the_run_before(
     view: RigView, publisher: Publisher
 ) -> None:
     for begun_ns in (1, 1, 2):

@@ -1,4 +1,4 @@
-"""A second master drives a rig that tripped: it is brought back, and that is told."""
+"""A second master drives a rig that tripped: it is brought back, and that is reported."""
 
 import json
 import struct
@@ -62,7 +62,7 @@ def driven(rig: Rig) -> list[Driven]:
     return [news for news in rig.news if isinstance(news, Driven)]
 
 
-def test_a_valve_that_another_master_enables_after_a_trip_is_nulled_again_and_told(
+def test_a_valve_that_another_master_enables_after_a_trip_is_nulled_again_and_reported(
     rig: Rig, master: Master
 ) -> None:
     def found() -> bool:
@@ -118,19 +118,19 @@ class Told:
             self.tally.found(part, "loaded")
 
 
-def test_a_master_that_goes_on_is_told_at_once_and_then_once_a_second() -> None:
+def test_a_master_that_goes_on_is_reported_at_once_and_then_once_a_second() -> None:
     told = Told()
     told.go_on(3.5)
     assert [news.times for news in told.news] == [1, 101, 201, 301]
     assert told.news[-1].sentence == "pump driven by another master: loaded, 301 times"
-    told.tally.tell_rest()
+    told.tally.report_rest()
     assert told.news[-1].times == 350
     assert (told.news[-1].first_ns, told.news[-1].last_ns) == (10_000_000, 3_500_000_000)
-    told.tally.tell_rest()
+    told.tally.report_rest()
     assert len(told.news) == 5
 
 
-def test_each_part_is_told_for_itself() -> None:
+def test_each_part_is_reported_for_itself() -> None:
     told = Told()
     told.go_on(0.01)
     told.go_on(0.01, "valve drive")

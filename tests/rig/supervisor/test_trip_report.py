@@ -58,7 +58,7 @@ def test_the_earliest_trip_is_the_cause_whoever_reported_it() -> None:
     assert replace(REPORT, trips=earlier).first == ("field", Cause.PUMP_FAULT, AT - MS)
 
 
-def test_the_cause_is_told_in_words_with_value_and_limit() -> None:
+def test_the_cause_is_reported_in_words_with_value_and_limit() -> None:
     assert REPORT.sentence == "pressure_1_Pa is above its limit: 20.5 MPa, limit 20 MPa"
 
 
@@ -74,7 +74,7 @@ def test_a_switch_is_named_without_a_value() -> None:
     assert report.sentence == "the emergency stop is open"
 
 
-def test_what_another_master_drove_is_told_with_how_often_and_when() -> None:
+def test_what_another_master_drove_is_reported_with_how_often_and_when() -> None:
     found = Driven(
         AT + 900 * MS, "loop", "enabled, output at 5.00 V", "valve", 12, AT + 120 * MS,
         AT + 870 * MS,

@@ -93,7 +93,7 @@ def test_lanes_are_judged_as_by_the_detector_of_one_rig(setting: Setting, cases:
     assert not (figures["latency_s"][named] < 0.0).any()
 
 
-def test_a_filter_that_ran_away_is_told(setting: Setting, cases: Cases) -> None:
+def test_a_filter_that_ran_away_is_reported(setting: Setting, cases: Cases) -> None:
     found = innovations(setting)
     found[30_000:, 0, 0] = np.nan
     found[30_000:, 1, 1] = 1e7

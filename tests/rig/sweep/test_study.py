@@ -57,7 +57,7 @@ def test_its_interval_holds_it_as_often_as_it_says() -> None:
 
 
 @pytest.mark.parametrize("limit", [1e-4, 1e4])
-def test_no_smallest_leak_is_told_that_the_cases_do_not_bracket(limit: float) -> None:
+def test_no_smallest_leak_is_reported_that_the_cases_do_not_bracket(limit: float) -> None:
     curve = study_of(leaks(500, limit)).power["all"]
     assert curve.bins
     assert curve.limit_m3_per_s is None
@@ -102,4 +102,4 @@ def test_a_sweep_of_leaks_alone_has_no_roc() -> None:
     study = study_of(only)
     assert study.roc == {}
     assert study.false_alarms.of == 0
-    assert study.told()["false_alarms"]["part"] is None
+    assert study.plain()["false_alarms"]["part"] is None

@@ -56,7 +56,7 @@ def test_the_reset_button_is_pressed_when_asked_for(ask: Ask) -> None:
         ({"do": "status", "of": "daq"}, "it takes none"),
     ],
 )
-def test_a_request_that_cannot_be_granted_is_told_why_and_hurts_nobody(
+def test_a_request_that_cannot_be_granted_is_answered_with_the_reason_and_hurts_nobody(
     ask: Ask, request_object: dict[str, Any], told: str
 ) -> None:
     reply = ask(**request_object)
@@ -65,7 +65,7 @@ def test_a_request_that_cannot_be_granted_is_told_why_and_hurts_nobody(
     assert ask(do="status")["ok"]
 
 
-def test_what_is_not_json_is_told_so(emulator: EmulatorThread) -> None:
+def test_what_is_not_json_is_answered_so(emulator: EmulatorThread) -> None:
     address = ("127.0.0.1", int(emulator.ports["control"]))
     with socket.create_connection(address, timeout=20.0) as line, line.makefile("rw") as text:
         text.write("status\n[1]\n")

@@ -51,7 +51,7 @@ def test_the_script_of_an_emulator_that_is_given_none_says_that_somebody_does() 
     assert Script() == Script((), attentive=False)
 
 
-def test_all_mistakes_of_a_script_are_told_at_once_with_line_and_remedy(tmp_path: Path) -> None:
+def test_all_mistakes_of_a_script_are_reported_at_once_with_line_and_remedy(tmp_path: Path) -> None:
     path = script(
         tmp_path,
         "fautls: []\n"

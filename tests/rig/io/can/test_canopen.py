@@ -79,5 +79,5 @@ def test_no_request_upsets_the_server(data: bytes) -> None:
         (0x1234, "unknown error"),
     ],
 )
-def test_an_emergency_is_told_in_words(code: int, words: str) -> None:
+def test_an_emergency_is_reported_in_words(code: int, words: str) -> None:
     assert emergency_words(code) == words

@@ -186,7 +186,9 @@ def test_what_cannot_be_is_refused(bench: PumpBench, outputs: dict[str, float]) 
 
 
 @pytest.mark.parametrize("fault", ["silent", "frozen"])
-def test_a_lost_or_frozen_unit_is_told_by_its_alive_counter(bench: PumpBench, fault: str) -> None:
+def test_a_lost_or_frozen_unit_is_reported_by_its_alive_counter(
+    bench: PumpBench, fault: str
+) -> None:
     driver = bench.loaded()
     setattr(bench.pump.faults, fault, True)
     with pytest.raises(DriverError, match=r"alive counter stands at \d+ for 0\.5\d s"):
@@ -195,14 +197,14 @@ def test_a_lost_or_frozen_unit_is_told_by_its_alive_counter(bench: PumpBench, fa
     assert bench.read(driver, 3)["pump_loaded"] == 1.0
 
 
-def test_a_motor_fault_is_told(bench: PumpBench) -> None:
+def test_a_motor_fault_is_reported(bench: PumpBench) -> None:
     driver = bench.loaded()
     bench.pump.faults.motor_fault = True
     with pytest.raises(DriverError, match="its motor reports a fault"):
         bench.read(driver, 3)
 
 
-def test_a_stuck_unloading_valve_is_told(bench: PumpBench) -> None:
+def test_a_stuck_unloading_valve_is_reported(bench: PumpBench) -> None:
     driver = bench.opened(load_timeout=1.0)
     bench.pump.faults.stuck = True
     driver.write({"pump_load": 1.0})
@@ -260,7 +262,7 @@ def test_the_safe_state_needs_no_sound_connection(
 
 
 @pytest.mark.parametrize("fault", ["stuck", "silent", "frozen"])
-def test_an_unconfirmed_safe_state_is_told(bench: PumpBench, fault: str) -> None:
+def test_an_unconfirmed_safe_state_is_reported(bench: PumpBench, fault: str) -> None:
     driver = bench.loaded(load_timeout=0.5)
     setattr(bench.pump.faults, fault, True)
     with pytest.raises(DriverError, match=r"unloading not confirmed in 0\.5 s; switch"):

@@ -185,7 +185,7 @@ def test_a_step_not_taken_names_the_state_reached_and_the_one_wanted(bench: Valv
     bench.read(driver, 5)
 
 
-def test_a_state_left_by_itself_is_told_and_not_walked_back_to(bench: ValveBench) -> None:
+def test_a_state_left_by_itself_is_reported_and_not_walked_back_to(bench: ValveBench) -> None:
     driver = bench.active()
     bench.valve.state = DriveState.HOLD
     bench.valve.faults.stuck = True
@@ -237,7 +237,7 @@ def test_what_cannot_be_is_refused(bench: ValveBench, outputs: dict[str, float],
     assert bench.passed() == []
 
 
-def test_a_fault_is_told_once_with_its_emergency_in_words(bench: ValveBench) -> None:
+def test_a_fault_is_reported_once_with_its_emergency_in_words(bench: ValveBench) -> None:
     driver = bench.active()
     bench.valve.fail(0x4210)
     with pytest.raises(DriverError, match="emergency 0x4210, device temperature"):
@@ -266,7 +266,7 @@ def test_a_target_asked_for_in_a_fault_resets_it(bench: ValveBench, at: DriveSta
     bench.read_until(driver, DriveState.ACTIVE)
 
 
-def test_a_lost_heartbeat_is_told_as_long_as_it_is_lost(bench: ValveBench) -> None:
+def test_a_lost_heartbeat_is_reported_as_long_as_it_is_lost(bench: ValveBench) -> None:
     driver = bench.active()
     bench.valve.faults.heartbeat_lost = True
     with pytest.raises(DriverError, match=r"node 5 is lost: no heartbeat for 0\.5"):
@@ -278,7 +278,9 @@ def test_a_lost_heartbeat_is_told_as_long_as_it_is_lost(bench: ValveBench) -> No
     assert bench.read(driver, 3)["drive_state"] == DriveState.ACTIVE
 
 
-def test_lost_status_messages_are_told(bench: ValveBench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_status_messages_are_reported(
+    bench: ValveBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     driver = bench.active()
 
     def heartbeat_only(frame: can.Message) -> None:
@@ -290,7 +292,7 @@ def test_lost_status_messages_are_told(bench: ValveBench, monkeypatch: pytest.Mo
         bench.read(driver, 50)
 
 
-def test_a_valve_that_restarts_is_told(bench: ValveBench) -> None:
+def test_a_valve_that_restarts_is_reported(bench: ValveBench) -> None:
     driver = bench.active()
     bench.valve.receive(can.Message(arbitration_id=0, data=[0x81, NODE], is_extended_id=False))
     with pytest.raises(
@@ -383,7 +385,7 @@ def test_the_safe_state_of_a_fault_leaves_the_fault(bench: ValveBench) -> None:
 
 
 @pytest.mark.parametrize(("fault", "why"), [("stuck", "ACTIVE"), ("silent", "no answer")])
-def test_an_unconfirmed_safe_state_is_told(bench: ValveBench, fault: str, why: str) -> None:
+def test_an_unconfirmed_safe_state_is_reported(bench: ValveBench, fault: str, why: str) -> None:
     driver = bench.active()
     setattr(bench.valve.faults, fault, True)
     with pytest.raises(DriverError, match=f"DISABLED not confirmed in 1 s: .*{why}.*; take the"):

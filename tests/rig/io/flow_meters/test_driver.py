@@ -39,11 +39,11 @@ class MeterBench:
     def wait(self, time_s: float) -> None:
         """Let time pass: the meters tell their flows meanwhile."""
         self.clock.advance(time_s)
-        self.panel.tell()
+        self.panel.send()
         self.samples += 1
 
     def read(self) -> dict[str, float]:
-        """Return what is told next; the line may bring it in pieces."""
+        """Return what is sent next; the line may bring it in pieces."""
         self.wait(0.1)
         flows: dict[str, float] = {}
         for signal in METERS:
@@ -97,7 +97,7 @@ def test_it_returns_only_what_came_since_the_last_call(opened: MeterBench) -> No
 
 
 def test_what_waited_in_the_line_before_it_was_opened_is_not_news(meters: MeterBench) -> None:
-    meters.panel.tell()
+    meters.panel.send()
     told = len(b"".join(meter_line(*line) for line in enumerate(FLOWS, start=1)))
     until(lambda: meters.waiting() == told)
     meters.panel.silent = True

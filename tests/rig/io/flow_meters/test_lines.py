@@ -38,7 +38,7 @@ def test_a_line_is_a_flow_in_si() -> None:
     assert MeterLineParser().feed(ONE) == [MeterLine(1, 1.25 * LITRE_PER_MINUTE)]
 
 
-def test_a_flow_is_told_in_the_line_that_the_protocol_prescribes() -> None:
+def test_a_flow_is_sent_in_the_line_that_the_protocol_prescribes() -> None:
     assert meter_line(1, 1.25e-3 / 60.0) == ONE
 
 

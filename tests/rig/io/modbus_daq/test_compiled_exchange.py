@@ -181,7 +181,7 @@ def test_whatever_comes_the_exchange_ends_and_recovers_once_it_is_quiet(noise: b
     assert recovered is ExchangeStatus.OK
 
 
-def test_a_closed_connection_is_told_from_a_silent_one(line: Line) -> None:
+def test_a_closed_connection_is_distinguished_from_a_silent_one(line: Line) -> None:
     line.device.close()
 
     assert line.exchange(1) is ExchangeStatus.DISCONNECTED

@@ -166,7 +166,9 @@ def test_pymodbus_s_server_takes_and_answers_the_exchange(
     assert device.read(0, 4) == [2, 1, *float_registers(-1.5)]
 
 
-def test_a_server_without_the_function_is_told_from_a_silent_one(device: PymodbusDevice) -> None:
+def test_a_server_without_the_function_is_distinguished_from_a_silent_one(
+    device: PymodbusDevice,
+) -> None:
     daq = daq_of(device, exchange="fc76")
     daq.open()
 
@@ -175,7 +177,7 @@ def test_a_server_without_the_function_is_told_from_a_silent_one(device: Pymodbu
     daq.close()
 
 
-def test_an_exception_is_told_by_code_and_name(device: PymodbusDevice) -> None:
+def test_an_exception_is_reported_by_code_and_name(device: PymodbusDevice) -> None:
     daq = daq_of(device, replace(NODE, registers=beyond_the_device()))
     daq.open()
 

@@ -81,7 +81,7 @@ def test_a_labjack_s_watchdog_is_off_while_it_is_set_and_drops_the_valve_s_relay
     assert values[61636] >> line & 1 == 0
 
 
-def test_all_that_is_wrong_with_a_map_is_told_at_once() -> None:
+def test_all_that_is_wrong_with_a_map_is_reported_at_once() -> None:
     found = problems_of(
         Register("command_V", 70000, "F32", "r", unit="mm"),
         Register("position", 0, "U16", "r"),

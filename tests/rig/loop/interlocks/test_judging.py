@@ -34,7 +34,7 @@ LADDER = (
 
 
 class Interlock:
-    """An interlock fed tick by tick with a sample that is sound unless told otherwise."""
+    """An interlock fed tick by tick with a sample that is sound unless the test says otherwise."""
 
     def __init__(self, *, driving: bool = True, homed: bool = True) -> None:
         self.driving, self.homed = driving, homed
@@ -158,7 +158,7 @@ def test_samples_older_than_their_limit_trip(interlock: Interlock) -> None:
     assert interlock.step(fresh=False)[:2] == (Action.TRIP, Cause.STALE_SAMPLE)
 
 
-def test_a_device_that_repeats_its_last_sample_is_told_from_a_silent_one(
+def test_a_device_that_repeats_its_last_sample_is_distinguished_from_a_silent_one(
     interlock: Interlock,
 ) -> None:
     for _ in range(21):

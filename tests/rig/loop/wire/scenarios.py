@@ -1,4 +1,4 @@
-"""Runs the loop on the wire in the interpreter, on a clock and a device that do as they are told.
+"""Runs the loop on the wire in the interpreter, on a clock and a device that do as the test says.
 
 `NUMBA_DISABLE_JIT=1 python scenarios.py` prints, as JSON by scenario, what the device was sent
 and what the ring holds: patching the clock needs functions that are not compiled.
@@ -85,7 +85,7 @@ class World:
         self.device = {"valve_enabled": stuck, "device_command_V": stuck, "spool_m": 0.0}
 
     def sleep_until(self, time_ns: int) -> None:
-        """Wake at a time, or as late as told."""
+        """Wake at a time, or as late as the test says."""
         tick = (time_ns - BEGIN) // MS - 1
         self.now = max(self.now, time_ns)
         if tick not in self.sleeps:
@@ -133,7 +133,7 @@ class World:
             inputs[FAST_INPUTS.index(name)] = value
 
     def check_sample(self, *_: Any) -> tuple[int, int, int]:
-        """Judge as told."""
+        """Judge as the test says."""
         self.judged += 1
         return self.verdicts.get(self.judged - 1, (0, 0, -1))
 

@@ -1,4 +1,4 @@
-"""What the loop on the wire does tick by tick, on a clock and a device that do as they are told.
+"""What the loop on the wire does tick by tick, on a clock and a device that do as the test says.
 
 The scenarios run in an interpreter of their own with the compiler off, see `scenarios`.
 """
@@ -297,7 +297,7 @@ def test_a_silent_supervisor_trips_but_one_that_never_was_there_does_not(
     assert scenario("supervisor never there")["words"]["LOOP_TRIP"] == 0
 
 
-def test_a_loop_that_is_told_to_leave_sends_a_null_frame_first(scenario: Scenario) -> None:
+def test_a_loop_that_is_asked_to_leave_sends_a_null_frame_first(scenario: Scenario) -> None:
     result = scenario("leaving")
     assert result["left"] == "ASKED"
     assert (commands(result)[-1], enables(result)[-1]) == (0.0, 0.0)

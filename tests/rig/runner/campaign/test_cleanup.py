@@ -80,7 +80,7 @@ def campaign(make_test: MakeTest, make_campaign: MakeCampaign) -> Campaign:
 
 
 @pytest.mark.parametrize(("taken_s", "overdue"), [(59.0, False), (61.0, True)])
-def test_a_cleanup_that_hangs_is_ended_and_told_of(
+def test_a_cleanup_that_hangs_is_ended_and_reported(
     tmp_path: Path,
     rig: Rig,
     campaign: Campaign,

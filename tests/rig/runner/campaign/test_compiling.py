@@ -1,4 +1,4 @@
-"""Whatever a session runs is compiled before it is armed; an operator is told how far that is."""
+"""Whatever a session runs is compiled before it is armed; an operator is shown how far that is."""
 
 import subprocess
 import sys
@@ -103,7 +103,7 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.usefixtures("empty_cache")
-def test_what_is_compiled_is_told_piece_by_piece_and_only_once() -> None:
+def test_what_is_compiled_is_reported_piece_by_piece_and_only_once() -> None:
     needs, told = Needs(load_rig("emulated"), "product"), list[str]()
     compile_for(needs, ("decisions",), told.append, StopFlag())
     assert told == [
@@ -137,7 +137,7 @@ def test_a_stop_ends_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("empty_cache")
-def test_a_piece_that_cannot_be_compiled_is_told_of_and_keeps_nothing_from_running() -> None:
+def test_a_piece_that_cannot_be_compiled_is_reported_and_keeps_nothing_from_running() -> None:
     told: list[str] = []
     compile_for(Needs(load_rig("emulated"), "no filter"), ("filter",), told.append, StopFlag())
     assert "no filter 'no filter'" in told[-1]

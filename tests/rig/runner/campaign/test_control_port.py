@@ -222,7 +222,7 @@ def test_the_port_is_there_again_once_there_are_descriptors(
     assert any("Too many open files" in why for why in served.refused)
 
 
-def test_the_status_of_a_campaign_of_thousands_of_tests_is_told(tmp_path: Path) -> None:
+def test_the_status_of_a_campaign_of_thousands_of_tests_is_reported(tmp_path: Path) -> None:
     with Served(tmp_path, tests=3000) as served:
         for index in range(3000):
             served.desk.ends(index, "passed", attention=True)

@@ -165,7 +165,7 @@ def test_a_ram_that_comes_to_rest_without_a_trip_is_left_at_null(rig: Rig) -> No
 
 
 class Listening(Observer):
-    """Keeps what the operator is told."""
+    """Keeps what the operator is shown."""
 
     def __init__(self) -> None:
         self.told: list[str] = []
@@ -281,7 +281,7 @@ def test_a_hold_ends_the_test_and_the_ram_stays_within_what_trips(
     assert not (tmp_path / "trip-1.json").exists()
 
 
-def test_what_is_only_indicated_is_told_once_and_the_test_goes_on(
+def test_what_is_only_indicated_is_reported_once_and_the_test_goes_on(
     tmp_path: Path, limited: Callable[..., Rig], make_test: MakeTest, make_campaign: MakeCampaign
 ) -> None:
     listening = Listening()

@@ -1,4 +1,4 @@
-"""What the live stream tells of a campaign's tests: those that are not run now have an outcome."""
+"""What the live stream shows of a campaign's tests: those that are not run now have an outcome."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,8 +19,8 @@ MakeTest = Callable[..., CampaignTest]
 MakeCampaign = Callable[..., Campaign]
 
 
-class ToldStream(Stream):
-    """A stream that keeps which tests have which status, each time that they are told."""
+class KeptStream(Stream):
+    """A stream that keeps which tests have which status, each time that they are sent."""
 
     def __init__(self) -> None:
         self.statuses: list[dict[str, str]] = []
@@ -32,7 +32,7 @@ class ToldStream(Stream):
     def columns(self, segment: int, channels: tuple[str, ...], test: int) -> None:
         pass
 
-    def tell(self, kind: str, content: Mapping[str, Any]) -> None:
+    def send(self, kind: str, content: Mapping[str, Any]) -> None:
         if kind == "campaign":
             self.told.append(content)
             self.statuses.append({test["name"]: test["status"] for test in content["tests"]})
@@ -59,9 +59,9 @@ def campaign(make_test: MakeTest, make_campaign: MakeCampaign) -> Campaign:
     return make_campaign(*(make_test(name, duration_s=5.0) for name in ("one", "two", "three")))
 
 
-def shown(campaign: Campaign, rig: Rig, out: Path, observer: Observer, **more: Any) -> ToldStream:
-    """Run a campaign; return what its stream told."""
-    stream = ToldStream()
+def shown(campaign: Campaign, rig: Rig, out: Path, observer: Observer, **more: Any) -> KeptStream:
+    """Run a campaign; return what its stream was sent."""
+    stream = KeptStream()
     run = StreamedRun(stream, observer, simulated=True, live=False)
     try:
         run_campaign(campaign, rig, out, observer=run, **more)
@@ -85,10 +85,10 @@ def test_a_run_that_goes_on_tells_at_once_what_was_finished_before(
     assert set(told[-1].values()) <= {"passed", "failed"}
 
 
-def test_a_test_that_is_to_be_skipped_is_told_as_skipped(
+def test_a_test_that_is_to_be_skipped_is_reported_as_skipped(
     tmp_path: Path, rig: Rig, campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The list of tests is told anew at every chance, and not after half a second only.
+    # The list of tests is sent anew at every chance, and not after half a second only.
     monkeypatch.setattr("rig.runner.campaign.streamed.CAMPAIGN_S", 0.0)
     desk = Desk()
 
@@ -100,7 +100,7 @@ def test_a_test_that_is_to_be_skipped_is_told_as_skipped(
     assert told[-1]["two"] == "skipped"
 
 
-def test_a_pause_is_told_when_it_is_asked_for_and_when_it_is_taken_back(
+def test_a_pause_is_reported_when_it_is_asked_for_and_when_it_is_taken_back(
     tmp_path: Path, rig: Rig, campaign: Campaign
 ) -> None:
     desk = Desk()

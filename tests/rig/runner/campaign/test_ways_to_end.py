@@ -57,7 +57,7 @@ class Way:
         what: ends it.
         exit_code: that is promised.
         statuses: of its tests.
-        says: what the operator reads of it, in the journal, if it is told there.
+        says: what the operator reads of it, in the journal, if it is noted there.
         on_entering, between, on_leaving: what the rig raises then; `between` while it is paused.
         in_test: what the first test meets.
     """
@@ -119,7 +119,7 @@ class Ended:
 
 
 class Listener(Observer):
-    """Keeps what the operator is told."""
+    """Keeps what the operator is shown."""
 
     def __init__(self) -> None:
         self.told: list[str] = []

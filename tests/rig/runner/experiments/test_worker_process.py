@@ -16,7 +16,7 @@ def test_a_result_comes_back_from_another_process_while_the_rig_is_looked_after(
     assert at_once(lambda: None, os.getpid) == os.getpid()
 
 
-def test_an_error_there_is_told_here() -> None:
+def test_an_error_there_is_reported_here() -> None:
     with pytest.raises(ApartError, match="ZeroDivisionError"):
         apart(lambda: None, operator.truediv, 1, 0)
 

@@ -12,7 +12,7 @@ from estimator.friction.curve import FrictionCurve, FrictionEstimate
 from rig.report.campaign.trend_page import trend_page
 from rig.runner import Observer
 from rig.runner.campaign.bench import Timed
-from rig.runner.campaign.campaign_test_run import _Told
+from rig.runner.campaign.campaign_test_run import _Observed
 from rig.runner.outcomes.figures import figures_of
 from rig.runner.run_folder.archive import Run
 from rig.runner.run_folder.trend import FEWEST, Trend, trends_of
@@ -107,7 +107,7 @@ def test_a_residual_is_followed_though_some_rows_have_none() -> None:
     assert "residual_pressure_1" not in figures_of(None, innovations, None, None)
 
 
-def test_a_writer_that_knows_the_loops_timing_knows_it_though_its_events_are_told_on() -> None:
+def test_a_writer_that_knows_the_loops_timing_knows_it_though_its_events_are_passed_on() -> None:
     class Writer:
         def write(self, rows: object) -> None:
             pass
@@ -119,7 +119,7 @@ def test_a_writer_that_knows_the_loops_timing_knows_it_though_its_events_are_tol
         def timing(self) -> dict[str, int]:
             return {"ticks": 7}
 
-    timed = _Told(OnHardware(), Observer())
+    timed = _Observed(OnHardware(), Observer())
     assert isinstance(timed, Timed)
     assert timed.timing() == {"ticks": 7}
-    assert not isinstance(_Told(Writer(), Observer()), Timed)
+    assert not isinstance(_Observed(Writer(), Observer()), Timed)

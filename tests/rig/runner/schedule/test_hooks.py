@@ -27,7 +27,7 @@ def test_a_hook_gets_its_words_as_they_are(tmp_path: Path) -> None:
     assert out.read_text() == "$(touch /tmp/x); `id` | cat"
 
 
-def test_what_goes_wrong_is_told_in_a_line() -> None:
+def test_what_goes_wrong_is_reported_in_a_line() -> None:
     assert run_hook(["/no/such/hook"], {}) == "hook /no/such/hook: No such file or directory"
     failing = [sys.executable, "-c", "import sys; sys.exit('no network')"]
     assert run_hook(failing, {}).endswith("exit code 1 no network")

@@ -182,7 +182,7 @@ def test_after_any_trip_the_bypasses_are_shut_and_then_the_pump_is_unloaded(
     assert 0 < site.board.words[Word.BYPASS_SHUT_AT] <= site.board.words[Word.PUMP_UNLOADED_AT]
 
 
-def test_what_a_driver_says_once_of_itself_is_told_though_it_was_made_safe_meanwhile(
+def test_what_a_driver_says_once_of_itself_is_reported_though_it_was_made_safe_meanwhile(
     site: Site,
 ) -> None:
     DRIVERS["pump"].once_safe = DriverError("pump", "emergency 0x3100", "check its supply")
@@ -263,7 +263,7 @@ def test_a_device_that_refuses_to_answer_is_lost_and_none_of_its_valves_stuck(si
     assert site.trips() == {Word.FIELD_TRIP: Cause.BYPASS_LOST}
 
 
-def test_lost_meters_are_told_but_trip_nothing_and_read_nan(site: Site) -> None:
+def test_lost_meters_are_reported_but_trip_nothing_and_read_nan(site: Site) -> None:
     site.meters.values = {"flow_1_m3_per_s": 1e-5}
     index = SLOW_INPUTS.index("flow_1_m3_per_s")
     site.until(lambda: site.board.slow[index] == 1e-5)
@@ -329,7 +329,7 @@ def times_safe(site: Site, name: str) -> int:
         ("pump", "pump_loaded", "pump", "loaded"),
     ],
 )
-def test_what_another_master_drives_after_a_trip_is_brought_back_and_told(
+def test_what_another_master_drives_after_a_trip_is_brought_back_and_reported(
     site: Site, name: str, channel: str, part: str, what: str
 ) -> None:
     driver = DRIVERS[name]
@@ -366,7 +366,7 @@ def test_a_driver_that_cannot_be_made_safe_is_tried_again_until_it_is(
     site.bypass.unsafe = None
     site.until(lambda: bool(site.board.words[Word.BYPASS_SHUT_AT]))
     told = [site.pipe.recv() for _ in range(2)]
-    # However often it failed, it is told once.
+    # However often it failed, it is reported once.
     assert [news.text for news in told] == ["no answer; look at it", "is in its safe state now"]
 
 

@@ -95,7 +95,7 @@ def test_a_trip_nulls_the_valve_and_the_loop_looks_that_it_stays_there(
     until(lambda: bool(rig.board.words[Word.VALVE_NULL_AT]), "null was confirmed")
     assert device.is_null
     device.drive(1.0)
-    until(lambda: bool(rig.news), "another master was told of")
+    until(lambda: bool(rig.news), "another master was reported")
     assert "output at 1.00 V" in rig.news[0].text
     until(lambda: device.is_null, "the valve was brought to null again")
 
@@ -112,7 +112,7 @@ def test_a_device_that_vanishes_trips_and_is_not_called_safe(
 ) -> None:
     rig.arm()
     device.close()
-    until(lambda: bool(rig.news), "the loss was told")
+    until(lambda: bool(rig.news), "the loss was reported")
     assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
     assert "does not answer" in rig.news[0].text
     assert rig.board.words[Word.VALVE_NULL_AT] == 0

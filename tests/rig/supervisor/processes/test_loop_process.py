@@ -128,7 +128,7 @@ def test_a_lost_connection_is_rescued_by_another_one(rig: Rig) -> None:
     rig.open()
     rig.arm()
     rig.emulator.inject(**{"fault": "disconnect", "for": "10 ms"})
-    until(lambda: bool(rig.news), "the loss was told")
+    until(lambda: bool(rig.news), "the loss was reported")
     assert rig.board.words[Word.LOOP_TRIP] == Cause.EXCHANGE_LOST
     assert "by another one" in rig.news[0].text
     # It says at once that it cannot be armed any more, and is not waited for in vain.

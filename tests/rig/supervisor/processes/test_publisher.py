@@ -25,7 +25,7 @@ from rig.stream.messages import command_key
 from rig.stream.sessions import subscriber_session
 from rig.stream.settings import Operator
 from rig.supervisor.processes import streaming
-from rig.supervisor.processes.publisher import REFUSALS_TOLD
+from rig.supervisor.processes.publisher import REFUSALS_REPORTED
 from rig.supervisor.processes.streaming import RowFeed, Stream
 from tests.rig.supervisor.processes.streamed_rig import CHANNELS, Bench
 from tests.waiting import PATIENCE_S, until
@@ -86,7 +86,7 @@ def test_rows_arrive_whole_in_order_and_named(bench: Bench, client: StreamClient
     bench.stream.columns(1, ("time_s", "way_m", "wakeup_s", "segment"), 7)
     # The publisher takes one order after the other.
     bench.stream.event("test", "note", "columns told")
-    until(lambda: "columns told" in texts(client), "the columns to be told")
+    until(lambda: "columns told" in texts(client), "the columns to be sent")
     bench.write(1010)
     until(lambda: len(client.window(60.0).row) == 1010)
     window = client.window(60.0)
@@ -99,7 +99,7 @@ def test_rows_arrive_whole_in_order_and_named(bench: Bench, client: StreamClient
 
 
 def test_who_joins_late_gets_what_was_before(bench: Bench, client: StreamClient) -> None:
-    bench.stream.tell("state", {"state": "armed", "since_ns": 1})
+    bench.stream.send("state", {"state": "armed", "since_ns": 1})
     bench.stream.event("test", "verdict", "healthy", 1.0)
     bench.write(500)
     until(lambda: len(client.window(60.0).row) == 500)
@@ -113,7 +113,7 @@ def test_who_joins_late_gets_what_was_before(bench: Bench, client: StreamClient)
 def test_a_killed_publisher_is_started_again_and_misses_no_row(
     bench: Bench, client: StreamClient
 ) -> None:
-    bench.stream.tell("state", {"state": "running"})
+    bench.stream.send("state", {"state": "running"})
     bench.write(100)
     until(lambda: len(client.window(60.0).row) == 100)
     first = client.snapshot().session
@@ -137,7 +137,7 @@ def test_a_hung_publisher_holds_nobody_up(
     for k in range(5000):
         bench.stream.event("test", "note", f"{k}" * 50)
     until(lambda: not client.snapshot().alive, "the stream to be dead")
-    until(lambda: any("hung" in said for said in bench.said), "the hang to be told")
+    until(lambda: any("hung" in said for said in bench.said), "the hang to be reported")
     until(lambda: bench.stream.pid not in (None, pid) and client.snapshot().alive)
 
 
@@ -186,8 +186,8 @@ NO_COMMANDS: tuple[tuple[str, Make], ...] = (
 def test_a_command_that_is_not_to_be_obeyed_is_refused_and_logged(
     bench: Bench, client: StreamClient, commands: tuple[tuple[str, Make], ...]
 ) -> None:
-    # Each of so few is told of, though they come within a second.
-    assert len(commands) < REFUSALS_TOLD
+    # Each of so few is reported, though they come within a second.
+    assert len(commands) < REFUSALS_REPORTED
     refused: list[str] = []
     for why, make in commands:
         answer = ask(bench, "abort", make(bench, client.snapshot().session))
@@ -200,7 +200,7 @@ def test_a_command_that_is_not_to_be_obeyed_is_refused_and_logged(
         lambda: all(
             sum(each in text for text in texts(client)) == refused.count(each) for each in refused
         ),
-        "all to be told",
+        "all to be reported",
     )
     assert bench.commands == []
 
@@ -237,7 +237,7 @@ def test_a_flood_of_forgeries_fills_no_log_and_stops_nothing(
     until(lambda: len(client.window(60.0).row) == 100)
     assert until(lambda: client.send("abort").accepted)
     # So many in any second.
-    assert len(bench.log.splitlines()) <= REFUSALS_TOLD * (time.monotonic() - begun + 1.0)
+    assert len(bench.log.splitlines()) <= REFUSALS_REPORTED * (time.monotonic() - begun + 1.0)
 
 
 def test_a_flood_of_questions_delays_only_who_asks(bench: Bench, client: StreamClient) -> None:
@@ -338,7 +338,7 @@ def test_a_rig_that_ends_is_dead_at_once(tmp_path: Path, port: int) -> None:
     os.close(bench.board.fd)
 
 
-def test_a_stream_that_cannot_be_opened_is_told_and_the_run_goes_on(tmp_path: Path) -> None:
+def test_a_stream_that_cannot_be_opened_is_reported_and_the_run_goes_on(tmp_path: Path) -> None:
     bench = Bench(tmp_path, 0)
     missing = Operator("ann", ("abort",), tmp_path / "none.key")
     said: list[str] = []
@@ -419,8 +419,8 @@ def test_what_cannot_be_sent_is_left_out_and_the_rest_is_sent(
     bench: Bench, client: StreamClient
 ) -> None:
     first = client.snapshot().session
-    bench.stream.tell("event", {"text": threading.Lock()})  # no process can be sent one
-    bench.stream.tell("event", {"text": complex(1, 1)})  # and no message holds one
+    bench.stream.send("event", {"text": threading.Lock()})  # no process can be sent one
+    bench.stream.send("event", {"text": complex(1, 1)})  # and no message holds one
     bench.stream.event("test", "note", "caf\udce9")
     until(lambda: "caf?" in texts(client))
     assert any("TypeError" in said for said in bench.said)

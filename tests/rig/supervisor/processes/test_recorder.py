@@ -112,7 +112,7 @@ def test_after_a_kill_every_flushed_second_is_readable(session: Session) -> None
     assert read_recording(session.folder / "saved.mcap", required=("time_s",)).time_s.size == 1200
 
 
-def test_a_file_that_cannot_grow_is_told_by_the_exit_code_though_the_log_cannot_either(
+def test_a_file_that_cannot_grow_is_reported_by_the_exit_code_though_the_log_cannot_either(
     session: Session,
 ) -> None:
     session.begin()

@@ -28,7 +28,7 @@ DRIVEN: dict[str, str] = {}
 
 @dataclass
 class FakeChild:
-    """A process that lives until told otherwise."""
+    """A process that lives until it is ended."""
 
     name: str
     exit_code: int | None = None
@@ -246,7 +246,7 @@ def test_a_part_that_confirms_nothing_is_waited_for_once_however_many_steps_it_h
     assert waits == [module.NULL_WAIT_S, module.FIELD_WAIT_S]
 
 
-def test_what_cannot_be_made_safe_is_told_and_the_rest_done(scene: Scene) -> None:
+def test_what_cannot_be_made_safe_is_reported_and_the_rest_done(scene: Scene) -> None:
     scene.loop.exit_code = 1
     broken = spec("broken", "fast", "command_V")
     outcome(scene, scene.watch((broken, *DRIVERS[:1])))
