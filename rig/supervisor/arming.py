@@ -1,6 +1,7 @@
 """From a connected rig to one that tests can be run on: armed, and homed."""
 
 import time
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,22 @@ WITHIN_LIMITS_M: Final = 0.02
 """How far within its limits the ram is when they begin to be watched."""
 
 
+def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: str) -> None:
+    """Set slow outputs, and wait until their feedback is there.
+
+    Args:
+        rig: the rig.
+        wanted: values by output.
+        state: what the error says if they are not there within `SETTLE_S`.
+        action: what the error asks for then.
+
+    Raises:
+        TripError: they are not there in time, a trip or a stop.
+    """
+    rig.write(wanted)
+    rig.wait(lambda: not rig.off(wanted), SETTLE_S, state, action)
+
+
 def arm(rig: ConnectedRig) -> None:
     """Load the pump, shut the bypasses, and have the operator enable the valve.
 
@@ -41,10 +58,8 @@ def arm(rig: ConnectedRig) -> None:
         "drive_target": float(DriveState.ACTIVE),
         **preparing_moves(rig.configured, ()),
     }
-    rig.write(wanted)
-    rig.wait(
-        lambda: not rig.off(wanted), SETTLE_S,
-        "pump, valve drive or bypass valves are not where they were asked to be",
+    bring(
+        rig, wanted, "pump, valve drive or bypass valves are not where they were asked to be",
         "look at them, and at what they report",
     )  # fmt: skip
     rig.switch_to(

@@ -38,7 +38,7 @@ from rig.supervisor.processes import (
     NoteInRecording,
 )
 
-from .arming import SETTLE_S, arm, home
+from .arming import arm, bring, home
 from .connected_rig import ANSWER_S, ConnectedRig
 from .moves import moves, preparing_moves
 from .states import Event, State
@@ -151,11 +151,7 @@ class Session:
     def prepare(self, test: CampaignTest, segment: int) -> None:
         """Bring the bypass valves to where a test begins, and schedule its faults."""
         wanted = preparing_moves(self.rig.configured, test.faults)
-        self.rig.write(wanted)
-        self.rig.wait(
-            lambda: not self.rig.off(wanted), SETTLE_S,
-            "the bypass valves are not where the test begins", "look at them",
-        )  # fmt: skip
+        bring(self.rig, wanted, "the bypass valves are not where the test begins", "look at them")
         self.rig.parts.field.send(FollowMoves(segment, moves(self.rig.configured, test.faults)))
 
     def begin(self, event: Event) -> None:

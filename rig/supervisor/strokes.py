@@ -13,7 +13,7 @@ from rig.io import METERS
 from rig.loop import Drive, LoopStoppedError, WireLoop
 from rig.plant import TICK
 
-from .arming import SETTLE_S
+from .arming import bring
 from .connected_rig import ConnectedRig
 from .moves import preparing_moves
 from .states import Event
@@ -74,11 +74,7 @@ class Strokes:
         return self._follow(self._middle_m + direction * self._length_m * way)
 
     def _move(self, outputs: dict[str, float]) -> None:
-        self._rig.write(outputs)
-        self._rig.wait(
-            lambda: not self._rig.off(outputs), SETTLE_S,
-            "the bypass valves are not where they were sent", "look at them",
-        )  # fmt: skip
+        bring(self._rig, outputs, "the bypass valves are not where they were sent", "look at them")
 
     def _follow(self, setpoint: Array) -> Samples:
         rig = self._rig

@@ -3,7 +3,6 @@
 import csv
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -61,8 +60,6 @@ class ReckonedStrokes:
 
 class NoSession:
     """A session with nothing."""
-
-    rig = SimpleNamespace()
 
     def __init__(self, *_: object) -> None:
         pass
