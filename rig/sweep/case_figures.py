@@ -9,13 +9,12 @@ from rig.configuration import HEALTHY
 
 from .group import Group
 from .setting import Figures
+from .ticks import SEEN, SETTLED
 
 Array = NDArray[np.float64]
 
 SILENT: Final = (HEALTHY, "inconclusive")
 """Verdicts that are no alarm."""
-_SETTLED: Final = 2000.0
-_SEEN: Final = 10
 
 
 def outcome_columns(group: Group, verdicts: NDArray[np.str_], ends_s: Array) -> Figures:
@@ -56,6 +55,6 @@ def true_flow(total: Array, group: Group) -> Array:
     """
     onset = group.cases.onset_tick[group.at]
     last = float(group.setting.ticks - 1)
-    count = np.floor(last / _SEEN) - np.ceil((onset + _SETTLED) / _SEEN) + 1.0
+    count = np.floor(last / SEEN) - np.ceil((onset + SETTLED) / SEEN) + 1.0
     leaky = ~np.isnan(group.cases.onset_s[group.at])
     return np.where(leaky, total / np.maximum(count, 1.0), np.nan)

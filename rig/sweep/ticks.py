@@ -59,9 +59,9 @@ SUMS: Final = (
 )  # fmt: skip
 """What is summed over each block: |innovation| of both pressures in Pa; squared innovations over
 their variances; |leak flow| in m^3/s from 2 s after the onset on, of every tenth tick."""
-_SEEN: Final = 10
+SEEN: Final = 10
 """Ticks from one look at the leak flow to the next."""
-_SETTLED: Final = 2000.0
+SETTLED: Final = 2000.0
 """Ticks after the onset from which on a leak's flow counts (the command-line contract)."""
 
 _OUTPUTS: Final = 9
@@ -221,7 +221,7 @@ def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed
             square_1 += e_1 * e_1 / outputs[7]
             square_2 += e_2 * e_2 / outputs[8]
         command = gather(log, row + COMMAND)
-        if (first + k) % _SEEN == 0:
+        if (first + k) % SEEN == 0:
             flow += _leak_flow(first + k, p1, p2, gather(log, row + RETURN), rigs)
     store(filters.held, 0, command)
     sums = filters.sums[first // BLOCK]
@@ -240,7 +240,7 @@ def _leak_flow(tick, p1, p2, back, rigs):
     flow = abs(load(rigs.faults, 0) * signed_root(oil_1 - back))
     flow += abs(load(rigs.faults, 1) * signed_root(oil_2 - back))
     flow += abs(load(rigs.faults, 2) * signed_root(oil_1 - oil_2))
-    return select(load(rigs.onset, 0) + _SETTLED <= tick, flow, 0.0 * flow)
+    return select(load(rigs.onset, 0) + SETTLED <= tick, flow, 0.0 * flow)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -252,7 +252,7 @@ def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
             motions cost; the fewer, the longer the log stays in the cache.
         rigs: `LaneRigs`; their plants are updated.
         cases: `CaseLanes`, from their first tick on; updated.
-        filters: `Thesis7Lanes`, whose sums tell how many blocks there are; updated.
+        filters: `Thesis7Lanes`, whose sums say how many blocks there are; updated.
         loop: `LoopSetting`.
         like: `Parameters`, of which the friction law is that of all rigs.
         sensors: `SensorParameters`.
@@ -317,7 +317,7 @@ def reading_block(first, rigs, cases, loop, like, sensors, log, readings, flow):
         for i in range(2):
             store(noise, NOISE_COUNT * k + i, scale * load(of_pressures, 2 * k + i))
             store(noise, NOISE_COUNT * k + 2 + i, scale * load(of_others, 2 * k + i))
-        if (first + k) % _SEEN == 0:
+        if (first + k) % SEEN == 0:
             row = load(rows, k) * LOGGED
             p1, p2 = gather(log, row + PRESSURE_1), gather(log, row + PRESSURE_2)
             seen = _leak_flow(first + k, p1, p2, gather(log, row + RETURN), rigs)

@@ -11,11 +11,12 @@ from typing import Final
 import numpy as np
 
 from control import Constant, Polyline, Quantity, Setpoint, Sine
-from estimator.filters import DEFAULT_FILTER
 from estimator.friction import Stroke
-from faults import Campaign, CampaignTest, Verdict
+from faults import Campaign, CampaignTest
 from rig.configuration import Rig, valve_speed
 from rig.plant import Model
+
+from .parts import part_campaign, part_test
 
 PLACES: Final = 10
 """Along the stroke (section 3.1)."""
@@ -56,7 +57,7 @@ def sliding_campaign(
 
     Args:
         rig: whose limits are kept.
-        assumed: tells how fast the valve drives the ram.
+        assumed: the model, which says how fast the valve drives the ram.
         speeds: shares of that, of the strokes at constant speed.
         seed: of a simulated rig's noise.
     """
@@ -73,8 +74,8 @@ def sliding_campaign(
         motion, _ = strokes_at(share * fastest, low, high)
         name = f"constant {1e3 * share * fastest:.0f} mm per s"
         tests.append(_test(name, motion, motion.times_s[-1], motion.values[0]))
-    told = "Strokes of the friction curve (section 3.1)."
-    return _campaign("sliding", told, rig, assumed, tests, seed)
+    description = "Strokes of the friction curve (section 3.1)."
+    return _campaign("sliding", description, rig, assumed, tests, seed)
 
 
 def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[Stroke, ...]]:
@@ -122,7 +123,7 @@ def break_away_campaign(
 
     Args:
         rig: whose limits are kept.
-        assumed: tells how fast the valve drives the ram.
+        assumed: the model, which says how fast the valve drives the ram.
         null_V: command at which the ram rests.
         places: m.
         seed: of a simulated rig's noise.
@@ -133,8 +134,8 @@ def break_away_campaign(
     tests = [
         _test(f"break-away at {1e3 * place:.0f} mm", ramp, RAMP_S, place + off) for place in places
     ]
-    told = "Break-away force along the stroke (section 3.1)."
-    return _campaign("break_away", told, rig, assumed, tests, seed)
+    description = "Break-away force along the stroke (section 3.1)."
+    return _campaign("break_away", description, rig, assumed, tests, seed)
 
 
 def closed_loop_campaign(
@@ -165,8 +166,8 @@ def closed_loop_campaign(
         )
         for place in kept
     ]
-    told = "Break-away where ramps of the command did not move the ram."
-    return _campaign("break_away_closed_loop", told, rig, assumed, tests, seed)
+    description = "Break-away where ramps of the command did not move the ram."
+    return _campaign("break_away_closed_loop", description, rig, assumed, tests, seed)
 
 
 def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
@@ -194,19 +195,7 @@ def _room(rig: Rig) -> tuple[float, float]:
 
 
 def _test(name: str, setpoint: Setpoint, duration_s: float, start: float) -> CampaignTest:
-    return CampaignTest(
-        name=name,
-        test_name=name,
-        duration_s=duration_s,
-        start_position_m=start,
-        settle_s=_SETTLE_S,
-        setpoint=setpoint,
-        load=None,
-        faults=(),
-        expect=Verdict.INCONCLUSIVE,
-        repeat=1,
-        seed=0,
-    )
+    return part_test(name, setpoint, duration_s, start, _SETTLE_S)
 
 
 def _campaign(
@@ -214,14 +203,5 @@ def _campaign(
 ) -> Campaign:
     # Each test has noise unlike the others'.
     seeds = np.random.SeedSequence([seed, len(name)]).generate_state(len(tests))
-    return Campaign(
-        name=f"friction_{name}",
-        description=description,
-        rig_name=rig.name,
-        model=assumed,
-        filter_name=DEFAULT_FILTER,
-        false_alarms_per_day=1.0,
-        tests=tuple(
-            replace(test, seed=int(drawn)) for test, drawn in zip(tests, seeds, strict=True)
-        ),
-    )
+    seeded = [replace(test, seed=int(drawn)) for test, drawn in zip(tests, seeds, strict=True)]
+    return part_campaign(f"friction_{name}", description, rig, assumed, seeded)

@@ -9,12 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from estimator.filters import DEFAULT_FILTER
-from faults import Campaign, CampaignTest, Verdict
+from faults import Campaign, CampaignTest
 from rig.configuration import Rig
 from rig.plant import Model
 
 from .gap_motions import MARGIN_M, Room, Stroke, strokes
+from .parts import part_campaign, part_test
 
 _SETTLE_S: Final = 2.0
 
@@ -27,7 +27,7 @@ class Programme:
         fitted: to fit to.
         held: held out, in every round the same.
         check: of a revised model: run anew, in other phases.
-        experiment_s: of a motion that tells effects apart.
+        experiment_s: of a motion that distinguishes effects.
     """
 
     fitted: tuple[tuple[str, float], ...] = (
@@ -63,32 +63,14 @@ def motions_campaign(
     """
     # Each test has phases and noise unlike the others'.
     seeds = np.random.SeedSequence([seed, len(wanted)]).generate_state(len(wanted)) >> 1
-    return Campaign(
-        name=name,
-        description="Motions of rig gap --live.",
-        rig_name=rig.name,
-        model=assumed,
-        filter_name=DEFAULT_FILTER,
-        false_alarms_per_day=1.0,
-        tests=tuple(
-            _test(strokes(room_of(rig), int(drawn))[motion], duration_s, int(drawn))
-            for (motion, duration_s), drawn in zip(wanted, seeds, strict=True)
-        ),
-    )
+    tests = [
+        _test(strokes(room_of(rig), int(drawn))[motion], duration_s, int(drawn))
+        for (motion, duration_s), drawn in zip(wanted, seeds, strict=True)
+    ]
+    return part_campaign(name, "Motions of rig gap --live.", rig, assumed, tests)
 
 
 def _test(stroke: Stroke, duration_s: float, seed: int) -> CampaignTest:
     stroke = replace(stroke, duration_s=duration_s)
-    return CampaignTest(
-        name=stroke.name,
-        test_name=stroke.name,
-        duration_s=duration_s,
-        start_position_m=float(stroke.setpoint.sample(np.zeros(1))[0]),
-        settle_s=_SETTLE_S,
-        setpoint=stroke.setpoint,
-        load=None,
-        faults=(),
-        expect=Verdict.INCONCLUSIVE,
-        repeat=1,
-        seed=seed,
-    )
+    start = float(stroke.setpoint.sample(np.zeros(1))[0])
+    return part_test(stroke.name, stroke.setpoint, duration_s, start, _SETTLE_S, seed)

@@ -87,12 +87,12 @@ def provenance_of(
     result: GapResult, command: tuple[str, ...] = (), *, with_term: bool = False
 ) -> dict[str, Any]:
     """Return what a written model says of where it comes from; `with_term`: that with the term."""
-    told: dict[str, Any] = {"command": list(command)} if command else {}
+    origin: dict[str, Any] = {"command": list(command)} if command else {}
     if result.added is not None:
-        told["unknown_term"] = _term(result)
+        origin["unknown_term"] = _term(result)
     return {
         "written_by": "rig gap",
-        **told,
+        **origin,
         "verdict": result.verdict,
         "reasons": list(result.reasons),
         "recordings": _recordings(result.identification),
@@ -100,7 +100,7 @@ def provenance_of(
         "effects": {effect.name: _provenance_of(effect) for effect in result.effects},
         "written": "with the unknown term" if with_term else result.written,
         "refitted": _refitted(result),
-        "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
+        "gap": _gap(result.gap_before, result.gap_after),
         "versions": versions(),
         "git": git_state(Path(rig.__file__).parent),
     }
@@ -114,8 +114,8 @@ def _provenance_of(effect: NamedEffect) -> dict[str, Any]:
     }
 
 
-def _recordings(told: list[tuple[str, str]]) -> list[dict[str, str]]:
-    return [{"source": source, "sha256": sha256} for source, sha256 in told]
+def _recordings(files: list[tuple[str, str]]) -> list[dict[str, str]]:
+    return [{"source": source, "sha256": sha256} for source, sha256 in files]
 
 
 def answer(result: GapResult) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def answer(result: GapResult) -> dict[str, Any]:
         "effects": [_short(effect) for effect in result.effects],
         "written": result.written,
         "refitted": _refitted(result),
-        "gap": {"before": _plain(result.gap_before), "after": _plain(result.gap_after)},
+        "gap": _gap(result.gap_before, result.gap_after),
         "where": [where_figures(curve) for curve in result.where[:3]],
         "experiment": _first_experiment(result),
         "term": _term(result),
@@ -152,12 +152,15 @@ def _term(result: GapResult) -> dict[str, Any] | None:
         "text": added.text,
         "parameters": {each.key: estimate_figures(each) for each in added.estimates},
         "explained": _plain(added.explained),
-        "gap": {"before": _plain(result.gap_before), "after": _plain(added.gap)},
+        "gap": _gap(result.gap_before, added.gap),
     }
 
 
 def _first_experiment(result: GapResult) -> dict[str, Any] | None:
-    """Return what to run first; where nothing would tell, what says so."""
+    """Return the experiment to run first; None if none is proposed.
+
+    Where no motion would help, the one returned has no campaign, and says so.
+    """
     best = sorted(result.experiments, key=lambda experiment: not experiment.campaign)
     return experiment_figures(best[0]) if best else None
 
@@ -287,7 +290,7 @@ def _curve(curve: Curve) -> dict[str, Any]:
 
 
 def experiment_figures(experiment: Separation) -> dict[str, Any]:
-    """Return an experiment that would tell effects apart, its campaign ready to run."""
+    """Return an experiment that would distinguish effects, its campaign ready to run."""
     return {
         "effects": list(experiment.effects),
         "motion": experiment.motion,
@@ -297,22 +300,22 @@ def experiment_figures(experiment: Separation) -> dict[str, Any]:
     }
 
 
-def round_figures(number: int, told: Round) -> dict[str, Any]:
+def round_figures(number: int, settled: Round) -> dict[str, Any]:
     """Return a round of closing a gap on a rig."""
-    check = told.check
+    check = settled.check
     return {
         "round": number,
-        "why": told.why,
-        "motions": list(told.motions),
-        "recordings": list(told.recordings),
-        "verdict": told.verdict,
-        "effects": [_short(effect) for effect in told.effects],
+        "why": settled.why,
+        "motions": list(settled.motions),
+        "recordings": list(settled.recordings),
+        "verdict": settled.verdict,
+        "effects": [_short(effect) for effect in settled.effects],
         "check": None
         if check is None
         else {
             "verdict": check.verdict,
             "effects": list(check.effects),
-            "gap": {"before": _plain(check.gap_before), "after": _plain(check.gap_after)},
+            "gap": _gap(check.gap_before, check.gap_after),
         },
     }
 
@@ -332,6 +335,10 @@ def _free_run(run: FreeRun) -> dict[str, Any]:
 
 def _rms(errors: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(np.square(errors))))
+
+
+def _gap(before: float, after: float) -> dict[str, float | None]:
+    return {"before": _plain(before), "after": _plain(after)}
 
 
 def _plain(value: float) -> float | None:

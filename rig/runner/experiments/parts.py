@@ -1,11 +1,12 @@
 """Campaigns run one after the other on a rig that is armed once for all of them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from estimator.filters import FilterMemory, FilterRun
+from control import Setpoint
+from estimator.filters import DEFAULT_FILTER, FilterMemory, FilterRun
 from estimator.leaks import Decision, Samples
 from faults import Campaign, CampaignTest, Verdict
 from rig.configuration import Rig
@@ -13,6 +14,57 @@ from rig.plant import Model
 from rig.recording import Recording, read_recording
 from rig.runner.campaign import Bench, Loop, Pace, StopFlag, Writer, run_campaign
 from rig.runner.outcomes import EXIT_STOPPED, CampaignOutcome, Observer, Status
+
+
+def part_test(
+    name: str, setpoint: Setpoint, duration_s: float, start: float, settle_s: float, seed: int = 0
+) -> CampaignTest:
+    """Return a healthy test of an experiment, from which no verdict is expected.
+
+    Args:
+        name: of the test.
+        setpoint: what it asks of the ram.
+        duration_s: how long it takes.
+        start: where the ram is brought before, m.
+        settle_s: how long the ram may take to settle there.
+        seed: of a simulated rig's noise.
+    """
+    return CampaignTest(
+        name=name,
+        test_name=name,
+        duration_s=duration_s,
+        start_position_m=start,
+        settle_s=settle_s,
+        setpoint=setpoint,
+        load=None,
+        faults=(),
+        expect=Verdict.INCONCLUSIVE,
+        repeat=1,
+        seed=seed,
+    )
+
+
+def part_campaign(
+    name: str, description: str, rig: Rig, assumed: Model, tests: Iterable[CampaignTest]
+) -> Campaign:
+    """Return the campaign of one part of an experiment.
+
+    Args:
+        name: of the campaign, and of its folder.
+        description: in a line.
+        rig: that it is run on.
+        assumed: what the filter of its recordings assumes.
+        tests: in their order.
+    """
+    return Campaign(
+        name=name,
+        description=description,
+        rig_name=rig.name,
+        model=assumed,
+        filter_name=DEFAULT_FILTER,
+        false_alarms_per_day=1.0,
+        tests=tuple(tests),
+    )
 
 
 class ExperimentStoppedError(Exception):
