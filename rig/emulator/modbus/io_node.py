@@ -16,6 +16,7 @@ from rig.emulator.plant import COMMAND_RANGE
 from rig.emulator.record import Record
 
 from .functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
+from .io_device import IoDevice
 
 WRITE_BLOCK: Final = 0
 READ_BLOCK: Final = 256
@@ -59,7 +60,7 @@ class Status(IntFlag):
     ENCODER_FAULT = 16
 
 
-class IoNode:
+class IoNode(IoDevice):
     """Registers, enable sequence and watchdog of the node.
 
     Args:
@@ -67,15 +68,9 @@ class IoNode:
         valve: takes the voltage of its output and the moment in ns from which it stands there.
         record: takes note of what happens.
         power_up_id: its register 516; random if None.
-
-    Attributes:
-        functions: Modbus functions it serves.
-        connections: how many clients it has.
-        frozen: its converters hang: it returns its last sample for ever.
-        exchanges: how often its host has written.
     """
 
-    functions: Final = frozenset((3, 4, 6, 16, 23, 76))
+    functions = frozenset((3, 4, 6, 16, 23, 76))
 
     def __init__(
         self,
@@ -84,33 +79,21 @@ class IoNode:
         record: Record,
         power_up_id: int | None = None,
     ) -> None:
-        self.connections = 0
-        self.frozen = False
-        self._instruments = instruments
-        self._clock = instruments.plant.clock
-        self._valve = valve
-        self._record = record
+        super().__init__(instruments, valve, record)
         self._power_up_id = power_up_id or 1 + secrets.randbelow(0xFFFF)
         self._power_up_ns = self._clock()
         self._resolution = instruments.plant.sensors.position_resolution
-        self._zero = instruments.plant.encoder_counts()
-        self._encoder_fault = False
         self._image = bytearray(_WRITTEN.size)
         self._sample = bytes(_READ.size)
-        self._samples = 0
         self._watchdog_ms = WATCHDOG_MS
         self._host_counter = 0
         self._counted_ns = self._fed_ns = self._power_up_ns
         self._control = Control(0)
         self._command = 0.0
         self._output = 0.0
-        self._estop_closed = True
-        self._button = False
         self._latched = True
         self._null_requested = False
-        self._tripped = False
         self._enabled = False
-        self.exchanges = 0
 
     def has(self, address: int, count: int) -> bool:
         """Return whether there are registers to read there, all of one block."""
@@ -248,21 +231,10 @@ class IoNode:
             self._record.note("reset", now)
             self._settle("reset", now)
 
-    def lose_counts(self, counts: int, flagged: bool) -> None:
-        """Let the encoder lose counts; `flagged` if its interface notices."""
-        self._zero += counts
-        self._encoder_fault = self._encoder_fault or flagged
-        self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)
-
     @property
     def lamp(self) -> bool:
         """Whether the reset lamp is lit."""
         return Control.RESET_LAMP in self._control
-
-    @property
-    def estop_closed(self) -> bool:
-        """Whether the emergency stop's chain is closed."""
-        return self._estop_closed
 
     @property
     def enabled(self) -> bool:

@@ -15,12 +15,13 @@ from rig.emulator.record import Record
 from rig.io import Register, RegisterMap, RegisterValue
 
 from .functions import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusException
+from .io_device import IoDevice
 from .register_code import RegisterCode, addresses
 
 _FUNCTIONS: Final = {"fc23": 23, "fc76": 76}
 
 
-class MappedDevice:
+class MappedDevice(IoDevice):
     """Registers as a map has them; those of set-up keep what is written into them.
 
     Args:
@@ -28,12 +29,6 @@ class MappedDevice:
         instruments: the transducers wired to it.
         valve: takes the voltage at the valve and the moment in ns from which it is there.
         record: takes note of what happens.
-
-    Attributes:
-        functions: Modbus functions it serves.
-        connections: how many clients it has.
-        frozen: its converters hang: it returns its last sample for ever.
-        exchanges: how often its host has written outputs.
     """
 
     def __init__(
@@ -43,24 +38,15 @@ class MappedDevice:
         valve: Callable[[float, int], None],
         record: Record,
     ) -> None:
+        super().__init__(instruments, valve, record)
         modes = {_FUNCTIONS[mode] for mode in register_map.exchange if mode in _FUNCTIONS}
         self.functions = frozenset({3, 4, 6, 16} | modes)
-        self.connections = self.exchanges = 0
-        self.frozen = False
         self._map = register_map
         self._code = RegisterCode(register_map.word_order)
-        self._instruments = instruments
-        self._clock = instruments.plant.clock
-        self._valve = valve
-        self._record = record
         self._inputs = {a for r in register_map.read for a in addresses(r)}
         self._outputs = {a for r in register_map.written for a in addresses(r)}
         self._words = self._initial()
         self._given = {register.signal: 0.0 for register in register_map.written}
-        self._zero = instruments.plant.encoder_counts()
-        self._encoder_fault = self._button = self._tripped = False
-        self._estop_closed = True
-        self._samples = 0
         self._acting = 0.0
         self._heard_ns = self._clock()
 
@@ -180,21 +166,10 @@ class MappedDevice:
             self._record.note("reset")
         self._button = pressed
 
-    def lose_counts(self, counts: int, flagged: bool) -> None:
-        """Let the encoder lose counts; `flagged` if its interface notices."""
-        self._zero += counts
-        self._encoder_fault = self._encoder_fault or flagged
-        self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)
-
     @property
     def lamp(self) -> bool:
         """Whether the reset lamp is lit."""
         return bool(self._given.get("reset_lamp", 0.0))
-
-    @property
-    def estop_closed(self) -> bool:
-        """Whether the emergency stop's chain is closed."""
-        return self._estop_closed
 
     @property
     def enabled(self) -> bool:
