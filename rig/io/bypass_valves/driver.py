@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from math import isnan
 from typing import ClassVar, Final, Literal
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
@@ -12,7 +13,6 @@ from rig.io.driver import DriverError
 from .link import BypassLink, Client
 from .options import BypassOptions
 from .registers import THROTTLE
-from .travel import Clock, Travel, shown
 
 _PARITY: Final = {"even": "E", "odd": "O", "none": "N"}
 
@@ -20,6 +20,52 @@ _SWITCH_TOLERANCE: Final = 0.0
 """A ball is where its switch says, or it is not."""
 
 _LOOK: Final = "look at the valve, its drive and its feedback"
+
+Clock = Callable[[], int]
+"""Returns the present moment in ns, as `time.monotonic_ns`."""
+
+
+class Travel:
+    """The last move of one valve: whether it arrives in time, and stays where it was sent.
+
+    Args:
+        allowed_s: time within which feedback must confirm a move.
+        tolerance: distance from the target that still counts as there.
+        clock: returns the time.
+    """
+
+    def __init__(self, allowed_s: float, tolerance: float, clock: Clock) -> None:
+        self._allowed_ns = round(allowed_s * 1e9)
+        self._tolerance = tolerance
+        self._clock = clock
+        self._begun_ns = 0
+        self._arrived = False
+        self.target: float | None = None
+        """Where it was sent; None before the first move."""
+
+    def begin(self, target: float) -> None:
+        """Note that the valve has just been sent to a position."""
+        self.target = target
+        self._arrived = False
+        self._begun_ns = self._clock()
+
+    def reached(self, position: float) -> bool:
+        """Return whether a valve at `position` is where it was sent."""
+        return self.target is not None and abs(position - self.target) <= self._tolerance
+
+    def fault(self, position: float) -> str:
+        """Return what is wrong with a valve that now stands at `position`; empty if nothing is."""
+        if self.target is None:
+            return ""
+        if self.reached(position):
+            self._arrived = True
+            return ""
+        if self._arrived:
+            return f"has left {self.target:g} and stands {shown(position)}"
+        elapsed_ns = self._clock() - self._begun_ns
+        if elapsed_ns < self._allowed_ns:
+            return ""
+        return f"stuck {shown(position)} after {elapsed_ns * 1e-9:.1f} s, sent to {self.target:g}"
 
 
 class BypassValves:
@@ -31,7 +77,7 @@ class BypassValves:
     Args:
         name: name in the rig file.
         options: its section there.
-        clock: tells the time.
+        clock: returns the time.
         sleep: waits for a time in s, in `safe_state` only.
 
     Raises:
@@ -89,7 +135,7 @@ class BypassValves:
         return positions
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Send valves to positions; one that was sent there before is left alone.
+        """Send valves to positions; a valve that was sent there before is left alone.
 
         Raises:
             DriverError: a valve or position that there is not, of which nothing is sent; or the
@@ -221,3 +267,8 @@ class BypassValves:
         if failures:
             states = "; ".join(dict.fromkeys(failures.values()))
             raise DriverError(self.name, states, action, ", ".join(failures))
+
+
+def shown(position: float) -> str:
+    """Say where a valve stands."""
+    return "with both switches on" if isnan(position) else f"at {position:.3g}"

@@ -48,10 +48,7 @@ class DriveWalk:
         if state is DriveState.FAULT_REACTION:
             raise self._refuse(f"is in {state.name}", "wait until it has ended")
         self._target = target
-        if state is target:
-            self._arrive(state)
-        else:
-            self._step(state, now)
+        self._go_on(state, now)
 
     def advance(self, state: DriveState, now: float) -> None:
         """Take the next step, if the last one is confirmed by the state that the valve shows.
@@ -68,10 +65,7 @@ class DriveWalk:
             if state is not target:
                 raise self._refuse(f"left {target.name} for {state.name} by itself", _LOOK)
         elif state is expected:
-            if state is target:
-                self._arrive(state)
-            else:
-                self._step(state, now)
+            self._go_on(state, now)
         elif now >= self._until:
             text = f"stands in {state.name}, {expected.name} wanted on the way to {target.name}"
             raise self._refuse(f"{text}, for {self._timeout:g} s", _LOOK)
@@ -89,12 +83,12 @@ class DriveWalk:
         self._target = self._expected = None
         self.word = D
 
-    def _step(self, state: DriveState, now: float) -> None:
+    def _go_on(self, state: DriveState, now: float) -> None:
+        """Begin the next transition; a valve that has come to its target stays there."""
         assert self._target is not None
+        if state is self._target:
+            self._expected, self.word = None, keeping_word(state)
+            return
         self._expected = next_state(state, self._target)
         self.word, *self._words = words_towards(state, self._target)
         self._until = now + self._timeout
-
-    def _arrive(self, state: DriveState) -> None:
-        self._expected = None
-        self.word = keeping_word(state)

@@ -7,7 +7,6 @@ from .archive import (
     run_named as run_named,
     runs_below as runs_below,
 )
-from .campaign_fingerprint import fingerprint as fingerprint
 from .comparing import (
     ANYTHING as ANYTHING,
     Change as Change,
@@ -48,6 +47,7 @@ from .results import (
 )
 from .resuming import (
     begun_in as begun_in,
+    fingerprint as fingerprint,
     keep_attempt as keep_attempt,
     learn_again as learn_again,
     resumable as resumable,

@@ -1,23 +1,64 @@
-"""Going on with a campaign that was stopped or killed: by its journal, if nothing has changed."""
+"""Going on with a campaign that was stopped or killed: by its journal, if nothing has changed.
 
-from collections.abc import Sequence
+Tests, rig and model must be the same as in the run before, by their fingerprints.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from estimator.leaks import STARTED_S
 from faults import Campaign
-from rig.configuration import Rig
+from rig.configuration import Rig, plain
 from rig.recording import RecordingError, read_mcap, read_recording, recover
-from rig.runner.outcomes import HealthyReferences, Status
+from rig.runner.outcomes import HealthyReferences, Status, model_sha256
 
-from .campaign_fingerprint import changed, fingerprint
 from .directory import attempt_path
 from .journal import JOURNAL, Entry, JournalError, read_journal
 from .journal_state import JournalState, standing_of, stands_unfinished
 
 _INNOVATIONS: Final = ("innovation_pressure_1_Pa", "innovation_pressure_2_Pa")
+_YAML: Final = (".yaml", ".yml")
+
+
+def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
+    """Return the SHA-256 (hex) of campaign, rig and model, by these names.
+
+    A YAML file counts by its meaning, so that a comment in it may change; any other file
+    (setpoints, baselines, calibrations) counts by its content.
+    """
+    files = {
+        path: digest
+        for path, digest in campaign.source_files.items()
+        if Path(path).suffix not in _YAML
+    }
+    meant = {
+        "name": campaign.name,
+        "tests": plain(campaign.tests),
+        "filter": campaign.filter_name,
+        "false_alarms_per_day": campaign.false_alarms_per_day,
+        "conditions": plain(campaign.conditions),
+        "files": sorted(files.values()),
+    }
+    return {
+        "campaign": _sha256(meant),
+        "rig": _sha256(plain(rig)),
+        "model": model_sha256(campaign.model),
+    }
+
+
+def changed(kept: Mapping[str, Any], found: Mapping[str, str]) -> list[str]:
+    """Return what is not the same any more, by name."""
+    return [part for part, digest in found.items() if kept.get(part) != digest]
+
+
+def _sha256(content: Any) -> str:
+    text = json.dumps(content, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def begun_in(folder: Path) -> Entry:
@@ -91,7 +132,7 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
 def learn_again(
     references: HealthyReferences, standing: JournalState, folder: Path, recordings: Sequence[str]
 ) -> None:
-    """Give back what finished healthy tests told of the others, from their recordings."""
+    """Learn again from the recordings of finished healthy tests, for the tests that follow."""
     tests = references.campaign.tests
     for index in references.running_order:
         outcome = standing.finished.get(index)
