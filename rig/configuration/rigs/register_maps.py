@@ -29,19 +29,17 @@ def read_map(path: Path, sources: Sources) -> Map | None:
 def read_dbc(path: Path, sources: Sources) -> "Database | None":
     """Return the CAN messages in a DBC file; None, with a problem, if it is none."""
     # Imported here: cantools costs a tenth of a second, and few configurations are DBC files.
-    from cantools.database import load_string
-    from cantools.database.can import Database
-    from cantools.database.errors import Error
+    from rig.io import cantools
 
     content = sources.read_bytes(path)
     if content is None:
         return None
     try:
-        database = load_string(content.decode("cp1252"), database_format="dbc")
-    except (Error, ValueError) as error:
+        database = cantools.database.load_string(content.decode("cp1252"), database_format="dbc")
+    except (cantools.database.errors.Error, ValueError) as error:
         reason = " ".join(str(error).split())
         start = Place(path, 1, 1)
         sources.problems.add(start, "DBC", "", f"cannot be parsed: {reason}", "correct the file")
         return None
-    assert isinstance(database, Database)
+    assert isinstance(database, cantools.database.can.Database)
     return database

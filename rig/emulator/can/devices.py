@@ -3,11 +3,9 @@
 import asyncio
 from typing import Any
 
-import can
-
 from rig.emulator.plant import COMMAND_RANGE, EmulatedPlant
 from rig.emulator.record import Record
-from rig.io import CanOptions, open_bus
+from rig.io import CanOptions, open_bus, python_can as can
 
 from .nodes import Node, serve
 from .pump_node import PumpNode

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
-import can
+from rig.io import python_can as can
 
 Send = Callable[[can.Message], None]
 """What puts a frame on the bus."""

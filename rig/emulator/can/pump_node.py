@@ -5,10 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import can
-import cantools
-
-from rig.io import COMMAND, STATUS, UNITS
+from rig.io import COMMAND, STATUS, UNITS, cantools, python_can as can
 
 from .nodes import Note, Send
 

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-import can
-
 from rig.io import (
     ACTUAL,
     COMMAND_LAYOUT,
@@ -43,6 +41,7 @@ from rig.io import (
     NmtState,
     after_fault,
     after_word,
+    python_can as can,
     set_up,
     to_share,
 )

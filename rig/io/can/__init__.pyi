@@ -46,6 +46,7 @@ from .ds408_pdo import (
     TPDO1_PERIOD as TPDO1_PERIOD,
     set_up as set_up,
 )
+from .libraries import cantools as cantools, python_can as python_can
 from .link import CanOptions as CanOptions, open_bus as open_bus
 from .pump import COMMAND as COMMAND, STATUS as STATUS, UNITS as UNITS, CanPump as CanPump
 from .valve import CanValve as CanValve

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import Final
 
-import can
-
 from rig.io.driver import DriverError
 
 from .canopen import (
@@ -24,6 +22,7 @@ from .canopen import (
     value_of,
     write_request,
 )
+from .libraries import python_can as can
 from .link import LOOK, CanLink, Clock
 
 HOST_NODE: Final = 127

@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal
 
-import can
-
 from rig.io.driver import DriverError
 from rig.plant import Quantity as _Quantity
+
+from .libraries import python_can as can
 
 Clock = Callable[[], float]
 """Seconds, as `time.monotonic`."""

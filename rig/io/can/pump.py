@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
-import cantools
-from cantools.database import Database, Message
-
 from rig.io.driver import DriverError
 from rig.plant import Quantity as _Quantity
 
+from .libraries import cantools
 from .link import LOOK, CanLink, CanOptions, Clock
 
 STATUS: Final = (
@@ -90,16 +88,18 @@ class CanPump:
         self._alive_at = clock()
         self._fresh = False
 
-    def _database(self) -> Database:
+    def _database(self) -> cantools.database.Database:
         try:
             database = cantools.database.load_file(self._options.dbc)
         except (OSError, ValueError, cantools.Error) as error:
             state = f"{self._options.dbc} cannot be read: {error}"
             raise DriverError(self.name, state, "give a DBC file", "dbc") from error
-        assert isinstance(database, Database)
+        assert isinstance(database, cantools.database.Database)
         return database
 
-    def _message(self, database: Database, name: str, signals: tuple[str, ...]) -> Message:
+    def _message(
+        self, database: cantools.database.Database, name: str, signals: tuple[str, ...]
+    ) -> cantools.database.Message:
         lacking: tuple[str, ...] = (name,)
         for message in database.messages:
             if message.name == name:
