@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 from hatchling.builders.wheel import WheelBuilder
 
+from .conftest import LONGEST
+
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("rig", "estimator", "control", "faults")
 COMPILED_PACKAGES = (
@@ -152,6 +154,11 @@ def test_a_package_that_needs_no_compiler_loads_none_whichever_module_is_used(pa
         check=True,
     )
     assert {"numba", "llvmlite"}.isdisjoint(found.stdout.split())
+
+
+def test_the_longest_test_files_are_there_and_begun_with_once() -> None:
+    assert [file for file in LONGEST if not (ROOT / "tests" / file).is_file()] == []
+    assert len(set(LONGEST)) == len(LONGEST)
 
 
 @pytest.mark.parametrize("module", ["rig", "rig.cli"])
