@@ -1,4 +1,4 @@
-"""What every setpoint offers, and the checks they share."""
+"""What every setpoint offers, and the checks that setpoints share."""
 
 from math import isfinite
 from typing import Any, Final, Literal, Protocol

@@ -5,6 +5,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
 
+from . import formats
 from .errors import RecordingError, RecordingProblem
 from .metadata import metadata_texts
 from .reading import EXTENSIONS, SIDECAR, extension_of
@@ -35,26 +36,19 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
         problems.append(RecordingProblem(name, None, "file", value, limit, "choose one of these"))
     problems += target_problems(name, may_replace=True)
     if extension == ".mcap":
-        from rig.recording.formats import channel_problems, write_mcap
-
-        problems += channel_problems(name, list(recording.channels))
+        problems += formats.channel_problems(name, list(recording.channels))
     if problems:
         raise RecordingError(problems)
     with replacing(target) as partial:
+        # A name of `formats` is loaded when it is used, and with it the format's library.
         if extension == ".mcap":
-            write_mcap(partial, recording.channels, recording.metadata, recording.events)
+            formats.write_mcap(partial, recording.channels, recording.metadata, recording.events)
         elif extension == ".parquet":
-            from rig.recording.formats import write_parquet
-
-            write_parquet(recording, partial)
+            formats.write_parquet(recording, partial)
         elif extension == MF4:
-            from rig.recording.formats import write_mf4
-
-            write_mf4(recording, partial, name)
+            formats.write_mf4(recording, partial, name)
         else:
-            from rig.recording.formats import write_csv
-
-            write_csv(recording, partial, compressed=extension == ".csv.gz")
+            formats.write_csv(recording, partial, compressed=extension == ".csv.gz")
     if extension in (".csv", ".csv.gz"):
         _write_sidecar(recording, target.with_name(target.name + SIDECAR))
 

@@ -8,6 +8,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Final
 
+from . import formats
 from .errors import RecordingError
 from .mapping import Column, mapped
 from .metadata import events_from
@@ -67,18 +68,12 @@ def read_recording(
 
 
 def _read_table(path: str, extension: str | None) -> Table:
-    # Each format's library is loaded only for a file of that format.
+    # A name of `formats` is loaded when it is used, and with it the format's library.
     if extension == ".mcap":
-        from rig.recording.formats import read_mcap
-
-        return read_mcap(path)
+        return formats.read_mcap(path)
     if extension == ".parquet":
-        from rig.recording.formats import read_parquet
-
-        return read_parquet(path)
-    from rig.recording.formats import read_csv
-
-    return read_csv(path)
+        return formats.read_parquet(path)
+    return formats.read_csv(path)
 
 
 def _check_path(path: str, extension: str | None) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.accounts import BLOCK_S, AccountBlock
 from estimator.filters import DEFAULT_FILTER, FILTERS, OUTPUTS, FilterRun
@@ -16,7 +15,7 @@ from estimator.leaks import Decision, Found, OilAccountDetector, found_in, judge
 from rig.plant import FAULTS, LEAKS
 from rig.recording import Recording
 
-Array = NDArray[np.float64]
+from .traces import Array
 
 _MEASURED: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa")
 

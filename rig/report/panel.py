@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.plant import Parameters
 from rig.recording import Recording
 from rig.runner.outcomes import TestOutcome
 
 from .accounts import AccountHistory
-from .traces import POINTS, Trace
-
-Array = NDArray[np.float64]
+from .traces import POINTS, Array, Trace
 
 
 @dataclass(frozen=True)

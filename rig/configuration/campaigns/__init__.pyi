@@ -18,4 +18,4 @@ from .schedule import (
     load_schedule as load_schedule,
     read_schedule as read_schedule,
 )
-from .setpoints import Level as Level, LevelField as LevelField
+from .setpoints import Level as Level, LevelField as LevelField, check_unmixed as check_unmixed

@@ -3,6 +3,7 @@
 Values in metres make it a position setpoint (closed loop), values in volts a command (open loop).
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -25,6 +26,7 @@ from rig.configuration.reading import (
     Located,
     Physical,
     Place,
+    Problems,
     QuantityError,
     Schema,
     Sources,
@@ -246,7 +248,7 @@ def read_setpoint(item: Located, context: SetpointContext, sources: Sources) -> 
 
 
 def _common_quantity(item: Located, sources: Sources) -> Quantity | None:
-    """Return what all levels of a setpoint are given in; a mixture is a problem."""
+    """Return the quantity of all levels of a setpoint; None if it has none, or a mixture."""
     found: dict[Quantity, str] = {}
     for key, entry in item.items():
         for level in entry.elements() or [entry]:
@@ -255,13 +257,23 @@ def _common_quantity(item: Located, sources: Sources) -> Quantity | None:
             except QuantityError:
                 continue
             found.setdefault(quantity, key)
+    check_unmixed(found, item, sources.problems)
+    return next(iter(found)) if len(found) == 1 else None
+
+
+def check_unmixed(found: Mapping[Quantity, str], item: Located, problems: Problems) -> None:
+    """Note a setpoint with levels in metres and in volts.
+
+    Args:
+        found: quantity -> a key whose level is given in it.
+        item: the setpoint.
+        problems: takes the mistake.
+    """
     if len(found) > 1:
         units = {"position": "metres", "command": "volts"}
         listing = ", ".join(f"{key} in {units[quantity]}" for quantity, key in found.items())
         remedy = "give all in metres (closed loop) or all in volts (open loop)"
-        sources.problems.add(item.place, item.name, listing, "are mixed", remedy)
-        return None
-    return next(iter(found), None)
+        problems.add(item.place, item.name, listing, "are mixed", remedy)
 
 
 def _add_file_problems(error: SetpointFileError, item: Located, sources: Sources) -> None:

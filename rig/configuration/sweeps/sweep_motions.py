@@ -4,7 +4,7 @@ from math import pi
 from typing import Annotated, Any, Final
 
 from control import Quantity
-from rig.configuration.campaigns import Level, LevelField
+from rig.configuration.campaigns import Level, LevelField, check_unmixed
 from rig.configuration.reading import (
     Located,
     Physical,
@@ -210,11 +210,7 @@ class _Reader:
         return Physical("V", -self._limits.command_V, self._limits.command_V)
 
     def _quantity(self) -> Quantity:
-        if len(self._quantities) > 1:
-            units = {"position": "metres", "command": "volts"}
-            listing = ", ".join(f"{key} in {units[q]}" for q, key in self._quantities.items())
-            remedy = "give all in metres (closed loop) or all in volts (open loop)"
-            self._problems.add(self._item.place, self._item.name, listing, "are mixed", remedy)
+        check_unmixed(self._quantities, self._item, self._problems)
         return next(iter(self._quantities), "position")
 
     def _check_order(self, motion: SweptMotion) -> None:

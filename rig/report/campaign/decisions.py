@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from rig.loop import PROBABILITIES, PROBABLE
 from rig.plant import LITRE_PER_MINUTE
 from rig.report.panel import Panel, TestData
-from rig.report.traces import Trace, line, ribbon
+from rig.report.traces import Array, Trace, line, ribbon
 from rig.report.wording import label
-
-Array = NDArray[np.float64]
 
 _PERCENT: Final = 100.0
 _WORTH_SHOWING: Final = 0.02

@@ -4,20 +4,17 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.leaks import leak_flow
 from rig.plant import LEAKS, LITRE_PER_MINUTE
 from rig.report.accounts import recorded_run
 from rig.report.panel import Panel, TestData, limits_of
-from rig.report.traces import Trace, band, line, steps
+from rig.report.traces import Array, Trace, band, line, steps
 from rig.report.wording import leaks_found
 from rig.runner.campaign import SHUT_S
 from rig.runner.outcomes import TestOutcome
 
 from .decisions import flow_as_decided
-
-Array = NDArray[np.float64]
 
 # By leak, in the order of LEAKS: what it is called, its colour, the truth, the meter.
 _CALLED: Final = (

@@ -3,13 +3,10 @@
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.filters import THESIS_WINDOW, moving_average_absolute
 from rig.report.panel import Panel, TestData, limits_of
 from rig.report.traces import Trace, line
-
-Array = NDArray[np.float64]
 
 _MM: Final = 1e3
 _MPA: Final = 1e-6

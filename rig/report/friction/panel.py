@@ -3,15 +3,12 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.friction import FrictionCurve, model_curve
 from rig.report.panel import Panel, TestData
-from rig.report.traces import Trace
+from rig.report.traces import Array, Trace
 
 from .words import in_words, needs_in_words, shown
-
-Array = NDArray[np.float64]
 
 MM: Final = 1e3
 _POINTS: Final = 120
