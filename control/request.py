@@ -8,11 +8,11 @@ class RequestProblem(NamedTuple):
     """One value that cannot be granted."""
 
     where: str
-    """What it belongs to: a setpoint, a valve, a fault, or file:line."""
+    """What the value belongs to: a setpoint, a valve, a fault, or file:line."""
     field: str
     value: object
     limit: str
-    """What the value breaks, as the end of a sentence: "is not above 0"."""
+    """The rule that the value breaks, as the end of a sentence: "is not above 0"."""
     remedy: str
 
     def __str__(self) -> str:

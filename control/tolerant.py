@@ -1,7 +1,7 @@
 """Keeps the position loop's motion under a confirmed leak (docs/tolerant_control.md).
 
-The proportional command asks a healthy rig for a velocity. What leaks away takes from it, and
-drained chambers change what an opening passes; this finds the opening that yields the velocity
+The proportional command asks a healthy rig for a velocity. A leak lowers that velocity, and drained
+chambers change the flow through an opening. This module finds the opening that yields the velocity
 asked for, from the leak coefficients and both pressures.
 """
 
@@ -24,14 +24,15 @@ PRESSURE_FILTER_S: Final = 0.02
 loop's crossover (3.5 rad/s) and the oil column's resonance (509 rad/s), so that neither sees it."""
 
 FALSE_ALARM_FLOW: Final = 0.1 * LITRE_PER_MINUTE
-"""m^3/s. A false alarm may be this large, and a leak this small is no trouble to the loop: nothing
-is made up for up to here, and this much less beyond."""
+"""m^3/s. A false alarm may be this large, and a leak this small does not trouble the loop: no leak
+up to this flow is made up for, and of a larger one this much is left."""
 
 _ROUNDING: Final = 2e4
 """Pa. Drops of this size and less are what transducers read (noise 3e4 Pa) where there is none."""
 _LEAST_DROP: Final = 0.05
-"""Part of the supply pressure, which itself may be off by as much: a valve with less than this over
-it is taken to have this much, and a ram that stalls stalls."""
+"""Least pressure drop over the valve that is assumed, as a part of the supply pressure.
+
+The supply pressure itself may be off by as much. A ram that stalls is left to stall."""
 
 
 @inlined

@@ -14,7 +14,7 @@ from .protocol import Quantity, Samples, SetpointError, Times, checks_of
 
 _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
 
-# A file exported wrongly is wrong in every row: the first ones say enough.
+# A file that was exported wrongly is wrong in every row, so that the first rows show enough.
 _PROBLEMS_SHOWN: Final = 20
 
 

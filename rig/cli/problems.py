@@ -21,7 +21,7 @@ class Problems:
 
     @contextmanager
     def collected(self) -> Iterator[None]:
-        """Take note of what is wrong with the input that the block reads; the block ends there."""
+        """Note what is wrong with the input that the block reads, which ends the block."""
         try:
             yield
         except ValueError as error:

@@ -155,7 +155,7 @@ def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, 
 
 
 def _kind_of(root: Located, problems: Problems) -> Kind | None:
-    """Return the kind whose own keys the file has most of."""
+    """Return the kind whose keys the file has most of; None, with a problem, if it has none."""
     keys = {key for key, _ in root.items()} - {"name", "description", "parent"}
     scores = {kind: len(keys & known) for kind, known in _KEYS.items()}
     best = max(scores, key=lambda kind: scores[kind])
@@ -272,4 +272,4 @@ _KINDS: Final[dict[Kind, tuple[_Read, _Report]]] = {
     "dbc": (read_dbc, _report_dbc),
     "stream": (read_stream, _report_stream),
 }
-"""What reads and what reports each kind of configuration; campaigns apart."""
+"""The functions that read and report each kind of configuration, except campaigns."""

@@ -25,7 +25,7 @@ QUANTITIES: Final = {
     "": "", "velocity": "m/s", "position": "m", "spool opening": "m", "pressure 1": "Pa",
     "pressure 2": "Pa", "pressure difference": "Pa", "command": "V",
 }  # fmt: skip
-"""What a term depends on, with its unit; the first is nothing."""
+"""Quantities that a term may depend on, with their units; the first stands for none."""
 FORMS: Final = ("1", "x", "|x|", "x^2", "x |x|", "wave", "bump")
 """How a term depends on its quantity x; sin(2 pi x / at + by) is a wave, exp(-((x - at) / by)^2) a
 bump."""

@@ -1,10 +1,10 @@
-"""How functions are compiled that are part of larger ones.
+"""Compiles functions that are parts of larger ones, without making machine code of each part.
 
-Numba makes machine code of every function, and optimises each anew together with all that it calls.
-Of a part, neither is ever used: its code is copied into the functions that call it, and becomes
-machine code there. So a part is kept as it is before all that, which saves a third of the time.
-Nor has a part what Python would call a function by: called from Python while the compiler is on, it
-crashes the process.
+Numba makes machine code of every function, and optimises each function anew together with all that
+it calls. For a part neither is ever used: the code of a part is copied into the functions that call
+it, and becomes machine code there. So a part is kept as it is before both steps, which saves a
+third of the time. A part also has no entry for Python: if Python calls a part while the compiler is
+on, the process crashes.
 """
 
 from typing import Any, Final

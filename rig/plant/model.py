@@ -22,7 +22,7 @@ class Model:
 
         An effect that shifts a parameter which every rig has sets it (`bulk_modulus`: beta itself).
         `coulomb_level` takes the stiction along in proportion; `stiction_level` is the stiction
-        alone, so that of the two it is to come last.
+        alone, so that it has to be the last of the two.
 
         Raises:
             KeyError: the effect, or one of its parameters, is not in the catalogue.

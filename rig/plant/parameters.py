@@ -197,6 +197,6 @@ NOMINAL: Final = Parameters()
 
 
 def quantities() -> dict[str, Quantity]:
-    """Return unit, range, symbol and source of every parameter, by field name; not of terms."""
+    """Return unit, range, symbol and source of every parameter by field name, without terms."""
     hints = get_type_hints(Parameters, include_extras=True)
     return {name: get_args(hint)[1] for name, hint in hints.items() if get_args(hint)}

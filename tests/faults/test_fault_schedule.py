@@ -1,4 +1,4 @@
-"""How faults come and go over a test, as the plant is told."""
+"""How faults come and go over a test, as the plant receives them."""
 
 import pickle
 from math import inf, nan
@@ -61,7 +61,7 @@ def test_a_fault_acts_within_its_time_only(fault: Fault) -> None:
 
 
 @given(leaks())
-def test_a_fault_grows_until_it_is_told_to_end_and_only_shrinks_after(fault: Fault) -> None:
+def test_a_fault_grows_until_it_is_to_end_and_only_shrinks_after(fault: Fault) -> None:
     time = PERIOD * np.arange(TICKS)
     acting = column([fault], fault.column)
     tolerance = 1e-12 * fault.coefficient

@@ -1,4 +1,4 @@
-"""What a flow meter and a pressure drop tell of a needle valve, and how sure it is."""
+"""What a flow meter and a pressure drop show of a needle valve, and how sure it is."""
 
 from datetime import date
 
@@ -39,7 +39,7 @@ drops = st.floats(5e5, 1.4e7)
 
 
 def metered(flow: float | Array, offset: float, rng: np.random.Generator, samples: int) -> Array:
-    """Return what a meter tells of a flow: a fixed error, noise, nothing below zero."""
+    """Return what a meter reads of a flow: a fixed error, noise, nothing below zero."""
     noise = np.repeat(NOISE * rng.standard_normal(samples // READING), READING)
     return np.maximum(flow + offset + noise, 0.0)
 
@@ -49,11 +49,11 @@ def test_the_coefficient_is_flow_by_root_of_drop_whatever_its_sign(
     coefficient: float, drop: float, zero: float, sign: float
 ) -> None:
     flow = np.full(SAMPLES, coefficient * np.sqrt(drop) + zero)
-    told, found, mean_drop = measured_coefficient(
+    reported, found, mean_drop = measured_coefficient(
         flow, np.full(SAMPLES, sign * drop), Estimate(zero, 0.0), BATCH
     )
     assert found.value == pytest.approx(coefficient, rel=1e-6, abs=1e-15)
-    assert told.value == pytest.approx(coefficient * np.sqrt(drop), rel=1e-6, abs=1e-12)
+    assert reported.value == pytest.approx(coefficient * np.sqrt(drop), rel=1e-6, abs=1e-12)
     assert mean_drop == pytest.approx(drop, rel=1e-9)
 
 
@@ -78,8 +78,8 @@ def test_noise_that_a_meter_cuts_off_at_zero_is_no_flow_and_hardly_lifts_the_zer
     zero = meter_zero(flow, BATCH)
     assert abs(zero.value - offset) < 0.5 * abs(flow.mean() - offset)
     nothing = metered(0.0, offset, rng, 200 * BATCH)
-    told, _, _ = measured_coefficient(nothing, np.full(nothing.size, 4e6), zero, BATCH)
-    assert abs(told.value) <= 3.0 * told.standard_error
+    reported, _, _ = measured_coefficient(nothing, np.full(nothing.size, 4e6), zero, BATCH)
+    assert abs(reported.value) <= 3.0 * reported.standard_error
 
 
 def test_missing_samples_count_for_nothing() -> None:
@@ -94,8 +94,8 @@ def test_what_comes_before_the_flow_has_settled_is_left_out() -> None:
     rng = np.random.default_rng(2)
     time = 1e-3 * np.arange(SAMPLES)
     flow = metered(2e-5 * (1.0 - np.exp(-time / 0.3)), 0.0, rng, SAMPLES)
-    told, _, _ = measured_coefficient(flow, np.full(SAMPLES, 4e6), NO_ERROR, BATCH)
-    assert abs(told.value - 2e-5) <= 3.0 * told.standard_error
+    reported, _, _ = measured_coefficient(flow, np.full(SAMPLES, 4e6), NO_ERROR, BATCH)
+    assert abs(reported.value - 2e-5) <= 3.0 * reported.standard_error
 
 
 @given(st.floats(1e-12, 1.0), st.integers(6, 40))
@@ -165,12 +165,12 @@ def test_what_the_meter_does_not_resolve_is_left_out_and_bounded() -> None:
     assert [point.bound for point in found.points[:2]] == pytest.approx([3e-12, 2e-12], rel=1e-6)
 
 
-def test_a_shut_needle_that_leaks_is_told() -> None:
+def test_a_shut_needle_that_leaks_is_reported() -> None:
     assert calibration((0.0, 5e-11), (1.0, 2e-8)).needle.minimum == pytest.approx(5e-11)
 
 
 @pytest.mark.parametrize(
-    ("measured", "error", "told"),
+    ("measured", "error", "reported"),
     [
         (
             [measurement(0.0, 0.0), measurement(0.5, 9e-9), measurement(1.0, 8e-9)],
@@ -195,9 +195,9 @@ def test_a_shut_needle_that_leaks_is_told() -> None:
     ],
 )
 def test_measurements_that_are_no_calibration_are_refused_with_the_reason(
-    measured: list[Measurement], error: type[RequestError], told: str
+    measured: list[Measurement], error: type[RequestError], reported: str
 ) -> None:
     with pytest.raises(error) as caught:
         calibrated_needle(VALVE, measured, DAY)
     assert "internal_leakage" in str(caught.value)
-    assert told in str(caught.value)
+    assert reported in str(caught.value)

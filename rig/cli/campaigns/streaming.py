@@ -1,4 +1,4 @@
-"""The live stream of a run: which profile, and what is done about commands that come by it."""
+"""Sets up the live stream of a run, and passes on the commands that come by the stream."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ REQUESTS: Final = {
     "note": Request.NOTE,
     "acknowledge": Request.ACKNOWLEDGE,
 }
-"""What the desk is asked for by each command of the stream."""
+"""The request to the desk for each command of the stream."""
 
 
 def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
@@ -53,7 +53,7 @@ def streamed(
     *,
     paced: bool,
 ) -> Iterator[Observer]:
-    """Give an observer that shows a run on its live stream as well, if it is to have one."""
+    """Give an observer that shows a run on its live stream too; the same one without a stream."""
     if settings is None:
         yield observer
         return
@@ -62,7 +62,7 @@ def streamed(
     from rig.supervisor import LOG, Stream
 
     def obey(command: Command) -> str:
-        """Hand a command to the desk; return why it is not obeyed, if not."""
+        """Hand a command to the desk; return why it is refused, or "" if it is obeyed."""
         try:
             desk.ask(REQUESTS[command.name], command.by, command.text[:LONGEST_TEXT], command.test)
         except RefusedError as error:

@@ -1,4 +1,4 @@
-"""What this machine has for a rig: kernel, clock, processors, ports, disk; each with its remedy."""
+"""Looks at what this machine has for a rig: kernel, clock, processors, ports and disk."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ _CAN: Final = "280"
 _CPU: Final = "sys/devices/system/cpu"
 _CLOCK: Final = "sys/devices/system/clocksource/clocksource0/current_clocksource"
 _FAST_CLOCKS: Final = ("tsc", "arch_sys_counter", "kvm-clock")
-"""Read without a system call; any other costs the loop microseconds a tick."""
+"""Clocks that are read without a system call; any other costs the loop microseconds a tick."""
 
 _RECORDED_PER_HOUR: Final = 2e9
 """Bytes, rounded up: 50 channels of 8 bytes at 1 kHz, and their framing."""
@@ -31,7 +31,7 @@ class Finding(NamedTuple):
         subject: what was looked at.
         found: what there is.
         grade: good, weak (it runs, with more jitter or less choice), or bad (it would not run).
-        remedy: what to do about it, if anything is to be done.
+        remedy: what to do about it; empty if nothing is to be done.
     """
 
     subject: str
@@ -60,7 +60,7 @@ def machine(recordings: Path, root: Path = Path("/")) -> Iterator[Finding]:
 
 
 def _text(path: Path) -> str:
-    """Return a file of the kernel's, "" where there is none."""
+    """Return the text of a file of the kernel; "" if there is no such file."""
     try:
         return path.read_text().strip()
     except OSError:

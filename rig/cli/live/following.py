@@ -1,4 +1,4 @@
-"""What commands that follow live streams have in common: where the rigs are, and as whom."""
+"""Options of the commands that follow live streams: where the rigs are, and whose keys count."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -27,7 +27,7 @@ def endpoints(texts: Sequence[str]) -> tuple[Endpoint, ...]:
     """Return the endpoints that --connect names.
 
     Raises:
-        ConfigError: every text that names none.
+        ConfigError: every text that names no endpoint.
     """
     problems, found = [], []
     for text in texts:

@@ -87,7 +87,7 @@ def _progress(snapshot: Snapshot) -> Text:
 
 
 def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
-    """Yield what is shown, names and values, as far as it is known."""
+    """Yield name and value of everything that is shown and known."""
     latest, health, decision = snapshot.latest, snapshot.health, snapshot.decision
     if snapshot.state:
         yield "state", str(snapshot.state.get("state", ""))

@@ -80,7 +80,7 @@ def load_campaign(
 def read_campaign(
     path: Path, sources: Sources, rig_path: Path | None = None
 ) -> tuple[Campaign, Rig] | None:
-    """Return the campaign in a file and its rig; None, with problems, if either is unusable."""
+    """Return the campaign in a file, and its rig; None, with problems, if either is unusable."""
     root = sources.read_yaml(path)
     if root is None:
         return None
@@ -136,7 +136,7 @@ def _read_detector(root: Located, sources: Sources) -> DetectorFile | None:
 def _read_baseline(
     entry: Located, detector: DetectorFile | None, model: Model | None, sources: Sources
 ) -> Baseline | None:
-    """Return the baseline that the detector is given, its path from the campaign's folder."""
+    """Return the detector's baseline, found from the campaign's folder; None if it has none."""
     if detector is None or model is None or not detector.baseline:
         return None
     path = (entry.place.path.parent / Path(detector.baseline).expanduser()).resolve()

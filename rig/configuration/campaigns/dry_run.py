@@ -1,4 +1,4 @@
-"""What a campaign would do to its rig, worked out before anything moves."""
+"""Works out what a campaign would do to its rig before anything moves."""
 
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
@@ -67,7 +67,7 @@ class PlannedTest:
         peak_speed_m_per_s: greatest speed of the setpoint, inf where it jumps, or of the ram.
         valve_speed_m_per_s: what the fully open valve delivers to an unloaded ram.
         on_fault: what is done about a confirmed fault.
-        warnings: what will not go as commanded, and what to do about it.
+        warnings: what will not go as commanded, each with its remedy.
     """
 
     name: str

@@ -273,7 +273,7 @@ class _FaultReader:
 
 
 class _Size(NamedTuple):
-    """The size of a fault by the key that gave it, and the most its valve can make (SI)."""
+    """The size of a fault in SI with the key that gives it, and what its valve can make."""
 
     key: str
     coefficient: float | None

@@ -14,7 +14,7 @@ MAX_DEPTH = 32
 # Aliases let a short file unfold without bound; ours have some thousand values at most.
 MAX_VALUES = 200_000
 MAX_BYTES = 8_000_000
-"""More than so many values take."""
+"""Largest file that is read; no file with so few values needs more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Located:
         return self.value if isinstance(self.value, list) else []
 
     def get(self, key: str) -> "Located | None":
-        """Return the entry of a mapping; None where there is none, or nothing after its colon."""
+        """Return the entry of a mapping; None if there is none, or if its value is empty."""
         entry = self.value.get(key) if isinstance(self.value, dict) else None
         return None if entry is None or entry.value is None else entry
 
@@ -70,7 +70,7 @@ class Sources:
     sha256: dict[Path, str] = field(default_factory=dict)
 
     def read_bytes(self, path: Path, referrer: Located | None = None) -> bytes | None:
-        """Return a file's content and remember its hash; None, with a problem, if unreadable."""
+        """Return a file's content and keep its hash; None, with a problem, if it is unreadable."""
         try:
             content = path.read_bytes()
         except OSError as error:
@@ -83,7 +83,7 @@ class Sources:
         return content
 
     def read_yaml(self, path: Path, referrer: Located | None = None) -> Located | None:
-        """Return the mapping in a YAML file; None, with a problem, if there is none to be had."""
+        """Return the mapping in a YAML file; None, with a problem, if the file holds none."""
         content = self.read_bytes(path, referrer)
         if content is None:
             return None
@@ -120,7 +120,7 @@ class Sources:
 
 @dataclass
 class _Builder:
-    """Turns composed YAML nodes into `Located` values, noting duplicate and unusable keys."""
+    """Turns composed YAML nodes into `Located` values, and notes duplicate and unusable keys."""
 
     path: Path
     loader: yaml.SafeLoader

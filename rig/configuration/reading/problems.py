@@ -1,4 +1,4 @@
-"""What is wrong with a configuration: collected from all files involved, reported at once."""
+"""What is wrong with a configuration, collected from all its files and reported together."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -86,7 +86,7 @@ def display_path(path: Path) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known name closest to a misspelt one, if any is close."""
+    """Return the known name closest to a misspelt one; None if none is close."""
     names = list(known)
     lowered = {name.lower(): name for name in names}
     matches = difflib.get_close_matches(word.lower(), lowered, n=1, cutoff=0.6)
@@ -94,7 +94,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def suggestion(word: str, known: Sequence[str], kind: str) -> str:
-    """Return the remedy for a misspelt name: the nearest one, else what there is."""
+    """Return the remedy for a misspelt name: the nearest name, else all known ones."""
     near = nearest(word, known)
     listing = f"{kind}: {', '.join(known)}" if known else f"there are no {kind}"
     return f"did you mean {near}?" if near else listing

@@ -55,7 +55,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
 
 
 def dimension(si_unit: str) -> Dimension:
-    """Return what a unit measures; of a unit without an entry, no more than its name."""
+    """Return what a unit measures; a unit without an entry measures a quantity of its own name."""
     plain = Dimension(f"a quantity in {si_unit}", f"1.0 {si_unit}", (si_unit,))
     return DIMENSIONS.get(si_unit, plain)
 
@@ -141,7 +141,7 @@ def read(raw: object, si_unit: str) -> Reading:
     """Return a quantity written as text, or as a bare number where it has no dimension.
 
     Raises:
-        QuantityError: no number, no or a wrong unit, or not finite.
+        QuantityError: it is no number or not finite, or its unit is missing or wrong.
     """
     wanted = dimension(si_unit)
     bare_allowed = si_unit in ("", "rad")

@@ -1,4 +1,4 @@
-"""The `drivers` of a rig file: of each its type, and the options that its class declares."""
+"""Reads the `drivers` of a rig file: the type of each, and the options that its class declares."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -62,7 +62,7 @@ def _read_driver(
 
 
 def _add(error: DriverError, item: Located, name: str, problems: Problems) -> None:
-    """Record what a driver refuses, at the option that it names, if it names one."""
+    """Record what a driver refuses, at the option that its error names, else at the driver."""
     option = item.get(error.channel)
     if option is not None:
         problems.add(option.place, error.channel, "", error.state, error.action)

@@ -1,4 +1,4 @@
-"""Whether drivers, sensors, valves and limits of a hardware rig fit together, before it is opened.
+"""Checks that drivers, sensors, valves and limits of a hardware rig fit, before it is opened.
 
 What only the device shows (no such port, another identity) its driver finds out when opened.
 """
@@ -14,14 +14,14 @@ from rig.plant import TICK
 from .drivers import PlacedDriver
 
 NEEDED_INPUTS: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
-"""What every filter consumes: no campaign can be judged without."""
+"""Inputs that every filter needs; without them no campaign can be judged."""
 
 SENSORS: Final = {
     "supply_pressure_sensor": ("supply_pressure_Pa",),
     "load_cell": ("load_N",),
     "spool_sensor": ("spool_m", "drive_spool_m"),
 }
-"""Signals that mean a sensor of a rig file: one of them must come from a driver."""
+"""Signals of each sensor that a rig file may have; a driver must supply one of them."""
 
 
 def moved_faults(drivers: tuple[DriverSpec, ...]) -> tuple[str, ...]:

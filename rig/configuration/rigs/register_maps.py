@@ -14,9 +14,9 @@ MAPS: Final[tuple[type[Map], ...]] = (RegisterMap, BypassRegisters)
 
 
 def read_map(path: Path, sources: Sources) -> Map | None:
-    """Return the map in a YAML file, of the device whose keys it has most of.
+    """Return the map in a YAML file, as that of the device whose keys the file has most of.
 
-    None, with problems, if it is unusable.
+    None, with problems, if the map is unusable.
     """
     root = sources.read_yaml(path)
     if root is None:
@@ -27,7 +27,7 @@ def read_map(path: Path, sources: Sources) -> Map | None:
 
 
 def read_dbc(path: Path, sources: Sources) -> "Database | None":
-    """Return the CAN messages in a DBC file; None, with a problem, if it is none."""
+    """Return the CAN messages in a DBC file; None, with a problem, if the file is no DBC file."""
     # Imported here: cantools costs a tenth of a second, and few configurations are DBC files.
     from rig.io import cantools
 

@@ -24,7 +24,7 @@ class SweptMotion:
     Attributes:
         name: in the table; its type, unless the file gives another.
         type: as in `control.setpoints`.
-        share: of all cases, beside those of the others.
+        share: weight of this motion among the others in the number of cases.
         quantity: `position` in m, closed loop, or `command` in V, open loop.
         values: what is drawn for each case, by key; `levels` and `frequencies` are one for each
             element.
@@ -42,7 +42,7 @@ class SweptLeaks:
     """Leaks that cases have.
 
     Attributes:
-        healthy: part of all cases that have none.
+        healthy: part of all cases that have no leak.
         places: bypasses, each as likely.
         size: flow in m^3/s at `pressure`, or a coefficient in m^3/(s Pa^0.5).
         pressure: drop in Pa at which each place passes that flow; None where sizes are
@@ -70,7 +70,8 @@ class Sweep:
         followers: fields that keep their proportion to another one, by field: the other one.
         noise: factor on the deviation of every transducer.
         source_files: SHA-256 of every file read, by path.
-        meaning: all of it as plain values, SI: what must be the same to go on with a sweep.
+        meaning: all that the figures depend on, as plain values in SI; a sweep can be resumed only
+            if this is the same.
     """
 
     name: str

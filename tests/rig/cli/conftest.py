@@ -37,8 +37,8 @@ tests:
 """
 
 
-def tell_of_no_compiling(patch: pytest.MonkeyPatch) -> None:
-    """Compile nothing ahead: what there is to compile, and to tell, depends on what ran before."""
+def compile_nothing_ahead(patch: pytest.MonkeyPatch) -> None:
+    """Compile nothing ahead, as what is compiled and reported depends on what ran before."""
     for module in (
         "rig.cli.hardware.home",
         "rig.cli.hardware.calibrate",
@@ -56,7 +56,7 @@ def invoke(
 ) -> Invoke:
     """Run `rig` with arguments in an empty working directory, its tracebacks kept elsewhere."""
     monkeypatch.chdir(tmp_path)
-    tell_of_no_compiling(monkeypatch)
+    compile_nothing_ahead(monkeypatch)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path_factory.mktemp("temporary")))
 
     def run(*arguments: object) -> Done:
@@ -84,7 +84,7 @@ def short_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("short")
     (folder / "short.yaml").write_text(CAMPAIGN)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()):
-        tell_of_no_compiling(patch)
+        compile_nothing_ahead(patch)
         with pytest.raises(SystemExit) as done:
             main(["run", str(folder / "short.yaml"), "--out", str(folder / "run")])
     assert done.value.code == 0

@@ -79,7 +79,7 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], None]:
     return fail_with
 
 
-def test_an_unknown_error_is_one_line_that_tells_where_the_traceback_is(
+def test_an_unknown_error_is_one_line_that_shows_where_the_traceback_is(
     invoke: Invoke,
     failing: Callable[[BaseException], None],
     tmp_path: Path,

@@ -15,7 +15,7 @@ Invoke = Callable[..., Any]
 NAMES = ("../../outside", "/etc/outside", "<script>alert(1)</script>")
 
 
-def test_a_run_writes_to_its_own_folder_only_and_its_report_escapes_what_it_is_told(
+def test_a_run_writes_to_its_own_folder_only_and_its_report_escapes_what_it_is_given(
     invoke: Invoke, tmp_path: Path
 ) -> None:
     inner = tmp_path / "a" / "b"

@@ -1,4 +1,4 @@
-"""A run is repeatable, starts where it is told, and refuses inputs that do not fit."""
+"""A run is repeatable, starts where it is to start, and refuses inputs that do not fit."""
 
 import numpy as np
 import pytest

@@ -156,7 +156,7 @@ def test_an_export_that_fails_leaves_the_former_file_and_nothing_else(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_cannot_be_written_is_told_all_at_once_and_nothing_is_written(
+def test_what_cannot_be_written_is_reported_all_at_once_and_nothing_is_written(
     healthy: Recording, tmp_path: Path
 ) -> None:
     odd = Recording(
@@ -169,7 +169,7 @@ def test_what_cannot_be_written_is_told_all_at_once_and_nothing_is_written(
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unknown_format_and_a_missing_folder_are_told(
+def test_an_unknown_format_and_a_missing_folder_are_reported(
     healthy: Recording, tmp_path: Path
 ) -> None:
     with pytest.raises(RecordingError) as refusal:

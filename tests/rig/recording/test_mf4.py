@@ -32,14 +32,14 @@ def test_every_channel_reads_back_bit_for_bit_with_its_unit_over_time(
             np.testing.assert_array_equal(signal.samples, recording[channel])
             np.testing.assert_array_equal(signal.timestamps, recording.time_s)
         comment = file.header.comment
-    told = comment.partition("<TX>")[2].partition("</TX>")[0] or comment
-    plain = told.replace("&quot;", '"').replace("&lt;", "<").replace("&gt;", ">")
+    reported = comment.partition("<TX>")[2].partition("</TX>")[0] or comment
+    plain = reported.replace("&quot;", '"').replace("&lt;", "<").replace("&gt;", ">")
     content = json.loads(plain)
     assert content["metadata"] == {"seed": 7}
     assert content["events"] == [[0.5, "note", "oil <drips>"]]
 
 
-def test_without_asammdf_the_remedy_is_told_and_nothing_written(
+def test_without_asammdf_the_remedy_is_reported_and_nothing_written(
     recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)

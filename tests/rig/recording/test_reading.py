@@ -17,7 +17,9 @@ def refusal(path: Path) -> RecordingProblem:
     return error.value.problems[0]
 
 
-def test_a_missing_file_is_told_with_the_nearest_names(healthy: Recording, tmp_path: Path) -> None:
+def test_a_missing_file_is_reported_with_the_nearest_names(
+    healthy: Recording, tmp_path: Path
+) -> None:
     export(healthy, tmp_path / "leak_chamber_1.csv.gz")
     export(healthy, tmp_path / "healthy.csv.gz")
     problem = refusal(tmp_path / "leak_chamber1.csv.gz")
@@ -25,7 +27,7 @@ def test_a_missing_file_is_told_with_the_nearest_names(healthy: Recording, tmp_p
     assert problem.remedy == "did you mean leak_chamber_1.csv.gz?"
 
 
-def test_a_missing_folder_is_told(tmp_path: Path) -> None:
+def test_a_missing_folder_is_reported(tmp_path: Path) -> None:
     assert "does not exist either" in refusal(tmp_path / "none" / "run.csv").remedy
 
 
@@ -35,7 +37,7 @@ def test_a_folder_is_not_a_recording(tmp_path: Path) -> None:
     assert problem.remedy.endswith(f"{tmp_path}/*.mcap")  # as `rig run` leaves them
 
 
-def test_an_unknown_extension_is_told_with_those_known(tmp_path: Path) -> None:
+def test_an_unknown_extension_is_reported_with_those_known(tmp_path: Path) -> None:
     path = tmp_path / "run.xlsx"
     path.write_bytes(b"PK")
     problem = refusal(path)

@@ -24,7 +24,7 @@ from rig.recording import Recording, unit_of
         ("innovation_pressure_1_Pa", "Pa"),
     ],
 )
-def test_a_channels_name_tells_its_unit(channel: str, unit: str) -> None:
+def test_a_channels_name_shows_its_unit(channel: str, unit: str) -> None:
     assert unit_of(channel) == unit
 
 

@@ -19,7 +19,7 @@ def test_a_problem_of_the_whole_file_has_no_line() -> None:
     )
 
 
-def test_every_problem_is_told_on_a_line_of_its_own() -> None:
+def test_every_problem_is_reported_on_a_line_of_its_own() -> None:
     error = RecordingError([GAP, GAP])
     assert str(error) == f"{GAP}\n{GAP}"
     assert error.problems == [GAP, GAP]

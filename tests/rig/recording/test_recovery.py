@@ -187,7 +187,7 @@ def test_recovery_overwrites_neither_its_input_nor_anything_else(
     assert (tmp_path / target).read_bytes() == before
 
 
-def test_recovery_tells_all_that_is_wrong_with_its_paths(tmp_path: Path) -> None:
+def test_recovery_shows_all_that_is_wrong_with_its_paths(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as refusal:
         recover(tmp_path / "none.mcap", tmp_path / "none" / "out.csv")
     values = [problem.value for problem in refusal.value.problems]

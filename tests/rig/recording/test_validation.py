@@ -161,7 +161,7 @@ def test_time_with_too_few_decimals_is_one_problem(judge: Judge, healthy_csv: li
         (1e6, "0.001 Hz", "looks like us: multiply it by 1e-06"),
     ],
 )
-def test_another_rate_is_told_with_how_to_resample_or_which_unit_it_is(
+def test_another_rate_is_reported_with_how_to_resample_or_which_unit_it_is(
     judge: Judge, healthy_csv: list[str], factor: float, value: str, remedy: str
 ) -> None:
     found = judge(scaled(healthy_csv, "time_s", factor))
@@ -241,7 +241,7 @@ def test_a_filter_that_ran_away_is_no_fault_of_the_recording(healthy: Recording)
     assert problems_of_channels(healthy, {"est_pressure_1_Pa": runaway}) == []
 
 
-def test_all_that_is_wrong_is_told_at_once_the_whole_file_first(
+def test_all_that_is_wrong_is_reported_at_once_the_whole_file_first(
     judge: Judge, healthy_csv: list[str]
 ) -> None:
     lines = with_cell(healthy_csv, 40, "pressure_2_Pa", "")
@@ -256,7 +256,7 @@ def test_all_that_is_wrong_is_told_at_once_the_whole_file_first(
     ]
 
 
-def test_a_recording_full_of_dropouts_is_told_by_its_first_twenty(
+def test_a_recording_full_of_dropouts_is_reported_by_its_first_twenty(
     judge: Judge, healthy_csv: list[str], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     lines = healthy_csv
@@ -272,7 +272,7 @@ def test_a_recording_full_of_dropouts_is_told_by_its_first_twenty(
 
 
 @pytest.mark.parametrize("extension", [".mcap", ".parquet"])
-def test_where_there_are_no_lines_problems_are_told_by_row(
+def test_where_there_are_no_lines_problems_are_reported_by_row(
     healthy: Recording, tmp_path_factory: pytest.TempPathFactory, extension: str
 ) -> None:
     position_m = healthy["position_m"].copy()

@@ -105,7 +105,7 @@ def campaign() -> Callable[..., CampaignOutcome]:
     """Make the outcome of a campaign of given tests; keywords change what else it says."""
 
     def of(*tests: TestOutcome, **changed: Any) -> CampaignOutcome:
-        told: dict[str, Any] = {
+        reported: dict[str, Any] = {
             "name": "trial",
             "description": "A healthy rig and a leak.",
             "rig": "simulated",
@@ -116,6 +116,6 @@ def campaign() -> Callable[..., CampaignOutcome]:
             "tests": tests,
             "provenance": {"versions": {"rig": "0.1.0"}, "source_files": {"trial.yaml": "ab" * 32}},
         }
-        return CampaignOutcome(**(told | changed))
+        return CampaignOutcome(**(reported | changed))
 
     return of

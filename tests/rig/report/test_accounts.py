@@ -73,7 +73,7 @@ def test_what_a_motion_would_have_shown_is_judged_by_what_came_before_the_leak(
     before_leak, whole = history(leaking, run_directory), history(healthy, run_directory)
     for leak in LEAKS[:2]:
         key = f"smallest_{leak}_m3_per_s"
-        # 8 s tell less than 20 s, but the leak itself does not count as noise.
+        # 8 s show less than 20 s, but the leak itself does not count as noise.
         assert 1.0 < before_leak.smallest[key] / whole.smallest[key] < 3.0
 
 
@@ -95,8 +95,8 @@ def frozen(recording: Recording) -> Recording:
 
 def with_settings(recording: Recording, baseline: Baseline) -> Recording:
     """Return a recording of a campaign with a baseline."""
-    told = {"detector": {"filter": "product", "baseline": content_of(baseline)}}
-    return Recording(recording.channels, {**recording.metadata, **told})
+    reported = {"detector": {"filter": "product", "baseline": content_of(baseline)}}
+    return Recording(recording.channels, {**recording.metadata, **reported})
 
 
 LEVELS = {name: HealthyLevel(np.ones(2), np.ones(2), 8) for name in PATTERN_FILTERS}

@@ -75,9 +75,9 @@ def test_an_injected_fault_s_size_always_has_its_unit(fault: InjectedFault, size
 
 
 def test_a_test_s_story_says_what_was_injected_what_was_found_and_how_late() -> None:
-    told = story(PASSED)
-    assert "At 8.0 s a leak from chamber 1 to the return line was opened (0.29 L/min" in told
-    assert "called it 1.50 s later: external leak 1, 0.30 (0.28 to 0.32) L/min." in told
+    reported = story(PASSED)
+    assert "At 8.0 s a leak from chamber 1 to the return line was opened (0.29 L/min" in reported
+    assert "called it 1.50 s later: external leak 1, 0.30 (0.28 to 0.32) L/min." in reported
 
 
 def test_a_failed_test_s_story_says_what_was_expected() -> None:
@@ -90,7 +90,7 @@ def test_a_false_alarm_s_story_says_when_it_came() -> None:
     assert "No fault was injected. The detector raised an alarm at 9.50 s" in story(alarm)
 
 
-def test_a_ram_that_hardly_moved_is_said_to_be_why_nothing_could_be_told() -> None:
+def test_a_ram_that_hardly_moved_is_said_to_be_why_nothing_was_found() -> None:
     details = {"travel_m": 5e-5, "travel_needed_m": 3.4e-3}
     still = replace(HEALTHY, decision=Decision("inconclusive", details=details))
     assert "moved by 0.05 mm, and a leak shows from 3.4 mm on" in story(still)
@@ -115,18 +115,18 @@ def test_the_headline_counts_what_came_out_as_expected(campaign: CampaignOf) -> 
 
 def test_the_summary_says_how_late_how_far_off_and_how_quiet(campaign: CampaignOf) -> None:
     slow = replace(PASSED, detected_at_s=10.0)
-    told = detection_summary(campaign(PASSED, slow, HEALTHY))
-    assert "All 2 faults were named right, 1.5 to 2.0 s after they began." in told
-    assert "differ by 0.01 L/min at most" in told
-    assert "No false alarm in one healthy test, 20 s." in told
+    reported = detection_summary(campaign(PASSED, slow, HEALTHY))
+    assert "All 2 faults were named right, 1.5 to 2.0 s after they began." in reported
+    assert "differ by 0.01 L/min at most" in reported
+    assert "No false alarm in one healthy test, 20 s." in reported
 
 
 def test_the_summary_owns_up_to_missed_faults_and_false_alarms(campaign: CampaignOf) -> None:
     missed = replace(PASSED, status=Status.FAILED, decision=Decision("healthy"), detected_at_s=None)
     alarm = replace(HEALTHY, status=Status.FAILED, decision=FOUND, detected_at_s=9.5)
-    told = detection_summary(campaign(PASSED, missed, alarm, HEALTHY))
-    assert "1 of 2 faults were named right, 1.5 s after they began." in told
-    assert "Of 2 healthy tests, 40 s, 1 had a false alarm." in told
+    reported = detection_summary(campaign(PASSED, missed, alarm, HEALTHY))
+    assert "1 of 2 faults were named right, 1.5 s after they began." in reported
+    assert "Of 2 healthy tests, 40 s, 1 had a false alarm." in reported
 
 
 def test_a_campaign_that_judged_nothing_has_no_summary(campaign: CampaignOf) -> None:
@@ -143,5 +143,5 @@ def test_a_campaign_that_judged_nothing_has_no_summary(campaign: CampaignOf) -> 
         ("yesterday", "yesterday"),
     ],
 )
-def test_the_start_is_told_in_words_and_in_utc(started: str, text: str) -> None:
+def test_the_start_is_reported_in_words_and_in_utc(started: str, text: str) -> None:
     assert when(started) == text

@@ -5,7 +5,7 @@ from typing import Any
 Invoke = Callable[..., Any]
 
 
-def test_a_campaign_is_told_as_it_would_run(invoke: Invoke, campaign_file: Path) -> None:
+def test_a_campaign_is_reported_as_it_would_run(invoke: Invoke, campaign_file: Path) -> None:
     done = invoke("check", campaign_file)
     assert done.code == 0
     assert done.err == ""
@@ -21,7 +21,7 @@ def test_rigs_and_models_are_checked_by_name_too(invoke: Invoke) -> None:
     assert "model nominal" in done.out
 
 
-def test_of_several_files_all_problems_are_told(
+def test_of_several_files_all_problems_are_reported(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "bad.yaml").write_text("name: bad\nrig: simulated\nmodle: nominal\ntests: []\n")
@@ -35,7 +35,7 @@ def test_of_several_files_all_problems_are_told(
     assert "campaign short" in done.out
 
 
-def test_a_problem_that_files_share_is_told_once(
+def test_a_problem_that_files_share_is_reported_once(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "broken.yaml").write_text("name: broken\nparent: simulated\nlimts: 3\n")

@@ -60,7 +60,7 @@ def await_test(invoke: Invoke, folder: Path, test: str) -> None:
 
 
 @pytest.mark.long
-def test_a_killed_campaign_is_controlled_killed_resumed_and_told_of(
+def test_a_killed_campaign_is_controlled_killed_resumed_and_reported(
     running: subprocess.Popen[str], invoke: Invoke, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"

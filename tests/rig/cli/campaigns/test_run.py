@@ -95,14 +95,14 @@ def test_a_verdict_other_than_expected_is_exit_1(
     assert "2 tests: 1 passed, 1 failed" in done.out
 
 
-def test_another_rig_can_be_named_and_the_report_tells_to_run_it_again_on_the_same(
+def test_another_rig_can_be_named_and_the_report_shows_to_run_it_again_on_the_same(
     invoke: Invoke, campaign_file: Path, tmp_path: Path
 ) -> None:
     invoke("run", campaign_file, "--rig", "ideal", "--out", tmp_path / "out")
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert results["rig"] == "ideal"
-    told = results["provenance"]["command"]
-    assert told == ["rig", "run", str(campaign_file), "--rig", "ideal"]
+    reported = results["provenance"]["command"]
+    assert reported == ["rig", "run", str(campaign_file), "--rig", "ideal"]
 
 
 def test_a_report_that_cannot_be_made_costs_no_results(
@@ -156,7 +156,7 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize("mistake", BAD_FILES)
-def test_of_bad_input_line_field_and_remedy_are_told_and_nothing_is_written(
+def test_of_bad_input_line_field_and_remedy_are_reported_and_nothing_is_written(
     invoke: Invoke, campaign_file: Path, tmp_path: Path, mistake: str
 ) -> None:
     (tmp_path / "bare.yaml").write_text("name: bare\nparent: simulated\nbypass_valves: {}\n")
@@ -172,7 +172,7 @@ def test_of_bad_input_line_field_and_remedy_are_told_and_nothing_is_written(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_all_mistakes_are_told_at_once(invoke: Invoke, campaign_file: Path) -> None:
+def test_all_mistakes_are_reported_at_once(invoke: Invoke, campaign_file: Path) -> None:
     text = campaign_file.read_text()
     for old, new, _ in BAD_FILES.values():
         text = text.replace(old, new) if "rig:" not in old else text
@@ -220,7 +220,7 @@ def running(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def has_samples(recording: Path) -> bool:
-    """Tell whether a recording holds its first second: one chunk, far larger than metadata."""
+    """Return whether a recording holds its first second: one chunk, far larger than metadata."""
     return recording.exists() and recording.stat().st_size > 200_000
 
 
@@ -305,6 +305,6 @@ def test_a_simulated_campaign_that_exceeds_a_limit_ends_with_exit_code_3_and_a_t
     assert "tripped: pressure_1_Pa is above its limit: 8." in done.out
     assert "limit 8 MPa" in done.out
     assert json.loads((tmp_path / "out" / "trip-1.json").read_text())["cause"] == "LIMIT_HIGH"
-    told = json.loads((tmp_path / "out" / "results.json").read_text())["tests"]
-    assert [test["status"] for test in told] == ["tripped", "not_run"]
+    reported = json.loads((tmp_path / "out" / "results.json").read_text())["tests"]
+    assert [test["status"] for test in reported] == ["tripped", "not_run"]
     assert (tmp_path / "out" / "report.html").stat().st_size > 0

@@ -62,7 +62,7 @@ def leak(value: float) -> Callable[[Any], None]:
     return change
 
 
-def test_a_run_tells_the_figures_to_follow(template: Path) -> None:
+def test_a_run_shows_the_figures_to_follow(template: Path) -> None:
     (test,) = read_run(template).tests
     figures = test["figures"]
     assert figures["leak"]["unit"] == "L/min"
@@ -173,13 +173,13 @@ def test_the_longest_name_that_fits_gives_the_tolerance() -> None:
     assert ANYTHING.of(1.0, 0.0) == float("inf")
 
 
-def test_pruning_tells_first_and_removes_only_what_runs_wrote(
+def test_pruning_shows_first_and_removes_only_what_runs_wrote(
     invoke: Invoke, make_run: MakeRun
 ) -> None:
     old, middle, new = (make_run(name, days) for name, days in (("a", 90), ("b", 60), ("c", 1)))
     (old / "photo.jpg").write_text("of the leak")
-    told = invoke("runs", "prune", "--keep", "1")
-    assert told.out.count("would remove") == 2
+    reported = invoke("runs", "prune", "--keep", "1")
+    assert reported.out.count("would remove") == 2
     assert (old / "results.json").exists()
     done = invoke("runs", "prune", "--keep", "1", "--older-than", "70 d", "--delete")
     assert done.code == 0

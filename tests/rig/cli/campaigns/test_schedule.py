@@ -38,10 +38,10 @@ def test_what_is_added_runs_is_listed_and_followed_by_trend_page_and_hook(
     added = invoke("schedule", "add", schedule, "short.yaml", "--name", "now")
     assert (added.code, added.err) == (0, "")
     assert invoke("schedule", "run", schedule, "--until-idle").code == 0
-    told = json.loads(invoke("schedule", "list", schedule, "--json").out)
-    (ended,) = told["history"]
+    reported = json.loads(invoke("schedule", "list", schedule, "--json").out)
+    (ended,) = reported["history"]
     assert (ended["entry"], ended["exit_code"]) == ("now", 0)
-    assert told["entries"][0]["next"] == "2126-01-01T00:00:00Z"
+    assert reported["entries"][0]["next"] == "2126-01-01T00:00:00Z"
     folder = Path(ended["folder"])
     for name in ("junit.xml", "report.html", "results.json", "journal.jsonl"):
         assert (folder / name).stat().st_size > 0

@@ -21,8 +21,8 @@ def test_a_verdict_comes_with_its_probability_and_flow() -> None:
 
 
 def test_no_rounding_makes_a_verdict_certain() -> None:
-    told = [percent(share) for share in (0.5, 0.954, 0.9989, 0.99951, 1.0)]
-    assert told == ["50 %", "95.4 %", "99.9 %", "> 99.9 %", "> 99.9 %"]
+    reported = [percent(share) for share in (0.5, 0.954, 0.9989, 0.99951, 1.0)]
+    assert reported == ["50 %", "95.4 %", "99.9 %", "> 99.9 %", "> 99.9 %"]
 
 
 def test_the_table_says_what_was_done_about_a_fault() -> None:

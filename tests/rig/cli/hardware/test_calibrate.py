@@ -104,11 +104,11 @@ def test_it_writes_a_file_that_a_rig_file_can_take_its_needles_from(
 
 
 def test_it_shows_each_measurement_and_the_table(invoke: Invoke) -> None:
-    told = invoke(*ARGUMENTS, "--valve", "internal_leakage").out
-    assert "internal_leakage 0.5 down: 0.38" in told
-    assert "L/min at 4.00 MPa" in told
-    assert "at most" in told
-    assert "| internal_leakage |       1 |" in told
+    reported = invoke(*ARGUMENTS, "--valve", "internal_leakage").out
+    assert "internal_leakage 0.5 down: 0.38" in reported
+    assert "L/min at 4.00 MPa" in reported
+    assert "at most" in reported
+    assert "| internal_leakage |       1 |" in reported
 
 
 def test_what_was_measured_is_kept_as_csv(invoke: Invoke, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_a_needle_that_does_not_open_is_refused_with_the_reason(
     assert not (tmp_path / "day.yaml").exists()
 
 
-def test_a_device_that_is_not_there_is_told_with_the_remedy(
+def test_a_device_that_is_not_there_is_reported_with_the_remedy(
     invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(_: object) -> None:
@@ -155,7 +155,7 @@ def test_a_device_that_is_not_there_is_told_with_the_remedy(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (("--rig", "simulated"), "give a rig with `backend: hardware`"),
         (("--rig", "emulated", "--valve", "supply_leakage"), "passes no flow meter"),
@@ -170,12 +170,12 @@ def test_what_cannot_be_done_is_refused_before_anything_moves(
     tmp_path: Path,
     strokes: Callable[..., None],
     arguments: tuple[str, ...],
-    told: str,
+    reported: str,
 ) -> None:
     strokes(trip_after=0)
     for name in ("old.yaml", "old.csv"):
         (tmp_path / name).touch()
     done = invoke("calibrate", "valves", *arguments)
     assert done.code == 2
-    assert told in done.err
+    assert reported in done.err
     assert not (tmp_path / "calibrations").exists()

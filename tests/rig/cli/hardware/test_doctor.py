@@ -1,4 +1,4 @@
-"""`rig doctor` tells what a machine grants, with the remedy for what it does not."""
+"""`rig doctor` shows what a machine grants, with the remedy for what it does not."""
 
 import json
 from collections.abc import Callable
@@ -37,7 +37,7 @@ def root(tmp_path: Path) -> Path:
     return tmp_path / "root"
 
 
-def told(root: Path, subject: str, files: dict[str, str]) -> Finding:
+def reported(root: Path, subject: str, files: dict[str, str]) -> Finding:
     """Return what is found of a subject on a machine with these files."""
     for name, text in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
@@ -88,10 +88,10 @@ CPU = "sys/devices/system/cpu"
         ("CAN interfaces", {"sys/class/net/eth0/type": "1"}, "good", "none"),
     ],
 )
-def test_a_machine_is_told_by_what_its_kernel_says(
+def test_a_machine_is_described_by_what_its_kernel_says(
     root: Path, subject: str, files: dict[str, str], grade: str, words: str
 ) -> None:
-    finding = told(root, subject, files)
+    finding = reported(root, subject, files)
     assert finding.grade == grade
     assert words in finding.found + finding.remedy
     assert bool(finding.remedy) == (grade != "good")
@@ -105,20 +105,20 @@ def test_a_disk_that_takes_no_recordings_is_bad() -> None:
 
 
 @pytest.mark.usefixtures("plain_drivers")
-def test_the_drivers_of_a_rig_are_opened_and_what_is_refused_is_told(
+def test_the_drivers_of_a_rig_are_opened_and_what_is_refused_is_reported(
     tmp_path: Path, invoke: Invoke
 ) -> None:
     (tmp_path / "bench.yaml").write_text(BENCH)
     done = invoke("doctor", "--rig", str(tmp_path / "bench.yaml"), "--seconds", "0.02", "--json")
-    told = json.loads(done.out)
-    found = {finding["subject"]: finding for finding in told["findings"]}
+    reported = json.loads(done.out)
+    found = {finding["subject"]: finding for finding in reported["findings"]}
     assert done.code == 1
     assert found["driver daq"]["grade"] == "good"
     assert found["driver bypass"]["found"] == "host: nobody answers"
     assert found["driver bypass"]["remedy"] == "plug it in"
     assert found["processor 1023"]["grade"] == "weak"
     assert "loop: cpu" in found["processor 1023"]["remedy"]
-    assert told["loop"]["ticks"] == 20
+    assert reported["loop"]["ticks"] == 20
 
 
 def test_without_a_rig_the_table_ends_with_the_loop(invoke: Invoke) -> None:

@@ -38,7 +38,7 @@ def emulated(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture
 def refused(invoke: Invoke) -> Refused:
-    """Ask for something that is refused, and return what is told."""
+    """Ask for something that is refused, and return the message."""
 
     def ask(*arguments: str) -> str:
         done = invoke("emulate", *arguments)
@@ -48,7 +48,7 @@ def refused(invoke: Invoke) -> Refused:
     return ask
 
 
-def test_it_says_what_it_serves_records_it_at_once_and_ends_cleanly_when_told(
+def test_it_says_what_it_serves_records_it_at_once_and_ends_cleanly_when_asked(
     tmp_path: Path,
 ) -> None:
     record = tmp_path / "record.jsonl"
@@ -74,13 +74,13 @@ def test_it_says_what_it_serves_records_it_at_once_and_ends_cleanly_when_told(
 def test_a_port_in_use_is_refused_with_its_number_and_the_remedy(refused: Refused) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        told = refused("simulated", "--set-port", f"daq={port}", "--set-port", "bypass=0")
-    assert f"daq: port {port} of 127.0.0.1 is in use" in told
-    assert "another port" in told
+        reported = refused("simulated", "--set-port", f"daq={port}", "--set-port", "bypass=0")
+    assert f"daq: port {port} of 127.0.0.1 is in use" in reported
+    assert "another port" in reported
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (("simulated", "--set-port", "dag=0"), "did you mean daq?"),
         (("simulated", "--set-port", "daq"), "write daq=15502"),
@@ -89,9 +89,9 @@ def test_a_port_in_use_is_refused_with_its_number_and_the_remedy(refused: Refuse
     ],
 )
 def test_bad_input_is_refused_with_the_remedy(
-    refused: Refused, arguments: tuple[str, ...], told: str
+    refused: Refused, arguments: tuple[str, ...], reported: str
 ) -> None:
-    assert told in refused(*arguments)
+    assert reported in refused(*arguments)
 
 
 def test_a_script_with_mistakes_is_refused_before_anything_is_served(
@@ -99,9 +99,9 @@ def test_a_script_with_mistakes_is_refused_before_anything_is_served(
 ) -> None:
     script = tmp_path / "script.yaml"
     script.write_text("faults:\n  - {fault: dely}\n  - {fault: sensor}\n")
-    told = refused(*_ARGUMENTS, "--script", str(script))
-    assert "script.yaml:2" in told
-    assert "script.yaml:3" in told
+    reported = refused(*_ARGUMENTS, "--script", str(script))
+    assert "script.yaml:2" in reported
+    assert "script.yaml:3" in reported
 
 
 def test_a_script_for_a_device_that_the_rig_has_not_is_refused(
@@ -109,6 +109,6 @@ def test_a_script_for_a_device_that_the_rig_has_not_is_refused(
 ) -> None:
     script = tmp_path / "script.yaml"
     script.write_text("faults:\n  - {fault: meter_noise}\n  - {fault: drive_fault}\n")
-    told = refused(*_ARGUMENTS, "--script", str(script))
-    assert "no flow meters" in told
-    assert "no servovalve on CAN" in told
+    reported = refused(*_ARGUMENTS, "--script", str(script))
+    assert "no flow meters" in reported
+    assert "no servovalve on CAN" in reported

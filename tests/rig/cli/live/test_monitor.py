@@ -64,12 +64,12 @@ class Run:
         return invoked("monitor", "--profile", profile, *patience, *arguments)
 
     def until_judged(self) -> None:
-        """Wait until the monitor tells that the detector has decided something."""
+        """Wait until the monitor shows that the detector has decided something."""
 
         def judged() -> bool:
             assert self.process.poll() is None, self.process.communicate()
-            told = self.monitor("--once", "--json").stdout
-            return bool(told and json.loads(told)["decision"])
+            reported = self.monitor("--once", "--json").stdout
+            return bool(reported and json.loads(reported)["decision"])
 
         until(judged, "a decision", patience_s=COMPILE_S)
 
@@ -98,14 +98,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
 
 
 def test_a_run_is_followed_live(run: Run) -> None:
-    told = json.loads(run.monitor("--once", "--json").stdout)
-    assert told["rig"] == "simulated"
-    assert told["alive"]
-    assert told["units"]["pressure_1_Pa"] == "Pa"
-    assert 1e5 < told["latest"]["pressure_1_Pa"] < 2e7
-    assert told["progress"]["name"] == "first"
-    assert told["decision"]["threshold"] > 0.0
-    assert told["rate_hz"] > 0.0
+    reported = json.loads(run.monitor("--once", "--json").stdout)
+    assert reported["rig"] == "simulated"
+    assert reported["alive"]
+    assert reported["units"]["pressure_1_Pa"] == "Pa"
+    assert 1e5 < reported["latest"]["pressure_1_Pa"] < 2e7
+    assert reported["progress"]["name"] == "first"
+    assert reported["decision"]["threshold"] > 0.0
+    assert reported["rate_hz"] > 0.0
 
 
 def test_a_log_has_a_line_a_rig(run: Run) -> None:
@@ -116,7 +116,9 @@ def test_a_log_has_a_line_a_rig(run: Run) -> None:
 
 def test_the_ten_lines_of_the_page_follow_it(run: Run) -> None:
     (code,) = re.findall(r"ten lines\n.*?```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    lines = [told for told in code.splitlines() if told and not told.startswith("import")]
+    lines = [
+        reported for reported in code.splitlines() if reported and not reported.startswith("import")
+    ]
     assert len(lines) <= 10
     process = subprocess.Popen(
         [sys.executable, "-c", code.replace("7447", str(run.port))],
@@ -129,7 +131,7 @@ def test_the_ten_lines_of_the_page_follow_it(run: Run) -> None:
     patience.cancel()
     process.kill()
     process.communicate()
-    assert all("'position_m'" in told for told in lines)
+    assert all("'position_m'" in reported for reported in lines)
 
 
 def test_a_hold_pauses_the_campaign_and_a_resume_goes_on(run: Run) -> None:
@@ -164,7 +166,7 @@ def test_a_wrong_endpoint_is_bad_input(run: Run) -> None:
     assert "write like tcp/127.0.0.1:7447" in shown.stderr
 
 
-def test_a_missing_certificate_is_told_before_a_run_begins(tmp_path: Path) -> None:
+def test_a_missing_certificate_is_reported_before_a_run_begins(tmp_path: Path) -> None:
     (tmp_path / "campaign.yaml").write_text(CAMPAIGN)
     out = str(tmp_path / "out")
     ran = invoked("run", str(tmp_path / "campaign.yaml"), "--out", out, "--stream", "mtls")
@@ -218,16 +220,16 @@ def test_the_tank_is_shown_in_degrees_where_it_is_measured() -> None:
 
 def test_the_screen_shows_what_an_operator_asks_for() -> None:
     text = shown(DEAD)
-    for told in ("300.00 mm", "internal_leakage 97 %, 0.300 L/min", "9.00 of -", "p99 30 us",
+    for reported in ("300.00 mm", "internal_leakage 97 %, 0.300 L/min", "9.00 of -", "p99 30 us",
                  "by loop: it fell; lift it", "20 rows", "refused: forged"):  # fmt: skip
-        assert told in text
+        assert reported in text
 
 
-def test_a_stream_that_told_nothing_yet_is_shown() -> None:
+def test_a_stream_that_sent_nothing_yet_is_shown() -> None:
     assert "nothing heard yet" in shown(Snapshot("bench"))
     assert document(Snapshot("bench"))["time_s"] is None
 
 
 def test_what_programs_read_is_json() -> None:
-    told = json.loads(json.dumps(document(DEAD), allow_nan=False))
-    assert told["latest"] == {"position_m": 0.3, "load_N": None}
+    reported = json.loads(json.dumps(document(DEAD), allow_nan=False))
+    assert reported["latest"] == {"position_m": 0.3, "load_N": None}

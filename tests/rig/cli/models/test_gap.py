@@ -86,14 +86,14 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_a_rig_hides_is_named_and_written_into_a_model(invoke: Invoke, files: Path) -> None:
     done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
     assert done.code == 0
-    told = json.loads(done.out.splitlines()[-1])
-    assert told["verdict"] == "missing_effect"
-    names = [entry["name"] for entry in told["effects"]]
+    reported = json.loads(done.out.splitlines()[-1])
+    assert reported["verdict"] == "missing_effect"
+    names = [entry["name"] for entry in reported["effects"]]
     assert names == ["spool_null_bias"]
-    value = told["effects"][0]["parameters"]["value"]
+    value = reported["effects"][0]["parameters"]["value"]
     assert value["lower"] <= BIAS <= value["upper"]
     assert value["value"] == pytest.approx(BIAS, rel=0.02)
-    assert told["gap"]["after"] < 0.2 * told["gap"]["before"]
+    assert reported["gap"]["after"] < 0.2 * reported["gap"]["before"]
     model = load_model(files / "out" / "model.yaml")
     assert model.parameters.spool_null_bias == pytest.approx(BIAS, rel=0.02)
     assert model.provenance["parent"]["name"] == "nominal"
@@ -102,17 +102,17 @@ def test_what_a_rig_hides_is_named_and_written_into_a_model(invoke: Invoke, file
 @pytest.mark.usefixtures("quick")
 def test_the_json_object_has_the_promised_keys(invoke: Invoke, files: Path) -> None:
     done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
-    told = json.loads(done.out.splitlines()[-1])
-    assert set(told) >= {"verdict", "effects", "refitted", "gap", "where", "experiment"}
-    (effect,) = told["effects"]
+    reported = json.loads(done.out.splitlines()[-1])
+    assert set(reported) >= {"verdict", "effects", "refitted", "gap", "where", "experiment"}
+    (effect,) = reported["effects"]
     assert set(effect) == {"name", "parameters", "evidence", "indistinguishable_from"}
     assert set(effect["parameters"]["value"]) >= {"value", "lower", "upper", "unit"}
     assert effect["indistinguishable_from"] == ["constant_force"]
-    assert told["gap"] == {"before": 499.0, "after": 0.1}
-    assert told["refitted"]["viscous"]["value"] == 352.0
-    assert told["experiment"] is None
-    assert told["written"] == "with effects"
-    assert told["refitted"]["viscous"]["kept"] is True
+    assert reported["gap"] == {"before": 499.0, "after": 0.1}
+    assert reported["refitted"]["viscous"]["value"] == 352.0
+    assert reported["experiment"] is None
+    assert reported["written"] == "with effects"
+    assert reported["refitted"]["viscous"]["kept"] is True
     assert {path.name for path in (files / "out").iterdir()} == FILES
     figures = json.loads((files / "out" / "gap.json").read_text())
     assert figures["effects"][0]["rivals"][1]["name"] == "valve_hysteresis"
@@ -130,9 +130,9 @@ def test_an_unknown_term_is_written_into_a_model_of_its_own(
     unknown.added = AddedDisturbance("force balance", text, (size,), values, 0.97, 2.5)
     monkeypatch.setattr(gap_finding, "find_gap", lambda *_: unknown)
     done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out", "--json")
-    told = json.loads(done.out.splitlines()[-1])["term"]
-    assert told["equation"] == "force balance"
-    assert told["gap"] == {"before": 499.0, "after": 2.5}
+    reported = json.loads(done.out.splitlines()[-1])["term"]
+    assert reported["equation"] == "force balance"
+    assert reported["gap"] == {"before": 499.0, "after": 2.5}
     model = load_model(files / "out" / "model_with_term.yaml")
     assert terms_of(model.parameters) == (term,)
     assert model.provenance["unknown_term"]["text"] == text
@@ -146,15 +146,15 @@ def test_an_unknown_term_is_written_into_a_model_of_its_own(
 @pytest.mark.usefixtures("quick")
 def test_model_says_where_it_comes_from(invoke: Invoke, files: Path) -> None:
     assert invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out").code == 0
-    told = load_model(files / "out" / "model.yaml").provenance
-    assert told["recordings"] == [{"source": "fit.csv", "sha256": "a" * 64}]
-    assert told["holdout"] == [{"source": "held.csv", "sha256": "b" * 64}]
-    assert told["effects"]["spool_null_bias"]["parameters"]["value"]["upper"] == 9.1e-6
-    assert told["gap"] == {"before": 499.0, "after": 0.1}
+    reported = load_model(files / "out" / "model.yaml").provenance
+    assert reported["recordings"] == [{"source": "fit.csv", "sha256": "a" * 64}]
+    assert reported["holdout"] == [{"source": "held.csv", "sha256": "b" * 64}]
+    assert reported["effects"]["spool_null_bias"]["parameters"]["value"]["upper"] == 9.1e-6
+    assert reported["gap"] == {"before": 499.0, "after": 0.1}
 
 
 @pytest.mark.usefixtures("quick")
-def test_terminal_and_page_tell_the_finding_in_words(invoke: Invoke, files: Path) -> None:
+def test_terminal_and_page_state_the_finding_in_words(invoke: Invoke, files: Path) -> None:
     done = invoke("gap", "fit.csv", "--holdout", "held.csv", "--out", "out")
     assert "The model lacks spool null bias, 9.00 ± 0.10 um (or constant force: " in done.out
     page = (files / "out" / "report.html").read_text()
@@ -162,7 +162,7 @@ def test_terminal_and_page_tell_the_finding_in_words(invoke: Invoke, files: Path
         assert words in page
 
 
-def test_a_model_left_as_given_is_so_told_in_every_file(
+def test_a_model_left_as_given_is_so_named_in_every_file(
     monkeypatch: pytest.MonkeyPatch, invoke: Invoke, files: Path
 ) -> None:
     left = found()
@@ -198,10 +198,10 @@ def test_a_rig_that_was_not_moved_is_inconclusive(invoke: Invoke, files: Path) -
     export(Recording(still), files / "still.csv")
     done = invoke("gap", "still.csv", "--holdout", "held.csv", "--out", "out", "--json")
     assert done.code == 0
-    told = json.loads(done.out.splitlines()[-1])
-    assert told["verdict"] == "inconclusive"
-    assert any("never changes" in reason for reason in told["reasons"])
-    assert told["effects"] == []
+    reported = json.loads(done.out.splitlines()[-1])
+    assert reported["verdict"] == "inconclusive"
+    assert any("never changes" in reason for reason in reported["reasons"])
+    assert reported["effects"] == []
     assert {path.name for path in (files / "out").iterdir()} == FILES
     assert load_model(files / "out" / "model.yaml").parameters == NOMINAL
 
@@ -220,7 +220,7 @@ def test_a_holdout_is_required(invoke: Invoke, files: Path) -> None:
     assert not (files / "out").exists()
 
 
-def test_every_problem_is_told_at_once(invoke: Invoke, files: Path) -> None:
+def test_every_problem_is_reported_at_once(invoke: Invoke, files: Path) -> None:
     (files / "out").write_text("")
     done = invoke("gap", "no.csv", "--holdout", "nor.csv", "--model", "none", "--out", "out")
     assert done.code == 2

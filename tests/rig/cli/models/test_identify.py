@@ -1,4 +1,4 @@
-"""`rig identify friction` tells friction, its change, and what a motion could not show."""
+"""`rig identify friction` reports friction, its change, and what a motion could not show."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,9 @@ def healthy(short_run: Path) -> Path:
     return short_run / "healthy.mcap"
 
 
-def test_friction_is_told_with_the_change_from_first_to_last(invoke: Invoke, healthy: Path) -> None:
+def test_friction_is_reported_with_the_change_from_first_to_last(
+    invoke: Invoke, healthy: Path
+) -> None:
     done = invoke("identify", "friction", healthy, healthy.with_name("leak_low.mcap"))
     assert (done.code, done.err) == (0, "")
     assert "coulomb, N" in done.out
@@ -44,24 +46,24 @@ def test_a_spring_that_is_not_there_leaves_nothing_to_identify_and_is_no_bad_inp
         "identify", "friction", healthy, "--json", "--spring", "2e4 N/m", "--contact", "0.22 m"
     )
     assert done.code == 0
-    told = json.loads(done.out)
-    assert told["spring_stiffness_N_per_m"] == 2e4
-    assert told["coulomb"]["value"] is None
-    assert "--spring" in told["coulomb"]["needs"]
+    reported = json.loads(done.out)
+    assert reported["spring_stiffness_N_per_m"] == 2e4
+    assert reported["coulomb"]["value"] is None
+    assert "--spring" in reported["coulomb"]["needs"]
 
 
-def test_all_that_is_wrong_is_told_at_once(invoke: Invoke) -> None:
+def test_all_that_is_wrong_is_reported_at_once(invoke: Invoke) -> None:
     done = invoke(
         "identify", "friction", "nowhere.csv", "--model", "nominl", "--spring", "2e4 N",
         "--out", "no_folder/page.html",
     )  # fmt: skip
     assert done.code == 2
     assert done.out == ""
-    for told in ("nowhere.csv", "nominal", "--spring: 2e4 N", "--contact", "no_folder"):
-        assert told in done.err
+    for reported in ("nowhere.csv", "nominal", "--spring: 2e4 N", "--contact", "no_folder"):
+        assert reported in done.err
 
 
-def test_a_dry_run_tells_every_motion_and_moves_nothing(invoke: Invoke, tmp_path: Path) -> None:
+def test_a_dry_run_shows_every_motion_and_moves_nothing(invoke: Invoke, tmp_path: Path) -> None:
     done = invoke("identify", "friction", "--rig", "simulated", "--dry-run")
     assert (done.code, done.err) == (0, "")
     assert done.out.count("break-away at") == 10
@@ -90,7 +92,7 @@ def test_a_rig_is_identified_by_itself_and_its_model_written(invoke: Invoke) -> 
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         ((), "give either recordings or --rig"),
         (("some.mcap", "--rig", "simulated"), "give either recordings or --rig"),
@@ -101,9 +103,9 @@ def test_a_rig_is_identified_by_itself_and_its_model_written(invoke: Invoke) -> 
     ],
 )
 def test_an_experiment_that_is_asked_for_wrongly_is_refused(
-    invoke: Invoke, arguments: tuple[str, ...], told: str, tmp_path: Path
+    invoke: Invoke, arguments: tuple[str, ...], reported: str, tmp_path: Path
 ) -> None:
     done = invoke("identify", "friction", *arguments)
     assert done.code == 2
-    assert told in done.err
+    assert reported in done.err
     assert not list(tmp_path.iterdir())

@@ -43,11 +43,11 @@ def rig_sweep(*arguments: str) -> Result:
 def test_a_sweep_leaves_table_page_and_summary(folder: Path) -> None:
     done = rig_sweep("tiny.yaml", "--out", "out", "--json")
     assert done.return_value == 0, done.output
-    told = json.loads(done.stdout.splitlines()[-1])
-    assert told["cases"] == 16
-    assert told["timing"]["rig_s"] == 320.0
+    reported = json.loads(done.stdout.splitlines()[-1])
+    assert reported["cases"] == 16
+    assert reported["timing"]["rig_s"] == 320.0
     kept = json.loads((folder / "out" / "summary.json").read_text())
-    assert kept == told
+    assert kept == reported
     assert pq.read_table(folder / "out" / "sweep.parquet").num_rows == 16
     page = (folder / "out" / "sweep.html").read_text()
     (figures,) = re.findall(r'id="figures">(.*?)</script>', page)
@@ -86,7 +86,7 @@ def exit_code(*arguments: str) -> int:
     return code
 
 
-def test_bad_input_is_told_and_nothing_is_written(
+def test_bad_input_is_reported_and_nothing_is_written(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "bad.yaml").write_text(TEXT.replace("cases: 16", "cases: none"))
@@ -110,7 +110,7 @@ def test_a_cluster_without_its_extra_is_bad_input(
     assert "hydraulic-rig[dask]" in capsys.readouterr().err
 
 
-def test_a_failing_case_is_told_and_the_others_are_kept(
+def test_a_failing_case_is_reported_and_the_others_are_kept(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from rig.sweep.setting import SweepError

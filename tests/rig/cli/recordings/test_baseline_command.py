@@ -19,7 +19,7 @@ def test_a_baseline_of_a_healthy_recording_is_used_by_replay(
     assert json.loads(done.out)["verdict"] == "external_leakage_1"
 
 
-def test_a_baseline_tells_how_far_the_model_may_be_off(invoke: Invoke, short_run: Path) -> None:
+def test_a_baseline_shows_how_far_the_model_may_be_off(invoke: Invoke, short_run: Path) -> None:
     healthy = short_run / "healthy.mcap"
     assert invoke("baseline", healthy, "--model-error", "0.5", "--out", "rig.json").code == 0
     assert json.loads(Path("rig.json").read_text())["model_error"] == 0.5
@@ -37,7 +37,7 @@ def test_a_leaking_recording_is_refused_and_nothing_written(
     assert not Path("rig.json").exists()
 
 
-def test_all_that_is_wrong_is_told_at_once(invoke: Invoke, short_run: Path) -> None:
+def test_all_that_is_wrong_is_reported_at_once(invoke: Invoke, short_run: Path) -> None:
     done = invoke(
         "baseline", "nowhere.mcap", short_run / "healthy.mcap", "--model", "nominl",
         "--out", "no_folder/rig.json",

@@ -115,7 +115,7 @@ def test_an_inconclusive_recording_says_what_would_help(
 
 
 @pytest.mark.parametrize(
-    ("details", "told"),
+    ("details", "reported"),
     [
         ({}, "record for longer"),
         ({"travel_m": 1e-3, "travel_needed_m": 3e-3}, "move the ram by more than 3 mm"),
@@ -130,11 +130,11 @@ def test_an_inconclusive_recording_says_what_would_help(
         ),
     ],
 )
-def test_the_advice_follows_what_was_lacking(details: dict[str, float], told: str) -> None:
-    assert told in advice(Decision("inconclusive", details=details))
+def test_the_advice_follows_what_was_lacking(details: dict[str, float], reported: str) -> None:
+    assert reported in advice(Decision("inconclusive", details=details))
 
 
-def test_of_bad_recordings_every_problem_is_told_and_nothing_else(
+def test_of_bad_recordings_every_problem_is_reported_and_nothing_else(
     invoke: Invoke, recordings: Path, tmp_path: Path
 ) -> None:
     good = read_recording(recordings / "healthy.mcap")

@@ -329,7 +329,7 @@ def test_the_thesis_chirp_is_as_printed() -> None:
 # What the detector knows of the rig
 
 
-def test_a_filter_that_there_is_not_is_told_with_those_there_are(tmp_path: Path) -> None:
+def test_a_filter_that_there_is_not_is_reported_with_those_there_are(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load(tmp_path, HEAD + "detector: {filter: thesis-7-ud}\n" + TEST)
     (problem,) = caught.value.problems
@@ -357,7 +357,7 @@ def test_a_baseline_beside_the_campaign_is_known_to_its_detector(tmp_path: Path,
     ("content", "says"),
     [(None, "cannot be read: no such file"), ("{}", "not a baseline"), ("x", "not a baseline")],
 )
-def test_a_baseline_that_is_none_is_told_with_its_place(
+def test_a_baseline_that_is_none_is_reported_with_its_place(
     tmp_path: Path, content: str | None, says: str
 ) -> None:
     if content is not None:

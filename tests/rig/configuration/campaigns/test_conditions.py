@@ -54,7 +54,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("line", MISTAKES)
-def test_a_mistake_is_told_with_its_line_and_remedy(tmp_path: Path, line: str) -> None:
+def test_a_mistake_is_reported_with_its_line_and_remedy(tmp_path: Path, line: str) -> None:
     with pytest.raises(ConfigError) as caught:
         conditions_of(tmp_path, line)
     assert "held.yaml:5" in str(caught.value)
@@ -68,7 +68,7 @@ def test_what_a_rig_does_not_measure_cannot_hold_its_campaign(tmp_path: Path) ->
     assert "oil_temperature_K" not in measured_by(load_rig("simulated"))
 
 
-def test_conditions_that_are_no_list_are_told(tmp_path: Path) -> None:
+def test_conditions_that_are_no_list_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "held.yaml"
     text = CAMPAIGN.format(rig="simulated", conditions="  channel: position_m")
     path.write_text(text)

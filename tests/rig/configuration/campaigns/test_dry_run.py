@@ -1,4 +1,4 @@
-"""What a check tells of a campaign before anything moves."""
+"""What a check shows of a campaign before anything moves."""
 
 from math import inf, sqrt
 from pathlib import Path
@@ -22,11 +22,11 @@ def check_test(folder: Path, keys: str, rig: str = "ideal") -> CheckReport:
     return check(path)
 
 
-def test_the_dry_run_tells_how_long_the_rig_is_busy() -> None:
+def test_the_dry_run_shows_how_long_the_rig_is_busy() -> None:
     assert check("quickstart").rig_time_s == 7 * (40.0 + 2.0)
 
 
-def test_the_dry_run_tells_motion_and_speed_against_what_the_valve_delivers(
+def test_the_dry_run_shows_motion_and_speed_against_what_the_valve_delivers(
     tmp_path: Path,
 ) -> None:
     report = check_test(
@@ -120,7 +120,7 @@ def test_a_campaign_can_be_checked_against_another_rig() -> None:
 
 
 @pytest.mark.parametrize("on_fault", ["tolerate", "hold", "trip"])
-def test_what_is_done_about_a_fault_is_told_beforehand(tmp_path: Path, on_fault: str) -> None:
+def test_what_is_done_about_a_fault_is_reported_beforehand(tmp_path: Path, on_fault: str) -> None:
     setpoint = "setpoint: {type: sine, mean: 0.3 m, amplitude: 0.1 m, frequency: 0.5 Hz}"
     report = check_test(tmp_path, f"{setpoint}\non_fault: {on_fault}")
     assert f"on a confirmed fault: {on_fault}" in str(report)
@@ -155,7 +155,7 @@ def supplied(folder: Path, droop: str, sensor: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("droop", "sensor", "told"),
+    ("droop", "sensor", "reported"),
     [
         ("", "true", "does not droop"),
         ("", "false", "does not droop"),
@@ -164,8 +164,8 @@ def supplied(folder: Path, droop: str, sensor: str) -> str:
     ],
 )
 def test_a_supply_leak_that_cannot_be_seen_or_named_is_warned_of(
-    tmp_path: Path, droop: str, sensor: str, told: str | None
+    tmp_path: Path, droop: str, sensor: str, reported: str | None
 ) -> None:
     warnings = check_test(tmp_path, SUPPLY_LEAK, rig=supplied(tmp_path, droop, sensor)).warnings
-    assert len(warnings) == (told is not None)
-    assert all(str(told) in warning for warning in warnings)
+    assert len(warnings) == (reported is not None)
+    assert all(str(reported) in warning for warning in warnings)

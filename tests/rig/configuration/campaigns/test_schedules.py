@@ -54,21 +54,21 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("entries", MISTAKES)
-def test_a_mistake_is_told_with_its_place_and_remedy(tmp_path: Path, entries: str) -> None:
+def test_a_mistake_is_reported_with_its_place_and_remedy(tmp_path: Path, entries: str) -> None:
     with pytest.raises(ConfigError) as caught:
         schedule_in(tmp_path, entries)
     assert "night.yaml:" in str(caught.value)
     assert MISTAKES[entries] in str(caught.value)
 
 
-def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
+def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
     head = "name: night\ntimezone: Mars/Base\nhook: rm -rf /\n"
     entries = "  - {name: a, campaign: quickstart}\n  - {name: a, campaign: none, every: 1 h}"
     with pytest.raises(ConfigError) as caught:
         schedule_in(tmp_path, entries, head)
-    told = str(caught.value)
+    reported = str(caught.value)
     for part in ("Mars/Base is not a known time zone", "no shell", "is given twice", "has no time"):
-        assert part in told
+        assert part in reported
 
 
 def test_a_campaign_with_mistakes_makes_none_of_a_schedule(tmp_path: Path) -> None:

@@ -279,7 +279,7 @@ def test_terms_in_symbols_are_written_and_read_without_a_bit_lost(
         ("[{to: spool, form: constant, size: 1 m, sise: 2}]", "sise: is not a known key"),
     ],
 )  # fmt: skip
-def test_a_term_that_cannot_be_is_told(tmp_path: Path, lines: str, problem: str) -> None:
+def test_a_term_that_cannot_be_is_reported(tmp_path: Path, lines: str, problem: str) -> None:
     path = write(tmp_path, f"name: x\nunknown_term: {lines}\n")
     found = problems_of(path)
     assert len(found) == 1, found

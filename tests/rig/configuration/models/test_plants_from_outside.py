@@ -63,7 +63,7 @@ def file_problems(workplace: Path, *changes: tuple[str, str]) -> list[str]:
     return [str(problem) for problem in raised.value.problems]
 
 
-def test_a_model_written_reads_back_to_the_same_values_and_tells_their_intervals(
+def test_a_model_written_reads_back_to_the_same_values_and_shows_their_intervals(
     axis: PlantModel, workplace: Path
 ) -> None:
     values = {**axis.plant.nominal, "offset": 1.0 / 3.0, "mass": 91.7, "cogging": 2.0}
@@ -85,7 +85,7 @@ def test_a_model_written_reads_back_to_the_same_values_and_tells_their_intervals
     assert found.content["provenance"] == provenance
 
 
-def test_a_model_written_as_given_keeps_its_name_and_tells_no_interval_of_what_was_not_kept(
+def test_a_model_written_as_given_keeps_its_name_and_gives_no_interval_of_what_was_not_kept(
     axis: PlantModel, workplace: Path
 ) -> None:
     refitted = {"mass": {"value": 86.0, "lower": 85.0, "upper": 87.0, "kept": False}}
@@ -131,7 +131,9 @@ def test_channels_are_mapped_from_other_names_and_units_and_steered_as_the_model
         loaded.read(workplace / "other.csv")
 
 
-def test_everything_wrong_with_a_model_file_is_told_at_once_with_its_line(workplace: Path) -> None:
+def test_everything_wrong_with_a_model_file_is_reported_at_once_with_its_line(
+    workplace: Path,
+) -> None:
     found = file_problems(
         workplace,
         ("mass: 95 kg", "mass: 95 mm"),
@@ -211,7 +213,7 @@ def test_mistakes_in_the_module_are_named(
     assert any(claim in problem for problem in module_problems(workplace, change))
 
 
-def test_all_mistakes_in_the_tables_are_told_at_once(workplace: Path) -> None:
+def test_all_mistakes_in_the_tables_are_reported_at_once(workplace: Path) -> None:
     found = module_problems(
         workplace,
         ("noise=0.7e-6", "noise=-1.0"),

@@ -44,7 +44,7 @@ def test_a_map_is_read_into_what_its_driver_works_by(tmp_path: Path) -> None:
     assert device_map.identity.value == 7.0
 
 
-def test_the_map_of_a_bypass_device_is_told_from_that_of_a_daq(tmp_path: Path) -> None:
+def test_the_map_of_a_bypass_device_is_distinguished_from_that_of_a_daq(tmp_path: Path) -> None:
     path = write(tmp_path, "coils: 16\nswitches: 32\nidentity: 200\n")
     assert read_map(path, Sources()) == BypassRegisters(coils=16, switches=32, identity=200)
     assert "coils 16, switches 32" in str(check(path))
@@ -70,7 +70,7 @@ def test_a_mistake_in_a_map_is_named_with_its_place(
     assert any(problem.startswith(expected) for problem in problems), "\n".join(problems)
 
 
-def test_all_mistakes_of_a_map_are_told_at_once(tmp_path: Path) -> None:
+def test_all_mistakes_of_a_map_are_reported_at_once(tmp_path: Path) -> None:
     text = SMALL.replace("500 Hz", "500").replace("F32", "F16").replace("value: 7", "value: seven")
     assert [problem.split(" ")[1] for problem in problems_of(text, tmp_path)] == [
         "rate:",

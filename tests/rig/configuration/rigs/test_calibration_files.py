@@ -76,7 +76,7 @@ def test_a_calibration_that_cannot_be_written_leaves_the_earlier_one(rig_file: P
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         (
             "measured/needles",
@@ -94,14 +94,14 @@ def test_a_calibration_that_cannot_be_written_leaves_the_earlier_one(rig_file: P
     ],
 )
 def test_a_reference_that_leads_nowhere_is_placed_in_the_rig_file(
-    rig_file: Path, old: str, new: str, told: str
+    rig_file: Path, old: str, new: str, reported: str
 ) -> None:
     rig_file.write_text(RIG.replace(old, new))
-    assert f"{rig_file}:{told.format(folder=rig_file.parent)}" in problem_of(rig_file)
+    assert f"{rig_file}:{reported.format(folder=rig_file.parent)}" in problem_of(rig_file)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         ("[1, ", "[0.9, ", "openings: 0.9 is not 1; end with the fully open valve"),
         ("2.6e-08 m^3/(s Pa^0.5)", "2.6e-08", "points: a list has no unit; write a leakage coef"),
@@ -110,7 +110,7 @@ def test_a_reference_that_leads_nowhere_is_placed_in_the_rig_file(
     ],
 )
 def test_a_mistake_in_a_calibration_file_is_placed_there(
-    rig_file: Path, old: str, new: str, told: str
+    rig_file: Path, old: str, new: str, reported: str
 ) -> None:
     path = calibration_file(rig_file)
     text = path.read_text()
@@ -118,4 +118,4 @@ def test_a_mistake_in_a_calibration_file_is_placed_there(
     path.write_text(text.replace(old, new, 1))
     found = problem_of(rig_file)
     assert f"{path}:" in found
-    assert told in found
+    assert reported in found

@@ -56,7 +56,7 @@ def problems_of(text: str, folder: Path) -> list[str]:
     return [str(problem).removeprefix(f"{folder}/") for problem in caught.value.problems]
 
 
-def test_a_fast_driver_that_the_loop_cannot_run_on_is_told_of_where_the_rig_names_it(
+def test_a_fast_driver_that_the_loop_cannot_run_on_is_reported_where_the_rig_names_it(
     install: Install, tmp_path: Path
 ) -> None:
     half = """
@@ -136,8 +136,8 @@ def test_the_settings_of_loop_and_homing_are_read_with_their_units(load_text: Lo
 
 
 def test_a_homing_command_that_would_ram_the_stop_is_refused(tmp_path: Path) -> None:
-    (told,) = problems_of(BENCH + "homing: {command: 5 V}\n", tmp_path)
-    assert "command: 5 V is above 2 V" in told
+    (reported,) = problems_of(BENCH + "homing: {command: 5 V}\n", tmp_path)
+    assert "command: 5 V is above 2 V" in reported
 
 
 def test_without_a_word_the_ladder_holds_the_ram_and_trips_on_pressure() -> None:
@@ -310,7 +310,7 @@ def test_a_mistake_in_a_hardware_rig_is_named_with_its_remedy(
     assert any(problem.startswith(expected) for problem in problems), "\n".join(problems)
 
 
-def test_all_mistakes_of_a_hardware_rig_are_told_at_once(tmp_path: Path) -> None:
+def test_all_mistakes_of_a_hardware_rig_are_reported_at_once(tmp_path: Path) -> None:
     text = BENCH.replace("host: daq", "rate: 9 kHz").replace("ttyS0", "ttyS0, unit: 3")
     text += "loop: {cpu: -1, watch: 1 s}\nhoming: {command: 30 V}\ncolour: red\n"
     text += LIMITS % "{channel: position_m, low: 3 bar, action: trip}"
@@ -378,7 +378,7 @@ def test_a_campaign_may_ask_for_no_fault_that_the_drivers_cannot_make(
     assert problem in str(found)
 
 
-def test_a_check_tells_the_drivers_and_which_is_slower_than_the_loop(tmp_path: Path) -> None:
+def test_a_check_shows_the_drivers_and_which_is_slower_than_the_loop(tmp_path: Path) -> None:
     slower = BENCH.replace("host: daq", "rate: 250 Hz") + "loop: {slower_device: hold}\n"
     (tmp_path / "bench.yaml").write_text(slower)
     report = str(check(tmp_path / "bench.yaml"))

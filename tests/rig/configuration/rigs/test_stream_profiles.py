@@ -46,10 +46,10 @@ def test_the_shipped_default_lets_only_this_machines_user_command() -> None:
 )  # fmt: skip
 @pytest.mark.parametrize("key", ["listen", "connect"])
 def test_an_open_stream_off_loopback_is_refused(tmp_path: Path, where: str, key: str) -> None:
-    told = problems(tmp_path, f"{key}: [{where!r}]\n")
-    assert "mine.yaml:2" in told
-    assert "open to whoever reaches it" in told
-    assert "use tls/" in told
+    reported = problems(tmp_path, f"{key}: [{where!r}]\n")
+    assert "mine.yaml:2" in reported
+    assert "open to whoever reaches it" in reported
+    assert "use tls/" in reported
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "localhost", "[::1]"])
@@ -64,7 +64,7 @@ def test_who_is_known_still_needs_access_control(tmp_path: Path, known: str, whe
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("listen: [tls/127.0.0.1:1]\n", "no certificates"),
         (TLS, "used by no endpoint"),
@@ -84,9 +84,9 @@ def test_who_is_known_still_needs_access_control(tmp_path: Path, known: str, whe
         ("tls: 7\nlisten: [tls/127.0.0.1:1]\n", "not a mapping"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(tmp_path: Path, text: str, told: str) -> None:
+def test_a_mistake_is_reported_with_its_line(tmp_path: Path, text: str, reported: str) -> None:
     message = problems(tmp_path, text)
-    assert told in message
+    assert reported in message
     assert "mine.yaml:" in message
 
 
@@ -101,12 +101,12 @@ def test_paths_count_from_the_profiles_folder(tmp_path: Path) -> None:
     assert settings.operators[0].key_file == tmp_path / "keys" / "a.key"
 
 
-def test_checking_a_profile_tells_what_it_amounts_to() -> None:
-    told = str(check("mtls"))
-    assert "tls/0.0.0.0:7447" in told
-    assert "console may abort, hold, resume, skip, retry, note, acknowledge" in told
+def test_checking_a_profile_shows_what_it_amounts_to() -> None:
+    reported = str(check("mtls"))
+    assert "tls/0.0.0.0:7447" in reported
+    assert "console may abort, hold, resume, skip, retry, note, acknowledge" in reported
 
 
-def test_an_unknown_profile_is_told_with_those_there_are(tmp_path: Path) -> None:
+def test_an_unknown_profile_is_reported_with_those_there_are(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="available stream: fleet, loopback, mtls"):
         load_stream("opened", tmp_path)

@@ -90,7 +90,7 @@ def test_a_column_of_text_is_one_problem(judge: Judge, healthy_csv: list[str]) -
     assert "delete the column" in problem.remedy
 
 
-def test_a_row_with_cells_missing_is_told_once(judge: Judge, healthy_csv: list[str]) -> None:
+def test_a_row_with_cells_missing_is_reported_once(judge: Judge, healthy_csv: list[str]) -> None:
     lines = [*healthy_csv[:49], healthy_csv[49].rpartition(",")[0], *healthy_csv[50:]]
     problem = only(judge("\n".join(lines)))
     assert (problem.line, problem.value) == (50, "5 cells")

@@ -178,11 +178,11 @@ def test_an_existing_recording_is_not_overwritten_unless_asked(tmp_path: Path) -
     assert path.read_bytes().startswith(b"\x89MCAP0")
 
 
-def test_what_cannot_be_written_is_told_all_at_once_and_no_file_is_made(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_reported_all_at_once_and_no_file_is_made(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as refusal:
         McapWriter(tmp_path / "a" / "run.mcap", ["x m", "y_m", "y_m"], {"gain": float("nan")})
-    told = [problem.field for problem in refusal.value.problems]
-    assert told == ["metadata 'gain'", "channels", "channels", "channels", "file"]
+    reported = [problem.field for problem in refusal.value.problems]
+    assert reported == ["metadata 'gain'", "channels", "channels", "channels", "file"]
     assert not (tmp_path / "a").exists()
 
 

@@ -31,14 +31,14 @@ from rig.report.campaign.conditions import assumed_parameters, conditions_of
         ({"type": "Steps", "levels": [0.1] * 50}, "steps: levels (50 values)"),
     ],
 )  # fmt: skip
-def test_a_setpoint_is_told_with_its_units(setpoint: dict[str, Any], text: str) -> None:
+def test_a_setpoint_is_reported_with_its_units(setpoint: dict[str, Any], text: str) -> None:
     assert conditions_of({"test": {"setpoint": setpoint}}) == [("Setpoint", text)]
 
 
-def test_a_spring_is_told_with_its_units() -> None:
+def test_a_spring_is_reported_with_its_units() -> None:
     load = {"stiffness": 6e5, "contact": 0.22}
-    told = conditions_of({"test": {"load": load}})
-    assert told == [("Load", "spring of 6e+05 N/m, met at 220 mm")]
+    reported = conditions_of({"test": {"load": load}})
+    assert reported == [("Load", "spring of 6e+05 N/m, met at 220 mm")]
 
 
 @pytest.mark.parametrize("metadata", [{}, {"test": None}, {"test": {"load": {"kind": "?"}}}])
@@ -52,9 +52,9 @@ def test_the_model_comes_back_as_the_runner_records_it() -> None:
 
 
 def test_a_model_from_before_an_effect_was_known_has_that_effect_absent() -> None:
-    told = Parameters()._asdict()
-    del told["supply_droop"]
-    assert assumed_parameters({"model": {"parameters": told}}) == Parameters()
+    reported = Parameters()._asdict()
+    del reported["supply_droop"]
+    assert assumed_parameters({"model": {"parameters": reported}}) == Parameters()
 
 
 @pytest.mark.parametrize(

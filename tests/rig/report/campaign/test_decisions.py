@@ -50,7 +50,7 @@ def test_the_probability_of_health_and_of_each_likely_fault_is_drawn(leaking: Te
     assert np.nanmax(panel.traces[1].values) == 100.0
 
 
-def test_a_detector_that_tells_no_probability_gets_no_empty_plot(leaking: TestOutcome) -> None:
+def test_a_detector_that_shows_no_probability_gets_no_empty_plot(leaking: TestOutcome) -> None:
     assert probability(data_of(leaking)) is None
     assert compensation(data_of(leaking)) is None
     silent = data_of(leaking, command_V=TIME_S, compensation_V=0.0 * TIME_S)

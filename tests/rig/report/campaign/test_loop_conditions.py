@@ -1,4 +1,4 @@
-"""Of a rig on hardware the report tells what the kernel granted and how the loop kept its time."""
+"""Of a rig on hardware the report shows what the kernel granted and how the loop kept its time."""
 
 import json
 import re
@@ -29,17 +29,17 @@ def recording() -> Recording:
 
 
 def test_what_was_refused_is_shown_beside_what_was_granted(recording: Recording) -> None:
-    told = dict(loop_conditions(recording))
-    assert told["Loop ran with"] == "without SCHED_FIFO 80, locked memory"
+    reported = dict(loop_conditions(recording))
+    assert reported["Loop ran with"] == "without SCHED_FIFO 80, locked memory"
 
 
-def test_missed_ticks_and_percentiles_are_told_in_short(recording: Recording) -> None:
-    told = dict(loop_conditions(recording))["Loop timing"]
+def test_missed_ticks_and_percentiles_are_reported_in_short(recording: Recording) -> None:
+    reported = dict(loop_conditions(recording))["Loop timing"]
     # A percentile is known to its histogram's bin, 5 % wide.
     assert re.match(
-        r"1 of 1000 ticks missed, wakes after (48|49|50) us \(p99 (48|49|50) us\)", told
+        r"1 of 1000 ticks missed, wakes after (48|49|50) us \(p99 (48|49|50) us\)", reported
     )
 
 
-def test_a_simulated_rig_has_no_loop_to_tell_of() -> None:
+def test_a_simulated_rig_has_no_loop_to_report() -> None:
     assert loop_conditions(Recording({"time_s": 1e-3 * np.arange(10.0)})) == []

@@ -157,8 +157,8 @@ def test_the_campaign_can_be_run_again_from_what_the_page_says(page: Page) -> No
 def test_a_recorded_command_line_takes_precedence(
     campaign: CampaignOf, run_directory: Path
 ) -> None:
-    told = {"command": ["rig", "run", "my campaign.yaml", "--rig", "thesis"]}
-    text = Page(render(campaign(provenance=told), run_directory)).text
+    reported = {"command": ["rig", "run", "my campaign.yaml", "--rig", "thesis"]}
+    text = Page(render(campaign(provenance=reported), run_directory)).text
     assert "rig run 'my campaign.yaml' --rig thesis" in text
 
 
@@ -187,8 +187,8 @@ def test_tests_that_did_not_end_well_are_shown_with_their_message(
     page = Page(render(campaign(leaking, crashed, aborted, never), run_directory))
     words = " ".join(page.text.split())
     assert "1 of 4 tests came out as expected." in words
-    for told in ("! error", "■ aborted", "– not run", "valve stuck", "stopped by SIGINT"):
-        assert told in words
+    for reported in ("! error", "■ aborted", "– not run", "valve stuck", "stopped by SIGINT"):
+        assert reported in words
 
 
 def test_a_campaign_stopped_before_its_first_test_still_has_a_report(

@@ -213,10 +213,10 @@ def test_on_a_rig_without_truth_the_flow_meter_stands_for_the_leak(
     shown = names(flows)
     assert "chamber 1, flow meter" in shown
     assert not any("injected" in name for name in shown)
-    # What it read before the leak was opened is no leak, and is told.
-    told = re.search(r"before the bypass was opened \(chamber 1 (0\.\d\d) L/min", flows.caption)
-    assert told is not None
-    assert float(told[1]) >= 0.05
+    # What it read before the leak was opened is no leak, and is stated.
+    reported = re.search(r"before the bypass was opened \(chamber 1 (0\.\d\d) L/min", flows.caption)
+    assert reported is not None
+    assert float(reported[1]) >= 0.05
     (meter,) = (trace for trace in flows.traces if trace.name == "chamber 1, flow meter")
     assert abs(float(np.median(meter.values[: meter.values.size // 4]))) < 0.01
     nothing = replace(leaking, injected=())

@@ -60,16 +60,18 @@ def test_a_missed_leak_is_on_the_chart_alone(campaign: CampaignOf, tmp_path: Pat
     assert (row.found, row.flow, row.latency) == ("healthy", "", "")
 
 
-def test_the_false_alarm_rate_is_told_as_a_chance_for_this_campaign(campaign: CampaignOf) -> None:
+def test_the_false_alarm_rate_is_reported_as_a_chance_for_this_campaign(
+    campaign: CampaignOf,
+) -> None:
     test = replace(injecting(0.5), decision=Decision("healthy"), recorded_s=86.4)
-    told = false_alarm_words(campaign(test, test))
-    assert "at most once in a day" in told
-    assert "judged 173 s" in told
-    assert "1 in 500" in told
+    reported = false_alarm_words(campaign(test, test))
+    assert "at most once in a day" in reported
+    assert "judged 173 s" in reported
+    assert "1 in 500" in reported
     assert "at most 2 times in a day" in false_alarm_words(campaign(test, false_alarms_per_day=2.0))
 
 
-def test_a_rate_that_makes_false_alarms_likely_is_not_told_as_a_small_chance(
+def test_a_rate_that_makes_false_alarms_likely_is_not_reported_as_a_small_chance(
     campaign: CampaignOf,
 ) -> None:
     test = replace(injecting(0.5), decision=Decision("healthy"), recorded_s=3600.0)
@@ -79,9 +81,9 @@ def test_a_rate_that_makes_false_alarms_likely_is_not_told_as_a_small_chance(
 def test_the_thesis_detector_says_what_its_thresholds_are_learnt_from(
     campaign: CampaignOf,
 ) -> None:
-    told = false_alarm_words(campaign(injecting(0.5), filter="thesis-6"))
-    assert "learnt from healthy running" in told
-    assert "upper bound" not in told
+    reported = false_alarm_words(campaign(injecting(0.5), filter="thesis-6"))
+    assert "learnt from healthy running" in reported
+    assert "upper bound" not in reported
 
 
 def details(flow: float) -> dict[str, float]:
@@ -105,5 +107,5 @@ def test_what_would_have_been_found_is_never_claimed_better_than_it_is(
     assert rows == [("leak", [shown] * 3, [])]
 
 
-def test_a_detector_that_does_not_tell_leaves_no_row(campaign: CampaignOf, tmp_path: Path) -> None:
+def test_a_detector_that_does_not_say_leaves_no_row(campaign: CampaignOf, tmp_path: Path) -> None:
     assert smallest_rows(sections_of(campaign(injecting(0.5)), tmp_path)) == []

@@ -53,7 +53,7 @@ def experiment(level: StictionLevel | None = None, *, seen: bool = True) -> Fric
     )
 
 
-def told(found: FrictionExperiment) -> str:
+def reported(found: FrictionExperiment) -> str:
     return "\n".join(remarks(found))
 
 
@@ -67,7 +67,7 @@ def test_the_page_holds_figure_3_1_with_its_band_and_fetches_nothing() -> None:
 
 
 def test_a_good_experiment_raises_no_doubt() -> None:
-    words = told(experiment())
+    words = reported(experiment())
     assert "stiction measured: 2401" in words
     assert "does not depend on the position" in words
     assert "1 of 2 strokes were steady" in words
@@ -86,12 +86,12 @@ def test_a_good_experiment_raises_no_doubt() -> None:
 )
 def test_what_is_doubtful_is_said(changes: dict[str, object], words: str) -> None:
     level = experiment().level
-    assert words in told(experiment(replace(level, **changes)))  # type: ignore[arg-type]
+    assert words in reported(experiment(replace(level, **changes)))  # type: ignore[arg-type]
 
 
 def test_what_was_not_measured_is_said() -> None:
-    assert "break-away: not measured" in told(experiment(NO_LEVEL))
+    assert "break-away: not measured" in reported(experiment(NO_LEVEL))
     unseen = experiment(seen=False)
     assert unseen.fit is None
-    assert "not identifiable; needs more steady sliding" in told(unseen)
+    assert "not identifiable; needs more steady sliding" in reported(unseen)
     assert "not shown" in experiment_page(unseen, "2020-01-01 00:00")

@@ -1,4 +1,4 @@
-"""The smallest leak that a sweep finds: what is told where no curve tells it."""
+"""The smallest leak that a sweep finds: what is said where no curve shows it."""
 
 import numpy as np
 import pyarrow as pa
@@ -10,7 +10,7 @@ from rig.sweep.study import study_of
 
 
 def words(flows: list[float], named: list[bool]) -> str:
-    """Return what is told of leaks of some flows, L/min, of which some were named right."""
+    """Return what is said of leaks of some flows, L/min, of which some were named right."""
     none = [float("nan")] * len(flows)
     table = pa.table(
         {
@@ -29,27 +29,28 @@ def words(flows: list[float], named: list[bool]) -> str:
     return limit_in_words(study_of(table).power["all"])
 
 
-def test_sizes_that_tell_apart_completely_are_both_told() -> None:
+def test_sizes_that_separate_completely_are_both_given() -> None:
     flows = np.geomspace(0.01, 1.0, 40).tolist()
-    told = words(flows, [flow > 0.1 for flow in flows])
+    reported = words(flows, [flow > 0.1 for flow in flows])
     assert (
-        told == "none up to 0.0943 L/min, all from 0.106 L/min on: 40 cases draw no curve between"
+        reported
+        == "none up to 0.0943 L/min, all from 0.106 L/min on: 40 cases draw no curve between"
     )
 
 
 @pytest.mark.parametrize(
-    ("named", "told"),
+    ("named", "reported"),
     [
         ([True] * 3, "not known: all 3 were named, down to 0.1 L/min"),
         ([False] * 3, "not known: none of 3 was named, up to 0.3 L/min"),
         ([True, False, True], "not known: 3 cases are too few"),
     ],
 )
-def test_why_none_is_known_is_told(named: list[bool], told: str) -> None:
-    assert words([0.1, 0.2, 0.3], named) == told
+def test_why_none_is_known_is_reported(named: list[bool], reported: str) -> None:
+    assert words([0.1, 0.2, 0.3], named) == reported
 
 
-def test_a_curve_that_leads_beyond_the_flows_drawn_tells_none() -> None:
+def test_a_curve_that_leads_beyond_the_flows_drawn_gives_none() -> None:
     random = np.random.default_rng(3)
     flows = np.exp(random.uniform(np.log(0.01), np.log(1.0), 400))
     named = random.random(400) < 0.1 + 0.3 * flows
