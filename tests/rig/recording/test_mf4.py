@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from asammdf import MDF
 
 from rig.recording import Recording, RecordingError, export
 from rig.recording.recording import Event
@@ -23,6 +22,9 @@ def recording() -> Recording:
 def test_every_channel_reads_back_bit_for_bit_with_its_unit_over_time(
     recording: Recording, tmp_path: Path
 ) -> None:
+    # Imported here: with its pandas it takes longer than this test.
+    from asammdf import MDF
+
     export(recording, tmp_path / "test.mf4")
     assert [file.name for file in tmp_path.iterdir()] == ["test.mf4"]
     with MDF(tmp_path / "test.mf4") as file:

@@ -12,8 +12,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import can
-import cantools
 import pytest
 from hypothesis import given, strategies as st
 
@@ -23,6 +21,7 @@ from rig.emulator.can.pump_node import PumpNode
 from rig.emulator.can.valve_node import ValveNode
 from rig.io.can.canopen import NmtCommand
 from rig.io.can.ds408 import FULL_SCALE, DriveState
+from rig.io.can.libraries import cantools, python_can as can
 from tests.waiting import PATIENCE_S, until
 
 DBC = shipped_config_dir() / "dbc"

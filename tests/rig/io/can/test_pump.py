@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import can
 import pytest
 
 from rig.configuration.reading.lookup import shipped_config_dir
 from rig.emulator.can.pump_node import PumpNode
 from rig.emulator.record import Record
+from rig.io.can.libraries import python_can as can
 from rig.io.can.pump import CanPump, CanPumpOptions
 from rig.io.driver import Driver, DriverError
 
