@@ -177,4 +177,5 @@ def test_the_simulated_loop_compiles_nothing_that_its_parts_have_compiled(name: 
     before = {function for piece, function in compiled if piece != "simulated loop"}
     within = {function for piece, function in compiled if piece == "simulated loop"}
     assert "simulated_ticks" in within
-    assert within & before == set()
+    # Where no channel is concerned, the compiler takes the constant for a type of its own.
+    assert within & before <= {"_stop"}
