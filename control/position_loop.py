@@ -4,8 +4,9 @@ from math import isnan
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 Array = NDArray[np.float64]
 

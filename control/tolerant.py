@@ -8,8 +8,7 @@ asked for, from the leak coefficients and both pressures.
 from math import isnan, sqrt
 from typing import Final
 
-from numba import njit
-
+from rig.jit import njit
 from rig.plant import LITRE_PER_MINUTE, inlined, valve_conductance
 
 TOLERANT_STATE: Final = 6

@@ -4,7 +4,3 @@ Filters live in `estimator`, controllers in `control`, leak models and verdicts 
 """
 
 __version__ = "0.1.0"
-
-from .compile_cache import use_compile_cache
-
-use_compile_cache()

@@ -102,6 +102,7 @@ def marks_folder() -> Path | None:
     Numba compiles anew for another processor, or by another version of itself; so does this folder
     change then.
     """
+    use_compile_cache()
     folder = os.environ.get("NUMBA_CACHE_DIR")
     if not folder:
         return None

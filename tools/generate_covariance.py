@@ -205,7 +205,7 @@ within some hundred steps under the forward-Euler mode of the oil column.
 from typing import Final
 
 import numpy as np
-from numba import njit
+from rig.jit import njit
 from numpy.typing import NDArray
 
 from rig.lanes import everywhere

@@ -16,10 +16,10 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimator.filters import DRY
+from rig.jit import njit
 from rig.plant import DATA_SHEET, TICK, Parameters
 
 from .nuisances import NUISANCE_COUNT, NUISANCES

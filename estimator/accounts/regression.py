@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 from .nuisances import NULL_SHIFT
 from .sums import FaultProducts

@@ -9,9 +9,8 @@ doubts by chamber, and the least and greatest position.
 from math import erfc, exp, pi, sqrt
 from typing import Final
 
-from numba import njit
-
 from estimator.filters import settled_return, settled_supply
+from rig.jit import njit
 from rig.plant import (
     FAULTS,
     FLOW_1,

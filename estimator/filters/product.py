@@ -25,9 +25,9 @@ from math import isfinite
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rig.jit import njit
 from rig.plant import PATH_SIZE, inlined, inner
 
 from .divergence import (

@@ -8,9 +8,9 @@ window of `estimator.filters.divergence`, it takes alone, by `product_step` itse
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rig.jit import njit
 from rig.lanes import LANES, align_stack, everywhere, in_lanes, load, select, store
 from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters, inlined, inner
 

@@ -11,8 +11,7 @@ is at most 0.6, at the ends of the stroke.
 from math import copysign, cos, cosh, exp, sin, sinh, sqrt
 from typing import Final
 
-from numba import njit
-
+from rig.jit import njit
 from rig.lanes import anywhere, select
 from rig.plant import (
     ATMOSPHERE,

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rig.jit import njit
 from rig.plant import DATA_SHEET, Model, Parameters, SensorParameters, inlined, inner
 
 from . import product, thesis

@@ -3,8 +3,9 @@
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 Array = NDArray[np.float64]
 

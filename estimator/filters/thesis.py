@@ -21,9 +21,9 @@ order position (m), p1, p2 (Pa). A measurement that is NaN is skipped; its three
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rig.jit import njit
 from rig.plant import Parameters, inlined
 
 from .covariance import THESIS6_ENTRIES, THESIS7_ENTRIES, thesis6_kalman_step, thesis7_kalman_step

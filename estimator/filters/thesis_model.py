@@ -11,8 +11,8 @@ run on complex numbers (complex-step derivatives) and on quantities with units w
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from rig.jit import njit
 from rig.lanes import select
 from rig.plant import TICK, Parameters, inlined
 

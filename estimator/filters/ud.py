@@ -7,9 +7,9 @@ D[j]. What is above the diagonal is neither read nor written.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rig.jit import njit
 from rig.lanes import select
 from rig.plant import inlined
 

@@ -9,8 +9,8 @@ REQUEST_S: Final = 15.0
 """How long a request may take, from its connection, or the one before, to its answer's end; longer
 than the longest order."""
 MOST_CONNECTIONS: Final = 200
-"""Connections at a time; for one more, that which has waited longest for its request to be complete
-is closed."""
+"""Connections at a time; for one more, a websocket that was refused and stays is closed, or else
+the connection that has waited longest for its request to be complete."""
 
 
 class Connection(H11Protocol):
@@ -58,15 +58,11 @@ class Connection(H11Protocol):
 
 
 def _make_room(others: list[Any]) -> None:
-    """Close a websocket that was refused and stays, or else the request waited for longest."""
-    for other in others:
-        if getattr(other, "close_sent", False):
-            other.transport.abort()
-            return
-    waiting = [
-        (other.waits_since, k)
-        for k, other in enumerate(others)
-        if isinstance(other, Connection) and other.waits_since is not None
-    ]
-    if waiting:
-        others[min(waiting)[1]].transport.abort()
+    """Close what is too many: websockets that were refused and stay, then the longest waiting."""
+    others = [other for other in others if not other.transport.is_closing()]
+    too_many = len(others) + 1 - MOST_CONNECTIONS
+    refused = [other for other in others if getattr(other, "close_sent", False)]
+    waits = [each for each in others if isinstance(each, Connection) and each.waits_since]
+    waits.sort(key=lambda each: each.waits_since or 0.0)
+    for other in (refused + waits)[: max(too_many, 0)]:
+        other.transport.abort()

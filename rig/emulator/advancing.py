@@ -1,9 +1,9 @@
 """The plant's motion between two looks at it, and what a look sees, compiled."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rig.jit import njit
 from rig.plant import (
     SUBSTEPS,
     TICK,

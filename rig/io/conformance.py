@@ -14,10 +14,12 @@ from math import isfinite, isinf, isnan, nan
 from typing import Any, Final
 
 import numpy as np
-from numba import njit, typeof
+from numba import typeof
 from numba.core.errors import NumbaError
 from numba.extending import is_jitted
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 from .driver import Driver, DriverError, ExchangeStatus, FastDriver, Plan
 from .loop_exchange import exchange

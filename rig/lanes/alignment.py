@@ -8,9 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 from .kinds import LANES, VECTOR, intrinsic
 

@@ -12,8 +12,10 @@ from typing import Final
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 from .choosing import select
 from .kinds import BITS, LANES, VECTOR, intrinsic, lanes

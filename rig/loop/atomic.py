@@ -7,9 +7,11 @@ that sees the index of a row sees the row, on processors that reorder stores too
 
 from typing import Any, Final
 
-from numba import config, njit, types
+from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+from rig.jit import njit
 
 _BYTES: Final = 8
 _INTERPRETED: Final = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]

@@ -2,9 +2,8 @@
 
 from typing import Final
 
-from numba import njit
-
 from rig.io import bind, scratch
+from rig.jit import njit
 
 _CLOCK_MONOTONIC: Final = 1  # linux/time.h
 _TIMER_ABSTIME: Final = 1

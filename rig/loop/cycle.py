@@ -10,13 +10,13 @@ from math import isnan, nan
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from control import proportional_command
 from estimator.filters import OUTPUTS, filter_start, filter_step
 from rig.channels import READINGS
 from rig.io import FAST_INPUTS
+from rig.jit import njit
 from rig.loop.interlocks import NO_CHANNEL, Action, Cause, Interlock, Tick, judged_sample
 from rig.plant import (
     READING_COUNT,

@@ -1,10 +1,10 @@
 """The loop with nothing to do but wake in time: what the machine adds to every tick."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rig.io import monotonic_ns
+from rig.jit import njit
 
 from .clock import sleep_until
 

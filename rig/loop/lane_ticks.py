@@ -10,10 +10,10 @@ tick by tick.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rig.io import FAST_INPUTS
+from rig.jit import njit
 from rig.lanes import align_stack, anywhere, gather, load, load_fields, scatter, select, store
 from rig.plant import (
     SHORTEST,

@@ -9,10 +9,10 @@ from math import nan
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from control import TOLERANT_STATE, tolerant_command
+from rig.jit import njit
 from rig.plant import inlined
 
 from .decided import Decided

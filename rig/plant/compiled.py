@@ -10,10 +10,11 @@ on, the process crashes.
 from typing import Any, Final
 
 from llvmlite import binding, ir
-from numba import njit, typeof, types
+from numba import typeof, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
+from rig.jit import njit
 from rig.lanes import intrinsic
 
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"

@@ -9,8 +9,8 @@ from math import copysign, exp, sin, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from rig.jit import njit
 from rig.lanes import anywhere, select
 
 from .added_terms import FLOW_1, FLOW_2, FORCE, SPOOL, added, added_friction

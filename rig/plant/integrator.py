@@ -11,8 +11,7 @@ Why so: docs/decisions/0010-integrator.md.
 from math import copysign, exp
 from typing import Final
 
-from numba import njit
-
+from rig.jit import njit
 from rig.lanes import anywhere, everywhere, select
 
 from .compiled import inlined

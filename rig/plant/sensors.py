@@ -3,7 +3,7 @@
 from math import exp, floor
 from typing import Annotated, Final, NamedTuple
 
-from numba import njit
+from rig.jit import njit
 
 from .compiled import inlined
 from .integrator import TICK

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 from .command_effects import command_path, drive
 from .dynamics import STATE_COUNT, PlantState, rest_state

@@ -9,8 +9,9 @@ from math import exp
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 from .command_effects import LONGEST_DELAY_TICKS
 from .compiled import inlined, inner

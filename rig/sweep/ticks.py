@@ -8,10 +8,10 @@ from math import floor
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimator.filters import thesis7_step
+from rig.jit import njit
 from rig.lanes import (
     LANES,
     align_stack,

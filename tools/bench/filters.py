@@ -20,12 +20,12 @@ from typing import Any, Final
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
-from numba import njit
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from estimator.filters import thesis
+from rig.jit import njit
 from rig.plant import NOMINAL, Model, Parameters
 from rig.plant.sensors import DATA_SHEET
 from rig.plant.simulation import simulate

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.filters.registry import compiled_filter, start_memory
-from rig.compile_cache import use_compile_cache
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.loop.board import Board, Word
 from rig.loop.interlocks.judging import interlock
@@ -205,7 +204,6 @@ def main() -> None:
     given = parser.parse_args()
     if given.subscribe is not None:
         subscribe(given.subscribe)
-    use_compile_cache()
     rows, has_cyclictest = measure(given.rounds, given.seconds)
     text = table(rows, given.rounds, given.seconds)
     if not has_cyclictest:

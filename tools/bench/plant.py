@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import odeint
 
+from rig.jit import njit
 from rig.plant import NO_FAULT, NOMINAL, Model
 from rig.plant.dynamics import PlantState, rates
 from rig.plant.integrator import TICK

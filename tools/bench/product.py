@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimator.filters.divergence import RESETS, SUPPLY
@@ -15,6 +14,7 @@ from estimator.filters.product import WORK_SHAPE, product_step
 from estimator.filters.product_model import STATE_COUNT
 from estimator.filters.product_noise import ProductNoise, product_noise
 from estimator.filters.ud import dense_covariance
+from rig.jit import njit
 from rig.plant import NOMINAL, Parameters
 from rig.plant.sensors import DATA_SHEET
 

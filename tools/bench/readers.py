@@ -25,7 +25,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compile_cache import use_compile_cache
 from rig.configuration.rigs.rig import Rig, load_rig
 from rig.plant.integrator import TICK
 from rig.stream.messages import KINDS, command_key, key
@@ -294,7 +293,6 @@ def main() -> None:
     given = parser.parse_args()
     if given.be is not None:
         be(given.be[0], given.be[1], int(given.be[2]))
-    use_compile_cache()
     rig = load_rig("emulated")
     rows, trips = [], []
     for readers in READERS:

@@ -4,9 +4,9 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from estimator.filters.product_model import DYNAMIC, STATE_COUNT, predict_product
+from rig.jit import njit
 
 STEP: Final = 1e-3
 """Part of a tolerance over which a parameter's effect is taken by central differences."""

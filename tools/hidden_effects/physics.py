@@ -8,7 +8,8 @@ from math import exp, floor, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
-from numba import njit
+
+from rig.jit import njit
 
 TICK: Final = 1e-3
 """s between samples."""

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimator.filters import thesis
 from estimator.filters.covariance import thesis6_kalman_step, thesis7_kalman_step
 from estimator.filters.registry import OUTPUTS, THESIS_7, filter_named
 from estimator.filters.thesis_model import linearised_6, linearised_7
+from rig.jit import njit
 from rig.plant import Model
 from rig.recording import Recording
 

@@ -7,9 +7,10 @@ from math import ceil
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numba.core.errors import NumbaError
 from numba.extending import is_jitted
+
+from rig.jit import njit
 
 from .description import EquationOf, MayLack, PlantDescription, PlantError, Start
 from .description_checks import check_description, check_functions

@@ -18,8 +18,10 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from numba import float64, njit, void
+from numba import float64, void
 from numpy.typing import NDArray
+
+from rig.jit import njit
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,10 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import float64, int64, njit, types, void
+from numba import float64, int64, types, void
 
 from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array
+from rig.jit import njit
 from rig.plant import inlined, inner
 
 _DRIVE: Final = types.FunctionType(DRIVE)

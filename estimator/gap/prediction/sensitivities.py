@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import float64, int64, njit, types, void
+from numba import float64, int64, types, void
 from numpy.typing import NDArray
 
 from estimator.gap.plant import DRIVE, READ, REMEMBER, STEP, Array, Gains, Record
+from rig.jit import njit
 
 from .prediction import put
 from .predictor import Predictor

@@ -8,7 +8,7 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-from numba import float64, njit, types, void
+from numba import float64, types, void
 
 from estimator.gap.plant import (
     DRIVE_IN_LANES,
@@ -18,6 +18,7 @@ from estimator.gap.plant import (
     REMEMBER_IN_LANES,
     STEP_IN_LANES,
 )
+from rig.jit import njit
 from rig.lanes import LANES, align_stack, empty_lanes, load, store
 
 from .prediction import SETUP, TRACK, Begun, correct, predict_covariance, put

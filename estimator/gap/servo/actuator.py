@@ -5,7 +5,6 @@ from math import exp
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from estimator.gap.plant import (
@@ -22,6 +21,7 @@ from estimator.gap.plant import (
     State,
     smoothed,
 )
+from rig.jit import njit
 from rig.plant import (
     DATA_SHEET,
     LITRE_PER_MINUTE,

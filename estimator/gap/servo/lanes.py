@@ -12,7 +12,6 @@ from math import exp, floor
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from estimator.gap.plant import (
     DRIVE_IN_LANES,
@@ -22,6 +21,7 @@ from estimator.gap.plant import (
     Array,
     InLanes,
 )
+from rig.jit import njit
 from rig.lanes import align_stack, anywhere, gather, load, load_fields, select, store
 from rig.plant import (
     LONGEST_DELAY_TICKS,

@@ -8,12 +8,12 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pymodbus.constants import ExcCodes
 
 from rig.io import libc
 from rig.io.driver import ExchangeStatus
+from rig.jit import njit
 from rig.plant import inner
 
 from .frames import FUNCTION_AT, LENGTH_AT, TRANSACTION_AT, UNIT_AT

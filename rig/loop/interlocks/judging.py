@@ -9,10 +9,10 @@ from math import isnan
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rig.io import FAST_INPUTS
+from rig.jit import njit
 from rig.plant import inlined
 
 from .check_tolerances import Tolerances

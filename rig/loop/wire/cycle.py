@@ -8,9 +8,8 @@ is waited for but the clock and the device.
 from math import isnan, nan
 from typing import Final
 
-from numba import njit
-
 from rig.io import FAST_INPUTS, FAST_OUTPUTS, METERS, ExchangeStatus, exchange, monotonic_ns
+from rig.jit import njit
 from rig.loop.atomic import load_acquire, store_release
 from rig.loop.board import DECISIONS_KEPT, Word
 from rig.loop.clock import sleep_until

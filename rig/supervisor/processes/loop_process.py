@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from typing import Final
 
 from estimator.filters import compiled_filter
-from rig.compile_cache import telling_of_compiling, use_compile_cache
+from rig.compile_cache import telling_of_compiling
 from rig.io import DriverError, FastDriver
 from rig.loop import (
     Board,
@@ -319,7 +319,6 @@ def _in_words(found: Integers) -> str:
 
 def main() -> None:
     """Run as the loop process of a session."""
-    use_compile_cache()
     process = LoopProcess(*child_ends())
     signal.signal(signal.SIGTERM, lambda number, frame: process.terminate())
     process.run()

@@ -87,7 +87,7 @@ def with_sign(quantity: Any, other: Any) -> Any:
 def uncompiled(source: str = SOURCE) -> dict[str, Any]:
     """Return the names that the source defines, its functions uncompiled and fit for quantities."""
     for old, new in (
-        ("from numba import njit", "njit = lambda **options: (lambda function: function)"),
+        ("from rig.jit import njit", "njit = lambda **options: (lambda function: function)"),
         ("from .compiled import inlined, inner", "inlined = inner = lambda function: function"),
         ("from math import copysign, exp, sin, sqrt", "from numpy import exp, sin, sqrt"),
         ("from .", "from rig.plant."),
