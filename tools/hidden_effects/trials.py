@@ -2,16 +2,12 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
-from multiprocessing import get_context
 from pathlib import Path
 from shutil import rmtree
 from time import monotonic
 from typing import Any, Final
-
-from rich.progress import Progress
 
 from rig.compile_cache import source_key
 from tools.hidden_effects.drawn_trials import (
@@ -27,6 +23,7 @@ from tools.hidden_effects.drawn_trials import (
 from tools.hidden_effects.score import Estimate, Score, failed, scored
 from tools.hidden_effects.shown import smallest_shown
 from tools.hidden_effects.workflow import Workflow, WorkflowFailedError, rig_gap
+from tools.kept_trials import kept_trials, run_and_keep
 
 MIXTURE: Final = (
     "single", "none", "single", "double", "single", "off_menu", "single", "none", "single",
@@ -167,44 +164,19 @@ def run_trials(
     kept = read_trials(file)
     done = {key: found for key, found in kept.items() if found.score.outcome != "failed"}
     # Named by their place in the plan: a folder's name must not tell what is hidden.
-    left = {
-        plan: out / f"trial-{place:04d}"
+    left = [
+        (plan, out / f"trial-{place:04d}", keep, workflow)
         for place, plan in enumerate(planned)
         if plan.key not in done
-    }
-    with file.open("a", encoding="utf-8") as lines, Progress(transient=True) as progress:
-        task = progress.add_task("hidden effects", total=len(left))
-
-        def keep_line(found: Trial) -> None:
-            lines.write(json.dumps(asdict(found)) + "\n")
-            lines.flush()
-            done[found.plan.key] = found
-            progress.advance(task)
-
-        if jobs == 1:
-            for plan, folder in left.items():
-                keep_line(trial(plan, folder, keep, workflow))
-        elif left:
-            with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-                running = [
-                    pool.submit(trial, plan, folder, keep, workflow)
-                    for plan, folder in left.items()
-                ]
-                for future in as_completed(running):
-                    keep_line(future.result())
+    ]
+    found = run_and_keep(file, "hidden effects", trial, left, jobs)
+    done |= {each.plan.key: each for each in found}
     return [done[plan.key] for plan in planned]
 
 
 def read_trials(file: Path) -> dict[str, Trial]:
-    """Return the trials kept in a file, by their plan's key; a line cut off at its end is none."""
-    found = {}
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
-        try:
-            entry = _trial_of(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-        found[entry.plan.key] = entry
-    return found
+    """Return the trials kept in a file, by their plan's key."""
+    return {found.plan.key: found for found in map(_trial_of, kept_trials(file))}
 
 
 def _trial_of(fields: Mapping[str, Any]) -> Trial:

@@ -16,18 +16,15 @@ import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import Progress
 from scipy import stats
 
 from estimator.accounts.flow import BLOCK_TICKS
@@ -40,6 +37,7 @@ from rig.compile_cache import source_key
 from rig.lanes import LANES
 from rig.plant import Model
 from rig.plant.integrator import TICK
+from tools.kept_trials import kept_trials, run_and_keep
 from tools.simulated.drawn_rigs import MIDDLE, drawn_rig, known_rig, mixed_motion
 from tools.simulated.lanes import SimulatedLanes
 
@@ -251,16 +249,12 @@ def summary_of(groups: Sequence[Group], setting: Setting) -> dict[str, Any]:
 
 
 def read_groups(file: Path) -> dict[int, Group]:
-    """Return the groups kept in a file, by number; a line cut off at its end is none."""
-    found = {}
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        alarms = [Alarm(**alarm) for alarm in entry.pop("alarms")]
-        found[entry["number"]] = Group(**entry, alarms=alarms)
-    return found
+    """Return the groups kept in a file, by number."""
+    groups = {}
+    for fields in kept_trials(file):
+        alarms = [Alarm(**alarm) for alarm in fields.pop("alarms")]
+        groups[fields["number"]] = Group(**fields, alarms=alarms)
+    return groups
 
 
 def study(
@@ -280,23 +274,11 @@ def study(
     kept = out / f"groups-{setting.name}-{source_key(_ROOT)}.jsonl"
     numbers = range(first, first + ceil(hours * 3600.0 / (run_s * LANES)))
     done = read_groups(kept)
-    left = [number for number in numbers if number not in done]
+    left = [(number, setting, run_s) for number in numbers if number not in done]
     # A process for each core: matrices of 20 by 20 gain nothing from threads of their own.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with (
-        kept.open("a", encoding="utf-8") as lines,
-        ProcessPoolExecutor(jobs, get_context("spawn")) as pool,
-        Progress(transient=True) as progress,
-    ):
-        task = progress.add_task("healthy hours", total=len(numbers), completed=len(done))
-        futures = [pool.submit(run_group, number, setting, run_s) for number in left]
-        for future in as_completed(futures):
-            group = future.result()
-            # A line that was cut off must not swallow this one.
-            lines.write("\n" + json.dumps(asdict(group)))
-            lines.flush()
-            done[group.number] = group
-            progress.advance(task)
+    found = run_and_keep(kept, "healthy hours", run_group, left, jobs)
+    done |= {group.number: group for group in found}
     summary = summary_of([done[number] for number in numbers], setting)
     text = json.dumps(summary, indent=2) + "\n"
     (out / f"summary-{setting.name}.json").write_text(text, encoding="utf-8")

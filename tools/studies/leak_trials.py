@@ -6,14 +6,12 @@ goes on where it stopped.
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from math import isfinite, sqrt
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from rich.progress import track
 
 from estimator.accounts.flow import reference_drop
 from estimator.leaks.detection import SETTLED_AFTER_S, SILENT, Decision
@@ -25,6 +23,7 @@ from rig.plant import FAULT_COLUMNS, NOMINAL, Model
 from rig.plant.integrator import TICK
 from rig.plant.parameters import LITRE_PER_MINUTE
 from rig.recording import Recording
+from tools.kept_trials import kept_trials, run_and_keep
 from tools.simulated.drawn_rigs import MIDDLE, drawn_motion, drawn_rig
 from tools.simulated.recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
 
@@ -196,29 +195,10 @@ def trials(
     """
     kept.mkdir(parents=True, exist_ok=True)
     file = kept / f"trials-{source_key(_ROOT)}.jsonl"
-    done = _read(file)
-    left = [plan for plan in plans if plan.key not in done]
-    if left:
-        with file.open("a", encoding="utf-8") as out, ProcessPoolExecutor(jobs) as pool:
-            for found in track(
-                pool.map(run, left), description="trials", total=len(left), transient=True
-            ):
-                out.write(json.dumps(asdict(found)) + "\n")
-                out.flush()
-                done[found.plan.key] = found
+    done = {found.plan.key: found for found in map(_trial_of, kept_trials(file))}
+    left = [(plan,) for plan in plans if plan.key not in done]
+    done |= {found.plan.key: found for found in run_and_keep(file, "trials", run, left, jobs)}
     return [done[plan.key] for plan in plans]
-
-
-def _read(file: Path) -> dict[str, Trial]:
-    """Return the trials kept in a file, by their plan's key; a line cut off at its end is none."""
-    found = {}
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
-        try:
-            entry = _trial_of(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-        found[entry.plan.key] = entry
-    return found
 
 
 def _trial_of(fields: Mapping[str, Any]) -> Trial:

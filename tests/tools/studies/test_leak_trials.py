@@ -51,21 +51,7 @@ def test_a_healthy_rig_is_judged_every_half_second(judge: str) -> None:
     assert found.first_s(found.verdict) is not None
 
 
-def test_a_study_runs_only_what_it_has_not_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Here:
-        """Runs in this process what a pool would."""
-
-        def __init__(self, _: int) -> None: ...
-        def __enter__(self) -> "Here":
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        map = staticmethod(map)
-
-    monkeypatch.setattr(leak_trials, "ProcessPoolExecutor", Here)
+def test_a_study_runs_only_what_it_has_not_kept(tmp_path: Path) -> None:
     plans = [Plan(seed, "internal_leakage", 0.1 * seed, 10.0, 20.0) for seed in (1, 2, 3)]
     ran: list[int] = []
 
@@ -77,6 +63,7 @@ def test_a_study_runs_only_what_it_has_not_kept(
     file = next(tmp_path.iterdir())
     file.write_text(file.read_text() + '{"plan": {"se')  # as a kill leaves it
     again = trials(plans, tmp_path, 1, counted)
+    assert trials(plans, tmp_path, 1, counted) == again
     assert ran == [1, 2, 3]
     assert again[:2] == first
     assert again == [made_up(plan) for plan in plans]
