@@ -180,12 +180,18 @@ def filter_step(filt, command, reading, out):
 
     The thesis filters use neither the spool nor the supply pressure.
     """
+    _step_of(filt.code, filt, command, reading, out)
+
+
+@inlined
+def _step_of(code, filt, command, reading, out):
+    """Advance the filter of a code, an argument of its own: the compiler leaves out the others."""
     x, covariance, par = filt.x, filt.covariance, filt.parameters
-    if filt.code is None:
+    if code is None:
         product_step(x, covariance, command, reading, par, filt.noise, filt.work, out)
         return
     out[9] = 0.0
-    if filt.code == THESIS_6:
+    if code == THESIS_6:
         thesis6_step(x, covariance, command, reading[0], reading[1], reading[2], par, out)
     else:
         thesis7_step(x, covariance, command, reading[0], reading[1], reading[2], par, out)
