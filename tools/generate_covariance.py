@@ -205,9 +205,9 @@ within some hundred steps under the forward-Euler mode of the oil column.
 from typing import Final
 
 import numpy as np
-from rig.jit import njit
 from numpy.typing import NDArray
 
+from rig.jit import njit
 from rig.lanes import everywhere
 
 from .fused import fma
