@@ -100,5 +100,5 @@ $(INSTALLED): requirements-lock.txt pyproject.toml
 $(INSTALLED_DEV): $(INSTALLED) requirements-dev-lock.txt
 	@echo "Adding what development needs (once, about a minute) ..."
 	@rm -f $@
-	@$(INSTALL) --only-binary :all: --require-hashes -r requirements-dev-lock.txt
+	@$(INSTALL) --no-compile --only-binary :all: --require-hashes -r requirements-dev-lock.txt
 	@touch $@

@@ -11,7 +11,9 @@ from tools.hidden_effects.trials import Plan, trial
 from tools.hidden_effects.workflow import in_process
 
 
-@pytest.mark.parametrize("kind", ["none", "single", "unexcited"])
+@pytest.mark.parametrize(
+    "kind", ["none", pytest.param("single", marks=pytest.mark.long), "unexcited"]
+)
 def test_a_short_blind_trial_comes_out_right(kind: str, tmp_path: Path) -> None:
     found = trial(Plan(kind, 1, 0, 4.0), tmp_path, False, in_process)
     assert found.score.outcome == "right", (found.envelope, found.answer)

@@ -82,7 +82,11 @@ assert not any(test.message for test in outcome.tests), outcome.tests
 
 
 @pytest.mark.parametrize(
-    "name", ["product", "thesis-6", pytest.param("thesis-7", marks=pytest.mark.long)]
+    "name",
+    [
+        "product",
+        *(pytest.param(other, marks=pytest.mark.long) for other in ("thesis-6", "thesis-7")),
+    ],
 )
 def test_a_supervisor_uses_nothing_for_the_first_time_while_its_rig_is_armed(
     name: str, tmp_path: Path
