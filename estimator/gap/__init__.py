@@ -1,6 +1,7 @@
-"""The model-gap workflow: where a model and its recordings disagree, what is missing, what it adds.
+"""The model-gap workflow finds where a model disagrees with recordings, and what the model lacks.
 
-A plant is seen through `plant.Plant` only; `servo_actuator` is the rig's own.
+Its packages know a plant only by the class `plant.Plant`. `servo_actuator` makes the plant of this
+project's rig.
 """
 
 from lazy_loader import attach_stub

@@ -1,4 +1,4 @@
-"""The plant as the gap workflow sees it: four compiled functions, names, units and bands."""
+"""This package describes a plant to the gap workflow, and prepares recordings for its filter."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""At which frequencies predictions err: power of innovations by frequency band (Welch 1967)."""
+"""Power of innovations by frequency band, which shows where predictions err (Welch 1967)."""
 
 from typing import Final
 
@@ -7,25 +7,31 @@ import numpy as np
 from .interface import Array
 
 EDGES_HZ: Final = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-"""Lower ends of the bands; each goes on to the next, the last to half the sampling rate."""
+"""Lower ends of the frequency bands, Hz. Each band ends where the next begins, and the last at half
+the sampling rate."""
 _SEGMENT_S: Final = 1.0
-"""Segments of this length tell 1 Hz from 2."""
+"""Length of a segment, s. Segments of 1 s can separate 1 Hz from 2 Hz."""
 
 
 def edges(period: float) -> tuple[float, ...]:
-    """Return the ends of the bands in Hz for a sampling period in s, the highest last."""
+    """Return the ends of the bands in Hz, ascending, for a sampling period in s.
+
+    The last end is half the sampling rate. Bands that begin above it are left out.
+    """
     highest = 0.5 / period
     return (*(edge for edge in EDGES_HZ if edge < highest), highest)
 
 
 def band_powers(innovations: Array, period: float) -> Array:
-    """Return the mean square of innovations in each band, float64 (bands, outputs).
+    """Return the mean square of innovations in each frequency band, float64 (bands, outputs).
 
-    Segments of 1 s, half overlapping, under Hann's window; shorter records are one segment.
+    The innovations are cut into segments of 1 s that overlap by half, under Hann's window. A
+    shorter record is one segment.
 
     Args:
-        innovations: (n, outputs), over their standard deviations; missing ones count as none.
-        period: of sampling, s.
+        innovations: (n, outputs), divided by their standard deviations; those that are not finite
+            count as 0.
+        period: sampling period, s.
     """
     length = min(round(_SEGMENT_S / period), len(innovations))
     window = np.hanning(length + 1)[:length]
@@ -36,7 +42,7 @@ def band_powers(innovations: Array, period: float) -> Array:
         part = finite[start : start + length] * window[:, None]
         power += np.abs(np.fft.rfft(part, axis=0)) ** 2
     power /= len(starts) * length * (window**2).sum()
-    # Each frequency stands for its negative as well, but for none and for half the rate.
+    # Each frequency counts for its negative as well, except 0 and half the sampling rate.
     last = len(power) if length % 2 else len(power) - 1
     power[1:last] *= 2.0
     frequencies = np.fft.rfftfreq(length, period)

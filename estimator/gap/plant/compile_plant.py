@@ -1,4 +1,7 @@
-"""Makes the workflow's plant of a description: checks it, compiles it, integrates its rates."""
+"""This module makes a `Plant` of a description: it checks it and compiles its functions.
+
+The compiled step integrates the rates of the description.
+"""
 
 from collections import namedtuple
 from collections.abc import Callable, Mapping
@@ -33,15 +36,19 @@ from .interface import (
 )
 
 PERIOD: Final = 1e-3
-"""s from sample to sample: what `rig.recording` reads."""
+"""Sampling period, s: that of the recordings that `rig.recording` reads."""
 _STEERED_S: Final = 0.5
-"""s within which steering brings a simulation back to its course."""
+"""Time within which steering brings a simulation back to its course, s."""
 _SMALL: Final = 0.01
-"""Part of a state's spread by which the state is changed, for derivatives by differences."""
+"""Change of a state by which derivatives are taken by differences, as a part of the state's
+spread."""
 
 
 class Views:
-    """States, inputs and parameters of a description, with their names as attributes."""
+    """Named tuples of the states, inputs and parameters of a description.
+
+    The functions of the description read them by these names, as attributes.
+    """
 
     def __init__(self, description: PlantDescription) -> None:
         self.state = namedtuple("State", [s.name for s in description.states])  # type: ignore[misc]
@@ -51,17 +58,17 @@ class Views:
         )
 
     def given(self, values: Mapping[str, float]) -> Any:
-        """Return parameters of values by name."""
+        """Return the named tuple of parameters that have these values (by name)."""
         return self.parameters(**{name: float(values[name]) for name in self.parameters._fields})
 
 
 def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
-    """Return a plant with given values of all its parameters (by name, SI).
+    """Return the plant of a description, with given values of all its parameters (by name, SI).
 
-    Takes two to three seconds, most of them the compiler's.
+    This takes two to three seconds, most of them for compiling.
 
     Raises:
-        PlantError: everything that is wrong with the description.
+        PlantError: something is wrong with the description; the error lists everything.
     """
     check_description(description)
     views = Views(description)
@@ -101,7 +108,11 @@ def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
 
 
 def probe_of(parameter: Parameter, value: float) -> float:
-    """Return a small but visible change of a parameter."""
+    """Return a small but visible change of a parameter with this value, SI.
+
+    If the parameter states none, the change is a 1000th of its range, or a 100th of its value if
+    that is less.
+    """
     if parameter.probe > 0.0:
         return parameter.probe
     probe = 1e-3 * (parameter.upper - parameter.lower)
@@ -111,7 +122,10 @@ def probe_of(parameter: Parameter, value: float) -> float:
 def nuisances(
     parameters: tuple[Parameter, ...], tolerances: Mapping[str, float], nominal: Mapping[str, float]
 ) -> tuple[Nuisance, ...]:
-    """Return what is refitted first: parameters with a tolerance above zero, about the model's."""
+    """Return the nuisances, which are refitted first: all parameters with a tolerance above zero.
+
+    The tolerance is about the value of the model (`nominal`).
+    """
     return tuple(
         Nuisance(each.name, probe_of(each, nominal[each.name]), tolerances[each.name],
                  nominal[each.name])
@@ -121,7 +135,7 @@ def nuisances(
 
 
 def effect(description: PlantDescription, told: MayLack, nominal: Mapping[str, float]) -> Effect:
-    """Return an effect of a description with its knobs."""
+    """Return an effect with its knobs, made of its row in a description."""
     known = {parameter.name: parameter for parameter in description.parameters}
     knobs = []
     for key, name in told.parameters.items():
@@ -134,7 +148,7 @@ def effect(description: PlantDescription, told: MayLack, nominal: Mapping[str, f
 
 
 def _states(description: PlantDescription, views: Views, par: Any) -> tuple[State, ...]:
-    """Return the states, with the error of the equations that drive them in one sample."""
+    """Return the states, with a noise that includes the errors of the equations for their rates."""
     rest = views.state(*(np.zeros(1) for _ in description.states))
     made = []
     for each in description.states:
@@ -167,7 +181,10 @@ def _start(
 
 
 def _rate(values: Array) -> float:
-    """Return the slope of a straight line through samples (m,), by least squares."""
+    """Return the slope per s of a straight line through samples (m,), by least squares.
+
+    Samples that are not finite are left out; with fewer than two others the slope is 0.
+    """
     known = np.flatnonzero(np.isfinite(values))
     if len(known) < 2:
         return 0.0
@@ -232,9 +249,10 @@ def read(state, memory, parameters, outputs):
 
 
 def _compiled(description: PlantDescription, views: Views) -> tuple[Any, Any, Any]:
-    """Return drive, step and read, compiled from sources that unpack arrays into the views.
+    """Return the compiled functions drive, step and read of a description.
 
-    The step is that of Runge and Kutta (4th order) for each substep, the inputs held.
+    Their sources are generated: they unpack arrays into the named tuples of the views. Each substep
+    of step is one of Runge and Kutta (4th order), with the inputs held.
     """
     states, outputs = range(len(description.states)), range(len(description.outputs))
     h = PERIOD / description.substeps
@@ -270,14 +288,17 @@ def _compiled(description: PlantDescription, views: Views) -> tuple[Any, Any, An
 
 
 def _longest(description: PlantDescription) -> int:
-    """Return by how many samples inputs may act later at most."""
+    """Return the greatest delay of the inputs, in samples, rounded up; 0 without a delay."""
     upper = {each.name: each.upper for each in description.parameters}
     delay = description.input_delay
     return 0 if delay is None else ceil(upper[delay] / PERIOD - 1e-9)
 
 
 def _drive(description: PlantDescription) -> Any:
-    """Return the drive: inputs as they are, or held, later by any part of a sample."""
+    """Return the compiled drive, which copies the inputs to the memory, if need be with a delay.
+
+    The delay need not be a whole number of samples.
+    """
     if description.input_delay is None:
         return hold
     most = _longest(description)
@@ -291,7 +312,11 @@ def _drive(description: PlantDescription) -> Any:
 def _begin(
     description: PlantDescription,
 ) -> Callable[[Array, Array, Mapping[str, float], float], Array]:
-    """Return what makes the memory: the inputs as they act, and those on their way, if any are."""
+    """Return the function that makes the memory at the first sample (`Plant.begin`).
+
+    The memory holds the inputs as they act and, with a delay, those that will act later. All are
+    equal to the inputs at the first sample.
+    """
     if description.input_delay is None:
         return begin_held
     length = _longest(description) + 2
@@ -303,7 +328,7 @@ def _begin(
 
 
 def _listed(pattern: str, indices: range) -> str:
-    # The last comma makes a tuple of a single one too.
+    # The last comma makes a tuple even of a single item.
     return "".join(pattern.format(index) + ", " for index in indices)
 
 
@@ -342,9 +367,10 @@ def _stated_steering(description: PlantDescription) -> tuple[tuple[int, int, flo
 
 
 def _steered(plant: Plant, description: PlantDescription) -> Plant:
-    """Return the plant with steering of its first input by the first output that follows it.
+    """Return the plant, with its first input steered by the first output that follows that input.
 
-    The gain is what brings back within _STEERED_S what the input moves in that time.
+    The gain is the input, per unit of the output, that moves the output by that unit within
+    _STEERED_S. If no output follows the input, the plant is returned as it is.
     """
     par = plant.vector(plant.nominal)
     ends = []

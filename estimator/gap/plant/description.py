@@ -1,6 +1,7 @@
-"""How someone outside this package tells the workflow of a plant: plain functions and tables.
+"""An author outside this package describes a plant with the functions and tables of this module.
 
-docs/another_plant.md writes one word by word. `building.build` makes the `Plant` of it.
+docs/another_plant.md writes one description step by step. `compile_plant.build` makes the `Plant`
+of it.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,7 +14,7 @@ from .interface import Parameter
 
 
 class PlantError(ValueError):
-    """A plant that cannot be used; one line for each thing that is wrong with it."""
+    """The plant cannot be used. The message has one line for each problem in `problems`."""
 
     def __init__(self, problems: list[str]) -> None:
         self.problems = problems
@@ -22,19 +23,19 @@ class PlantError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a state starts: at the first readings of a channel, or at how fast they change."""
+    """How a state starts: at a channel's first reading or, if `rate`, at its change per s."""
 
     channel: str
     rate: bool = False
 
 
 def reading(channel: str) -> Start:
-    """Start a state at the first reading of a channel in the state's own unit."""
+    """Return a `Start` at the first reading of a channel, which must have the state's own unit."""
     return Start(channel)
 
 
 def slope(channel: str) -> Start:
-    """Start a state at the rate of change of a channel over its first 20 samples."""
+    """Return a `Start` at the rate of change of a channel over its first 20 samples, per s."""
     return Start(channel, rate=True)
 
 
@@ -43,12 +44,13 @@ class StateOf:
     """One state of a described plant.
 
     Attributes:
-        name: an attribute of `state` in the plant's functions.
-        unit: SI.
-        start: its value at the first sample, or the channel it follows from.
-        spread: standard deviation of that start, SI; also the scale of small changes of it.
-        error: standard deviation of the model's own error over one sample, SI, beside that of the
-            equations (`EquationOf.error`).
+        name: name of the state, an attribute of `state` in the plant's functions.
+        unit: SI unit.
+        start: value at the first sample, SI, or how it follows from a channel.
+        spread: standard deviation of that start value, SI. It also sets the size of the small
+            changes of the state by which derivatives are taken.
+        error: standard deviation, SI, of the error that the model makes in this state over one
+            sample, in addition to the error of the equations (`EquationOf.error`).
     """
 
     name: str
@@ -60,11 +62,11 @@ class StateOf:
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """What drives a plant: a channel, held from one sample to the next.
+    """A channel that drives a plant. Its value is held from one sample to the next.
 
     Attributes:
-        channel: column of a recording, an attribute of `inputs` in the plant's functions.
-        unit: SI.
+        channel: name of the recording's column, an attribute of `inputs` in the plant's functions.
+        unit: SI unit.
         size: a large but usual value, SI.
     """
 
@@ -78,13 +80,14 @@ class Channel:
     """One channel of a recording that a described plant predicts.
 
     Attributes:
-        channel: column of a recording.
-        unit: SI.
-        noise: standard deviation of a reading, SI, greater than 0.
-        resolution: step of a counting sensor, SI, 0 if it has none.
-        lower: least reading, SI; at or below it a reading is saturated.
-        upper: greatest reading.
-        shown: unit in reports, and how many of it are one SI unit.
+        channel: name of the recording's column.
+        unit: SI unit of the readings.
+        noise: standard deviation of the noise of a reading, SI, greater than 0.
+        resolution: step of a counting sensor, SI; 0 if the sensor does not count.
+        lower: lower end of the sensor's range, SI; a reading at or below it is saturated.
+        upper: upper end of the range, SI; a reading at or above it is saturated.
+        shown: unit used in reports, and the number of such units in one SI unit; None for the SI
+            unit.
     """
 
     channel: str
@@ -101,13 +104,14 @@ class MayLack:
     """An effect that a model may lack.
 
     Attributes:
-        name: in reports and model files.
-        equation: what it adds, in symbols.
-        where: name of the equation, or channel, that it enters.
-        parameters: key in a model file -> parameter of the plant; "value" for the only one.
-        starts: where a fit starts, by key, if the neutral value is no start: there the effect
-            vanishes with its slope, or another parameter of it has no meaning yet.
-        unseen: what of it cannot be told on principle, for the report.
+        name: name used in reports and model files.
+        equation: what the effect adds to the model, in symbols.
+        where: name of the equation or channel that the effect enters.
+        parameters: key in a model file -> name of the plant's parameter. The key of an only
+            parameter is "value".
+        starts: values by key from which fits start, if the neutral values are no start: there the
+            effect has no slope, or another of its parameters has no meaning yet.
+        unseen: what recordings cannot show of the effect on principle, in words for the report.
     """
 
     name: str
@@ -123,15 +127,16 @@ class EquationOf:
     """An equation that a disturbance may enter.
 
     Attributes:
-        name: in reports: "force balance".
-        unit: of the disturbance, SI.
-        state: name of the state whose rate it changes.
+        name: name used in reports, such as "force balance".
+        unit: SI unit of the disturbance.
+        state: name of the state whose rate the disturbance changes.
         per: (state, parameters) -> change of that rate by one unit of disturbance; `state` holds
             arrays (n,).
-        error: standard deviation of the disturbance that the model admits to at all times, white
-            from sample to sample, in the unit (docs/another_plant.md tells how to choose it).
-        of: names of the regions that it is drawn against.
-        shown: unit in reports, and how many of it are one SI unit.
+        error: standard deviation, in `unit`, of the disturbance that the model allows for at all
+            times, white from sample to sample (docs/another_plant.md explains how to choose it).
+        of: names of the regions that the disturbance may depend on.
+        shown: unit used in reports, and the number of such units in one SI unit; None for the SI
+            unit.
     """
 
     name: str
@@ -145,13 +150,14 @@ class EquationOf:
 
 @dataclass(frozen=True, slots=True)
 class RegionOf:
-    """A quantity that says where a plant is working.
+    """A quantity that says where in its range a plant works, such as its velocity.
 
     Attributes:
-        name: in reports: "velocity".
-        unit: SI.
-        value: (state, inputs) -> its value; both hold arrays (n,).
-        shown: unit in reports, and how many of it are one SI unit.
+        name: name used in reports, such as "velocity".
+        unit: SI unit.
+        value: (state, inputs) -> the quantity; both arguments hold arrays (n,).
+        shown: unit used in reports, and the number of such units in one SI unit; None for the SI
+            unit.
     """
 
     name: str
@@ -162,30 +168,33 @@ class RegionOf:
 
 @dataclass(frozen=True)
 class PlantDescription:
-    """A plant as its author tells it. SI throughout.
+    """A plant as its author describes it, in SI units throughout.
 
     Attributes:
-        name: of the plant.
-        states: in the order in which `rates` returns them.
-        inputs: what drives it.
-        outputs: what is measured, in the order in which `readings` returns them.
-        parameters: all, those of its effects included.
-        rates: (state, inputs, parameters) -> the rate of change of each state, a tuple. All three
-            have named attributes. Compiled by numba: arithmetic and `math`, and functions of one's
-            own that are decorated with `numba.njit`. No jumps: what jumps is smoothed, or given a
-            state of its own.
-        readings: likewise -> what each output reads without noise, a tuple; `inputs` are those of
-            the sample before.
-        effects: what a model of it may lack.
-        tolerances: parameter -> how far it may be off, as a fraction of the model's value, before
-            that is a missing effect: refitted first.
-        equations: where disturbances enter.
-        regions: what these are drawn against.
-        input_delay: parameter by which the inputs act later, s, if there is one.
-        substeps: steps of the integrator (Runge-Kutta, 4th order) in one sample.
-        steering: (input, output) -> gain, in the input's unit per output's, that keeps a
-            simulation on the course of a recording: None to choose one, empty for none.
-        not_told_apart: reasons, by pair of effects, why these are the same on principle.
+        name: name of the plant.
+        states: states, in the order in which `rates` returns their rates.
+        inputs: channels that drive the plant.
+        outputs: channels that are measured, in the order in which `readings` returns them.
+        parameters: all parameters, including those of the effects.
+        rates: (state, inputs, parameters) -> the rate of change of each state, a tuple. The
+            arguments have named attributes. numba compiles the function: it may use arithmetic,
+            `math`, and the author's own functions that are decorated with `numba.njit`. It must not
+            jump: what jumps is smoothed, or given a state of its own.
+        readings: (state, inputs, parameters) -> what each output reads without noise, a tuple, with
+            the same rules as `rates`; `inputs` are those of the sample before.
+        effects: effects that a model of the plant may lack.
+        tolerances: parameter -> how far its value may differ from the model's, as a fraction of
+            that, before the difference counts as a missing effect. These parameters are refitted
+            first.
+        equations: equations that a disturbance may enter.
+        regions: quantities that a disturbance may depend on.
+        input_delay: name of the parameter by which all inputs act later, s; None if there is none.
+        substeps: number of integration steps (Runge-Kutta, 4th order) in one sample.
+        steering: (input, output) -> gain of a feedback, in the input's unit per the output's, that
+            keeps a simulation on the course of a recording. With None one is chosen; with an empty
+            mapping there is no feedback.
+        not_told_apart: for each pair of effects that are the same on principle, the reason in
+            words.
     """
 
     name: str

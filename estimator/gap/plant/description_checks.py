@@ -1,4 +1,4 @@
-"""What can be wrong with a description of a plant, told all at once and by name."""
+"""Checks of a plant's description: they report all problems at once, each with its place."""
 
 import math
 import traceback
@@ -14,10 +14,10 @@ _KEYWORDS: Final = "must be a Python name, as in position_m"
 
 
 def check_description(told: PlantDescription) -> None:
-    """Verify that the tables of a description fit together.
+    """Check that the tables of a description fit together.
 
     Raises:
-        PlantError: everything that does not.
+        PlantError: they do not; the error lists all problems.
     """
     problems = [*_names(told), *_parameters(told), *_references(told), *_figures(told)]
     if problems:
@@ -25,10 +25,11 @@ def check_description(told: PlantDescription) -> None:
 
 
 def check_functions(told: PlantDescription, views: Any, par: Any) -> None:
-    """Verify that rates and readings, called as plain Python, return what they should.
+    """Check that a description's functions, called as plain Python, return what they should.
 
     Raises:
-        PlantError: they raise, return another number of values, or something that is not finite.
+        PlantError: a function raises, returns the wrong number of values, or returns a value that
+            is not finite.
     """
     inputs = views.inputs(*(0.5 * each.size for each in told.inputs))
     at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in told.states]

@@ -1,16 +1,18 @@
-"""What the workflow needs to know of a plant; docs/another_plant.md walks through a second one.
+"""This module defines what the gap workflow must know of a plant, above all the class `Plant`.
 
-A plant is a discrete-time model, one sample a step, in four compiled functions. Between its states,
-which the filter estimates, and what is commanded and read there may be a memory, which it does not:
-the play of a spool, the lag of a transducer. Each sample, in this order:
+A plant is a discrete-time model, with one step per sample, in four compiled functions. The filter
+estimates the plant's states. Between the states and what is commanded or read there may be a
+memory, such as the play of a spool or the lag of a transducer; the filter does not estimate the
+memory. The functions are called in this order in each sample:
 
-    drive(inputs, memory, parameters)              what reaches the plant of the inputs
-    step(state, memory, parameters)                the state one sample later, in place
-    remember(before, state, memory, parameters)    what the sensors make of the state's move
-    read(state, memory, parameters, readings)      the readings, without noise
+    drive(inputs, memory, parameters)              writes what acts on the plant to the memory
+    step(state, memory, parameters)                advances the state by one sample, in place
+    remember(before, state, memory, parameters)    updates what the sensors remember
+    read(state, memory, parameters, readings)      writes the readings, without noise
 
-Between two samples a filter corrects the state: `before` is the state that was stepped, not the one
-that was last remembered.
+Between two samples a filter corrects the state. So `before` is the corrected state that `step`
+started from, and may differ from the `state` of the last call of `remember`. docs/another_plant.md
+describes a second plant step by step.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,13 +32,14 @@ DRIVE: Final = void(_VECTOR, _VECTOR, _VECTOR)
 STEP: Final = void(_VECTOR, _VECTOR, _VECTOR)
 REMEMBER: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
 READ: Final = void(_VECTOR, _VECTOR, _VECTOR, _VECTOR)
-"""Signatures to compile the four functions with: `njit(STEP, cache=True, error_model="numpy")`."""
+"""DRIVE, STEP, REMEMBER and READ are the numba signatures with which the four functions are
+compiled, as in `njit(STEP, cache=True, error_model="numpy")`."""
 _MATRIX: Final = float64[:, ::1]
 DRIVE_IN_LANES: Final = void(_VECTOR, _MATRIX)
 STEP_IN_LANES: Final = void(_MATRIX, _MATRIX, _MATRIX, _VECTOR)
 REMEMBER_IN_LANES: Final = STEP_IN_LANES
 READ_IN_LANES: Final = void(_MATRIX, _MATRIX, _MATRIX, _VECTOR, _MATRIX)
-"""Signatures of what a plant may give beside, see `InLanes`."""
+"""The four signatures that end in _IN_LANES are those of the optional functions in `InLanes`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +47,11 @@ class State:
     """One state of a plant.
 
     Attributes:
-        name: as in reports.
-        unit: SI.
-        change: a small change of it, for derivatives by differences.
-        noise: standard deviation of the model's own error over one sample.
+        name: name used in reports.
+        unit: SI unit.
+        change: small change of the state, SI, by which derivatives are taken by differences.
+        noise: standard deviation, SI, of the error that the model makes in this state over one
+            sample.
     """
 
     name: str
@@ -61,14 +65,15 @@ class Output:
     """One measured channel of a recording.
 
     Attributes:
-        channel: column of the recording.
-        unit: SI.
-        noise: standard deviation of a reading.
-        resolution: step of a counting sensor, 0 if it has none.
-        lower: least reading; at or below it a reading is saturated.
-        upper: greatest reading.
-        shown: unit in reports, and how many of it are one SI unit.
-        of: what an error of its readings is drawn against, names of `Region`.
+        channel: name of the recording's column.
+        unit: SI unit of the readings.
+        noise: standard deviation of the noise of a reading, SI.
+        resolution: step of a counting sensor, SI; 0 if the sensor does not count.
+        lower: lower end of the sensor's range, SI; a reading at or below it is saturated.
+        upper: upper end of the range, SI; a reading at or above it is saturated.
+        shown: unit used in reports, and the number of such units in one SI unit; None for the SI
+            unit.
+        of: names of the regions (`Region`) that an error of the readings may depend on.
     """
 
     channel: str
@@ -82,23 +87,24 @@ class Output:
 
     @property
     def variance(self) -> float:
-        """Variance of a reading, rounding included."""
+        """Return the variance of a reading, from its noise and its rounding to the resolution."""
         return self.noise**2 + self.resolution**2 / 12.0
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a plant; its value is the model's.
+    """One parameter of a plant. Its value is not here: each model has its own.
 
     Attributes:
-        name: as in model files.
-        unit: SI.
-        lower: least value that a model file may give.
-        upper: greatest value.
-        neutral: value at which what it describes is not there, None if every plant has it.
-        probe: a small but visible change, for derivatives by differences; 0 for a 1000th of its
-            range, or a 100th of its value if that is less.
-        about: its symbol and source, for model files.
+        name: name, as in model files.
+        unit: SI unit.
+        lower: least value that a model file may give, SI.
+        upper: greatest value that a model file may give, SI.
+        neutral: value at which what the parameter describes is absent; None if it is present in
+            every plant.
+        probe: small but visible change, SI, for derivatives by differences. 0 stands for a 1000th
+            of the range, or a 100th of the value if that is less.
+        about: symbol and source of the parameter, which are written to model files.
     """
 
     name: str
@@ -112,16 +118,16 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Knob:
-    """A parameter that an effect moves off its neutral value.
+    """One parameter that an effect moves off its neutral value.
 
     Attributes:
-        key: its name in the effect, as in a model file.
-        parameter: of the plant.
-        probe: a small but visible change, for derivatives by differences.
-        lower: least plausible value.
-        upper: greatest plausible value.
-        follows: other parameters that change in proportion, relative to their own values.
-        logarithmic: whether its size is sought on a logarithmic scale; it is positive then.
+        key: name of the knob within the effect, as in a model file.
+        parameter: name of the plant's parameter.
+        probe: small but visible change, SI, for derivatives by differences.
+        lower: least plausible value, SI.
+        upper: greatest plausible value, SI.
+        follows: names of other parameters, which are scaled by the same factor as this one.
+        logarithmic: whether fits step in the logarithm of the value, which must then be positive.
     """
 
     key: str
@@ -135,13 +141,14 @@ class Knob:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """One recording as predicted one sample ahead.
+    """One recording with its predictions one sample ahead.
 
     Attributes:
         inputs: float64 (n, inputs), as commanded.
         states: float64 (n, states), filtered.
-        innovations: float64 (n, outputs), over their standard deviations.
-        readings: float64 (n, outputs); where the model is far off, so are the states.
+        innovations: float64 (n, outputs), divided by their standard deviations.
+        readings: float64 (n, outputs), as recorded. Where the model is far off, the filtered states
+            are wrong as well, and the readings are the better source.
     """
 
     inputs: Array
@@ -158,15 +165,18 @@ class Effect:
     """A physical effect that a model may lack.
 
     Attributes:
-        name: in reports and model files.
-        equation: what it adds, in symbols.
-        where: name of the equation it enters (`Equation.name`) or the channel it is read in.
-        knobs: what is fitted.
-        starts: values of the knobs, by key, to start a fit from where the neutral ones are no
-            start (no slope there); empty for those that can be reached from the neutral values.
-        unseen: what of it cannot be told on principle, for the report.
-        propose: (recordings as predicted, values of all parameters by name) -> further starts,
-            where these depend on the motion; empty if the recordings show nothing of the effect.
+        name: name used in reports and model files.
+        equation: what the effect adds to the model, in symbols.
+        where: name of the equation that the effect enters (`Equation.name`), or of the channel
+            whose readings it changes.
+        knobs: parameters that are fitted.
+        starts: values of the knobs, by key, from which fits start where the neutral values are no
+            start, because the cost has no slope there. It is empty if a fit can start from the
+            neutral values.
+        unseen: what recordings cannot show of the effect on principle, in words for the report.
+        propose: (recordings as predicted, values of all parameters by name) -> further starts, for
+            an effect whose starts depend on the recorded motion. It returns none if the recordings
+            show nothing of the effect.
     """
 
     name: str
@@ -180,14 +190,14 @@ class Effect:
 
 @dataclass(frozen=True, slots=True)
 class Nuisance:
-    """A parameter that differs from rig to rig: refitted within a tolerance first.
+    """A parameter that differs from rig to rig, and is refitted within a tolerance first of all.
 
     Attributes:
-        parameter: of the plant.
-        probe: as of `Knob`.
-        tolerance: greatest deviation, as a fraction of the nominal value.
-        nominal: that value.
-        effect: name of the effect it is beyond the tolerance, None if it has none.
+        parameter: name of the plant's parameter.
+        probe: small but visible change, as in `Knob`.
+        tolerance: greatest deviation from the nominal value, as a fraction of it.
+        nominal: that nominal value, SI.
+        effect: name of the effect that a larger deviation counts as; None if there is none.
     """
 
     parameter: str
@@ -199,12 +209,13 @@ class Nuisance:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A disturbance in symbols as a plant's parameters hold it.
+    """A disturbance in symbols, as the values of a plant's parameters that represent it.
 
     Attributes:
-        values: of all parameters, with it; empty if none of its terms can be held.
-        knobs: of its terms, to be refitted.
-        refused: number of each term that cannot be held, and why, in words.
+        values: values of all parameters by name, with the disturbance; empty if the plant's
+            parameters can represent none of its terms.
+        knobs: knobs of the terms, with which these can be refitted.
+        refused: for each term that cannot be represented, its index and the reason in words.
     """
 
     values: Mapping[str, float]
@@ -220,15 +231,15 @@ class Equation:
     """An equation that a disturbance may enter, or several that one disturbance enters at once.
 
     Attributes:
-        name: as in reports: "force balance", "chamber 1".
-        unit: of the disturbance, SI.
-        state: index of the state whose rate it drives.
-        rate: (states (n, count), parameters by name) -> float64 (n,), change of that state in one
-            sample by one unit of disturbance.
-        shown: unit in reports, and how many of it are one SI unit.
-        of: what it is drawn against, names of `Region`.
-        also: further states that the same disturbance drives, with their rates: what leaks from one
-            chamber comes into the other.
+        name: name used in reports, such as "force balance" or "flow, chamber 1".
+        unit: SI unit of the disturbance.
+        state: index of the state whose rate the disturbance changes.
+        rate: (states (n, count), parameters by name) -> float64 (n,), the change of that state over
+            one sample by one unit of disturbance.
+        shown: unit used in reports, and the number of such units in one SI unit.
+        of: names of the regions (`Region`) that the disturbance may depend on.
+        also: index and rate of each further state that the same disturbance changes. For example,
+            oil that leaks from one chamber enters the other.
     """
 
     name: str
@@ -242,15 +253,15 @@ class Equation:
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A quantity that says where in its range a plant is working.
+    """A quantity that says where in its range a plant works, such as its velocity.
 
     Attributes:
-        name: as in reports: "velocity".
-        unit: SI.
-        value: (states (n, count), inputs (n, inputs)) -> float64 (n,).
-        shown: unit in reports, and how many of it are one SI unit.
-        symbol: in formulas, its name if empty.
-        periodic: whether something may repeat along it, such as the teeth of a rack.
+        name: name used in reports, such as "velocity".
+        unit: SI unit.
+        value: (states (n, count), inputs (n, inputs)) -> float64 (n,), the quantity at each sample.
+        shown: unit used in reports, and the number of such units in one SI unit.
+        symbol: symbol used in formulas; the name is used if it is empty.
+        periodic: whether a disturbance may repeat along the quantity, as along the teeth of a rack.
     """
 
     name: str
@@ -266,12 +277,12 @@ class Motion:
     """A motion that an experiment may consist of (`estimator.gap.verdict.experiments`).
 
     Attributes:
-        name: of it, alone of its kind.
-        told: what it does, in words.
-        inputs: float64 (n, inputs), beside what the rig's own loop adds.
-        course: float64 (n, outputs), where the rig's own loop keeps the outputs; readings to start
-            from.
-        campaign: of a campaign file that runs it, without rig and model.
+        name: name of the motion, unique among motions.
+        told: what the motion does, in words.
+        inputs: float64 (n, inputs), commands in addition to those of the rig's own control loop.
+        course: float64 (n, outputs), readings along which the rig's own control loop keeps the
+            outputs; the motion starts from the first of them.
+        campaign: contents of a campaign file that runs the motion, without its rig and model.
     """
 
     name: str
@@ -283,23 +294,25 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class InLanes:
-    """A plant for several runs side by side (`rig.lanes`), by the same inputs.
+    """The same plant for several runs side by side in lanes (`rig.lanes`), with the same inputs.
 
-    States (states, LANES), memory (rows, LANES), parameters (parameters, LANES) and readings
-    (outputs, LANES) have a column for each run.
+    The arrays have one column for each run: states (states, LANES), memory (rows, LANES),
+    parameters (parameters, LANES) and readings (outputs, LANES).
 
     Attributes:
         begin: (start states (states, LANES), inputs (m, inputs), values of all parameters by name
-            of each lane) -> memory (rows, LANES) at the first sample; what depends on the time
-            since the recording began runs alone (`kind`).
+            for each lane) -> memory (rows, LANES) at the first sample. It does not know the time
+            since the recording began: a plant that depends on that time must run alone (`kind`).
         drive: (inputs, memory), compiled with DRIVE_IN_LANES.
-        step: (states, memory, parameters, those of the first lane), compiled with STEP_IN_LANES.
-        remember: (states, memory, parameters, those of the first lane), compiled with
-            REMEMBER_IN_LANES. What it needs of the states before, `step` leaves in the memory.
-        read: (states, memory, parameters, those of the first lane, readings), compiled with
+        step: (states, memory, parameters, parameters of the first lane), compiled with
+            STEP_IN_LANES.
+        remember: (states, memory, parameters, parameters of the first lane), compiled with
+            REMEMBER_IN_LANES. It does not get the states before the step: `step` must leave in the
+            memory what `remember` needs of them.
+        read: (states, memory, parameters, parameters of the first lane, readings), compiled with
             READ_IN_LANES.
-        kind: (values of all parameters by name) -> what runs must have in common to be side by
-            side; None of one that runs alone.
+        kind: (values of all parameters by name) -> numbers that must be equal for all runs in the
+            same lanes; None for values whose run must be alone.
     """
 
     begin: Callable[[Array, Array, Sequence[Mapping[str, float]]], Array]
@@ -312,18 +325,18 @@ class InLanes:
 
 @njit(DRIVE, cache=True, error_model="numpy")
 def hold(inputs, memory, parameters):
-    """Drive of a plant that its inputs reach as they are: they are kept in the memory."""
+    """Copy the inputs to the memory, for a plant on which they act unchanged and at once."""
     for i in range(inputs.size):
         memory[i] = inputs[i]
 
 
 @njit(REMEMBER, cache=True, error_model="numpy")
 def forget(before, state, memory, parameters):
-    """Remember nothing: the readings of such a plant follow from its state."""
+    """Do nothing, for a plant whose readings follow from its state alone."""
 
 
 def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
-    """Return the memory of a plant that keeps nothing but its inputs (inputs,)."""
+    """Return the first memory (inputs,) of a plant whose memory holds nothing but its inputs."""
     return np.array(inputs[0], dtype=np.float64)
 
 
@@ -333,7 +346,7 @@ Write = Callable[[Mapping[str, float], tuple[str, ...], Mapping[str, Any], Any],
 def not_to_a_file(
     values: Mapping[str, float], effects: tuple[str, ...], provenance: Mapping[str, Any], path: Any
 ) -> None:
-    """Refuse to write: a plant that no model file was read for has none.
+    """Raise TypeError, because the plant was not made of a model file and cannot write one.
 
     Raises:
         TypeError: always.
@@ -343,50 +356,54 @@ def not_to_a_file(
 
 @dataclass(frozen=True)
 class Plant:
-    """A plant as the workflow sees it.
+    """Everything that the gap workflow knows of a plant.
 
     Attributes:
-        name: of the plant.
-        states: what the filter estimates.
-        inputs: columns of a recording that drive it.
+        name: name of the plant.
+        states: states that the filter estimates.
+        inputs: names of the recording's columns that drive the plant.
         outputs: columns of a recording that are measured.
-        parameters: in the order of the array that the compiled functions take.
-        nominal: their values by name: the model to be tested, SI.
-        step: compiled with STEP.
-        read: compiled with READ.
+        parameters: all parameters, in the order of the array that the compiled functions take.
+        nominal: values of the parameters by name, SI, in the model that is to be tested.
+        step: function compiled with STEP.
+        read: function compiled with READ.
         start: (readings (m, outputs) of the first samples, inputs (m, inputs), parameters by name)
-            -> (state (count,), its standard deviations (count,)).
-        effects: what it may lack, by name.
-        nuisances: what is refitted first.
-        equations: where disturbances enter.
-        regions: what these are drawn against, by name.
-        drive: compiled with DRIVE.
-        remember: compiled with REMEMBER.
+            -> (state (count,) at the first sample, its standard deviations (count,)).
+        effects: effects that a model of the plant may lack, by name.
+        nuisances: parameters that are refitted before effects are looked for.
+        equations: equations that a disturbance may enter.
+        regions: quantities that a disturbance may depend on, by name.
+        drive: function compiled with DRIVE.
+        remember: function compiled with REMEMBER.
         begin: (start state (count,), inputs (m, inputs), parameters by name, time since the
-            recording began, s) -> memory (length,) at the first sample; at least as long as there
-            are inputs.
-        violent: (readings (n, outputs), parameters by name) -> bool (n,): where the plant changes
-            so quickly, and by laws known so badly, that no model predicts within a sample what
-            happens when: on a stop, with an empty chamber; None if there is nothing of the kind.
-        memories: parameters, neutral at 0, by which readings depend on the states before.
-        shares: (parameters by name) -> (outputs, states): part of its best gains that the filter
-            is to use, less than 1 where a reading tells of a past that hardly matters any more;
-            None if all are used.
-        period: one sample, s.
+            recording began, s) -> memory (length,) at the first sample. The memory is at least as
+            long as there are inputs.
+        violent: (readings (n, outputs), parameters by name) -> bool (n,), whether the plant changes
+            so quickly, and by laws so poorly known, that no model predicts what happens when within
+            the sample, as on a stop or with an empty chamber. None if a plant is never violent.
+        memories: names of parameters with neutral value 0. If one of them is not 0, the readings
+            depend on earlier states as well.
+        shares: (parameters by name) -> (outputs, states), the part of its optimal gains that the
+            filter is to use. It is less than 1 where a late reading shows a past that hardly
+            affects the present. None if all gains are used in full.
+        period: sampling period, s.
         horizon: how far ahead predictions are judged, s.
-        steering: input, output and gain that keep a simulation on the course of a recording.
-        write: (values of all parameters by name, names of effects, provenance, path): writes the
+        steering: input index, output index and gain of each feedback that keeps a simulation on the
+            course of a recording.
+        write: (values of all parameters by name, names of effects, provenance, path), writes the
             model file. `rig.runner.experiments.gap_results` and
-            `rig.configuration.models.plant_loading` give it.
-        not_told_apart: reasons, by pair of effects, why these are the same on principle.
-        motions: () -> motions that an experiment may consist of; none if none is known.
-        loop: as `steering`, of the loop that the rig itself closes in them.
+            `rig.configuration.models.plant_loading` supply it; by default it raises TypeError.
+        not_told_apart: for each pair of effects that are the same on principle, the reason in
+            words.
+        motions: () -> motions that an experiment may consist of; by default there are none.
+        loop: as `steering`, but for the control loop that the rig itself closes in those motions.
         hold_terms: (name of an equation or reading, terms (`terms.Term`), their coefficients, SI,
-            values of all parameters by name) -> how the model holds a disturbance in symbols; None
-            if it cannot hold any.
-        held_terms: (values of all parameters by name) -> that equation and its terms, each with
-            its coefficients.
-        in_lanes: the same plant for several runs side by side; None if it runs alone.
+            values of all parameters by name) -> the disturbance as values of the plant's
+            parameters. None if the parameters cannot represent any disturbance.
+        held_terms: (values of all parameters by name) -> the name of the equation and its terms,
+            each with its coefficients, that these values represent.
+        in_lanes: functions that run the plant in several lanes side by side; None if it always runs
+            alone.
     """
 
     name: str
@@ -422,9 +439,9 @@ class Plant:
     in_lanes: InLanes | None = None
 
     def remembers(self, values: Mapping[str, float]) -> bool:
-        """Return whether readings depend on the states before."""
+        """Return whether, with these values, readings depend on earlier states as well."""
         return any(values[name] != 0.0 for name in self.memories)
 
     def vector(self, values: Mapping[str, float]) -> Array:
-        """Return the values of all parameters as the compiled functions take them."""
+        """Return the values as the compiled functions take them, float64 (parameters,)."""
         return np.array([values[parameter.name] for parameter in self.parameters])

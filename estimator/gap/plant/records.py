@@ -1,4 +1,4 @@
-"""A recording as the filter takes it: inputs, readings, and how far each reading can be trusted."""
+"""A record is a recording prepared for the filter: inputs, readings and each reading's variance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,29 +13,35 @@ from .interface import Array, Plant
 BoolArray = NDArray[np.bool_]
 
 _SMOOTHED = 11
-"""Samples of the moving mean by which saturation is told."""
+"""Number of samples in the moving mean that decides whether a reading is saturated."""
 _MARGIN = 3.0
-"""Standard deviations from a limit within which a sensor's noise is cut off."""
+"""Standard deviations. If the mean is nearer to a limit than this, the limit cuts off part of the
+sensor's noise."""
 _BEFORE, _AFTER = 3, 30
-"""Samples before and after a blow in which readings are not known to a fraction of a sample."""
+"""Numbers of samples before and after a blow whose readings get more variance, because the moment
+of the blow within its sample is unknown."""
 LONGEST_DWELL = 100
-"""Samples that an encoder's count may rest before it counts as a new reading."""
+"""Greatest number of samples over which the variance of one encoder count is spread."""
 TIMES_OF_EXCHANGE = ("sent_s", "exchange_s")
-"""Columns of a loop on hardware: when in a tick its exchange was, and how long it took."""
+"""Columns of a loop on hardware: when in its tick the exchange was, and how long it took, s."""
 BLIND_S = 0.05
-"""Without two of the readings for longer, a filter does not know where the plant went."""
+"""s. If two readings are missing for longer, the filter does not know the plant's state any
+more."""
 UNTIMELY_S = 1.5e-4
-"""How much later or earlier than usual a sample may come, s: at 0.2 m/s a count of the encoder."""
+"""s. A sample that comes later or earlier than usual by more is not used. At 0.2 m/s the ram moves
+by one count of the encoder in this time."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """How strongly a filter corrected each state by each reading.
+    """How strongly a filter corrected each state by each reading, at each sample of a record.
 
     Attributes:
-        states: float64 (n, outputs, states), change of a state by an innovation.
-        variances: float64 (n, outputs), of the innovations; infinite where not used.
-        couplings: float64 (n, outputs, outputs), of a sample's innovations with earlier ones.
+        states: float64 (n, outputs, states), change of a state by one unit of an innovation.
+        variances: float64 (n, outputs), variances of the innovations; infinite where a reading is
+            not used.
+        couplings: float64 (n, outputs, outputs), [t, i, k] is the change of the prediction of
+            reading i by one unit of innovation k of the same sample, which is applied before it.
     """
 
     states: Array
@@ -45,14 +51,14 @@ class Gains:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One recording.
+    """A recording, or a part of one, as the filter takes it.
 
     Attributes:
-        source: where it comes from.
+        source: where the recording comes from.
         inputs: float64 (n, inputs), as commanded.
         readings: float64 (n, outputs).
         variances: float64 (n, outputs); infinite where a reading is missing or saturated.
-        first: samples of its recording before it.
+        first: number of the recording's samples that come before this record.
     """
 
     source: str
@@ -67,7 +73,10 @@ class Record:
 
 
 def record_of(recording: Recording, plant: Plant) -> Record:
-    """Return a recording as the filter of this plant takes it.
+    """Return a recording as the record that the filter of this plant takes.
+
+    Readings that were not taken at their time (`untimely`) count as missing. The others are moved
+    to the usual time, by their rate of change.
 
     Raises:
         KeyError: a channel that the plant needs is missing.
@@ -77,18 +86,19 @@ def record_of(recording: Recording, plant: Plant) -> Record:
     late = np.where(untimely(recording), np.nan, lateness(recording))
     readings[~np.isfinite(late)] = np.nan
     record = made_of(recording.source, inputs, readings, plant)
-    # What it was at the time that all others are of: 50 us at 0.3 m/s are half a count.
+    # All readings are brought to the usual time of a sample: 50 us at 0.3 m/s are half a count.
     moved = np.nan_to_num(late)[:, None] * _rates(record.readings, plant.period)
     return replace(record, readings=record.readings - moved)
 
 
 def seen_parts(record: Record, period: float) -> list[Record]:
-    """Return the parts of a record in which the plant's state can be followed.
+    """Return the parts of a record in which the filter can follow the plant's state.
 
-    Where two readings or more (of fewer outputs all) are missing or at an end of their range for
-    longer than `BLIND_S`, the state is not known: both chambers empty, their vapour may be of any
-    volume, and what comes when they fill again is not the model's fault. A part begins where all
-    are read: what is empty at its beginning is not known either.
+    The state is unknown where two or more readings, or the only one of a plant, are missing or
+    saturated for longer than `BLIND_S`; these stretches are left out. For example, the vapour in
+    two empty chambers may have any volume, and the errors when they fill again are not the model's
+    fault. Each part begins at a sample in which all readings can be used, because a chamber that is
+    empty at the beginning is in an unknown state as well.
     """
     unused = ~np.isfinite(record.variances)
     blind = unused.sum(1) >= min(2, unused.shape[1])
@@ -113,11 +123,12 @@ def seen_parts(record: Record, period: float) -> list[Record]:
 
 
 def lateness(recording: Recording) -> Array:
-    """Return by how much later than usual each sample was taken, s (n,); NaN if not known.
+    """Return how much later than usual each sample was taken, s (n,); NaN where that is unknown.
 
-    A loop on hardware writes and reads in one exchange: a row's command acts from its own sample
-    on, and what all exchanges are late by is no delay. An exchange that is later than the others is
-    a sample of another time, which no effect of the rig must be made responsible for.
+    A loop on hardware writes and reads in one exchange per tick. The usual time is the median of
+    all exchanges. It is no delay, because a row's command acts from the row's own sample on. A
+    later exchange samples a later moment, and no effect of the rig must be made to explain the
+    difference. Recordings without the times of exchanges give zeros.
     """
     if not all(name in recording for name in TIMES_OF_EXCHANGE):
         return np.zeros(len(recording))
@@ -128,12 +139,18 @@ def lateness(recording: Recording) -> Array:
 
 
 def untimely(recording: Recording) -> BoolArray:
-    """Return for each sample whether it was taken at another time than it says (n,)."""
+    """Return for each sample, bool (n,), whether it was taken off its time or at an unknown one.
+
+    The bound is `UNTIMELY_S`.
+    """
     return np.asarray(~(np.abs(lateness(recording)) <= UNTIMELY_S))
 
 
 def _rates(readings: Array, period: float) -> Array:
-    """Return rates of change (n, outputs) of readings, over some samples about each."""
+    """Return the rates of change of readings, per s (n, outputs), each over `_SMOOTHED` samples.
+
+    The rates of the first and last samples are 0.
+    """
     rates = np.zeros_like(readings)
     half = _SMOOTHED // 2
     rates[half:-half] = (readings[2 * half :] - readings[: -2 * half]) / (2 * half * period)
@@ -141,10 +158,11 @@ def _rates(readings: Array, period: float) -> Array:
 
 
 def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record:
-    """Return a record of inputs (n, inputs) and readings (n, outputs).
+    """Return a record of inputs (n, inputs) and readings (n, outputs), with their variances.
 
-    While a counting sensor rests on one count it tells but once where the ram is: its variance is
-    spread over the samples that it rests.
+    While a counting sensor rests on one count, all these samples together show only once where the
+    ram is. So the variance of its rounding is multiplied by their number. Missing and saturated
+    readings have an infinite variance; NaN is missing.
     """
     variances = np.empty_like(readings)
     missing = ~np.isfinite(readings)
@@ -155,7 +173,8 @@ def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record
         if output.resolution > 0.0:
             variances[:, index] += output.resolution**2 / 12.0 * _dwell(values)
         unusable = missing[:, index] | ~((values > output.lower) & (values < output.upper))
-        # By the mean, not by the reading: those that noise keeps off the limit are too high.
+        # The mean decides, not the reading: those readings that noise keeps off the limit are too
+        # high.
         mean, margin = smoothed(values), _MARGIN * output.noise
         unusable |= (mean < output.lower + margin) | (mean > output.upper - margin)
         variances[unusable, index] = np.inf
@@ -163,9 +182,10 @@ def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record
 
 
 def _held(readings: Array, missing: BoolArray) -> Array:
-    """Return readings (n, outputs) whose missing ones are the last there was, else the first.
+    """Return readings (n, outputs) with each missing one replaced by the last reading before it.
 
-    A twin is steered along them; the filter leaves them out.
+    Readings that are missing at the beginning are replaced by the first one; a channel without
+    readings is 0. A twin is steered along these values, while the filter leaves them out.
     """
     held = np.empty_like(readings)
     for index in range(readings.shape[1]):
@@ -179,7 +199,7 @@ def _held(readings: Array, missing: BoolArray) -> Array:
 
 
 def smoothed(values: Array) -> Array:
-    """Return the moving mean (n,) of values (n,) over `_SMOOTHED` samples."""
+    """Return the moving mean (n,) of values (n,) over `_SMOOTHED` samples around each."""
     half = _SMOOTHED // 2
     padded = np.pad(values, half, mode="edge")
     sums = np.cumsum(np.concatenate([[0.0], padded]))
@@ -187,10 +207,10 @@ def smoothed(values: Array) -> Array:
 
 
 def roughness(record: Record, plant: Plant, values: Mapping[str, float]) -> Array:
-    """Return variances (n, outputs) to be added where the plant is violent.
+    """Return the variances (n, outputs) to add to readings where the plant is violent, else 0.
 
-    When within a sample a ram meets its stop is not known. What a reading changed by around that
-    sample is what it may be wrong by.
+    When exactly within a sample a ram meets its stop is unknown. So a reading near such a blow may
+    be wrong by as much as readings change there from sample to sample.
     """
     added = np.zeros_like(record.readings)
     if plant.violent is None:
@@ -198,7 +218,7 @@ def roughness(record: Record, plant: Plant, values: Mapping[str, float]) -> Arra
     hit = plant.violent(record.readings, values)
     if not hit.any():
         return added
-    # From a little before, to when what the blow left has died down.
+    # This marks the samples from a little before the blow until its effects have died down.
     around = np.convolve(hit, np.ones(_BEFORE + _AFTER + 1), mode="full") > 0.5
     around = around[_BEFORE : _BEFORE + len(hit)]
     steps = np.abs(np.diff(record.readings, axis=0, prepend=record.readings[:1]))
@@ -210,7 +230,7 @@ def roughness(record: Record, plant: Plant, values: Mapping[str, float]) -> Arra
 
 
 def _dwell(values: Array) -> Array:
-    """Return for each sample how many samples in a row have its value, at most LONGEST_DWELL."""
+    """Return for each sample the number of equal samples in its run, at most LONGEST_DWELL."""
     starts = np.flatnonzero(np.r_[True, values[1:] != values[:-1]])
     lengths = np.diff(np.r_[starts, len(values)])
     return np.minimum(np.repeat(lengths, lengths), LONGEST_DWELL).astype(np.float64)

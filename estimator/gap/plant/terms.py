@@ -1,7 +1,7 @@
-"""What an unknown disturbance may look like in symbols: a small dictionary of terms.
+"""This module lists the terms that may describe an unknown disturbance in symbols.
 
-A term is a factor of one region's quantity (itself, its square, a wave or a bump along it, ...),
-as it is, turned by the direction of motion, or growing with time.
+A term is a function of one region's quantity: the quantity itself, its square, a wave or a bump
+along it, and so on. It may be multiplied by the direction of motion or by the time.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,9 +14,10 @@ import numpy as np
 from .interface import Array, Region
 
 WAVES: Final = 48
-"""Periods tried along a length, evenly in their inverse, from half of what was covered down."""
+"""Number of wave periods that are tried along a length. They are evenly spaced in 1 / period, from
+half the range that the motion covers down to SHORTEST_WAVE."""
 SHORTEST_WAVE: Final = 5e-3
-"""m. A pitch of a rack, screw or motor is longer."""
+"""Shortest period that is tried, m. The pitch of a rack, screw or motor is longer."""
 BUMPS: Final = 10
 DIRECTION: Final = "direction"
 TIME_NAME: Final = "time"
@@ -24,13 +25,13 @@ TIME_NAME: Final = "time"
 
 @dataclass(frozen=True)
 class Term:
-    """One term of the dictionary.
+    """One term that a disturbance may contain.
 
     Attributes:
-        region: name of the quantity it depends on, empty for a constant.
+        region: name of the quantity that the term depends on; empty for a constant.
         form: "1", "x", "|x|", "x^2", "x |x|", "wave" or "bump".
-        times: "", "direction" or "time".
-        at: of a wave its period; of a bump its middle and width; SI.
+        times: factor on the form: "" for none, "direction" or "time".
+        at: period of a wave, or middle and width of a bump, SI; empty for other forms.
     """
 
     region: str
@@ -40,11 +41,11 @@ class Term:
 
     @property
     def columns(self) -> int:
-        """Number of coefficients: a wave has two, for its phase."""
+        """Return the number of coefficients: two for a wave, which has a phase, else one."""
         return 2 if self.form == "wave" else 1
 
     def values(self, along: Mapping[str, Array]) -> Array:
-        """Return the term (n, columns) where each region has the quantities (n,) given."""
+        """Return the term's columns (n, columns), given each region's quantity (n,) by name."""
         x = along[self.region] if self.region else np.ones(len(next(iter(along.values()))))
         if self.form == "wave":
             phase = 2.0 * np.pi * x / self.at[0]
@@ -56,18 +57,18 @@ class Term:
         return np.asarray(shape * along[self.times][:, None] if self.times else shape)
 
     def needs(self) -> set[str]:
-        """Return the names of the regions it depends on."""
+        """Return the names of the quantities that the term depends on."""
         return {name for name in (self.region, self.times) if name}
 
     def unit(self, unit: str, regions: Mapping[str, Region]) -> str:
-        """Return the unit of its coefficient, SI, if the disturbance is in `unit`."""
+        """Return the SI unit of the coefficient, if the disturbance has the SI unit `unit`."""
         power = {"x": 1, "|x|": 1, "x^2": 2, "x |x|": 2}.get(self.form, 0)
         below = [f"({regions[self.region].unit})" + ("^2" if power == 2 else "")] if power else []
         below += ["s"] if self.times == TIME_NAME else []
         return "/".join([unit, *below])
 
     def text(self, coefficients: Sequence[float], unit: str, regions: Mapping[str, Region]) -> str:
-        """Return it with its coefficients: "+ 180 N sin(2 pi position / 42 mm + 0.4)"."""
+        """Return the term as text: "+ 180 N sin(2 pi position / 42 mm + 0.4)"."""
         size = coefficients[0]
         per = self.unit(unit, regions)
         turned = f" {regions[self.times].symbol or self.times}" if self.times else ""
@@ -101,7 +102,10 @@ def _shown(value: float, region: Region) -> str:
 
 
 def dictionary(along: Mapping[str, Array], regions: Mapping[str, Region]) -> list[Term]:
-    """Return the terms of some regions, by the quantities (n,) that the motion covered."""
+    """Return the terms to be tried, given the quantity (n,) of each region along the motion.
+
+    A region whose quantity does not change gives no terms.
+    """
     times = ["", *(name for name in (DIRECTION, TIME_NAME) if name in along)]
     found = [Term("", "1", factor) for factor in times]
     for name, values in along.items():
@@ -110,7 +114,7 @@ def dictionary(along: Mapping[str, Array], regions: Mapping[str, Region]) -> lis
         low, high = np.quantile(values, (0.01, 0.99))
         if not high > low:
             continue
-        # One sign: |x| is x.
+        # Of a quantity that is never negative, |x| equals x.
         forms = ("x", "x^2") if low >= 0.0 else ("x", "|x|", "x^2", "x |x|")
         found += [Term(name, form, factor) for form in forms for factor in times]
         if regions[name].periodic:

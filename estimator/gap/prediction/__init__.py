@@ -1,4 +1,7 @@
-"""Predicting recordings by a model: filter with frozen gains, sensitivities, fit, held-out gap."""
+"""This package predicts recordings by a model: filter, sensitivities, fit and held-out gap.
+
+The filter's gains are computed once and then kept, so that predictions depend on parameters alone.
+"""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Which stretches of the records tell most about a disagreement: those that cost most."""
+"""This module selects the stretches of records that cost most, and so show the gap best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ from estimator.gap.plant import Array, Record
 from .linear import slices_of
 
 STRETCH: Final = 8
-"""Blocks that are kept together; one before them lets the filter's answer settle."""
+"""Number of blocks in a stretch. One more block before them lets the filter's response settle."""
 MOST_BLOCKS: Final = 48
-"""Greatest number of blocks that are kept, of all records together: 24 s."""
+"""Greatest number of blocks that are selected from all records together; they last 24 s."""
 
 
 @dataclass(frozen=True)
 class Excerpt:
-    """Part of a record.
+    """The selected part of a record.
 
     Attributes:
-        samples: int64 (m,), of the record, ascending.
-        blocks: the blocks that count, as slices of `samples`.
-        places: int64 (blocks,), of these blocks among all blocks of all records.
+        samples: int64 (m,), indices of the selected samples in the record, ascending.
+        blocks: the blocks that count, as slices of `samples`; the blocks that lead in are left out.
+        places: int64 (blocks,), indices of these blocks among all blocks of all records.
     """
 
     samples: NDArray[np.int64]
@@ -33,7 +33,11 @@ class Excerpt:
 
 
 def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Excerpt]:
-    """Return the costliest stretches of each record, from the cost of each block (blocks,)."""
+    """Return the costliest stretches of each record, given the cost of each block (blocks,).
+
+    `costs` has the blocks of all records one after the other. `period` is the sampling period in s.
+    The excerpt of a record without costly stretches is empty.
+    """
     stretches, first = [], 0
     blocks_of = [slices_of(record, period) for record in records]
     for index, blocks in enumerate(blocks_of):

@@ -1,4 +1,4 @@
-"""Fits parameters to records by prediction error: Gauss-Newton steps with given gains."""
+"""This module fits parameters to records by prediction error, with the filter's gains fixed."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,49 +14,52 @@ from .predictor import Predictor
 from .variables import Values, Variable
 
 Changes = list[Array]
-"""An array a record, float64 (n, outputs): how its innovations change by a unit step along a
-column."""
+"""One array for each record, float64 (n, outputs): the change of its innovations by a unit step
+along a column."""
 
 _SHARES: Final = (1.0, 0.4, 0.1)
-"""Parts of a step, which are tried in turn until one lowers the cost."""
+"""Parts of a Gauss-Newton step, which are tried in turn until one lowers the cost."""
 _HOPELESS: Final = 1e300
-"""Cost of a block that a model cannot predict at all."""
+"""Cost that is given to a block whose predictions are not finite."""
 _BREAKDOWN: Final = 1e8
-"""Standard deviations: a plant that is predicted so far off has broken down."""
+"""Standard deviations. A model whose predictions miss by more has broken down."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """Values of all parameters, and the cost of each block with them (float64 (blocks,))."""
+    """Values of all parameters by name, and each block's cost with them (float64 (blocks,))."""
 
     values: dict[str, float]
     costs: Array
 
     @property
     def cost(self) -> float:
-        """Cost of all blocks."""
+        """Return the sum of the costs of all blocks."""
         return float(self.costs.sum())
 
 
 def _change(changed: Array, base: Array, size: float) -> Array:
-    """Return the change of innovations (n, outputs) by one unit of what changed them by `size`."""
+    """Return the change of innovations (n, outputs) per unit of a change that has the given size.
+
+    The result is 0 everywhere if the plant breaks down with the change.
+    """
     change = changed - base
-    # A plant that breaks down with a probe says nothing of that direction.
+    # Where the plant breaks down with a probe, nothing is known about that direction.
     if not np.abs(change).max() < _BREAKDOWN:
         return np.zeros_like(change)
     return np.asarray(change / size)
 
 
 _KEPT: Final = 3
-"""Values whose gains are kept: a search goes back to those that it came from."""
+"""Number of sets of values whose gains are kept, because a search returns to earlier values."""
 
 
 class Fitter:
-    """Filters records of a plant, so that its parameters can be fitted to them.
+    """Filters the records of a plant, so that the plant's parameters can be fitted to them.
 
     Args:
-        predictor: of the plant.
-        records: to fit to.
+        predictor: predictor of the plant.
+        records: records to fit to.
         pool: threads to run in.
     """
 
@@ -68,7 +71,10 @@ class Fitter:
         self._gains: dict[tuple[float, ...], tuple[Gains, ...]] = {}
 
     def filtered(self, values: Values) -> "Filtered":
-        """Return the records filtered with these values; the gains of the last few are kept."""
+        """Return the records with the gains of a filter whose parameters have these values.
+
+        The gains of the last few sets of values are kept and not computed again.
+        """
         key = tuple(values.values())
         gains = self._gains.pop(key, None)
         if gains is None:
@@ -84,17 +90,17 @@ class Filtered:
     """Records with the gains of a filter whose parameters had given values.
 
     With these gains it predicts, scores and fits, whatever values the predictions are made with.
-    What it returns follows from the records, the gains and the arguments alone. What was run is
-    kept, since searches ask for the same columns again and again.
+    Results depend on the records, the gains and the arguments alone. They are cached, because
+    searches ask for the same columns again and again.
 
     Attributes:
-        fitter: of the records.
-        predictor: of the plant.
-        records: to fit to.
-        blocks: of each record.
+        fitter: fitter that made this object.
+        predictor: predictor of the plant.
+        records: records to fit to.
+        blocks: for each record, its blocks as slices.
         pool: threads to run in.
-        values: of all parameters, that the records were filtered with.
-        gains: of each record.
+        values: values of all parameters with which the gains were computed.
+        gains: gains of each record.
     """
 
     def __init__(self, fitter: Fitter, values: Values, gains: Sequence[Gains]) -> None:
@@ -105,17 +111,17 @@ class Filtered:
         self._changes: dict[tuple[object, ...], Changes] = {}
 
     def at(self, values: Values) -> "Filtered":
-        """Return the records filtered with these values: this itself if they are its own."""
+        """Return the records filtered with these values: this object itself if they are its own."""
         return self if self.values == values else self.fitter.filtered(values)
 
     @property
     def used(self) -> list[BoolArray]:
-        """Of each record whether a reading is used, bool (n, outputs)."""
+        """Return for each record whether each reading is used, bool (n, outputs)."""
         return [np.isfinite(gains.variances) for gains in self.gains]
 
     @property
     def samples(self) -> int:
-        """Readings used, those of the settling left out."""
+        """Return the number of readings used, without those of the filter's settling."""
         return sum(
             int(used[block].sum())
             for used, blocks in zip(self.used, self.blocks, strict=True)
@@ -123,7 +129,10 @@ class Filtered:
         )
 
     def innovations(self, values: Values) -> list[tuple[Array, Array]]:
-        """Return of each record innovations (n, outputs) and filtered states (n, states)."""
+        """Return for each record the innovations (n, outputs) and the filtered states (n, states).
+
+        `values` are those of the predictions; the gains stay as they are.
+        """
         key = tuple(values.values())
         if key not in self._bases:
             self._bases[key] = list(
@@ -135,11 +144,11 @@ class Filtered:
         return self._bases[key]
 
     def costs(self, values: Values) -> Array:
-        """Return the cost of each block of the records (float64 (blocks,))."""
+        """Return the cost of each block of the records with these values (float64 (blocks,))."""
         return self._block_costs([innovations for innovations, _ in self.innovations(values)])
 
     def changed_costs(self, values: Values, changes: Changes) -> Array:
-        """Return the costs (blocks,) of what is left at `values` with changes added."""
+        """Return the costs (blocks,) of the innovations at `values` with the changes added."""
         bases = self.innovations(values)
         return self._block_costs(
             [base + change for (base, _), change in zip(bases, changes, strict=True)]
@@ -154,14 +163,15 @@ class Filtered:
         return np.where(np.isfinite(costs), costs, _HOPELESS)
 
     def columns(self, values: Values, variables: Sequence[Variable]) -> list[Column]:
-        """Return the columns of variables at given values."""
+        """Return the column of each variable at the given values."""
         return [variable.column(values) for variable in variables]
 
     def changes(self, values: Values, columns: Sequence[Column]) -> list[Changes]:
-        """Return of each column and record the change of innovations by a unit step.
+        """Return, for each column and each record, the change of the innovations by a unit step.
 
-        Columns that are asked for together are run side by side where the plant can (`groups`).
-        Lanes round otherwise than a run alone does, so that it is kept which of the two it was.
+        Columns that are asked for together run side by side in lanes where the plant can do that
+        (`Predictor.groups`). Runs in lanes round differently from runs alone, so that both are
+        cached separately.
         """
         groups = self.predictor.groups([column.values for column in columns])
         alone = {group[0] for group in groups if len(group) == 1}
@@ -180,7 +190,8 @@ class Filtered:
             if group[0] in alone:
                 changed = [self.predictor.innovations(record, gains, values_of[0])[0]]
             else:
-                # Against a base in lanes too: where a ram sticks and slips, that is not little.
+                # The base runs in lanes too, because rounding makes a large difference where a ram
+                # sticks and slips.
                 base, *changed = self.predictor.innovations_of(record, gains, [values, *values_of])
             return [
                 _change(each, base, columns[i].size) for i, each in zip(group, changed, strict=True)
@@ -197,9 +208,9 @@ class Filtered:
     def linearise(
         self, values: Values, columns: Sequence[Column], kept: Mapping[str, Changes] | None = None
     ) -> Linear:
-        """Return the linearisation of the innovations about some values.
+        """Return the linearisation of the innovations about `values`, along these columns.
 
-        Columns whose changes are in `kept`, by name, are taken from there.
+        The changes of columns that are in `kept`, by column name, are taken from there and not run.
         """
         kept = kept or {}
         asked = [column for column in columns if column.name not in kept]
@@ -214,11 +225,20 @@ class Filtered:
         tolerance: float = 1e-4, kept: Mapping[str, Changes] | None = None,
         first: Mapping[str, Changes] | None = None,
     ) -> Fitted:  # fmt: skip
-        """Return the best values of variables, starting from `values`.
+        """Return the best values of the variables, starting from `values`, and the costs with them.
 
-        Stops where a step gains less than `tolerance` of the cost. Columns in `kept`, by name, are
-        not run again (chord method): with these, nuisances follow at the cost of none. Those in
-        `first` are those at `values`, and not run for the first step.
+        The fit ends after `steps` steps, or with a step that lowers the cost by less than the part
+        `tolerance` of it. Where the model breaks down at the start, the start is returned.
+
+        Args:
+            values: values of all parameters at the start.
+            variables: parameters to fit.
+            steps: greatest number of Gauss-Newton steps.
+            tolerance: part of the cost.
+            kept: changes by column name that are used in every step and not run again (chord
+                method), such as those of nuisances, which can then be fitted along without further
+                runs.
+            first: changes by column name at the start, used in the first step only.
         """
         present = Fitted(dict(values), self.costs(values))
         if not present.cost < _BREAKDOWN * self.samples:

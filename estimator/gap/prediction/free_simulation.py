@@ -1,6 +1,7 @@
-"""A few seconds in free simulation beside a recording: for the eye, never for a verdict.
+"""This module simulates a few seconds freely, to be seen beside a recording, never for a verdict.
 
-Stick-slip makes two free runs with tiny differences part in phase, so that they prove nothing.
+With stick-slip, two free runs that differ by very little soon part in phase, so that they prove
+nothing.
 """
 
 from collections.abc import Sequence
@@ -15,16 +16,24 @@ from .results import FreeRun
 from .variables import Values
 
 SECONDS: Final = 4.0
+"""Length of the free simulations, s."""
 CHANNELS: Final = 3
-"""Outputs drawn: the first of the plant."""
+"""Number of outputs that are drawn: the plant's first ones."""
 
 
 def free_runs(
     predictor: Predictor, records: Sequence[Record], before: Values, after: Values
 ) -> list[FreeRun]:
-    """Return the first seconds of the first record, each channel beside both models.
+    """Return, for each drawn channel, the first seconds of the first record beside both models.
 
-    Both start from the readings, the ram at rest, as far as the model is told.
+    Both models start from the state that `Plant.start` derives from the first readings, such as a
+    ram at rest. From then on they get the commands alone.
+
+    Args:
+        predictor: predictor of the plant.
+        records: only the first is used; without records the result is empty.
+        before: values of all parameters in the model as given.
+        after: values of all parameters in the model as written.
     """
     if not records:
         return []

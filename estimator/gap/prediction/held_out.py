@@ -1,4 +1,7 @@
-"""The gap on recordings that nothing was fitted to: prediction error above the noise floor."""
+"""This module measures the gap: the prediction error above the noise floor, on held-out recordings.
+
+Nothing was fitted to these recordings.
+"""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,14 +19,16 @@ from .results import Band, ChannelGap
 from .variables import Values
 
 FLOOR_TWINS: Final = 4
-"""Twins that the floor is the mean of: where a ram sticks and slips, that of one is twice that of
-another, for a few breaks-away are most of the error."""
+"""Number of twins over which the floor is averaged. Where a ram sticks and slips, the error of one
+twin may be twice that of another, because a few breaks-away cause most of the error."""
 
 
 def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array, Array]:
-    """Return mean squares of predictions over the horizon, SI; of innovations whiteness and power.
+    """Return squared errors over the horizon, whiteness and band powers of predictions.
 
-    The power is that of each frequency band, (bands, outputs).
+    The mean squares (outputs,) are in squared SI units. The whiteness (outputs,) is the correlation
+    of innovations one sample apart. The power of the innovations in frequency bands is (bands,
+    outputs).
     """
     settled = slice(round(SETTLING_S / predictor.plant.period), None)
     errors, e = (each[settled] for each in filtered_errors(predictor, record, values))
@@ -34,7 +39,10 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
 
 
 def filtered_errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array]:
-    """Return errors over the horizon, SI, and innovations, (n, outputs); the gains are its own."""
+    """Return the errors over the horizon, SI, and the innovations of a record, both (n, outputs).
+
+    The gains are computed with the same values.
+    """
     gains = predictor.filter(record, values)
     innovations, states = predictor.innovations(record, gains, values)
     return predictor.ahead(record, values, states), innovations
@@ -44,7 +52,16 @@ def channel_gaps(
     predictor: Predictor, records: Sequence[Record], before: Values, after: Values,
     pool: ThreadPoolExecutor, seed: int = 7,
 ) -> list[ChannelGap]:  # fmt: skip
-    """Return each channel's gap, of the model as given and as written, over all records."""
+    """Return the gap of each channel over all records, for the model as given and as written.
+
+    Args:
+        predictor: predictor of the plant.
+        records: recordings to which nothing was fitted.
+        before: values of all parameters in the model as given.
+        after: values of all parameters in the model as written.
+        pool: threads to run in.
+        seed: seed of the sensor noise of the twins.
+    """
 
     def run(task: tuple[Values, int, int | None]) -> tuple[Array, Array, Array]:
         values, index, twin = task
@@ -93,7 +110,10 @@ def channel_gaps(
 
 
 def _average(parts: Sequence[Array], lengths: NDArray[np.int64]) -> Array:
-    """Return the mean of parts, of those that have a value, by the lengths of their records."""
+    """Return the mean of arrays, weighted by the lengths of the records that they belong to.
+
+    Elements that are not finite are left out; an element that is finite in none is NaN.
+    """
     stacked = np.array(parts)
     known = np.isfinite(stacked)
     weights = known * lengths.reshape(-1, *[1] * (stacked.ndim - 1))
@@ -102,11 +122,14 @@ def _average(parts: Sequence[Array], lengths: NDArray[np.int64]) -> Array:
 
 
 def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
-    """Return the standard deviation by chance of one run's mean squares less the floor, (outputs,).
+    """Return by how much a mean square less the floor scatters by chance, (outputs,).
+
+    It is one standard deviation for a single run, from the scatter of the twins.
 
     Args:
-        squares: of each record's twins, one record after the other.
-        lengths: of the records.
+        squares: mean squares (outputs,) of each twin: all twins of the first record, then those of
+            the next, and so on.
+        lengths: numbers of samples of the records.
     """
     by_record = np.reshape(squares, (len(lengths), FLOOR_TWINS, -1)).var(axis=1, ddof=1)
     known = np.isfinite(by_record)
@@ -118,7 +141,10 @@ def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
 
 
 def mean_gap(gaps: Sequence[ChannelGap]) -> tuple[float, float]:
-    """Return the mean over channels of the excess over the floor, before and after."""
+    """Return the excess over the floor, averaged over the channels, before and after.
+
+    Both are in noise variances.
+    """
     before = float(np.mean([max(gap.before - gap.floor, 0.0) for gap in gaps]))
     after = float(np.mean([max(gap.after - gap.floor, 0.0) for gap in gaps]))
     return before, after

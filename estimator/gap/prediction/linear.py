@@ -1,9 +1,9 @@
-"""How innovations change with parameters, to first order: block by block, for all at once.
+"""This module linearises innovations by the parameters, and sums the products block by block.
 
-Innovations e(theta) of given gains are linearised about the present values. From their products,
-summed in blocks, every nested least-squares fit follows without another run: its gain in the sum of
-squares, and standard errors that hold for innovations which are correlated in time, as long as the
-blocks are not (sandwich of block scores).
+The innovations e(theta), with given gains, are linearised about the present values. From their
+products, summed in blocks, every least-squares fit of some of the columns follows without another
+run: its gain in the sum of squares, and its standard errors. These hold for innovations that are
+correlated in time, as long as the blocks are not (sandwich of block scores).
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,12 +16,13 @@ import numpy as np
 from estimator.gap.plant import Array, BoolArray, Record
 
 BLOCK_S: Final = 0.5
-"""s. The ram's slowest mode of its own, the settling of the position loop, is shorter."""
+"""Length of a block, s. The ram's slowest motion of its own, the settling of the position loop, is
+shorter."""
 SETTLING_S: Final = 0.5
-"""s at the start of a record, in which the filter settles."""
+"""Time at the start of a record in which the filter settles, s."""
 HUBER: Final = 5.0
-"""Innovations beyond so many standard deviations count in proportion, not squared: breaking away,
-the ram is nowhere near linear."""
+"""Standard deviations. Larger innovations count in proportion and not squared, because a ram that
+breaks away is nowhere near linear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +30,9 @@ class Column:
     """One direction in which parameters may change.
 
     Attributes:
-        name: of it.
-        values: of all parameters at the end of the change.
-        size: of the change, in the units in which steps along it are given.
+        name: name of the direction.
+        values: values of all parameters after the change.
+        size: size of that change, in the unit of the steps along this direction.
         lower: least step.
         upper: greatest step.
     """
@@ -44,34 +45,34 @@ class Column:
 
 
 def mean_squares(errors: Array) -> Array:
-    """Return the mean squares (outputs,) of errors (n, outputs) that are known, NaN of none."""
+    """Return the mean squares (outputs,) of errors (n, outputs), without NaN; NaN if all are."""
     known = ~np.isnan(errors)
     with np.errstate(all="ignore"):
         return np.asarray(np.square(np.where(known, errors, 0.0)).sum(0) / known.sum(0))
 
 
 def slices_of(record: Record, period: float) -> list[slice]:
-    """Return the blocks of a record, the settling left out."""
+    """Return a record's blocks as slices, without the settling and an incomplete last block."""
     first, length = round(SETTLING_S / period), round(BLOCK_S / period)
     return [slice(k, k + length) for k in range(first, len(record) - length + 1, length)]
 
 
 def cost_of(innovations: Array) -> Array:
-    """Return Huber's cost, twice, of innovations: their square where they are not outliers."""
+    """Return twice Huber's cost of each innovation: its square, or less if it is an outlier."""
     size = np.abs(innovations)
     return np.where(size < HUBER, size * size, HUBER * (2.0 * size - HUBER))
 
 
 class Linear:
-    """Block sums of a linearisation.
+    """Products of a linearisation, summed over each block.
 
     Attributes:
-        columns: the directions.
-        products: float64 (blocks, columns, columns), of the columns with each other.
-        slopes: float64 (blocks, columns), of the columns with the innovations.
-        squares: float64 (blocks,), of the innovations.
-        quartics: float64 (columns,), of the columns' fourth powers.
-        samples: readings used.
+        columns: directions in which parameters may change.
+        products: float64 (blocks, columns, columns), products of the columns with each other.
+        slopes: float64 (blocks, columns), products of the columns with the innovations.
+        squares: float64 (blocks,), squares of the innovations.
+        quartics: float64 (columns,), fourth powers of the columns, summed over all blocks.
+        samples: number of readings used.
     """
 
     def __init__(
@@ -84,11 +85,14 @@ class Linear:
         self._index = {column.name: i for i, column in enumerate(columns)}
 
     def indices(self, names: Sequence[str]) -> list[int]:
-        """Return the places of columns by their names."""
+        """Return the indices of columns, given their names."""
         return [self._index[name] for name in names]
 
     def solve(self, names: Sequence[str]) -> tuple[Array, float]:
-        """Return steps along columns within their bounds, and what the sum of squares gains."""
+        """Return the best steps along named columns, and how much they lower the sum of squares.
+
+        The steps are within the columns' bounds. Where the model breaks down, all are 0.
+        """
         index = self.indices(names)
         matrix = self.products.sum(0)[np.ix_(index, index)]
         slope = self.slopes.sum(0)[index]
@@ -100,7 +104,7 @@ class Linear:
         return steps, float(-(2.0 * slope @ steps + steps @ matrix @ steps))
 
     def errors(self, names: Sequence[str], steps: Array) -> Array:
-        """Return standard errors of steps, from the scatter of the blocks' scores."""
+        """Return standard errors of steps along named columns, from the scatter of block scores."""
         index = self.indices(names)
         matrix = self.products[:, index][:, :, index]
         scores = self.slopes[:, index] + matrix @ steps
@@ -108,11 +112,11 @@ class Linear:
 
 
 def standard_errors(products: Array, scores: Array) -> Array:
-    """Return standard errors of steps (k,), from the scatter of the blocks' scores there.
+    """Return standard errors of steps (k,), from the scatter of the blocks' scores.
 
     Args:
-        products: float64 (blocks, k, k), of the columns with each other.
-        scores: float64 (blocks, k), of the columns with what the steps leave of the innovations.
+        products: float64 (blocks, k, k), products of the columns with each other.
+        scores: float64 (blocks, k), products of the columns with the innovations after the steps.
     """
     total = products.sum(0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-300))
@@ -135,7 +139,7 @@ def bounded_least_squares(matrix: Array, slope: Array, lower: Array, upper: Arra
         for i in range(len(x)):
             rest = s[i] + m[i] @ x - m[i, i] * x[i]
             x[i] = min(max(-rest / max(m[i, i], 1e-12), low[i]), high[i])
-        # On the face that the bounds leave, the solution is exact.
+        # With the variables at their bounds fixed, the solution for all others is exact.
         inner = (x > low) & (x < high)
         if inner.any():
             rest = -(s[inner] + m[np.ix_(inner, ~inner)] @ x[~inner])
@@ -153,14 +157,15 @@ def assemble(
     columns: Sequence[Column], bases: Sequence[Array], changes: Sequence[Sequence[Array]],
     used: Sequence[BoolArray], blocks: Sequence[Sequence[slice]], pool: ThreadPoolExecutor,
 ) -> Linear:  # fmt: skip
-    """Return a linearisation from what records gave.
+    """Return the linearisation that follows from innovations and their changes.
 
     Args:
-        columns: the directions.
-        bases: of each record float64 (n, outputs): its innovations.
-        changes: of each column and record float64 (n, outputs): change of these by a unit step.
-        used: of each record bool (n, outputs): whether a reading is used.
-        blocks: of each record.
+        columns: directions in which parameters may change.
+        bases: for each record float64 (n, outputs), its innovations.
+        changes: for each column and each record float64 (n, outputs), the change of the innovations
+            by a unit step.
+        used: for each record bool (n, outputs), whether a reading is used.
+        blocks: for each record, its blocks as slices.
         pool: threads to run in.
     """
 

@@ -1,9 +1,9 @@
-"""How wrong a model is from sample to sample: the error of an equation that recordings bear out.
+"""This module estimates how large an error the model makes from sample to sample.
 
-The greater the error that a model admits to, the more the filter follows the readings, and the less
-an effect shows. The likelihood of the innovations (Ljung 1999, ch. 7) has its maximum where the
-innovations are as large as the filter says. What the model lacks is in that figure too: it is an
-upper bound for the error to state, and a good one once nothing is missing any more.
+The greater the error that a model is said to make, the more the filter follows the readings, and
+the less an effect shows. The likelihood of the innovations (Ljung 1999, ch. 7) is greatest where
+they are as large as the filter expects. The estimate also contains whatever the model lacks: it is
+an upper bound for the error to state, and a good one once nothing is missing any more.
 """
 
 from collections.abc import Sequence
@@ -27,16 +27,16 @@ SHARES: Final = tuple(float(share) for share in 2.0 ** np.arange(-8.0, 8.5, 1.0)
 def likely_model_error(
     recordings: Sequence[Recording], plant: Plant, values: Values | None = None
 ) -> tuple[float, tuple[float, ...]]:
-    """Return the factor on the plant's stated model error at which recordings are likeliest.
+    """Return the factor on the plant's stated model error that makes the recordings likeliest.
 
     Args:
-        recordings: 1 kHz, with the plant's channels.
-        plant: whose states' noise is scaled.
-        values: of its parameters, by default the model's; those of a fit are better.
+        recordings: recordings at 1 kHz, with the plant's channels.
+        plant: plant whose states' noise is scaled.
+        values: values of all parameters; None for the model's. Those of a fit are better.
 
     Returns:
-        The factor of SHARES, and the log-likelihood of each of them; the first or last of SHARES
-        means that it is beyond.
+        The factor, which is one of SHARES, and the log-likelihood for each of SHARES. If the factor
+        is the first or last of SHARES, the best one may lie beyond.
     """
     used = plant.nominal if values is None else values
     likelihoods = tuple(_likelihood(recordings, plant, used, share) for share in SHARES)

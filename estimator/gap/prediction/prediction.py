@@ -1,9 +1,9 @@
-"""Predicts a recording one sample ahead by an extended Kalman filter of any plant, compiled.
+"""Compiled functions here predict a recording one sample ahead by an extended Kalman filter.
 
-A first run estimates how strongly each measurement corrects each state (`run_filter`). Further runs
-keep these gains (`run_frozen`): they predict as functions of the parameters alone, at a fiftieth of
-the cost, which is what fits and derivatives by parameters are made with (prediction-error method,
-Ljung 1999, ch. 7).
+They work for any plant. A first run computes how strongly each reading corrects each state, the
+gains (`run_filter`). Further runs keep these gains (`run_frozen`): their predictions depend on the
+parameters alone, and cost a fiftieth. Fits and derivatives by parameters are made of such runs
+(prediction-error method, Ljung 1999, ch. 7).
 """
 
 from math import sqrt
@@ -29,10 +29,10 @@ _CUBE: Final = float64[:, :, ::1]
 
 @inlined
 def put(target, values):
-    """Write values (count,) to a target of the same length.
+    """Copy values (count,) to a target of the same length.
 
-    A slice would do the same, and have the compiler make words of the two lengths, in case they
-    differ: that takes two seconds in each process that compiles.
+    Assigning to a slice would do the same. But the compiler would then prepare a message about the
+    two lengths, in case they differ, and that takes two seconds in each process that compiles.
     """
     for i in range(target.size):
         target[i] = values[i]
@@ -45,9 +45,9 @@ class Track(NamedTuple):
         inputs: float64 (n, inputs).
         readings: float64 (n, outputs).
         gains: float64 (n, outputs, states).
-        variances: float64 (n, outputs), of the innovations; infinite where not used.
-        couplings: float64 (n, outputs, outputs), how much of an innovation is in that of a later
-            reading of the sample, before the state is corrected by it.
+        variances: float64 (n, outputs), of the innovations; infinite where a reading is not used.
+        couplings: float64 (n, outputs, outputs), [t, i, k] is the change of the prediction of
+            reading i by one unit of innovation k of the same sample, which is applied before it.
     """
 
     inputs: Array
@@ -58,17 +58,18 @@ class Track(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What a filter goes by, besides the record.
+    """The settings of a filter, apart from the record.
 
     Attributes:
-        variances: float64 (n, outputs), of the readings; infinite where one is not to be used.
+        variances: float64 (n, outputs), of the readings; infinite where a reading is not to be
+            used.
         parameters: float64 (parameters,), of the plant.
-        start: float64 (states,).
+        start: float64 (states,), state at the first sample.
         spread: float64 (states,), standard deviations of `start`.
-        changes: float64 (states,), for derivatives by differences.
+        changes: float64 (states,), changes of the states by which derivatives are taken.
         noises: float64 (states,), variances of the model's error over one sample.
-        shares: float64 (outputs, states), part of the best gains that is used.
-        memory: float64 (1, length), of `Plant.begin`; changed by a run.
+        shares: float64 (outputs, states), part of the optimal gains that is used.
+        memory: float64 (1, length), of `Plant.begin`; a run changes it.
     """
 
     variances: Array
@@ -82,13 +83,13 @@ class Setup(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """A plant at the first sample of a record; in lanes, each array has an axis LANES more.
+    """A plant at the first sample of a record. In lanes, each array has LANES columns.
 
     Attributes:
-        parameters: float64 (parameters,).
-        start: float64 (states,).
-        memory: float64 (1, length), of `Plant.begin`, in lanes (rows, LANES), of `InLanes.begin`;
-            changed by a run.
+        parameters: float64 (parameters,), in lanes (parameters, LANES).
+        start: float64 (states,), in lanes (states, LANES).
+        memory: float64 (1, length), of `Plant.begin`; in lanes (rows, LANES), of `InLanes.begin`. A
+            run changes it.
     """
 
     parameters: Array
@@ -105,7 +106,7 @@ _BEGUN: Final = types.BaseTuple.from_types((_VECTOR, _VECTOR, _MATRIX), Begun)
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _advance(drive, step, remember, before, x, inputs, memory, parameters):
-    """Move a state (count,) and its memory (length,) by a sample of inputs, from before to x."""
+    """Write to `x` the state (count,) one sample after `before`; update the memory (length,)."""
     put(x, before)
     drive(inputs, memory, parameters)
     step(x, memory, parameters)
@@ -114,20 +115,21 @@ def _advance(drive, step, remember, before, x, inputs, memory, parameters):
 
 @inner
 def correct(read, memory, setup, track, t, x, covariance, slope):
-    """Correct a state and its covariance in place by the readings of one sample; keep its gains.
+    """Correct a state and its covariance in place by the readings of one sample; write the gains.
 
-    They are taken one after the other (Bierman 1977, ch. 2), each linearised about the prediction;
-    the covariance is that of the gains used, whatever part of the best ones (Joseph's form).
+    The readings are applied one after the other (Bierman 1977, ch. 2), each linearised about the
+    prediction. The covariance is right for the gains that are used, even if they are only a part of
+    the optimal ones (Joseph's form).
 
     Args:
-        read: of the plant, compiled with READ.
+        read: function of the plant, compiled with READ.
         memory: float64 (length,).
-        setup: of the filter.
-        track: of the record; the sample's gains are written.
-        t: the sample.
-        x: float64 (states,), predicted; updated.
-        covariance: float64 (states, states); updated.
-        slope: float64 (outputs, states), written: derivatives of the readings.
+        setup: settings of the filter.
+        track: the record; the gains, variances and couplings of the sample are written.
+        t: index of the sample.
+        x: float64 (states,), predicted state; corrected in place.
+        covariance: float64 (states, states); corrected in place.
+        slope: float64 (outputs, states), written: derivatives of the readings by the state.
     """
     parameters, changes, shares = setup.parameters, setup.changes, setup.shares
     readings, variances = track.readings[t], setup.variances[t]
@@ -157,7 +159,7 @@ def correct(read, memory, setup, track, t, x, covariance, slope):
             innovation -= slope[i, j] * (x[j] - point[j])
             total = 0.0
             for k in range(count):
-                # Most readings are of one state alone.
+                # Most readings depend on one state alone.
                 if slope[i, k] != 0.0:
                     total += covariance[j, k] * slope[i, k]
             ahead[j] = total
@@ -182,16 +184,17 @@ def correct(read, memory, setup, track, t, x, covariance, slope):
 
 @inner
 def predict_covariance(transition, noises, product, covariance):
-    """Move a covariance (states, states) in place by a step of its transition.
+    """Advance a covariance (states, states) in place by one step of the filter.
 
     Args:
-        transition: float64 (states, states), of the state by that before.
+        transition: float64 (states, states), derivatives of the state after the step by that
+            before.
         noises: float64 (states,), variances of the model's error over one sample.
         product: float64 (states, states), scratch.
-        covariance: updated.
+        covariance: float64 (states, states); updated.
     """
     count = noises.size
-    # Along rows, so that the processor adds several at once.
+    # The inner loops run along rows, so that the processor adds several numbers at once.
     for i in range(count):
         for j in range(count):
             product[i, j] = 0.0
@@ -215,15 +218,15 @@ def predict_covariance(transition, noises, product, covariance):
 
 @njit(void(*_PLANT, TRACK, SETUP), cache=True, error_model="numpy", nogil=True)
 def run_filter(drive, step, remember, read, track, setup):
-    """Run the filter over a recording and keep its gains.
+    """Run the filter over a recording, and write its gains to the track.
 
     Args:
-        drive: of the plant, compiled with DRIVE.
-        step: of the plant, compiled with STEP.
-        remember: of the plant, compiled with REMEMBER.
-        read: of the plant, compiled with READ.
-        track: of the record; its gains are written.
-        setup: of the filter.
+        drive: function of the plant, compiled with DRIVE.
+        step: function of the plant, compiled with STEP.
+        remember: function of the plant, compiled with REMEMBER.
+        read: function of the plant, compiled with READ.
+        track: the record; its gains, variances and couplings are written.
+        setup: settings of the filter; its memory is changed.
     """
     inputs, outputs = track.inputs, track.readings.shape[1]
     parameters, changes, count = setup.parameters, setup.changes, setup.start.size
@@ -254,14 +257,15 @@ def run_frozen(drive, step, remember, read, track, begun, innovations, states):
     """Predict a recording one sample ahead with given gains.
 
     Args:
-        drive: as of `run_filter`.
-        step: likewise.
-        remember: likewise.
-        read: likewise.
-        track: of the record.
-        begun: the plant at its first sample.
-        innovations: float64 (n, outputs), written: over their standard deviations, 0 if not used.
-        states: float64 (n, states), written: filtered.
+        drive: as in `run_filter`.
+        step: as in `run_filter`.
+        remember: as in `run_filter`.
+        read: as in `run_filter`.
+        track: the record and its gains.
+        begun: the plant at the first sample; its memory is changed.
+        innovations: float64 (n, outputs), written: divided by their standard deviations, 0 where a
+            reading is not used.
+        states: float64 (n, states), written: filtered states.
     """
     inputs, readings, parameters = track.inputs, track.readings, begun.parameters
     gains, innovation_variances, couplings = track.gains, track.variances, track.couplings
@@ -278,7 +282,8 @@ def run_frozen(drive, step, remember, read, track, begun, innovations, states):
                 expected[i] = 0.0
                 continue
             innovation = readings[t, i] - expected[i]
-            # What the sample's other readings have corrected already, to first order.
+            # The readings that were applied before have corrected a part of it already, to first
+            # order.
             for k in range(i):
                 innovation -= couplings[t, i, k] * expected[k]
             expected[i] = innovation
@@ -297,18 +302,18 @@ def run_frozen(drive, step, remember, read, track, begun, innovations, states):
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, predicted):
-    """Predict readings from each `horizon`-th filtered state to the next.
+    """Predict readings freely, starting anew from the filtered state at every `horizon`-th sample.
 
     Args:
-        drive: as of `run_filter`.
-        step: likewise.
-        remember: likewise.
-        read: likewise.
+        drive: as in `run_filter`.
+        step: as in `run_filter`.
+        remember: as in `run_filter`.
+        read: as in `run_filter`.
         inputs: float64 (n, inputs).
-        states: float64 (n, states), filtered, of `run_frozen`.
-        begun: the plant in the first of them.
-        horizon: samples.
-        predicted: float64 (n, outputs), written; NaN at the starts.
+        states: float64 (n, states), filtered states of `run_frozen`.
+        begun: the plant at the first sample; its memory is changed.
+        horizon: number of samples from one start to the next.
+        predicted: float64 (n, outputs), written; NaN at the samples of the starts.
     """
     parameters, remembered = begun.parameters, begun.memory[0]
     free = remembered.copy()
@@ -332,18 +337,18 @@ def predict_ahead(drive, step, remember, read, inputs, states, begun, horizon, p
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_free(drive, step, remember, read, inputs, readings, begun, steering, simulated):
-    """Simulate a plant that follows a recording: inputs are changed to keep it on its course.
+    """Simulate a plant along a recording; its inputs are changed to keep it on the recorded course.
 
     Args:
-        drive: as of `run_filter`.
-        step: likewise.
-        remember: likewise.
-        read: likewise.
-        inputs: float64 (n, inputs), recorded; changed to those applied.
-        readings: float64 (n, outputs).
-        begun: the plant at the first sample.
-        steering: float64 (inputs, outputs): what is added to an input for one unit by which a
-            simulated reading is below the recorded one; zeros for a free run.
+        drive: as in `run_filter`.
+        step: as in `run_filter`.
+        remember: as in `run_filter`.
+        read: as in `run_filter`.
+        inputs: float64 (n, inputs), as recorded; changed in place to those that were applied.
+        readings: float64 (n, outputs), as recorded.
+        begun: the plant at the first sample; its memory is changed.
+        steering: float64 (inputs, outputs), what is added to an input for each unit by which a
+            simulated reading is below the recorded one; all 0 for a free run.
         simulated: float64 (n, outputs), written: readings without noise.
     """
     parameters, remembered = begun.parameters, begun.memory[0]

@@ -1,4 +1,4 @@
-"""Predictions of one plant over records, for given values of its parameters."""
+"""This module makes predictions of records with one plant, for given values of its parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from .side_by_side import run_filter_in_lanes, run_frozen_in_lanes
 Values = Mapping[str, float]
 
 _FIRST = 20
-"""Samples at the start of a record that the state is started from."""
+"""Number of samples at the start of a record from which the first state is estimated."""
 
 
 def _track(record: Record, gains: Gains) -> Track:
@@ -22,7 +22,10 @@ def _track(record: Record, gains: Gains) -> Track:
 
 
 class Predictor:
-    """Filters records with a plant whose parameters have given values (by name, SI)."""
+    """Filters, predicts and simulates records with a plant.
+
+    `values`, in all methods, are values of all parameters by name, SI.
+    """
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
@@ -43,7 +46,7 @@ class Predictor:
         return self.plant.start(first, record.inputs[:_FIRST], values)
 
     def filter(self, record: Record, values: Values) -> Gains:
-        """Return the gains of a filter of a record."""
+        """Return the gains of a filter that runs over a record with these parameter values."""
         plant = self.plant
         samples, outputs, states = *record.readings.shape, len(plant.states)
         gains = Gains(
@@ -75,12 +78,14 @@ class Predictor:
         return gains
 
     def innovations(self, record: Record, gains: Gains, values: Values) -> tuple[Array, Array]:
-        """Return innovations (n, outputs) over their standard deviations and filtered states.
+        """Return the innovations (n, outputs) and the filtered states (n, states) of a record.
+
+        The innovations are divided by their standard deviations, and 0 where a reading is not used.
 
         Args:
-            record: to be predicted.
-            gains: of `filter`, with these values or others.
-            values: of all parameters.
+            record: record to be predicted.
+            gains: gains of `filter`, with these values or others.
+            values: values of all parameters.
         """
         count = len(self._changes)
         innovations = np.empty_like(record.readings)
@@ -90,10 +95,11 @@ class Predictor:
         return innovations, states
 
     def groups(self, values: Sequence[Values]) -> list[list[int]]:
-        """Return which of some values are to be run together (`innovations_of`).
+        """Return which sets of values are to run together (`innovations_of`), as groups of indices.
 
-        Those that a plant can run side by side, one less than there are lanes, the last being for
-        what they are compared with; the others each by itself.
+        A group runs side by side in lanes. It has at most one member less than there are lanes,
+        because one lane is needed for the values with which they are compared. A set of values that
+        cannot run in lanes is a group by itself.
         """
         in_lanes = self.plant.in_lanes
         alike: dict[tuple[float, ...], list[int]] = {}
@@ -110,9 +116,9 @@ class Predictor:
         return found
 
     def innovations_of(self, record: Record, gains: Gains, values: Sequence[Values]) -> list[Array]:
-        """Return innovations (n, outputs) as `innovations` does, with each of a group's values.
+        """Return the innovations (n, outputs) that `innovations` gives, for each set of values.
 
-        But for the last digits: e^x of lanes rounds otherwise.
+        The last digits differ, because e^x rounds differently in lanes.
         """
         plant, in_lanes = self.plant, self.plant.in_lanes
         if in_lanes is None or in_lanes.kind(values[-1]) is None:
@@ -129,7 +135,11 @@ class Predictor:
         return [innovations[:, :, lane] for lane in range(len(values))]
 
     def ahead(self, record: Record, values: Values, states: Array) -> Array:
-        """Return readings less predictions (n, outputs) over the plant's horizon, NaN at starts."""
+        """Return readings less predictions (n, outputs) over the plant's horizon.
+
+        The predictions start anew from the filtered states at each end of the horizon. The result
+        is NaN at the samples of these starts, and where a reading is not used.
+        """
         predicted = np.empty_like(record.readings)
         predict_ahead(
             *self._functions, record.inputs, states, self._begun(record, values, states[0]),
@@ -140,7 +150,10 @@ class Predictor:
         return errors
 
     def simulate(self, record: Record, values: Values, *, steered: bool) -> tuple[Array, Array]:
-        """Return inputs (n, inputs) and noise-free readings of a simulation along a record."""
+        """Simulate a record; return inputs (n, inputs) and noise-free readings (n, outputs).
+
+        If it is steered, the inputs are changed to keep the simulation on the record's course.
+        """
         steering = np.zeros((len(self.plant.inputs), len(self.plant.outputs)))
         if steered:
             for index, output, gain in self.plant.steering:
@@ -153,7 +166,8 @@ class Predictor:
     def twin(self, record: Record, values: Values, seed: int) -> Record:
         """Return what a rig that is exactly this model would have recorded on the same course.
 
-        Its sensors have the noise and rounding that the plant states; steering keeps it near.
+        Its sensors have the noise and the rounding that the plant states, and steering keeps it
+        near the course. Readings that the record lacks are missing in the twin, too.
         """
         driven, simulated = self.simulate(record, values, steered=True)
         generator = np.random.default_rng(seed)
@@ -163,6 +177,6 @@ class Predictor:
                 noisy = np.round(noisy / output.resolution) * output.resolution
             simulated[:, index] = np.clip(noisy, output.lower, output.upper)
         twin = made_of(f"twin of {record.source}", driven, simulated, self.plant)
-        # What the recording does not tell, its twin must not tell either.
+        # Readings that the recording lacks must be missing in its twin as well.
         twin.variances[~np.isfinite(record.variances)] = np.inf
         return replace(twin, first=record.first)

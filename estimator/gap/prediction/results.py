@@ -1,4 +1,4 @@
-"""What the workflow finds, as the report, `gap.json` and the model file tell it."""
+"""These classes hold what the workflow finds, for the report, `gap.json` and the model file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from estimator.gap.plant import Array
 
 Verdict = Literal["adequate", "missing_effect", "unknown_effect", "inconclusive"]
 Written = Literal["as given", "refitted", "with effects"]
-"""What the model written is: the one given, or what was fitted."""
+"""Which model is written: the model as given, the refitted one, or one with effects added."""
 
 
 @dataclass(frozen=True)
@@ -16,14 +16,14 @@ class Estimate:
     """A fitted parameter with its 95 % interval, SI.
 
     Attributes:
-        key: in the effect, or the parameter's name for a nuisance.
-        parameter: of the plant.
-        value: fitted.
-        lower: end of the interval.
-        upper: end of the interval.
-        unit: SI.
+        key: key of the effect's knob; for a nuisance the parameter's name.
+        parameter: name of the plant's parameter.
+        value: fitted value.
+        lower: lower end of the interval.
+        upper: upper end of the interval.
+        unit: SI unit.
         before: value in the model as given.
-        at_an_end: of a nuisance, whether it came to an end of its tolerance.
+        at_an_end: whether a nuisance came to an end of its tolerance; False for an effect.
     """
 
     key: str
@@ -38,14 +38,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another effect that could be the cause as well, or was excluded.
+    """Another effect that was tried in the place of a named one, as the cause or to be excluded.
 
     Attributes:
-        effect: its name.
-        share: part of the named effect's gain that it reaches.
-        z: normal deviate of what it explains less.
-        cosine: of the two signatures, nuisances projected out.
-        why: on principle, if there is a reason.
+        effect: name of the other effect.
+        share: part of the named effect's gain that the other effect reaches.
+        z: normal deviate of the gain that it lacks; the greater, the surer it is worse.
+        cosine: cosine between the signatures of the two effects, with the nuisances projected out.
+        why: reason why the two are the same on principle, in words; empty if there is none.
     """
 
     effect: str
@@ -60,18 +60,18 @@ class NamedEffect:
     """An effect that the model lacked.
 
     Attributes:
-        name: of the catalogue.
-        equation: what it adds.
-        where: equation or channel it enters.
-        parameters: its estimates.
-        gain: of the cost, by which it was named.
-        bar: what the gain had to pass.
-        z: of the gain, by the scatter of blocks of half a second.
-        indistinguishable: at most two others that this data cannot exclude.
-        excluded: others that were tried and are worse.
-        unseen: what of it cannot be told on principle.
-        held_out_z: normal deviate of what it gains on the held-out recordings; NaN where these
-            hardly move what it acts on.
+        name: name of the effect in the catalogue.
+        equation: what the effect adds to the model, in symbols.
+        where: equation or channel that the effect enters.
+        parameters: estimates of the effect's parameters.
+        gain: by how much the effect lowered the cost when it was named.
+        bar: gain that it had to exceed.
+        z: normal deviate of the gain, by the scatter of half-second blocks.
+        indistinguishable: at most two other effects that these recordings cannot exclude.
+        excluded: other effects that were tried and are worse.
+        unseen: what recordings cannot show of the effect on principle, in words.
+        held_out_z: normal deviate of the effect's gain on the held-out recordings; NaN where these
+            hardly show what it acts on.
     """
 
     name: str
@@ -89,19 +89,20 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class Curve:
-    """What disturbance of an equation would explain the rest, against a region.
+    """A disturbance of an equation, as a curve against a region, that would explain what is left.
 
     Attributes:
-        equation: name.
-        region: name.
-        at: float64 (m,), of the region, SI.
-        values: float64 (m,), disturbance, SI.
-        errors: float64 (m,), standard errors.
-        unit: of the values, SI.
-        region_unit: SI.
-        shown: unit shown and factor, of the values; `region_shown` likewise.
-        gain: in cost.
-        share: of the excess over the noise floor that it explains.
+        equation: name of the equation.
+        region: name of the region, such as "velocity".
+        at: float64 (m,), places in the region, SI.
+        values: float64 (m,), disturbance at these places, SI.
+        errors: float64 (m,), standard errors of the values.
+        unit: SI unit of the values.
+        region_unit: SI unit of the region.
+        shown: unit of the values in reports, and the number of such units in one SI unit.
+        region_shown: the same for the region.
+        gain: by how much the disturbance would lower the cost.
+        share: part of the excess over the noise floor that the disturbance explains.
     """
 
     equation: str
@@ -119,13 +120,14 @@ class Curve:
 
 @dataclass(frozen=True)
 class Band:
-    """Mean square of a channel's innovations between two frequencies, in predicted variances.
+    """Mean square of a channel's innovations in one frequency band, in predicted variances.
 
     Attributes:
-        low, high: Hz.
-        before: of the model as given.
-        after: of the model as written.
-        floor: of a rig that is exactly that model, on the same course.
+        low: lower end of the band, Hz.
+        high: upper end of the band, Hz.
+        before: mean square with the model as given.
+        after: mean square with the model as written.
+        floor: mean square for a rig that is exactly the model as written, on the same course.
     """
 
     low: float
@@ -137,21 +139,22 @@ class Band:
 
 @dataclass(frozen=True)
 class ChannelGap:
-    """Prediction error of a channel over the horizon, held out.
+    """Prediction error of a channel over the horizon, on held-out recordings.
 
     Attributes:
-        channel: column.
-        before: mean square over the noise variance, of the model as given.
-        after: of the model as written.
-        floor: of a rig that is exactly the model, on the same course.
-        rms_before: excess over the floor, SI.
-        rms_after: likewise.
-        unit: SI; `shown`: unit shown and factor.
-        whiteness_before: autocorrelation of the innovations at one sample.
-        whiteness_after: likewise.
-        whiteness_floor: likewise, of the twin.
-        bands: power of the innovations by frequency.
-        scatter: of `after - floor` by chance, as twins scatter: one standard deviation.
+        channel: name of the recording's column.
+        before: mean squared error with the model as given, in noise variances.
+        after: the same with the model as written.
+        floor: the same for a rig that is exactly the model as written, on the same course.
+        rms_before: root mean square of what `before` has above the floor, SI.
+        rms_after: the same for `after`.
+        unit: SI unit.
+        shown: unit used in reports, and the number of such units in one SI unit.
+        whiteness_before: correlation of innovations one sample apart, with the model as given.
+        whiteness_after: the same with the model as written.
+        whiteness_floor: the same for the twins.
+        bands: mean squares of the innovations by frequency band.
+        scatter: standard deviation by which `after - floor` varies by chance, as twins do.
     """
 
     channel: str
@@ -171,7 +174,18 @@ class ChannelGap:
 
 @dataclass(frozen=True)
 class FreeRun:
-    """A few seconds in free simulation beside the recording, float64 (m,) each."""
+    """A few seconds of one channel in free simulation beside the recording, float64 (m,) each.
+
+    Attributes:
+        source: where the recording comes from.
+        time_s: time since the recording began, s.
+        channel: name of the recording's column.
+        unit: SI unit.
+        shown: unit used in reports, and the number of such units in one SI unit.
+        measured: readings; NaN where a reading is not used.
+        before: simulation with the model as given.
+        after: simulation with the model as written.
+    """
 
     source: str
     time_s: Array
@@ -185,14 +199,16 @@ class FreeRun:
 
 @dataclass(frozen=True)
 class Separation:
-    """An experiment that would settle which of several effects it is.
+    """An experiment that would settle which of several effects is the cause.
 
     Attributes:
-        effects: not told apart so far.
-        motion: in words.
-        campaign: of a campaign file ready to run, as nested mappings.
-        cosine: of the signatures in that motion, nuisances projected out.
-        z: normal deviate by which the right one would be better, predicted.
+        effects: effects between which the recordings do not decide.
+        motion: motion of the experiment, in words; if no motion decides, it says so.
+        campaign: contents of a campaign file that is ready to run, as nested mappings; empty if no
+            motion decides.
+        cosine: cosine between the effects' signatures in that motion, with the nuisances projected
+            out.
+        z: predicted normal deviate by which the right effect would be better.
     """
 
     effects: tuple[str, ...]
@@ -204,7 +220,14 @@ class Separation:
 
 @dataclass(frozen=True)
 class DetectionLimit:
-    """The smallest size of an effect that these motions would show."""
+    """The smallest size of an effect that the recorded motions would show.
+
+    Attributes:
+        effect: name of the effect.
+        key: key of the knob that the size belongs to.
+        size: smallest size, SI; infinite if no plausible size would show.
+        unit: SI unit of the size.
+    """
 
     effect: str
     key: str
@@ -214,15 +237,15 @@ class DetectionLimit:
 
 @dataclass(frozen=True)
 class Check:
-    """What a revised model amounts to, tested as if it were given, on a run of its own.
+    """The result of testing a revised model on a fresh run, as if it were the model given.
 
     Attributes:
-        verdict: on it.
-        effects: that it lacks, too.
-        gap_before: of the model first given, on this run.
-        gap_after: of the revised one, nothing refitted.
-        scatter: of that by chance, one standard deviation: where a ram sticks and slips, twins of
-            the same rig differ by as much.
+        verdict: verdict on the revised model.
+        effects: names of the effects that the revised model still lacks.
+        gap_before: gap of the model first given, on this run.
+        gap_after: gap of the revised model on this run, with nothing refitted.
+        scatter: standard deviation by which that gap varies by chance; where a ram sticks and
+            slips, twins of the same rig differ by as much.
     """
 
     verdict: Verdict
@@ -234,16 +257,16 @@ class Check:
 
 @dataclass(frozen=True)
 class Round:
-    """A round of closing a gap on a rig: what was run, and what is known since.
+    """One round of closing a gap on a rig: what was run, and what was known afterwards.
 
     Attributes:
-        why: it was run.
-        motions: run in it, by name.
-        recordings: made in it.
-        verdict: by all recordings up to it.
-        effects: likewise.
-        check: of the model revised so far; None if there was nothing to check, or it could be
-            settled first which effect it is.
+        why: reason for the round, in words.
+        motions: names of the motions that were run.
+        recordings: recordings that were made.
+        verdict: verdict from all recordings up to this round.
+        effects: effects named from all recordings up to this round.
+        check: check of the model revised so far; None if there was nothing to check, or if a motion
+            could first settle which effect is the cause.
     """
 
     why: str
@@ -256,17 +279,17 @@ class Round:
 
 @dataclass(frozen=True)
 class AddedDisturbance:
-    """An unknown disturbance in symbols as it was added to the model.
+    """An unknown disturbance in symbols that was added to the model.
 
     Attributes:
-        equation: it was added to.
+        equation: name of the equation to which it was added.
         text: its terms in symbols with units, refitted together with the nuisances.
-        estimates: of its sizes and places, SI.
-        values: of all parameters of the model with it.
-        explained: part of the excess over the floor in the identification data.
-        gap: mean of the channels' excess over the floor held out, in units of the noise variance,
-            of the model with it.
-        channels: the same by channel; `before` is that of the model as given.
+        estimates: estimates of its sizes and places, SI.
+        values: values of all parameters of the model with the disturbance.
+        explained: part of the excess over the floor that it explains in the recordings fitted to.
+        gap: mean of the channels' excess over the floor on held-out recordings, in noise variances,
+            for the model with the disturbance.
+        channels: gap of each channel with this model; `before` is that of the model as given.
     """
 
     equation: str
@@ -284,29 +307,33 @@ class GapResult:
 
     Attributes:
         verdict: adequate, missing_effect, unknown_effect or inconclusive.
-        reasons: of the verdict, in words.
-        effects: named, most important first.
-        refitted: nuisances, with their intervals, whether or not the model written has them.
-        channels: gap on the held-out recordings by channel.
-        gap_before: mean of the channels' excess over the floor, in units of the noise variance.
-        gap_after: likewise, of the model as written.
-        explained: part of the excess over the floor in the identification data that was explained.
-        where: disturbances that explain the disagreement, largest first, before anything was added.
-        rest: the same after all that was named was added.
-        term: an unknown effect in symbols with units, with the equation it enters; empty without.
-        added: that term in the model, if the model can hold it and is better for it.
-        limits: smallest sizes that these motions would show, by effect.
-        experiments: what to run to settle ambiguities.
-        free_runs: short free runs, for the eye.
-        values: of all parameters, as written.
-        names: effects switched on in the model written.
-        as_given: whether the model written is the one given, with nothing of `refitted`: nothing
-            was fitted, or it would predict worse.
+        reasons: reasons for the verdict, in words.
+        effects: effects that were named, the most important first.
+        refitted: nuisances with their intervals, whether or not the model written has these values.
+        channels: gap of each channel on the held-out recordings.
+        gap_before: mean of the channels' excess over the floor with the model as given, in noise
+            variances.
+        gap_after: the same with the model as written.
+        explained: part of the excess over the floor that was explained in the recordings fitted to.
+        where: disturbances that would explain the disagreement before anything was added to the
+            model, the largest first.
+        rest: disturbances that would explain what is left after all named effects were added.
+        term: an unknown effect in symbols with units, with the equation that it enters; empty if
+            there is none.
+        added: that effect as part of the model, if the model can represent it and is better with
+            it; else None.
+        limits: for each effect the smallest size that the recorded motions would show.
+        experiments: experiments that would settle which effects are the causes.
+        free_runs: short free simulations, for the eye.
+        values: values of all parameters in the model written.
+        names: names of the effects that are switched on in the model written.
+        as_given: whether the model written is the one given, without the values of `refitted`,
+            because nothing was fitted or the fit would predict worse.
         identification: sources and content hashes of the recordings fitted to.
-        holdout: of those held out.
-        seconds: of recordings used: identification, holdout.
-        rounds: of closing the gap on a rig; none where recordings were given.
-        ended_by: what ended the rounds before their time, such as a trip of the rig.
+        holdout: sources and content hashes of the held-out recordings.
+        seconds: lengths of the recordings fitted to and of those held out, s.
+        rounds: rounds of closing the gap on a rig; empty if the recordings were given.
+        ended_by: what ended the rounds early, such as a trip of the rig; empty if nothing did.
     """
 
     verdict: Verdict
@@ -335,7 +362,7 @@ class GapResult:
 
     @property
     def written(self) -> Written:
-        """Return which model was written: as given, refitted, or with effects."""
+        """Return which model is written: as given, refitted, or with effects."""
         if self.as_given:
             return "as given"
         return "with effects" if self.effects else "refitted"

@@ -1,9 +1,10 @@
-"""How a filter's innovations answer to kicks of states and readings: once linearised, then cheap.
+"""This module computes how innovations respond to kicks, which are changes of states and readings.
 
-Along the filtered course the filter is a linear system that varies with time. Its matrices are
-taken by differences, once for some stretches of a record (`linearise_course`); after that the
-answer to any disturbance is a few products a sample (`respond`), a hundredth of a run of the plant.
-What the sensors remember (a lag, a play) is taken as it was: readings follow the state at once.
+Along its filtered course the filter is a linear system that varies with time. Its matrices are
+computed by differences, once for some stretches of a record (`linearise_course`). The response to
+any disturbance is then a few products per sample (`respond`), a hundredth of the cost of a run of
+the plant. What the sensors remember (a lag, a play) is left as it was: readings follow a kick of
+the state at once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,12 +30,12 @@ _FIRST: Final = 20
 
 
 class _Along(NamedTuple):
-    """What a course is linearised along.
+    """The course along which a plant is linearised.
 
     Attributes:
         inputs: float64 (n, inputs).
         states: float64 (n, k), filtered.
-        places: int64 (n,), row of the results for each sample, -1 where none is wanted.
+        places: int64 (n,), row of the results for each sample; -1 where no result is wanted.
     """
 
     inputs: Array
@@ -43,11 +44,12 @@ class _Along(NamedTuple):
 
 
 class _Slopes(NamedTuple):
-    """What a linearisation is made of.
+    """The matrices of a linearisation.
 
     Attributes:
-        transitions: float64 (m, k, k), of the step by the state.
-        slopes: float64 (m, outputs, k), of the readings by the state.
+        transitions: float64 (m, k, k), derivatives of the state after the step by the state before
+            it.
+        slopes: float64 (m, outputs, k), derivatives of the readings by the state.
         shifts: float64 (m, k + outputs, probes), what each probe adds to the state after the step,
             and to the readings.
     """
@@ -66,18 +68,19 @@ _SLOPES: Final = types.BaseTuple.from_types((_CUBE, _CUBE, _CUBE), _Slopes)
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def linearise_course(drive, step, remember, read, along, parameters, memory, changes, written):
-    """Linearise step and readings along a filtered course, where asked.
+    """Linearise the step and the readings of a plant at the wanted samples of a filtered course.
 
     Args:
-        drive: of the plant, compiled with DRIVE.
-        step: of the plant, compiled with STEP.
-        remember: of the plant, compiled with REMEMBER.
-        read: of the plant, compiled with READ.
+        drive: function of the plant, compiled with DRIVE.
+        step: function of the plant, compiled with STEP.
+        remember: function of the plant, compiled with REMEMBER.
+        read: function of the plant, compiled with READ.
         along: the course.
-        parameters: float64 (1 + probes, count): the present ones, then each changed.
-        memory: float64 (1, length), at the first sample.
-        changes: float64 (k,), for derivatives by differences.
-        written: the linearisation.
+        parameters: float64 (1 + probes, count), the present values, then a row for each probe with
+            one value changed.
+        memory: float64 (1, length), at the first sample; changed.
+        changes: float64 (k,), changes of the states by which derivatives are taken.
+        written: the linearisation, which is written.
     """
     inputs, states, places = along.inputs, along.states, along.places
     transitions, slopes, shifts = written.transitions, written.slopes, written.shifts
@@ -114,7 +117,8 @@ def linearise_course(drive, step, remember, read, along, parameters, memory, cha
                 step(point, remembered, parameters[1 + p])
                 for i in range(count):
                     shifts[row, i, p] = point[i] - ahead[i]
-            # The last step leaves its mark in the memory: it must be that of the present model.
+            # Each step changes the memory, so that the last step must be that of the present
+            # values.
             put(ahead, states[t])
             step(ahead, remembered, present)
         remember(states[t], ahead, remembered, present)
@@ -125,17 +129,17 @@ def linearise_course(drive, step, remember, read, along, parameters, memory, cha
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers):
-    """Write what the innovations become by kicks, over their standard deviations.
+    """Compute the changes of the innovations by kicks, over the innovations' standard deviations.
 
     Args:
         transitions: float64 (m, k, k), of `linearise_course`.
-        slopes: float64 (m, outputs, k), likewise.
+        slopes: float64 (m, outputs, k), of `linearise_course`.
         gains: float64 (m, outputs, k), of the filter.
-        variances: float64 (m, outputs), of the innovations; infinite where not used.
-        starts: int64 (m,), 1 where a stretch begins, undisturbed.
-        rows: int64 (r,), what is kicked: a state after the step, or k + output for a reading.
-        kicks: float64 (m, r, columns).
-        answers: float64 (m, outputs, columns), written.
+        variances: float64 (m, outputs), of the innovations; infinite where a reading is not used.
+        starts: int64 (m,), 1 where a stretch begins; no kick before it has an effect there.
+        rows: int64 (r,), what is kicked: j for state j after the step, k + i for reading i.
+        kicks: float64 (m, r, columns), sizes of the kicks, SI.
+        answers: float64 (m, outputs, columns), written: the changes.
     """
     count, outputs, columns = transitions.shape[1], slopes.shape[1], kicks.shape[2]
     x, ahead = np.zeros((count, columns)), np.zeros((count, columns))
@@ -181,19 +185,21 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
 
 @dataclass(frozen=True)
 class Course:
-    """Stretches of a record, linearised.
+    """Stretches of a record with their linearisation.
 
     Attributes:
-        samples: int64 (m,), of the record.
-        innovations: float64 (m, outputs), over their standard deviations.
+        samples: int64 (m,), indices of the samples in the record.
+        innovations: float64 (m, outputs), divided by their standard deviations.
         states: float64 (m, k), filtered.
         inputs: float64 (m, inputs).
-        transitions: float64 (m, k, k).
-        slopes: float64 (m, outputs, k).
-        gains: float64 (m, outputs, k).
+        transitions: float64 (m, k, k), derivatives of the state after the step by the state before
+            it.
+        slopes: float64 (m, outputs, k), derivatives of the readings by the state.
+        gains: float64 (m, outputs, k), of the filter.
         variances: float64 (m, outputs), of the innovations.
-        starts: int64 (m,), 1 where a stretch begins.
-        shifts: float64 (m, k + outputs, probes), of the parameters that were probed.
+        starts: int64 (m,), 1 where a stretch begins, else 0.
+        shifts: float64 (m, k + outputs, probes), what each probed parameter adds to the state after
+            the step, and to the readings.
     """
 
     samples: NDArray[np.int64]
@@ -208,11 +214,14 @@ class Course:
     shifts: Array
 
     def answers(self, rows: Sequence[int], kicks: Array) -> Array:
-        """Return the change of the innovations (m, outputs, columns) by kicks.
+        """Return the changes of the innovations by kicks, (m, outputs, columns).
+
+        They are divided by the innovations' standard deviations.
 
         Args:
-            rows: what is kicked: a state, or the number of states plus an output.
-            kicks: float64 (m, rows, columns).
+            rows: what is kicked: the index of a state, or the number of states plus the index of an
+                output.
+            kicks: float64 (m, rows, columns), sizes of the kicks, SI.
         """
         found = np.empty((len(self.samples), self.variances.shape[1], kicks.shape[2]))
         respond(
@@ -233,12 +242,13 @@ def course_of(
     """Return stretches of a record, linearised about `values` with given gains.
 
     Args:
-        predictor: of the plant.
-        record: of which these are stretches.
-        gains: of a filter of the record.
-        values: of all parameters.
-        probes: values of all parameters, one of them changed.
-        samples: int64 (m,), of the record, ascending; a stretch begins where one is left out.
+        predictor: predictor of the plant.
+        record: record that the stretches belong to.
+        gains: gains of a filter of the record.
+        values: values of all parameters.
+        probes: sets of values of all parameters, each with one value changed.
+        samples: int64 (m,), indices in the record, ascending; a gap between them begins a new
+            stretch.
     """
     plant = predictor.plant
     innovations, states = predictor.innovations(record, gains, values)

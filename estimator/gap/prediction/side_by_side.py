@@ -1,7 +1,8 @@
-"""Predictions of several runs of a plant side by side in lanes (`rig.lanes`), compiled.
+"""Compiled functions here predict several runs of a plant side by side in lanes (`rig.lanes`).
 
-As `prediction` makes them one by one, but for the last digits: one recording with the same gains
-and other parameters in each lane, or one filter whose derivatives by the states are the lanes.
+The results are those of `prediction` except for the last digits. Either each lane runs the same
+recording with the same gains and its own parameters, or the lanes are the derivatives of one filter
+by its states.
 """
 
 from math import sqrt
@@ -40,18 +41,19 @@ _BEGUN: Final = types.BaseTuple.from_types((_MATRIX, _MATRIX, _MATRIX), Begun)
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innovations):
-    """Predict a recording one sample ahead with given gains, with other parameters in each lane.
+    """Predict a recording one sample ahead with given gains and with other parameters in each lane.
 
     Args:
-        drive: of `InLanes`.
-        step: likewise.
-        remember: likewise.
-        read: likewise.
-        track: of the record.
-        begun: plants at its first sample, in lanes; the states after the recording are left there.
-        first: float64 (parameters,), those of the first lane.
-        innovations: float64 (n, outputs, LANES), written: over their standard deviations, 0 if not
-            used.
+        drive: as in `InLanes`.
+        step: as in `InLanes`.
+        remember: as in `InLanes`.
+        read: as in `InLanes`.
+        track: the record and its gains.
+        begun: the plants at the first sample, in lanes; its start is overwritten by the states
+            after the recording, and its memory is changed.
+        first: float64 (parameters,), parameters of the first lane.
+        innovations: float64 (n, outputs, LANES), written: divided by their standard deviations, 0
+            where a reading is not used.
     """
     inputs, readings = track.inputs, track.readings
     gains, innovation_variances, couplings = track.gains, track.variances, track.couplings
@@ -86,18 +88,18 @@ def run_frozen_in_lanes(drive, step, remember, read, track, begun, first, innova
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def run_filter_in_lanes(drive, step, remember, keep, read, track, setup, parameters, memory):
-    """Run the filter over a recording as `run_filter` does, the derivatives of its step in lanes.
+    """Run the filter over a recording as `run_filter` does, with its step's derivatives in lanes.
 
     Args:
-        drive: of `InLanes`.
-        step: likewise.
-        remember: likewise.
-        keep: as `remember` of `run_filter`.
-        read: as of `run_filter`.
-        track: likewise.
-        setup: likewise; its memory is of what the sensors keep.
+        drive: as in `InLanes`.
+        step: as in `InLanes`.
+        remember: as in `InLanes`.
+        keep: the function `remember` of a plant that runs alone, compiled with REMEMBER.
+        read: the function `read` of a plant that runs alone, compiled with READ.
+        track: the record; its gains are written.
+        setup: settings of the filter; its memory serves `keep` and `read`, for the readings.
         parameters: float64 (parameters, LANES), those of `setup` in all lanes.
-        memory: float64 (rows, LANES), of `InLanes.begin`; of what reaches the plant.
+        memory: float64 (rows, LANES), of `InLanes.begin`; it serves the step, and is changed.
     """
     inputs, outputs = track.inputs, track.readings.shape[1]
     first, changes, count = setup.parameters, setup.changes, setup.start.size
@@ -107,7 +109,7 @@ def run_filter_in_lanes(drive, step, remember, keep, read, track, setup, paramet
     covariance = np.diag(setup.spread * setup.spread)
     transition, product = np.empty((count, count)), np.empty((count, count))
     slope = np.empty((outputs, count))
-    # Column 0 is the course itself, column 1 + j that with a change of state j.
+    # Column 0 is the course itself; column 1 + j is the course with a change of state j.
     batches = (count + LANES) // LANES
     points = empty_lanes(batches * count).reshape((batches, count, LANES))
     for t in range(inputs.shape[0]):

@@ -1,4 +1,4 @@
-"""Whether a plant has a finite course along a recording, before anything is fitted to it."""
+"""This module checks that a plant's states stay finite along a recording before any fit."""
 
 import numpy as np
 
@@ -9,10 +9,11 @@ from .predictor import Predictor
 
 
 def check_course(recording: Recording, plant: Plant) -> None:
-    """Filter a recording with the plant's own values.
+    """Check that the plant, with its own parameter values, has finite states along a recording.
 
     Raises:
-        PlantError: a state leaves all bounds, with the state, the time and what may be the cause.
+        PlantError: a state or reading is not finite; the error says which, when, and what may be
+            the cause.
         KeyError: the recording lacks a channel of the plant.
     """
     predictor, record = Predictor(plant), record_of(recording, plant)

@@ -1,8 +1,9 @@
-"""Whether recordings can support a verdict at all; docs/gap.md derives the limits.
+"""This module decides whether recordings can support a verdict; docs/gap.md derives the limits.
 
-Before anything is fitted: enough of them, motion in every channel, sensors within their ranges and
-no noisier than stated, and readings that have anything to do with the model. Afterwards: what was
-found must predict better than "nothing changes" would.
+Before anything is fitted, there must be enough recordings, every channel must move, the sensors
+must be within their ranges and no noisier than stated, and the readings must have something to do
+with the model. After the search, what was found must predict better than the assumption that
+nothing changes.
 """
 
 from collections.abc import Sequence
@@ -18,31 +19,34 @@ from .predictor import Predictor
 from .variables import Values
 
 FITTED_BLOCKS: Final = 8
-"""Blocks of half a second to fit to: the scatter of fewer tells no standard error."""
+"""Least number of half-second blocks to fit to; the scatter of fewer gives no standard error."""
 JUDGED_BLOCKS: Final = 4
+"""Least number of half-second blocks in the held-out recordings."""
 MOVES: Final = 10.0
-"""How far a channel must move, in multiples of its noise, with readings averaged over 50 samples:
-an effect of a tenth of that would then be as large as the noise of one reading."""
+"""Least distance that a channel must move, in multiples of its noise, between readings averaged
+over 50 samples. An effect of a tenth of that is then as large as the noise of one reading."""
 SATURATED: Final = 0.5
-"""Share of the readings of a channel that may be at an end of its range."""
+"""Greatest share of a channel's readings that may be missing or at an end of its range."""
 NOISIER: Final = 10.0
-"""How noisy readings may be, in multiples of the stated noise; the oil's oscillation, curved over 3
-samples, is read as 4 at most."""
+"""Greatest noise that readings may have, in multiples of the stated noise. The oscillation of the
+oil, curved over 3 samples, looks like 4 at most."""
 LOST: Final = 100.0
-"""Standard deviations that one-step predictions miss by in the median: no effect of any plant does
-this, a channel in other units does."""
+"""Standard deviations. If the median miss of one-step predictions is larger, the channel has
+nothing to do with the model: no effect does this, but a channel in other units does."""
 WORSE: Final = 4.0
-"""A prediction whose squared error is more than this many times that of "nothing changes", beside
-the noise, says nothing of the rig. In a slow motion a missing effect may well cost more than
-resting; another rig costs far more."""
+"""A prediction says nothing of the rig if its squared error is more than this many times that of
+"nothing changes", plus the noise variance. In a slow motion a missing effect may well cost more
+than predicting that nothing changes; another rig costs far more."""
 _AVERAGED: Final = 50
+"""Number of readings that are averaged to measure how far a channel moves."""
 
 
 def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
-    """Return what of records can be followed and is longer than the filter's settling and a block.
+    """Return those parts of the records that the filter can follow and that are long enough.
 
-    If no record can be followed for so long anywhere they are given whole: it is to be told what is
-    wrong with their readings.
+    A part must be longer than the filter's settling and one block. If there is no such part, the
+    records that are long enough are returned whole, so that the report can say what is wrong with
+    their readings.
     """
     long = [record for record in records if slices_of(record, plant.period)]
     parts = [part for record in long for part in seen_parts(record, plant.period)]
@@ -50,11 +54,11 @@ def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
 
 
 def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
-    """Return why recordings cannot support a verdict, in words; empty if they can.
+    """Return the reasons, in words, why recordings cannot support a verdict; empty if they can.
 
     Args:
-        fitter: of the records to fit to.
-        judged: of those held out.
+        fitter: fitter of the records to fit to.
+        judged: fitter of the held-out records.
     """
     plant = fitter.predictor.plant
     reasons = [
@@ -92,7 +96,7 @@ def _commands(records: Sequence[Record], plant: Plant) -> list[str]:
 
 
 def _readings(records: Sequence[Record], index: int, output: Output) -> list[str]:
-    """Return what is wrong with the readings of one channel."""
+    """Return what is wrong with the readings of one channel, in words; empty if nothing is."""
     usable_samples = np.concatenate([np.isfinite(r.variances[:, index]) for r in records])
     name = output.channel
     saturated = 1.0 - float(usable_samples.mean())
@@ -118,14 +122,14 @@ def _readings(records: Sequence[Record], index: int, output: Output) -> list[str
 
 
 def _travel(readings: Array, good: Array) -> float:
-    """Return how far the averages of readings (n,) are apart."""
+    """Return how far the averages of the good readings (n,) lie apart, each over 50 readings."""
     kept = readings[good]
     whole = len(kept) // _AVERAGED * _AVERAGED
     return float(np.ptp(kept[:whole].reshape(-1, _AVERAGED).mean(1))) if whole else 0.0
 
 
 def _noise(readings: Array) -> float:
-    """Return the standard deviation of white noise in readings (n,), by second differences."""
+    """Return the standard deviation of white noise in readings (n,), from second differences."""
     curved = np.abs(readings[2:] - 2.0 * readings[1:-1] + readings[:-2])
     return float(np.median(curved)) / (0.6745 * 6.0**0.5)
 
@@ -154,7 +158,10 @@ def _told(miss: float) -> str:
 def worse_than_resting(
     predictor: Predictor, record: Record, gains: Gains, values: Values
 ) -> list[str]:
-    """Return the channels predicted worse over the horizon than "nothing changes" would be."""
+    """Return the channels whose predictions are worse than the assumption that nothing changes.
+
+    The errors over the horizon are compared; `WORSE` says what counts as worse.
+    """
     plant = predictor.plant
     horizon = round(plant.horizon / plant.period)
     states = predictor.innovations(record, gains, values)[1]
@@ -164,7 +171,7 @@ def worse_than_resting(
     resting[~np.isfinite(errors)] = np.nan
     settled = slice(round(SETTLING_S / plant.period), None)
     used = np.isfinite(record.variances[settled]).sum(axis=0) > 0
-    # Of a channel that is not read there is nothing to predict.
+    # A channel that is not read is left out, because there is nothing to predict.
     model, rest = mean_squares(errors[settled]), mean_squares(resting[settled])
     return [
         output.channel

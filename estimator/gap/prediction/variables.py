@@ -1,4 +1,4 @@
-"""What a fit moves: nuisances and the knobs of effects, each a parameter within bounds."""
+"""This module defines what a fit changes: nuisances and the knobs of effects, within bounds."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,23 +11,23 @@ from .linear import Column
 Values = Mapping[str, float]
 
 _LARGEST_SHARE = 0.1
-"""Part of a value on a logarithmic scale by which a probe may change it."""
+"""Greatest change by a probe, as a part of the value, if the variable is logarithmic."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One parameter to fit.
+    """One parameter that is fitted.
 
     Attributes:
-        name: of the effect, or of the nuisance's parameter.
-        key: of the effect's knob, empty for a nuisance.
-        parameter: of the plant.
-        probe: change for derivatives by differences.
-        lower: bound.
-        upper: bound.
-        follows: parameters that change in proportion.
-        logarithmic: whether steps are of the logarithm of the value; `probe` stays a change of the
-            value itself.
+        name: name of the effect, or of the parameter if it is a nuisance.
+        key: key of the effect's knob; empty for a nuisance.
+        parameter: name of the plant's parameter.
+        probe: change of the value by which derivatives are taken, SI.
+        lower: least value, SI.
+        upper: greatest value, SI.
+        follows: names of other parameters, which are scaled by the same factor.
+        logarithmic: whether steps are steps of the value's logarithm; `probe` is a change of the
+            value itself all the same.
     """
 
     name: str
@@ -40,7 +40,10 @@ class Variable:
     logarithmic: bool = False
 
     def put(self, values: Values, value: float) -> dict[str, float]:
-        """Return values with this parameter, and what follows it, set."""
+        """Return a copy of all values in which this parameter has the value given.
+
+        The parameters that follow it are scaled by the same factor.
+        """
         changed = dict(values)
         changed[self.parameter] = value
         before = values[self.parameter]
@@ -49,11 +52,11 @@ class Variable:
         return changed
 
     def within(self, value: float) -> float:
-        """Return the value, moved to the bound it is beyond."""
+        """Return the value, or the bound that it is beyond."""
         return min(max(value, self.lower), self.upper)
 
     def column(self, values: Values) -> Column:
-        """Return the direction in which the values change with this variable."""
+        """Return this variable's column: how the values change with it, and between which steps."""
         at = values[self.parameter]
         probe = self.probe
         if self.logarithmic:
@@ -68,19 +71,22 @@ class Variable:
         return Column(name, changed, probe, self.lower - at, self.upper - at)
 
     def moved(self, values: Values, step: float) -> dict[str, float]:
-        """Return values after a step in this variable's scale, within its bounds."""
+        """Return all values after a step of this variable, cut off at its bounds.
+
+        The step is of the value, or of its logarithm if the variable is logarithmic.
+        """
         at = values[self.parameter]
         if self.logarithmic:
             return self.put(values, self.within(at * exp(min(max(step, -5.0), 5.0))))
         return self.put(values, self.within(at + step))
 
     def reach(self, values: Values, step: float) -> float:
-        """Return how much the value changes by a small step in this variable's scale."""
+        """Return how much the value itself changes by a small step of this variable, SI."""
         return step * values[self.parameter] if self.logarithmic else step
 
 
 def nuisance_variable(nuisance: Nuisance) -> Variable:
-    """Return the variable of a nuisance, bounded by its tolerance."""
+    """Return the variable of a nuisance, whose bounds are the ends of the tolerance."""
     width = nuisance.tolerance * abs(nuisance.nominal)
     return Variable(
         nuisance.parameter, "", nuisance.parameter, nuisance.probe,
@@ -89,7 +95,7 @@ def nuisance_variable(nuisance: Nuisance) -> Variable:
 
 
 def knob_variable(effect: Effect, knob: Knob) -> Variable:
-    """Return the variable of an effect's knob."""
+    """Return the variable of one of an effect's knobs."""
     return Variable(
         effect.name, knob.key, knob.parameter, knob.probe, knob.lower, knob.upper, knob.follows,
         knob.logarithmic,
@@ -97,12 +103,15 @@ def knob_variable(effect: Effect, knob: Knob) -> Variable:
 
 
 def effect_variables(effect: Effect) -> tuple[Variable, ...]:
-    """Return the variables of an effect."""
+    """Return the variables of all knobs of an effect."""
     return tuple(knob_variable(effect, knob) for knob in effect.knobs)
 
 
 def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ...]:
-    """Return the variables with those of an effect added; it takes the place of its nuisance."""
+    """Return the variables with those of an effect added.
+
+    A nuisance of the same parameter is left out, because the effect's variable takes its place.
+    """
     added = effect_variables(effect)
     taken = {variable.parameter for variable in added}
     return (*(variable for variable in variables if variable.parameter not in taken), *added)
@@ -111,7 +120,7 @@ def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ..
 def started(
     plant: Plant, values: Values, effect: Effect, start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return values with the knobs of an effect at a start."""
+    """Return a copy of all values in which an effect's knobs have the values of a start, by key."""
     changed = dict(values)
     for knob in effect.knobs:
         if knob.key in start:

@@ -1,4 +1,4 @@
-"""Searching for what a model lacks: candidates are screened, refitted, and held against rivals."""
+"""This package searches for what a model lacks: it screens effects, fits them and tries rivals."""
 
 from lazy_loader import attach_stub
 

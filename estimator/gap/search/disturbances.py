@@ -1,10 +1,10 @@
-"""Where model and recordings disagree: which disturbance of which equation would explain it.
+"""This module finds where model and recordings disagree, as disturbances that would explain it.
 
-A disturbance is a sum of hat functions of a region's quantity (velocity, spool opening, time, ...)
-that is added to an equation or to a reading, sample by sample along the filtered course. What the
-innovations make of it follows from the linearised course (`sensitivities`), so that all pairs of
-equation and region together take as long as some runs of the plant. The disturbances share the
-variables of the fit, blocks and error bars with every other column.
+A disturbance is a sum of hat functions of a region's quantity (velocity, spool opening, time, ...).
+It is added to an equation or to a reading, sample by sample along the filtered course. How it
+changes the innovations follows from the linearised course (`sensitivities`), so that all pairs of
+equation and region together take as long as a few runs of the plant. Disturbances are fitted
+together with the variables of the fit, with the same blocks and error bars as any column.
 """
 
 from collections.abc import Sequence
@@ -29,22 +29,24 @@ from estimator.gap.prediction import (
 )
 
 HATS: Final = 9
-"""Hat functions of a curve; the outermost are constant beyond their middles."""
+"""Number of hat functions in a curve. The outermost ones are constant beyond their middles."""
 TIME: Final = Region("time", "s", lambda states, inputs: states[:, 0], ("s", 1.0), "t")
-"""Time since the beginning of a recording: any plant has it, though no state tells it."""
+"""Time since the beginning of a recording. Any plant has this region, though no state holds the
+time."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a disturbance enters: an equation or a reading.
+    """A place where a disturbance enters: an equation or a reading.
 
     Attributes:
-        name: of the equation, or "reading of" a channel.
-        unit: SI.
-        shown: unit shown, and how many of it are one SI unit.
-        rows: states that are kicked, or the number of states plus the output.
-        of: regions, besides time.
-        equation: None for a reading.
+        name: name of the equation, or "reading of" and the channel.
+        unit: SI unit of the disturbance.
+        shown: unit used in reports, and the number of such units in one SI unit.
+        rows: indices of the states that are kicked; for a reading, the number of states plus the
+            index of its output.
+        of: names of the regions that the disturbance may depend on, besides time.
+        equation: the equation; None for a reading.
     """
 
     name: str
@@ -55,7 +57,7 @@ class Place:
     equation: Equation | None = None
 
     def rates(self, states: Array, values: Values) -> Array:
-        """Return the kicks (n, rows) of one unit of disturbance."""
+        """Return the kicks (n, rows) by one unit of disturbance."""
         if self.equation is None:
             return np.ones((len(states), 1))
         of = (self.equation.rate, *(rate for _, rate in self.equation.also))
@@ -63,7 +65,7 @@ class Place:
 
 
 def places_of(plant: Plant) -> list[Place]:
-    """Return everything of a plant that a disturbance may enter."""
+    """Return all places of a plant where a disturbance may enter."""
     found = [
         Place(e.name, e.unit, e.shown, (e.state, *(state for state, _ in e.also)), e.of, e)
         for e in plant.equations
@@ -79,20 +81,20 @@ def places_of(plant: Plant) -> list[Place]:
 
 
 def hats(values: Array, middles: Array) -> Array:
-    """Return hat functions (n, middles) of values (n,); they add up to one."""
+    """Return hat functions (n, middles) of values (n,), which add up to one for each value."""
     width = middles[1] - middles[0]
     place = np.clip((values - middles[0]) / width, 0.0, len(middles) - 1.0)
     return np.asarray(np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(middles))), 0.0))
 
 
 class Attribution:
-    """Disturbances of a plant's equations and readings, against a fit of its variables.
+    """Finds the disturbances of a plant's equations and readings that explain what a fit leaves.
 
     Args:
-        filtered: the records, with `values`.
-        values: of all parameters.
-        variables: what was fitted: disturbances must explain what these cannot.
-        parts: of the records, see `excerpts`.
+        filtered: the records, with gains for `values`.
+        values: values of all parameters.
+        variables: variables that were fitted; a disturbance must explain what these cannot.
+        parts: part of each record that is used (`excerpts`).
     """
 
     def __init__(
@@ -122,11 +124,11 @@ class Attribution:
         self._known = [course.answers(rows, course.shifts / sizes) for course in self.courses]
 
     def region(self, name: str) -> Region:
-        """Return a region of the plant, or time."""
+        """Return the region with this name, either of the plant or the time."""
         return TIME if name == TIME.name else self.plant.regions[name]
 
     def along(self, name: str) -> list[Array]:
-        """Return a region's quantity (m,) along each course, SI."""
+        """Return a region's quantity (m,) along each linearised course, SI."""
         if name == TIME.name:
             return [
                 np.asarray((first + course.samples) * self._period, np.float64)
@@ -136,9 +138,10 @@ class Attribution:
         return [region.value(course.states, course.inputs) for course in self.courses]
 
     def middles(self, name: str, count: int = HATS) -> Array:
-        """Return the hats' middles (count,), evenly spread over what the motion covers.
+        """Return the middles (count,) of the hats, evenly spread over what the motion covers.
 
-        Of a direction they are its two values; empty of what does not change.
+        A direction has only its two values as middles. The result is empty if the quantity does not
+        change.
         """
         values = np.concatenate(self.along(name))
         low, high = np.quantile(values, (0.01, 0.99))
@@ -149,9 +152,10 @@ class Attribution:
         return np.linspace(low, high, count)
 
     def linear(self, place: Place, shapes: Sequence[Array]) -> Linear:
-        """Return block sums with shapes (m, columns), per course, of a disturbance of a place.
+        """Return the block sums of the fit's variables and of shapes of a disturbance at a place.
 
-        Its columns are those of the variables, then the shapes ("#0", "#1", ...), in SI units.
+        `shapes` has an array (m, columns) for each course, SI. The columns of the result are those
+        of the variables, then the shapes ("#0", "#1", ...).
         """
         changes, residual, used = self.stacked(place, shapes)
         columns = [
@@ -164,15 +168,15 @@ class Attribution:
         )  # fmt: skip
 
     def stacked(self, place: Place, shapes: Sequence[Array]) -> tuple[Array, Array, int]:
-        """Return what innovations become by the variables and by shapes of a disturbance.
+        """Return how the fit's variables and shapes of a disturbance change the innovations.
 
         Args:
-            place: where it enters.
-            shapes: float64 (m, columns), per course, SI.
+            place: place where the disturbance enters.
+            shapes: for each course, float64 (m, columns), SI.
 
         Returns:
-            Their changes (blocks, readings, columns), the innovations (blocks, readings), both
-            weighted against outliers, and the number of readings used.
+            The changes (blocks, readings, columns), variables first, and the innovations (blocks,
+            readings), both weighted against outliers; the number of readings used.
         """
 
         def run(index: int) -> tuple[Array, Array, int]:
@@ -201,11 +205,11 @@ class Attribution:
 
     @property
     def base(self) -> list[str]:
-        """Names of the variables' columns."""
+        """Return the names of the columns of the fit's variables."""
         return [column.name for column in self._base]
 
     def solved(self, linear: Linear) -> tuple[Array, Array, float, float]:
-        """Return a disturbance's coefficients, standard errors, gain, and cost without it."""
+        """Return a disturbance's coefficients, standard errors, gain, and the cost without it."""
         base = self.base
         added = [column.name for column in linear.columns[len(base) :]]
         without = linear.solve(base)[1] if base else 0.0
@@ -215,7 +219,11 @@ class Attribution:
         return steps[len(base) :], errors[len(base) :], gain - without, cost
 
     def curve(self, place: Place, name: str, floor: float, count: int = HATS) -> Curve | None:
-        """Return the disturbance of a place against a region; None where that does not change."""
+        """Return a place's disturbance as a curve against a region; None if that does not change.
+
+        `floor` is the cost per reading of a rig that is exactly the model, `count` the number of
+        hats.
+        """
         middles = self.middles(name, count)
         if middles.size == 0:
             return None
@@ -223,7 +231,7 @@ class Attribution:
         linear = self.linear(place, shapes)
         steps, errors, gain, cost = self.solved(linear)
         excess = cost - floor * linear.samples
-        # Where the motion never was, there is nothing to say.
+        # Where the motion never came, nothing is known.
         errors = np.where(np.sum([s.sum(0) for s in shapes], axis=0) > 0.0, errors, np.inf)
         region = self.region(name)
         return Curve(
@@ -232,7 +240,10 @@ class Attribution:
         )  # fmt: skip
 
     def curves(self, floor: float) -> list[Curve]:
-        """Return disturbances that would explain the cost above a floor (per reading)."""
+        """Return disturbances that would explain the cost above a floor, the best first.
+
+        `floor` is the cost per reading of a rig that is exactly the model.
+        """
         found = [
             self.curve(place, name, floor)
             for place in places_of(self.plant)
@@ -242,12 +253,12 @@ class Attribution:
 
 
 def attribution(filtered: Filtered, values: Values, variables: Sequence[Variable]) -> Attribution:
-    """Return the attribution of what the records disagree with `values` by, where it costs most.
+    """Return the `Attribution` of those stretches of the records that cost most with `values`.
 
     Args:
-        filtered: the records, with `values`.
-        values: of all parameters.
-        variables: that were fitted.
+        filtered: the records, with gains for `values`.
+        values: values of all parameters.
+        variables: variables that were fitted.
     """
     parts = excerpts(filtered.records, filtered.predictor.plant.period, filtered.costs(values))
     return Attribution(filtered, values, variables, parts)

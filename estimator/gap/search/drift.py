@@ -1,9 +1,9 @@
-"""Parameters that would have to drift within a recording: oil that warms, a value that wanders.
+"""This module finds parameters that drift within a recording, for example while the oil warms.
 
-A disturbance of an equation against time (`disturbances`) cannot tell of it: what a softer oil adds
-to a flow goes with the pressures' rates. A trend of a parameter can: it is the parameter's own
-column, growing with the time since the recording began, and follows from the block sums of the fit
-at no further run (a test of parameter constancy, after Nyblom 1989).
+A disturbance of an equation against time (`disturbances`) cannot show a drift, because what a
+softer oil adds to a flow depends on the rates of the pressures. A trend of the parameter can: it is
+the parameter's own column multiplied by the time since the recording began. It follows from the
+block sums of the fit without another run (a test of parameter constancy, after Nyblom 1989).
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from estimator.gap.prediction import (
 from .findings import CHANCE
 
 CERTAIN: Final = 4.0
-"""Standard errors that a trend must be, by the scatter of the blocks' scores."""
+"""Least size of a trend in standard errors, by the scatter of the blocks' scores."""
 
 
 def drifts(
@@ -33,14 +33,14 @@ def drifts(
     """Return the trends of fitted parameters that would explain the cost above a floor.
 
     Args:
-        filtered: the records, with `values`.
-        values: of all parameters, fitted.
-        variables: that were fitted.
-        floor: cost per reading of a rig that is the model.
+        filtered: the records, with gains for `values`.
+        values: values of all parameters, fitted.
+        variables: variables that were fitted.
+        floor: cost per reading of a rig that is exactly the model.
 
     Returns:
-        For each parameter whose trend is beyond chance, its course over the longest recording, best
-        first; `equation` is the parameter's name, `region` the time.
+        A curve for each parameter whose trend is beyond chance, best first: its course over the
+        longest recording. The curve's `equation` is the parameter's name, its `region` the time.
     """
     columns = filtered.columns(values, variables)
     linear = filtered.linearise(values, columns)
@@ -72,7 +72,7 @@ def drifts(
 
 
 def _times(filtered: Filtered) -> Array:
-    """Return the middle of each block since its recording began, s (blocks,)."""
+    """Return for each block the time of its middle since its recording began, s (blocks,)."""
     period = filtered.predictor.plant.period
     return np.array(
         [
@@ -84,7 +84,7 @@ def _times(filtered: Filtered) -> Array:
 
 
 def _change(products: Array, slopes: Array, steps: Array) -> Array:
-    """Return the change of the sum of squares in each block by steps (blocks,)."""
+    """Return by how much steps change each block's sum of squares, (blocks,)."""
     return np.asarray(2.0 * slopes @ steps + (products @ steps) @ steps)
 
 

@@ -1,4 +1,4 @@
-"""What a search of the catalogue comes to: candidates, effects that earned their place, bars."""
+"""This module defines what a search finds, candidates and named effects, and bounds for them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,40 +10,49 @@ from estimator.gap.plant import Array
 from estimator.gap.prediction import Filtered, Fitted, Variable
 
 MATERIAL: Final = 0.01
-"""Squared shift of predictions, over their variance, that an effect must cause where it acts."""
+"""Least square of the shift of predictions that an effect must cause where it acts, in variances of
+the predictions."""
 CHANCE: Final = 25.0
-"""Least gain in cost: a normal deviate of five, beyond chance for any number of candidates."""
+"""Least gain in cost: a normal deviate of five, which is beyond chance for any number of
+candidates."""
 FEW_BLOCKS: Final = 2.0
-"""What gains in no more blocks is not named."""
+"""An effect that gains in no more blocks than this is not named."""
 FORM: Final = 0.01
-"""Part of what an effect explains that its form may be wrong by: a tenth in amplitude, squared.
-Another effect that explains all but this much may be the cause as well."""
+"""Part of what an effect explains by which its form may be wrong: a tenth in amplitude, squared.
+Another effect that explains all but this part may be the cause as well."""
 MOST_EFFECTS: Final = 4
+"""Greatest number of effects that are named."""
 HELD_OUT: Final = 0.1
-"""Excess in squared error held out, in variances a reading, that is more than a model that lacks
-nothing has: ten times what matters."""
+"""Greatest excess in squared error on held-out recordings that a model may have if it lacks
+nothing, in variances per reading: ten times what matters."""
 
 
 @dataclass(frozen=True)
 class Screened:
-    """A candidate as the linearisation sees it: which start it is, and what it would gain."""
+    """A candidate, with the start of its fit and the gain that the linearisation promises.
+
+    Attributes:
+        effect: name of the effect.
+        start: values of the effect's knobs, by key, at the start; empty for the present values.
+        gain: promised gain in cost.
+    """
 
     effect: str
     start: Mapping[str, float]
     gain: float
     acting: float
-    """Share of the readings that it moves."""
+    """Share of the readings that the effect moves."""
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another effect in the place of one.
+    """Another effect that was fitted in the place of a named one.
 
     Attributes:
-        effect: its name.
-        share: part of the named effect's gain that it reaches.
-        z: normal deviate of what it explains less, by the scatter of the blocks.
-        fitted: the fit with it.
+        effect: name of the other effect.
+        share: part of the named effect's gain that the other effect reaches.
+        z: normal deviate of the gain that it lacks, by the scatter of the blocks.
+        fitted: fit with the other effect.
     """
 
     effect: str
@@ -57,12 +66,12 @@ class Named:
     """An effect that earned its place.
 
     Attributes:
-        effect: of the catalogue.
-        gain: in cost, against the model without it.
-        per_reading: that over the readings used.
-        bar: what the gain had to pass.
-        z: of the gain, by the scatter of its blocks.
-        alternatives: other effects in its place, best first.
+        effect: name of the effect in the catalogue.
+        gain: by how much it lowers the cost of the model without it.
+        per_reading: that gain, divided by the number of readings used.
+        bar: gain that it had to exceed.
+        z: normal deviate of the gain, by the scatter of the blocks.
+        alternatives: other effects that were fitted in its place, best first.
     """
 
     effect: str
@@ -74,23 +83,24 @@ class Named:
 
     @property
     def indistinguishable(self) -> tuple[Alternative, ...]:
-        """Alternatives that may be the cause as well, at most two."""
+        """Return the alternatives that may be the cause as well, at most two."""
         return tuple(a for a in self.alternatives if a.share >= 1.0 - FORM or a.z < 3.0)[:2]
 
 
 @dataclass
 class Found:
-    """What a search ends with.
+    """What a search ends with. The search changes it step by step.
 
     Attributes:
-        given: cost of each block with the model as given.
-        refitted: with its nuisances refitted.
-        fitted: with all that was found.
-        filtered: the records with the gains that `fitted` has its costs by.
-        variables: that were fitted.
+        given: values and costs of the model as given.
+        refitted: fit of the nuisances alone.
+        fitted: fit with all effects that were found.
+        filtered: the records, with the gains that the costs of `fitted` belong to.
+        variables: variables of that fit.
         named: effects, in the order in which they were found.
-        floor: cost of a twin of the final model, per reading.
-        samples: readings used.
+        floor: cost per reading of a twin of the final model.
+        samples: number of readings used.
+        rejected: candidates of the last stage, of which none was added.
     """
 
     given: Fitted
@@ -106,22 +116,23 @@ class Found:
 
     @property
     def explained(self) -> float:
-        """Part of the excess over the floor that the named effects take away."""
+        """Return the part of the excess over the floor that the named effects take away."""
         before = self.refitted.cost / self.samples - self.floor
         after = self.fitted.cost / self.samples - self.floor
         return 1.0 - after / before if before > 0.0 else 0.0
 
 
 def deviate(differences: Array) -> float:
-    """Return the normal deviate of the sum of differences (blocks,) by their scatter."""
+    """Return the normal deviate of the sum of differences (blocks,), by their scatter."""
     scatter = float(np.sqrt(len(differences)) * np.std(differences, ddof=1))
     return float(differences.sum()) / scatter if scatter > 0.0 else 0.0
 
 
 def earns(before: Fitted, fitted: Fitted, bar: float) -> bool:
-    """Tell whether a fit gains more than a bar, in more than two blocks."""
+    """Return whether a fit lowers the cost by more than a bar, and in more than two blocks."""
     gains = before.costs - fitted.costs
-    # Scaled: the cost of a block that cannot be predicted at all has no square.
+    # The gains are scaled, because the cost of a block that cannot be predicted is too large to be
+    # squared.
     scaled = gains / max(float(np.abs(gains).max()), 1e-300)
     acting_blocks = scaled.sum() ** 2 / max(float((scaled**2).sum()), 1e-300)
     return bool(gains.sum() > bar and acting_blocks > FEW_BLOCKS)

@@ -1,4 +1,4 @@
-"""Fits of a model with an effect more, or with one less."""
+"""This module fits a model with one effect more, or with one effect less."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -19,16 +19,17 @@ from estimator.gap.prediction import (
 from .findings import Found, Screened
 
 _ROUNDS: Final = 5
-"""How often, at most, the gains are computed anew for the values, and the values for the gains."""
+"""Greatest number of rounds; in each, gains are computed for the values, and values are fitted with
+these gains."""
 _SETTLED: Final = 1e-3
-"""A step that lowers the cost by a smaller part than this ends the rounds."""
+"""The rounds end when one lowers the cost by a smaller part than this."""
 
 
 class Refits:
     """Fits a model to the records of a fitter, with its plant's nuisances and some effects.
 
     Args:
-        fitter: of the records.
+        fitter: fitter of the records.
     """
 
     def __init__(self, fitter: Fitter) -> None:
@@ -37,13 +38,17 @@ class Refits:
         self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
 
     def settled(self, values: Values, variables: Sequence[Variable]) -> tuple[Fitted, Filtered]:
-        """Return the fit of variables whose gains are its own, from values on, and these gains."""
+        """Return a fit whose gains belong to its own values, and the records with these gains.
+
+        Starting from `values`, gains are computed and variables fitted in turn, until the cost
+        hardly falls.
+        """
         for _ in range(_ROUNDS):
             filtered = self.fitter.filtered(values)
             before = filtered.costs(values).sum()
             fitted = filtered.fit(values, variables, 4)
             values = fitted.values
-            # Where the values hardly moved, their gains did not either.
+            # If the values hardly moved, their gains did not change either.
             if before - fitted.cost < _SETTLED * fitted.cost:
                 break
         return fitted, filtered
@@ -52,19 +57,19 @@ class Refits:
         self, filtered: Filtered, values: Values, variables: Sequence[Variable],
         candidate: Screened,
     ) -> Fitted:  # fmt: skip
-        """Return the fit with a candidate added, with given gains.
+        """Return the fit after a candidate is added, with given gains.
 
         Args:
-            filtered: the records with these gains, such as those of the fit without it.
-            values: of the fit without it.
-            variables: of that fit.
-            candidate: to be added.
+            filtered: the records with these gains, such as those of the fit without the candidate.
+            values: values of all parameters in the fit without the candidate.
+            variables: variables of that fit.
+            candidate: effect to be added.
         """
         effect = self.plant.effects[candidate.effect]
         start = started(self.plant, values, effect, candidate.start)
         kept = _changes_by_name(filtered, values, variables)
         first = {}
-        # What the screening has run side by side already, and at no other start.
+        # At this start, and at no other, the screening has already run these changes side by side.
         if start == values:
             first = _changes_by_name(filtered, values, (*variables, *effect_variables(effect)))
         return filtered.fit(start, freed(tuple(variables), effect), 5, 3e-4, kept, first)
@@ -73,9 +78,9 @@ class Refits:
         self, filtered: Filtered, values: Values, variables: Sequence[Variable],
         candidate: Screened,
     ) -> Fitted:  # fmt: skip
-        """Return, as `with_effect`, a fit whose gains are its own.
+        """Return the fit after a candidate is added, with gains that belong to its own values.
 
-        With those of a model without it, a large effect of a valve's edges hardly gains at all.
+        With the gains of a model without it, a large effect of a valve's edges hardly gains at all.
         """
         fitted = self.with_effect(filtered, values, variables, candidate)
         effect = self.plant.effects[candidate.effect]
@@ -84,7 +89,12 @@ class Refits:
     def without(
         self, found: Found, name: str, exact: bool = False
     ) -> tuple[tuple[Variable, ...], Fitted]:
-        """Return variables and fit without an effect, with the gains of the finding."""
+        """Return the variables and the fit without an effect, with the gains of the finding.
+
+        The nuisances that the effect took the place of are fitted again. With `exact`, the changes
+        of all columns are computed anew in each step; otherwise those of the finding are used
+        again.
+        """
         kept = [v for v in found.variables if not (v.name == name and v.key)]
         values = dict(found.fitted.values)
         for variable in effect_variables(self.plant.effects[name]):
@@ -94,7 +104,8 @@ class Refits:
         back = [v for v in self.nuisances if v.parameter not in present]
         back = [v for v in back if v.parameter in {w.parameter for w in found.variables}]
         variables = (*back, *kept)
-        # The nuisances may have to go far: from where they are now, or from where they once were.
+        # The nuisances may have to move far. So the fit starts from their present values or from
+        # those before any effect was added, whichever cost less.
         once = {**values, **{v.parameter: refitted[v.parameter] for v in variables if not v.key}}
         filtered = found.filtered
         if filtered.costs(once).sum() < filtered.costs(values).sum():
@@ -106,7 +117,7 @@ class Refits:
 def _changes_by_name(
     filtered: Filtered, values: Values, variables: Sequence[Variable]
 ) -> dict[str, Changes]:
-    """Return the changes by variables at values, by the names of their columns."""
+    """Return the changes of the innovations by each variable at `values`, by column name."""
     columns = filtered.columns(values, variables)
     changes = filtered.changes(values, columns)
     return {column.name: change for column, change in zip(columns, changes, strict=True)}

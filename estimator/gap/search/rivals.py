@@ -1,4 +1,4 @@
-"""Other effects in the place of those that a search named: how near they come, which is better."""
+"""This module tries other effects in the place of those that a search named, and compares them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -10,20 +10,21 @@ from .refits import Refits
 from .screening import Screening
 
 _TRIED: Final = 7
-"""Effects that are tried in the place of one, at most."""
+"""Greatest number of effects that are tried in the place of one."""
 _NEAR: Final = 0.2
-"""Part of an effect's gain that another must have had at some stage to be tried in its place."""
+"""An effect is tried in the place of another if at some stage it promised more than this part of
+the other's gain."""
 _ASTRAY: Final = 0.1
-"""Part of an effect's gain that must be left where the model without it has filter gains of its
-own: if less is left, the gains that were found led that model astray."""
+"""Part of an effect's gain that must remain if the model without it gets filter gains of its own.
+If less remains, the gains of the finding led that model astray."""
 
 
 class Rivals:
-    """Tries other effects of the catalogue in the place of each that was named.
+    """Tries other effects of the catalogue in the place of each effect that was named.
 
     Args:
-        refits: of the records that were searched.
-        screening: of the plant's catalogue.
+        refits: refits of the records that were searched.
+        screening: screening of the plant's catalogue.
     """
 
     def __init__(self, refits: Refits, screening: Screening) -> None:
@@ -31,14 +32,20 @@ class Rivals:
         self._fitter, self._plant = refits.fitter, refits.plant
 
     def exchange(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
-        """Try other effects in the place of each that was named, and note them as its alternatives.
+        """Try other effects in the place of each named one, and note them as its alternatives.
+
+        Args:
+            found: the finding; changed in place.
+            seen: for each effect, its candidates at all stages of the search.
 
         Returns:
-            Whether one was better and took its place.
+            Whether another effect was better and took the place of a named one. The named effects
+            after that one are then not tried.
         """
         taken = {named.effect for named in found.named}
         for position, named in enumerate(found.named):
-            # With one and the same gains, or an equal rival would seem better by their difference.
+            # All fits have the same gains; otherwise an equal rival could seem better by the
+            # difference.
             values = found.fitted.values
             found.filtered = found.filtered.at(values)
             found.fitted = Fitted(values, found.filtered.costs(values))
@@ -93,10 +100,20 @@ class Rivals:
     def lost(
         self, found: Found, variables: tuple[Variable, ...], without: Fitted
     ) -> tuple[Fitted, Filtered] | None:
-        """Return the fit without an effect with gains of its own, if those found lead it astray.
+        """Return a fit without an effect, with its own gains, if the finding's lead it astray.
 
-        A ram held near break-away, that the model without the effect lets go, is corrected like one
-        that sticks: no linearisation about that course tells of anything. None if all is well.
+        Near break-away, a ram may stick in a model with the effect and slip in one without it. Then
+        the gains of the filter that sticks correct the model without the effect in the wrong way,
+        and no linearisation about its course shows anything.
+
+        Args:
+            found: the finding, with the effect.
+            variables: variables of the model without the effect.
+            without: fit of that model with the finding's gains.
+
+        Returns:
+            The fit and the records with its gains; None if the finding's gains do not lead it
+            astray.
         """
         own = float(self._fitter.filtered(without.values).costs(without.values).sum())
         if own - found.fitted.cost > _ASTRAY * (without.cost - found.fitted.cost):
@@ -109,13 +126,14 @@ class Rivals:
         self, found: Found, lost: tuple[Fitted, Filtered], variables: tuple[Variable, ...],
         candidate: Screened,
     ) -> Fitted:  # fmt: skip
-        """Return the fit with a candidate with the gains of what was found, led to it by its own.
+        """Return the fit with a candidate: with its own gains, then with those of the finding.
 
         Args:
-            found: whose gains these are.
-            lost: of the model without the effect that it takes the place of (`lost`).
-            variables: of that model.
-            candidate: to be added.
+            found: the finding whose gains are used in the end.
+            lost: fit and gains of the model without the effect that the candidate replaces
+                (`lost`).
+            variables: variables of that model.
+            candidate: effect to be added.
         """
         without, filtered = lost
         led = self._refits.with_own_gains(filtered, without.values, variables, candidate)

@@ -1,4 +1,4 @@
-"""Which effects of the catalogue a linearisation promises something of, all at once."""
+"""This module estimates, from one linearisation, what each effect of the catalogue would gain."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -9,10 +9,10 @@ from .findings import Screened
 
 
 class Screening:
-    """Looks at all effects of a plant's catalogue, or some of them, in records.
+    """Screens effects of a plant's catalogue by what they would gain in records.
 
     Args:
-        plant: whose effects these are.
+        plant: plant whose effects are screened.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -25,7 +25,14 @@ class Screening:
         variables: tuple[Variable, ...],
         effects: Collection[str] | None = None,
     ) -> list[Screened]:
-        """Return all candidates that a linearisation says gain something, best first."""
+        """Return all candidates that would gain something by the linearisation, the best first.
+
+        Args:
+            filtered: the records, with some gains.
+            values: values of all parameters, about which the innovations are linearised.
+            variables: variables that are fitted together with each candidate.
+            effects: names of the effects to be screened; None for all.
+        """
         columns = filtered.columns(values, variables)
         base = [column.name for column in columns]
         starts: dict[str, tuple[str, Mapping[str, float], list[str]]] = {}
@@ -69,7 +76,10 @@ class Screening:
     def _reached(
         self, filtered: Filtered, values: Values, columns: Sequence[Column]
     ) -> dict[str, float]:
-        """Return what the cost loses at starts themselves: large effects are far from linear."""
+        """Return by how much the cost falls at the starts themselves, by column name.
+
+        The linearisation cannot show this, because large effects are far from linear.
+        """
         before = filtered.costs(values).sum()
         changes = filtered.changes(values, columns)
         costs = filtered.pool.map(lambda change: filtered.changed_costs(values, change), changes)
@@ -81,7 +91,7 @@ class Screening:
     def _starts(
         self, filtered: Filtered, values: Values, effect: Effect
     ) -> tuple[Mapping[str, float], ...]:
-        """Return where fits of an effect start: stated ones and those that the records propose."""
+        """Return where fits of an effect start: its stated starts, then those from the records."""
         if effect.propose is None:
             return effect.starts
         traces = [

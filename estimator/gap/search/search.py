@@ -1,17 +1,17 @@
-"""Searches the catalogue for what a model lacks: adds effects while they earn their place.
+"""This module searches the catalogue for what a model lacks, adding one effect after the other.
 
-Every candidate is fitted together with the nuisances and with what was found before (nested
-extension, prediction error). It is judged by what the cost gains, against two bars:
+Every candidate is fitted together with the nuisances and with the effects found before (nested
+extension, prediction error). Its gain, by which it lowers the cost, must exceed two bars:
 
 - It must matter: where it acts it must move the predictions by a tenth of their standard deviation
   or more (`MATERIAL`), on average.
-- It must be more than chance and the filter's own imperfection would give: records of a twin, a rig
-  that is exactly the present model on the same course (`Predictor.twin`), are searched likewise,
-  and the gain must be well above what the candidate gains there.
+- It must be more than what chance and the filter's own imperfection give. Records of a twin, a rig
+  that is exactly the present model on the same course (`Predictor.twin`), are searched in the same
+  way, and the gain must be well above what the candidate gains there.
 
-Where nothing matters any more in the motions fitted to, but recordings held out are still predicted
-worse than noise allows, an effect that is beyond chance and twins is named as well if, fitted
-without them, it takes away most of what they have too much: it matters in their motion.
+When nothing more matters in the recordings fitted to, held-out recordings may still be predicted
+worse than the noise allows. Then an effect that passes the second bar is named as well if its fit,
+made without the held-out recordings, takes away most of their excess: it matters in their motion.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,25 +37,34 @@ from .screening import Screening
 from .twins import FEW, Twins
 
 OVER_TWIN: Final = 5.0
-"""How large a gain must be, in multiples of the greatest gain among twins."""
+"""Least gain of an effect, in multiples of its greatest gain on a twin."""
 MOST: Final = 0.5
-"""An effect that takes away this part of the held-out excess is named for that alone."""
+"""An effect that takes away at least this part of the held-out excess is named for that alone."""
 _TRIED: Final = 5
+"""Greatest number of candidates that are fitted at one stage."""
 _TRIED_AGAIN: Final = 2
+"""Greatest number of promising candidates that are fitted again with gains of their own."""
 _PROMISED: Final = 2.0
-"""What an effect must promise by the linearisation, in multiples of the best gain so far, to be
-tried again with filter gains of its own."""
+"""A candidate is fitted again with filter gains of its own if the linearisation promises more than
+this many times the best gain so far."""
 _CLOSE: Final = 0.7
-"""Part of the best gain from which an effect is tried again beside the best."""
+"""A candidate that gains more than this part of the best gain is fitted again beside the best."""
 _FAR: Final = 4.0
-"""Cost of a reading above which it is so: gains of a model that is off by several standard
-deviations favour what is wrong as well as what is right."""
+"""Cost per reading above which close candidates are fitted again: the gains of a model that is off
+by several standard deviations favour wrong effects as well as right ones."""
 _SWAPS: Final = 3
-"""How often alternatives are tried; each time but the last may exchange one effect for another."""
+"""Greatest number of times that alternatives are tried, each of which may exchange one effect for
+another."""
 
 
 class Search:
-    """Searches the records of a fitter for effects of its plant's catalogue."""
+    """Searches the records of a fitter for effects of its plant's catalogue.
+
+    Args:
+        fitter: fitter of the records.
+        seed: seed of the twins' sensor noise.
+        judged: fitter of the held-out recordings; None without such recordings.
+    """
 
     def __init__(self, fitter: Fitter, seed: int = 1, judged: Fitter | None = None) -> None:
         self.fitter, self.judged = fitter, judged
@@ -67,7 +76,7 @@ class Search:
         self.rivals = Rivals(self.refits, self._screening)
 
     def run(self) -> Found:
-        """Return what the model lacks, as far as the records tell."""
+        """Return what the model lacks, as far as the records show it."""
         values = dict(self.plant.nominal)
         given = Fitted(values, self.fitter.filtered(values).costs(values))
         present, filtered = self.refits.settled(values, self.refits.nuisances)
@@ -77,7 +86,7 @@ class Search:
             self._eliminate(found)
             if not self.rivals.exchange(found, screened):
                 break
-            # What was like an effect before it was exchanged for another is like that one, too.
+            # Candidates that were near an effect are also near the effect that took its place.
             for name, stages in self._grow(found).items():
                 screened.setdefault(name, []).extend(stages)
         return found
@@ -85,7 +94,7 @@ class Search:
     # One stage
 
     def _grow(self, found: Found) -> dict[str, list[Screened]]:
-        """Add effects while they earn their place; return what was screened at any stage."""
+        """Add effects while they earn their place; return all candidates screened, by effect."""
         seen: dict[str, list[Screened]] = {}
         while len(found.named) < MOST_EFFECTS:
             screened = self._screening.screen(found.filtered, found.fitted.values, found.variables)
@@ -111,7 +120,7 @@ class Search:
     def _next(
         self, found: Found, screened: Sequence[Screened]
     ) -> tuple[Effect, Fitted, float] | None:
-        """Return the effect to add, its fit, and the bar it passed."""
+        """Return the effect to add next, its fit, and the bar that it passed; None without one."""
         before = found.fitted
         taken = {named.effect for named in found.named}
         found.samples = found.filtered.samples
@@ -144,7 +153,7 @@ class Search:
             fitted = self.refits.with_own_gains(
                 found.filtered, before.values, found.variables, candidate
             )
-            # What comes after has the gains of the model itself, not of the last step towards it.
+            # Later fits need the gains of the model itself, not of the last step towards it.
             found.filtered = found.filtered.at(before.values)
             effect = self.plant.effects[candidate.effect]
             bar = self._bar(candidate, chance, MATERIAL * found.samples)
@@ -155,7 +164,7 @@ class Search:
     def _next_held_out(
         self, found: Found, screened: Sequence[Screened]
     ) -> tuple[Effect, Fitted, float] | None:
-        """Return, as `_next`, an effect that matters in recordings held out only."""
+        """Return, as `_next` does, an effect that matters in the held-out recordings only."""
         before = found.fitted
         excess = self.held_out_excess(before.values)
         if self.judged is None or excess <= HELD_OUT:
@@ -178,9 +187,9 @@ class Search:
         return best
 
     def held_out_excess(self, values: Values) -> float:
-        """Return by how much recordings held out are predicted worse than a twin would be.
+        """Return by how much held-out recordings are predicted worse than a twin of them would be.
 
-        In squared errors over their variances, a reading; NaN without such recordings.
+        The result is a cost per reading; it is NaN without held-out recordings.
         """
         if self.judged is None:
             return float("nan")
@@ -195,12 +204,19 @@ class Search:
         return float(costs[0] - costs[1])
 
     def _bar(self, candidate: Screened, chance: Mapping[str, float], material: float) -> float:
-        """Return what a candidate must gain; `material` is that of one acting on all readings."""
+        """Return the gain that a candidate must exceed.
+
+        `chance` has the greatest gain on twins by effect. `material` is the gain that matters for a
+        candidate that acts on all readings.
+        """
         over_twin = OVER_TWIN * chance.get(candidate.effect, 0.0)
         return float(max(CHANCE, material * candidate.acting, over_twin))
 
     def _chance(self, found: Found, effects: Sequence[str]) -> dict[str, float]:
-        """Return what each of some effects gains at most on twins of the present model."""
+        """Return the greatest gain of each effect on twins of the present model.
+
+        An effect that gains nothing on any twin is left out.
+        """
         most: dict[str, float] = {}
         for twin in self.twins(found.fitted.values):
             screened = self._screening.screen(twin, found.fitted.values, found.variables, effects)
@@ -209,13 +225,13 @@ class Search:
         return most
 
     def twins(self, values: Values, count: int = FEW) -> list[Filtered]:
-        """Return records that a rig exactly like the model would have made, filtered with it."""
+        """Return twins of the records for these values, each filtered with the same values."""
         return self._twins.of(values, count)
 
     # After the search
 
     def _eliminate(self, found: Found) -> None:
-        """Drop effects that no longer earn their place."""
+        """Remove effects that no longer earn their place from the finding; keep a single one."""
         for named in list(found.named):
             if len(found.named) < 2:
                 return

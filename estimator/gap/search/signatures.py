@@ -1,6 +1,7 @@
-"""What effects look like in the innovations once the nuisances have had their share.
+"""This module computes signatures: what effects change in the innovations, nuisances projected out.
 
-From block sums of one linearisation: how alike two effects are (`cosine`), and the smallest size of
+The nuisances are projected out because their refit explains a part of any change. From the block
+sums of one linearisation follow how alike two effects are (`cosines`), and the smallest size of
 each that the motion would have shown (`limits`).
 """
 
@@ -28,26 +29,28 @@ from .findings import CHANCE, FEW_BLOCKS, MATERIAL, Found
 from .search import Search
 
 ABSORBED: Final = 0.1
-"""An effect of whose change a refit of the nuisances leaves less than this part is not told from
-them."""
+"""An effect cannot be distinguished from the nuisances if their refit leaves less than this part of
+its squared change of the innovations."""
 _REFITTED: Final = 0.01
-"""Smallest change of a nuisance by its refit, as a part of its value, that is worth a remark."""
+"""Smallest change of a nuisance by its refit that is worth a remark, as a part of its value."""
 _TRIES: Final = 4
+"""Greatest number of times that a size is tried and corrected."""
 _FAR: Final = 30.0
 """Greatest factor from one size that is tried to the next."""
 _FEW: Final = 2.0
-"""Least factor to the next size after one that shows in a few blocks only."""
+"""Least factor to the next size if the one tried shows in a few blocks only."""
 _NEAR: Final = 0.2
-"""How near, in the logarithm, the next size must be to the one tried for the search to end; a size
-may be beyond the plausible range by this part of it."""
+"""The search for a size ends when the next size is nearer than this to the one tried, in the
+natural logarithm. A size may also exceed the plausible range by this part of it."""
 ENDLESS: Final = 10.0
-"""A neutral value so many times above all that is plausible is a limit that no motion reaches."""
+"""A parameter is a limit that no motion reaches if its neutral value is more than this many times
+the greatest plausible value."""
 _LIMITS: Final = 7
-"""Values of such a limit that are tried at once, in lanes."""
+"""Number of values of such a limit that are tried at once, in lanes."""
 
 
 def left(linear: Linear, names: Sequence[str], nuisances: Sequence[str]) -> Array:
-    """Return the products (names, names) of columns with the nuisances projected out."""
+    """Return the products of columns with each other (names, names), nuisances projected out."""
     total = linear.products.sum(0)
     own, base = linear.indices(names), linear.indices(nuisances)
     if not base:
@@ -61,15 +64,16 @@ def left(linear: Linear, names: Sequence[str], nuisances: Sequence[str]) -> Arra
 def cosines(
     filtered: Filtered, values: Values, variables: Sequence[Variable], changes: Mapping[str, Values]
 ) -> Array:
-    """Return the cosine of the first of some changes with each (changes,).
+    """Return the cosines (changes,) of the first change's signature with that of each change.
 
-    NaN where the model breaks down without any of them, as beyond a stop that it does not have.
+    All are NaN if the model breaks down without the changes, as beyond a stop that it does not
+    have.
 
     Args:
-        filtered: the records, with some gains.
-        values: without any of the changes.
-        variables: to be projected out.
-        changes: values of all parameters with a change, by its name.
+        filtered: the records, with any gains.
+        values: values of all parameters without any of the changes.
+        variables: variables that are projected out.
+        changes: by the name of each change, values of all parameters with it.
     """
     base = filtered.columns(values, variables)
     columns = [Column(name, changed, 1.0) for name, changed in changes.items()]
@@ -82,10 +86,11 @@ def cosines(
 
 
 def absorbed(search: Search, found: Found) -> list[str]:
-    """Return which effects a refit of a nuisance may be as well, in words.
+    """Return remarks, in words, on effects that the refit of a nuisance may stand for.
 
-    Of the pairs that are the same on principle (`Plant.not_told_apart`), those whose effect would
-    change these recordings by hardly more than the nuisances make up for.
+    Only effects are looked at that are the same on principle as the effect of the nuisance
+    (`Plant.not_told_apart`). A remark is made if the nuisances would make up for nearly all that
+    such an effect changes in these recordings.
     """
     plant, filtered, values = search.plant, found.filtered, found.fitted.values
     named = {each.effect for each in found.named}
@@ -104,7 +109,8 @@ def absorbed(search: Search, found: Found) -> list[str]:
             linear = filtered.linearise(values, [*base, column])
             products = left(linear, [column.name], [each.name for each in base])
             whole = float(linear.products[:, -1, -1].sum())
-            # What size of it the refit would be: air makes no oil stiffer.
+            # The size of the effect that equals the refit must be possible: air makes no oil
+            # stiffer.
             own = linear.indices([nuisance.parameter + ".", column.name])
             both = linear.products.sum(0)[np.ix_(own, own)]
             moved = values[nuisance.parameter] - plant.nominal[nuisance.parameter]
@@ -123,12 +129,15 @@ def limits(
 ) -> list[DetectionLimit]:
     """Return the smallest size of each effect that these motions would show.
 
-    The distance from the value written at which its gain, what it adds to the cost once the
-    nuisances have had their share, reaches the bar (`search`) in more than two blocks; infinite
-    for an effect that no size within its bounds would show. One that is a nuisance within its
-    tolerance shows by what lies beyond. Of a limit that no motion reaches at its neutral value it
-    is the largest value that shows; 0 if none does. Other effects whose starts depend on the motion
-    are left out: they have no first order.
+    A size is the distance of the effect's parameter from its value in `values`. It shows if its
+    gain reaches the bar (`search`) in more than two blocks; the gain is what it adds to the cost
+    after the nuisances have been refitted. The size is infinite if no size within the bounds would
+    show.
+
+    If the effect is a nuisance within a tolerance, only what lies beyond the tolerance shows. For a
+    limit that no motion reaches at its neutral value, the size is the largest value that shows; 0
+    if none does. All other effects whose starts depend on the motion are left out, because they
+    cannot be linearised.
     """
     plant = filtered.predictor.plant
     base = filtered.columns(values, variables)
@@ -173,7 +182,7 @@ def limits(
     found = [_beyond_tolerance(plant, values, limit) for limit in found]
     for effect in endless:
         limited = effect.knobs[0]
-        # One that was found has no size from which it would have shown.
+        # A limit that was found has no size from which it would have shown.
         if _far_above(values[limited.parameter], limited):
             size = _largest_shown(filtered, values, effect_variables(effect)[0], base)
             found.append(DetectionLimit(effect.name, limited.key, size, _unit(plant, limited)))
@@ -185,7 +194,7 @@ def _far_above(value: float, knob: Knob) -> bool:
 
 
 def _is_endless(plant: Plant, effect: Effect) -> bool:
-    """Tell whether an effect is a limit whose neutral value no motion reaches."""
+    """Return whether an effect is a limit whose neutral value no motion reaches."""
     knob = effect.knobs[0]
     return len(effect.knobs) == 1 and _far_above(plant.nominal[knob.parameter], knob)
 
@@ -197,7 +206,7 @@ def _unit(plant: Plant, knob: Knob) -> str:
 def _largest_shown(
     filtered: Filtered, values: Values, variable: Variable, nuisances: Sequence[Column]
 ) -> float:
-    """Return the largest value of a limit that shows, to a tenth; 0 if no plausible one does."""
+    """Return the largest value of a limit that would show, within a tenth; 0 if none does."""
 
     def largest(tried: Array) -> float:
         columns = [Column("change", variable.put(values, float(value)), 1.0) for value in tried]
@@ -217,10 +226,11 @@ def _largest_shown(
 
 
 def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> DetectionLimit:
-    """Return a limit from where its effect is named at all.
+    """Return a detection limit that allows for the tolerance, if its effect is also a nuisance.
 
-    A refit takes a nuisance as far as its tolerance, which is about its nominal value, not the one
-    that is written: only what lies beyond, on the farther side, is left to show.
+    A refit moves a nuisance anywhere within its tolerance, which lies about the nominal value and
+    not about the value written. So only what lies beyond the farther end of the tolerance can show.
+    A size beyond the plausible range becomes infinite.
     """
     knob = plant.effects[limit.effect].knobs[0]
     refitted = [n for n in plant.nuisances if n.effect == limit.effect]
@@ -237,7 +247,7 @@ def _beyond_tolerance(plant: Plant, values: Values, limit: DetectionLimit) -> De
 def _direction(
     values: Values, effect: Effect, tried: Sequence[tuple[str, Mapping[str, float]]]
 ) -> float:
-    """Return the sign of an effect's first start, or of its probe."""
+    """Return the sign of the change to an effect's first start or, without one, of its probe."""
     knob, (_, start) = effect.knobs[0], tried[0]
     if knob.key in start:
         return float(np.sign(start[knob.key] - values[knob.parameter]))
@@ -246,12 +256,12 @@ def _direction(
 
 @dataclass
 class _Guess:
-    """What change of an effect would show, to be tried.
+    """A guess at the smallest change of an effect that would show.
 
     Attributes:
-        variable: of the effect.
-        nuisances: that may take their share of it.
-        change: from the value written.
+        variable: variable of the effect's parameter.
+        nuisances: columns that may explain a part of the change.
+        change: change from the value written, SI.
         settled: whether trying it again would change it little.
     """
 
@@ -261,11 +271,11 @@ class _Guess:
     settled: bool = False
 
     def tried(self, values: Values) -> float:
-        """Return the value that the change leads to, within the bounds."""
+        """Return the value of the parameter after the change, within its bounds."""
         return self.variable.within(values[self.variable.parameter] + self.change)
 
     def size(self, values: Values) -> float:
-        """Return the size from which the effect shows; infinite if none that is plausible does."""
+        """Return the size from which the effect shows; infinite if no plausible size does."""
         present = values[self.variable.parameter]
         upwards = self.change > 0.0
         reach = self.variable.upper - present if upwards else present - self.variable.lower
@@ -273,10 +283,11 @@ class _Guess:
 
 
 def _check(filtered: Filtered, values: Values, guesses: Sequence[_Guess]) -> None:
-    """Try first guesses at what shows, and better them.
+    """Try guesses at what would show, and correct them in place.
 
-    A probe that is large beside it makes a ram stick or slip in a few samples, which say nothing of
-    a small one: effects are run at the size itself, and again where that was far off.
+    The first guesses come from a linearisation. If its probe is much larger than the size sought,
+    it makes a ram stick or slip in a few samples, which says nothing of a small change. So the
+    effects are run at the guessed size itself, and again if it was far off.
     """
     for _ in range(_TRIES):
         for guess in guesses:
@@ -286,7 +297,7 @@ def _check(filtered: Filtered, values: Values, guesses: Sequence[_Guess]) -> Non
         columns = [
             Column("change", guess.variable.put(values, guess.tried(values)), 1.0) for guess in left
         ]
-        # All of them first: what runs side by side is run so.
+        # All changes are asked for at once, so that they can run side by side.
         for guess, moved in zip(left, filtered.changes(values, columns), strict=True):
             gain, bar, blocks = _shown(filtered, values, moved, guess.nuisances)
             factor = np.sqrt(bar / gain) if gain > 0.0 else _FAR
@@ -300,9 +311,10 @@ def _check(filtered: Filtered, values: Values, guesses: Sequence[_Guess]) -> Non
 def _shown(
     filtered: Filtered, values: Values, moved: Changes, nuisances: Sequence[Column]
 ) -> tuple[float, float, float]:
-    """Return what a change adds to the cost, the bar that this has to pass, and in how many blocks.
+    """Return what a change adds to the cost, the bar for that, and in how many blocks it does so.
 
-    As the fit would, large innovations count in proportion, and the nuisances take their share.
+    As in a fit, large innovations count in proportion, and the nuisances are refitted first.
+    `moved` holds the change of each record's innovations.
     """
     followed = filtered.changes(values, nuisances)
     linear = assemble(nuisances, moved, followed, filtered.used, filtered.blocks, filtered.pool)
@@ -322,9 +334,10 @@ def _shown(
 
 
 def acting_number(squares: Array) -> float:
-    """Return how many readings a change moves, from the squares (n,) of what it moves each by.
+    """Return how many readings a change moves, given the square (n,) of its change of each reading.
 
-    Of normal ones their number: their fourth moment is three times the square of the second.
+    If the changes are normally distributed this is n, because their fourth moment is three times
+    the square of the second.
     """
     return float(3.0 * squares.sum() ** 2 / max(np.square(squares).sum(), 1e-300))
 
@@ -347,7 +360,7 @@ def _limit(
         ratios.append(np.sqrt(bar / gain) if gain > 0.0 else np.inf)
         sizes.append(size)
     starts = [start[knob.key] for _, start in tried if start]
-    # The start nearest to the size itself: there the effect is as the linearisation has it.
+    # The start nearest to the size itself is taken, because the linearisation is best there.
     near = int(np.argmin(np.abs(np.log(np.maximum(ratios, 1e-12))))) if starts else 0
     if len(effect.knobs) > 1 and starts:
         near = int(np.argmin(np.array(ratios) * sizes))

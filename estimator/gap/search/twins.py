@@ -1,19 +1,19 @@
-"""Twins: records that a rig exactly like the model would have made on the same course."""
+"""A twin is the record that a rig exactly like the model would have made on the same course."""
 
 from typing import Final
 
 from estimator.gap.prediction import Filtered, Fitter, Values
 
 FEW: Final = 2
-"""Twins that effects are looked for in."""
+"""Number of twins in which effects are looked for."""
 
 
 class Twins:
-    """Twins of a fitter's records; those of the values asked for last are kept.
+    """Makes twins of a fitter's records. Only the twins of the values asked for last are kept.
 
     Args:
-        fitter: of the records.
-        seed: of their sensors' noise.
+        fitter: fitter of the records.
+        seed: seed of the sensor noise.
     """
 
     def __init__(self, fitter: Fitter, seed: int) -> None:
@@ -21,7 +21,7 @@ class Twins:
         self._twins: dict[tuple[float, ...], list[Filtered]] = {}
 
     def of(self, values: Values, count: int = FEW) -> list[Filtered]:
-        """Return records that a rig exactly like the model would have made, filtered with it."""
+        """Return `count` twins of the records for these values, filtered with the same values."""
         key = tuple(values.values())
         if key not in self._twins:
             self._twins.clear()

@@ -1,4 +1,4 @@
-"""The servo-actuator of this project as a plant, with its effects and the terms it proposes."""
+"""This package describes the servo-actuator of this project as a plant for the gap workflow."""
 
 from lazy_loader import attach_stub
 

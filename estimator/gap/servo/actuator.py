@@ -1,4 +1,4 @@
-"""The rig's own plant as the workflow sees it: `rig.plant`, its transducers and its effects."""
+"""This module makes the gap workflow's plant of `rig.plant`, its transducers and its effects."""
 
 from collections.abc import Mapping
 from math import exp
@@ -67,7 +67,8 @@ STATES: Final = (
     "spool", "spool_velocity", "pressure_1", "pressure_2", "position", "velocity",
     "friction_state", "supply_pressure", "return_pressure", "seen_pressure_1", "seen_pressure_2",
 )  # fmt: skip
-"""Those of the rig, and both pressures behind the lag of their transducers."""
+"""Names of the states: those of the rig, then both pressures behind the lag of their
+transducers."""
 _FAULT: Final = tuple(NO_FAULT)
 
 
@@ -78,7 +79,11 @@ def _drive(inputs, memory, parameters):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _lagging(seen, before, pressure, par):
-    """Return a pressure in Pa behind its lag, one tick later."""
+    """Return the pressure in Pa that a lagging transducer shows at the end of a tick.
+
+    `seen` is what it showed at the beginning. `before` and `pressure` are the true pressures at the
+    beginning and at the end, all in Pa.
+    """
     lag = par.pressure_lag
     if lag == 0.0:
         return pressure
@@ -98,11 +103,12 @@ def _step(state, memory, parameters):
 
 @njit(REMEMBER, cache=True, error_model="numpy")
 def _remember(before, state, memory, parameters):
-    """Keep how far the encoder is behind the ram: that much less is read of its position.
+    """Keep in the memory how far the encoder's reading is behind the ram, in m.
 
-    A late reading corrects where the ram was as much as where it is: with a history left as it was,
-    the same error would be corrected again at each sample until the delay is over, and a filter
-    with a delay of many samples would not be stable.
+    A late reading shows where the ram was. The filter's correction must therefore move the
+    remembered positions as much as the present one. If it did not, the filter would correct the
+    same error again at each sample until the delay is over, and with a delay of many samples it
+    would be unstable.
     """
     par = parameters_of(parameters)
     memory[PATH : PATH + PATH_SIZE] = memory[NEXT : NEXT + PATH_SIZE]
@@ -132,7 +138,7 @@ def _read(state, memory, parameters, readings):
 
 
 def _begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
-    """Return the memory (length,) of a rig long in `state` under its first command."""
+    """Return the memory (length,) of a rig that was long in `state` under its first command."""
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     memory = np.zeros(MEMORY)
     memory[PATH:NEXT] = command_path(par, spool=state[0], command=inputs[0, 0], time_s=time_s)
@@ -142,7 +148,10 @@ def _begin(state: Array, inputs: Array, values: Mapping[str, float], time_s: flo
 
 
 def _start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple[Array, Array]:
-    """Return state and spread at the first sample: as read, the bristles bent by the load."""
+    """Return the state at the first sample and its standard deviations, (states,) each.
+
+    The state is as the readings show it, at rest, with the bristles bent by the load.
+    """
     mean = np.nanmean(readings, axis=0)
     p1 = max((mean[1] - values["pressure_1_bias"]) / values["pressure_1_gain"], 0.0)
     p2 = max((mean[2] - values["pressure_2_bias"]) / values["pressure_2_gain"], 0.0)
@@ -161,11 +170,12 @@ def _start(readings: Array, inputs: Array, values: Mapping[str, float]) -> tuple
 
 
 def _shares(values: Mapping[str, float]) -> Array:
-    """Return how much of its gains the filter uses (outputs, states): less of late positions.
+    """Return the part of its gains that the filter uses (outputs, states); less for late positions.
 
-    They tell where the ram was. An error of that is one of where it is; errors of velocity and
-    pressures are those of the ram on its oil, over in a time of 1 / sqrt(4 b A^2 / (V m)) of that
-    mode (Merritt 1967, ch. 6), with the volume V of both chambers.
+    A late position shows where the ram was. A position error of that time is still there now, so
+    that the position is corrected in full. Errors of velocity and pressures swing with the ram on
+    its oil, and are over in a time of 1 / w with w^2 = 4 b A^2 / (V m) (Merritt 1967, ch. 6) and
+    the volume V of both chambers. So their gains are multiplied by e^(-delay w).
     """
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     volume = sum(chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par))
@@ -177,13 +187,13 @@ def _shares(values: Mapping[str, float]) -> Array:
 
 
 _ON_STOP: Final = 2e-4
-"""m. So near a stop a ram at 0.2 m/s meets it within the sample."""
+"""m. A ram that is nearer to a stop meets it within one sample at 0.2 m/s."""
 _EMPTY: Final = 1.5e5
-"""Pa. A chamber that reads less, on the mean of some samples, may be empty."""
+"""Pa. A chamber may be empty if the mean of some readings of its pressure is lower."""
 
 
 def _violent(readings: Array, values: Mapping[str, float]) -> NDArray[np.bool_]:
-    """Return where the ram is on a stop or a chamber empty (n,)."""
+    """Return for each sample, bool (n,), whether the ram is on a stop or a chamber may be empty."""
     position = readings[:, 0] / values["position_gain"]
     low = max(values["stroke_min"], values["stop_low"])
     high = min(values["stroke_max"], values["stop_high"])
@@ -195,11 +205,11 @@ def _violent(readings: Array, values: Mapping[str, float]) -> NDArray[np.bool_]:
 
 
 _MOVING: Final = 1e-3
-"""m/s, below which the ram counts as standing."""
+"""m/s. A slower ram counts as being at rest."""
 
 
 def _direction(velocity: Array) -> Array:
-    """Return 1 extending, -1 retracting, 0 standing (n,)."""
+    """Return the direction of motion (n,): 1 for extending, -1 for retracting, 0 at rest."""
     return np.where(np.abs(velocity) < _MOVING, 0.0, np.sign(velocity))
 
 
@@ -228,7 +238,10 @@ def _chamber_rate(states: Array, values: Mapping[str, float], chamber: int) -> A
 
 
 def _leak_rate(states: Array, values: Mapping[str, float], chamber: int) -> Array:
-    """Return the change of a chamber's pressure by an opening to the other (eqs. 5.1, 5.2)."""
+    """Return a chamber's pressure change in one sample by an opening to the other (eqs. 5.1, 5.2).
+
+    The change (n,) is in Pa per unit of opening; `chamber` is 0 or 1.
+    """
     flow = signed_roots(states[:, 2] - states[:, 3])
     return (flow if chamber else -flow) * _chamber_rate(states, values, chamber)
 
@@ -255,7 +268,8 @@ EQUATIONS: Final = (
         "flow, chamber 2", "m^3/s", 3, lambda x, v: _chamber_rate(x, v, 1), _LITRES,
         ("spool opening", "pressure 2", "velocity", "position"),
     ),
-    # An opening rather than a flow: what leaks at one place of the stroke turns with the pressures.
+    # The disturbance is an opening and not a flow, because a leak at one place of the stroke turns
+    # its direction with the pressures.
     Equation(
         "leak across the piston", "m^3/(s Pa^0.5)", 2, lambda x, v: _leak_rate(x, v, 0),
         ("L/min/MPa^0.5", 1e3 / LITRE_PER_MINUTE), ("position", "pressure difference"),
@@ -266,7 +280,7 @@ EQUATIONS: Final = (
 
 
 def _states(par: Parameters) -> tuple[State, ...]:
-    """Return the states and the filter's stated model error (docs/gap.md)."""
+    """Return the states, with the model errors that the filter assumes (docs/gap.md)."""
     middle = par.line_volume_1 + 0.5 * par.piston_area * (par.stroke_max - par.stroke_min)
     flow_error = 0.07 * LITRE_PER_MINUTE * par.bulk_modulus / middle * TICK
     return (
@@ -285,7 +299,7 @@ def _states(par: Parameters) -> tuple[State, ...]:
 
 
 def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plant:
-    """Return the rig with a model as the workflow sees it."""
+    """Return the servo-actuator with this model as a plant of the gap workflow."""
     known = quantities()
     return Plant(
         name=model.name,

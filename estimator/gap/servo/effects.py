@@ -1,4 +1,4 @@
-"""How the effects of the catalogue are fitted: visible changes, and where to start from."""
+"""This module says how each effect of the catalogue is fitted: its probes, bounds and starts."""
 
 from typing import Final
 
@@ -21,7 +21,10 @@ _FORCE: Final = "force balance"
 def _knob(
     name: str, key: str, probe: float, logarithmic: bool = False, upper: float | None = None
 ) -> Knob:
-    """Return an effect's knob with the catalogue's plausible bounds."""
+    """Return an effect's knob with the catalogue's plausible bounds.
+
+    `upper` replaces the upper bound. `probe` is in SI units.
+    """
     of = next(knob for knob in CATALOGUE[name].parameters if knob.name == key)
     return Knob(
         key, of.field, probe, of.lower, of.upper if upper is None else upper,
@@ -41,7 +44,10 @@ def _effect(
 def _one(
     name: str, where: str, probe: float, *starts: float, logarithmic: bool = False
 ) -> Effect:  # fmt: skip
-    """Return an effect of one value; it needs starts where the neutral value has no slope."""
+    """Return an effect whose only knob is "value".
+
+    It needs `starts` if the cost has no slope at the neutral value.
+    """
     knob = _knob(name, "value", probe, logarithmic)
     return _effect(name, where, knob, starts=tuple({"value": start} for start in starts))
 
@@ -90,7 +96,8 @@ EFFECTS: Final = {
         ),
         _one("command_delay", _VALVE, 2e-4, 1e-3, 5e-3, 1.5e-2),
         _one("entrained_air", _FLOWS, 1e-3),
-        # Beyond its nuisance's tolerance: far from linear.
+        # These starts lie beyond the tolerance of the nuisance, where the effect is far from
+        # linear.
         _one(
             "bulk_modulus", _FLOWS, 0.01 * _N.bulk_modulus,
             0.6 * _N.bulk_modulus, 0.8 * _N.bulk_modulus, 1.4 * _N.bulk_modulus,
@@ -182,7 +189,7 @@ NOT_TOLD_APART: Final[dict[frozenset[str], str]] = {
 
 
 def nuisances(par: Parameters) -> tuple[Nuisance, ...]:
-    """Return what is refitted first, about the nominal rig's values (docs/gap.md)."""
+    """Return the parameters that are refitted first, about the nominal values (docs/gap.md)."""
     return (
         Nuisance(
             "bulk_modulus", 0.01 * par.bulk_modulus, 0.15, NOMINAL.bulk_modulus, "bulk_modulus"

@@ -1,10 +1,10 @@
-"""The rig's own plant side by side in lanes (`rig.lanes`): eight runs, or one and its slopes.
+"""The servo-actuator in lanes (`rig.lanes`): eight runs, or one run and its slopes, side by side.
 
-The same physics as `actuator`, to the last digits, by the same laws (`rig.plant.memory_laws`): each
+The physics is that of `actuator` but for rounding, by the same laws (`rig.plant.memory_laws`). Each
 lane has its own state, parameters and memory, and takes the integration steps that its own motion
-asks for. Of what `command_path` and `transducers` keep, the memory here holds what samples that
-follow one another need: no times. So the last samples are looked up by their number here, and by
-their time there, where the emulated rig is looked at whenever anybody asks.
+needs. The memory holds less than that of `command_path` and `transducers`: only what consecutive
+samples need, and no times. Past samples are looked up here by their number. Those functions look
+them up by their time, because the emulated rig may be read at any moment.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,10 +47,11 @@ _FRICTION_LAW: Final = Parameters._fields.index("friction_law")
 _TERM_KINDS: Final = tuple(name for name in Parameters._fields if name.endswith("_kind"))
 _LAPS: Final = ("valve_deadband", "valve_underlap_leakage", "valve_flow_asymmetry")
 
-# Rows of the memory: how many samples there were, the commands of the last 20 ms and of now, the
-# spool's reference behind the play before and after the step, the encoder behind its own play now
-# and at the samples before, how far what it shows is behind the ram, the ram's position before the
-# step and when last remembered, and what has been corrected of that.
+# The rows of the memory are, in this order: the number of samples so far, the commands of the last
+# 20 ms including the present one, the spool's reference behind the play before and after the step,
+# the encoder behind its own play at the last samples including the present one, how far the
+# encoder's reading is behind the ram, the ram's position before the step, its position when it was
+# last remembered, and the sum of the filter's corrections of that position.
 _KEPT: Final = LONGEST_DELAY_TICKS + 2
 _COUNT: Final = 0
 _COMMANDS: Final = 1
@@ -65,7 +66,7 @@ _MEMORY: Final = _CORRECTED + 1
 
 
 def _begin(states: Array, inputs: Array, values: Sequence[Mapping[str, float]]) -> Array:
-    """Return the memory (rows, LANES) of rigs long in their states (states, LANES)."""
+    """Return the memory (rows, LANES) of rigs that were long in their states (states, LANES)."""
     command = inputs[0, 0]
     memory = np.zeros((_MEMORY, len(values)))
     memory[_COMMANDS : _COMMANDS + _KEPT] = command
@@ -85,14 +86,14 @@ def _drive(inputs, memory):
 
 @inlined
 def _kept(memory, first, back):
-    """Return what was kept in the ring from row `first` on, so many samples ago (lanes)."""
+    """Return, by lane, the value of `back` samples ago in the ring that begins at row `first`."""
     at = load(memory, _COUNT) - back
     return gather(memory, first + (at - _KEPT * floor(at * (1.0 / _KEPT) + 1e-9)))
 
 
 @inlined
 def _ticks(delay):
-    """Return the whole ticks of a delay in s, and what is left of it, in ticks."""
+    """Return, by lane, the whole ticks of a delay in s, and the rest of it as a part of a tick."""
     whole = whole_ticks(delay * (1.0 / TICK))
     part = delay * (1.0 / TICK) - whole
     return whole, select(part < NO_FRACTION, 0.0, part)
@@ -100,7 +101,7 @@ def _ticks(delay):
 
 @inlined
 def _advance(states, command, par, duration):
-    """Advance the plant's nine states (rows, LANES) in place over a time in s of each lane."""
+    """Advance the plant's nine states (rows, LANES) in place by each lane's own duration in s."""
     y = (
         load(states, 0), load(states, 1), load(states, 2), load(states, 3), load(states, 4),
         load(states, 5), load(states, 6), load(states, 7), load(states, 8),
@@ -123,7 +124,7 @@ def _advance(states, command, par, duration):
 
 @inlined
 def _lagging(seen, before, pressure, lag):
-    """Return pressures in Pa behind their lags, one tick later."""
+    """Return the pressures in Pa that lagging transducers show at the end of a tick, in lanes."""
     later = lagged(seen, before, max(pressure, 0.0), lag * (1.0 / TICK), exp(-TICK / lag))
     return select(lag == 0.0, pressure, later)
 
@@ -139,7 +140,7 @@ def _step(states, memory, parameters, first):
     earlier = select(late > 0.0, _kept(memory, _COMMANDS, whole + 1.0), command)
     half, gain = par.valve_hysteresis, par.valve_gain
     reference = load(memory, _REFERENCE)
-    # A loop, not two copies: it is long, and takes long to compile.
+    # This is a loop and not two copies, because its body is long and takes long to compile.
     for part in range(2):
         acting, duration = earlier, TICK * late
         if part == 1:
@@ -158,7 +159,7 @@ def _remember(states, memory, parameters, first):
     par = load_fields(parameters, parameters_of(first), _FRICTION_LAW)
     store(memory, _REFERENCE, load(memory, _NEXT_REFERENCE))
     count, position = int(memory[_COUNT, 0]), load(states, 4)
-    # See `actuator`: what a late reading corrects, it corrects of the past as well.
+    # The correction by a late reading also moves the remembered positions (see `actuator`).
     moved = load(memory, _CORRECTED) + (load(memory, _STEPPED) - load(memory, _REMEMBERED))
     corrected = select(par.position_delay != 0.0, moved, 0.0)
     store(memory, _CORRECTED, corrected)
@@ -169,7 +170,7 @@ def _remember(states, memory, parameters, first):
     store(memory, _ENCODERS + count % _KEPT, encoder)
     whole, part = _ticks(par.position_delay)
     later, earlier = _kept(memory, _ENCODERS, whole), _kept(memory, _ENCODERS, whole + 1.0)
-    # Before the first sample it was where it began, to the end of that sample's interval.
+    # Until the end of the first sample's interval, the encoder showed the position of the start.
     part = select(whole + 1.0 >= load(memory, _COUNT), select(part > 0.0, 1.0, 0.0), part)
     store(memory, _BEHIND, position - (later + (earlier - later) * part))
 
@@ -188,9 +189,10 @@ def _read(states, memory, parameters, first, readings):
 
 
 def _kind(values: Mapping[str, float]) -> tuple[float, ...] | None:
-    """Return what rigs must have in common: what makes the steps of all others its own too.
+    """Return the features that runs in the same lanes must have in common; None to run alone.
 
-    A supply that ripples takes eight times the steps, and runs alone.
+    All lanes would have to take the steps that such a feature needs, even if only one had it. A
+    supply with a ripple needs eight times as many steps, and runs alone.
     """
     if values["supply_ripple"] != 0.0:
         return None

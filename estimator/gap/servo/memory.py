@@ -1,4 +1,4 @@
-"""Where the rig's plant keeps what, and its parameters in compiled code."""
+"""This module lays out the memory of the servo-actuator and unpacks parameters in compiled code."""
 
 from typing import Any, Final
 
@@ -10,10 +10,12 @@ from rig.plant import PATH_SIZE, TRANSDUCERS_SIZE, Parameters
 
 SEEN_1: Final = 9
 SEEN_2: Final = 10
-"""Indices of the pressures behind the lag of their transducers, after the rig's own states."""
+"""SEEN_1 and SEEN_2 are the indices of the pressures behind the lag of their transducers. These
+states come after the rig's own."""
 
-# The memory: the command, its path as it is and as it is after the step, the encoder's, how far
-# what it sees is behind the ram; where the ram was last remembered, and what was corrected of that.
+# The memory holds, in this order: the command, the command's path before the step and after it, the
+# encoder's memory, how far the encoder's reading is behind the ram, the ram's position when it was
+# last remembered, and the sum of the filter's corrections of that position.
 COMMAND: Final = 0
 PATH: Final = 1
 NEXT: Final = PATH + PATH_SIZE
@@ -24,13 +26,13 @@ CORRECTED: Final = REMEMBERED + 1
 MEMORY: Final = CORRECTED + 1
 
 _PARAMETERS_TYPE: Final = types.NamedUniTuple(types.float64, len(Parameters._fields), Parameters)
-# As it is declared, its arguments would count the context that numba adds.
+# With its declared type, callers would have to pass the context that numba adds by itself.
 intrinsic: Final[Any] = numba.extending.intrinsic
 
 
 @intrinsic
 def parameters_of(typing_context, values):
-    """Return `Parameters` of an array (count,)."""
+    """Return the `Parameters` of an array float64 (count,), in compiled code."""
 
     def emit(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data

@@ -1,4 +1,4 @@
-"""Where fits of some effects start: read from the motion and from what it left unexplained."""
+"""This module proposes starts for fits of some effects, from the motion and prediction errors."""
 
 from collections.abc import Mapping, Sequence
 from math import pi
@@ -12,41 +12,44 @@ from rig.plant import TICK
 Starts = tuple[Mapping[str, float], ...]
 
 _SPOOL, _SPOOL_VELOCITY, _PRESSURES, _POSITION, _SUPPLY = 0, 1, (2, 3), 4, 7
-"""States that proposals look at."""
+"""Indices of the states that the proposals use."""
 _PRESSURE_READINGS: Final = (1, 2)
 
 _STIFFNESS: Final = 1e4
-"""N/m of springs that are tried: the force is in proportion, and a fit finds the proportion."""
+"""Stiffness of the springs that are proposed, N/m. The force is proportional to it, so that a fit
+finds the true one."""
 _NEAR_STOP: Final = 6e-3
-"""m from the farthest position: within these a stop of 2 MN/m has given way to all the pistons'
-force."""
+"""m from the farthest position. A stop of 2 MN/m yields by no more under the whole force of the
+pistons."""
 _CONTACTS: Final = 5e-5
-"""m between places that are tried for a contact."""
+"""Distance between the places that are tried for a contact, m."""
 _RISES: Final = 300.0
-"""N by which a force has to grow towards the farthest position to look like a stop."""
+"""N. A force must grow by more than this towards the farthest position to look like a stop."""
 _STIFFER: Final = (0.6, 1.0, 1.8)
-"""Factors on the stiffness that the force's growth shows, each of which is proposed: friction blurs
-it."""
+"""Factors on the stiffness that the growth of the force shows. Each is proposed, because friction
+blurs that growth."""
 _RIPPLE: Final = 3e4
-"""Pa: a ripple as large as the noise of a reading."""
+"""Amplitude of a proposed ripple, Pa: as large as the noise of a reading."""
 _SLOWEST, _FASTEST = 5.0, 400.0
-"""Hz, of a pump's ripple."""
+"""Lowest and highest frequency of a pump's ripple that are tried, Hz."""
 _FINER: Final = 4
-"""How many times finer the frequencies tried are than the longest recording resolves, so that a
-phase is kept to its end."""
+"""How many times finer the tried frequencies are spaced than the longest recording resolves, so
+that the phase of a ripple is right to the recording's end."""
 _LATEST: Final = 20
-"""Ticks that a position may be late by."""
+"""Greatest delay of a position that is tried, in ticks."""
 _MOVED: Final = 20
-"""Ticks over which a motion is compared: many counts of the encoder at any usual speed."""
+"""Number of ticks over which motions are compared; at any usual speed the encoder counts many steps
+in them."""
 _BAND: Final = 20.0
-"""Hz. A line whose reach comes and goes with the opening spreads over some Hz."""
+"""Width of the bands over which the median of a spectrum is taken, Hz. A ripple that reaches a
+chamber only at some valve openings spreads over some Hz."""
 _OVER_NOISE: Final = 20.0
-"""How far a line must stand above the median of its spectrum; the highest of 1e5 chance lines
-stands at 17 times."""
+"""Least ratio of a line to the median of its spectrum. The highest of 1e5 lines of pure noise has a
+ratio of 17."""
 
 
 def propose_spring(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return springs that the ram meets at places spread over its motion."""
+    """Return starts for a spring, whose contacts are spread over the ram's positions."""
     position = np.concatenate([trace.states[:, _POSITION] for trace in traces])
     places = np.quantile(position, (0.02, 0.25, 0.5, 0.75, 0.9))
     return tuple({"stiffness": _STIFFNESS, "contact": float(place)} for place in places)
@@ -61,7 +64,7 @@ def propose_end_stop(traces: Sequence[Trace], values: Mapping[str, float]) -> St
     grow gives none.
     """
     area = values["piston_area"]
-    # As read: on a stop that the model has not, the filter's states are of no use.
+    # The readings are used, because the filter's states are wrong on a stop that the model lacks.
     readings = np.concatenate([trace.readings for trace in traces])
     position = readings[:, 0] / values["position_gain"]
     p1, p2 = (
@@ -81,10 +84,10 @@ def propose_end_stop(traces: Sequence[Trace], values: Mapping[str, float]) -> St
 
 
 def _contact(depth: Array, force: Array) -> tuple[float, float] | None:
-    """Return where a force (n,) begins to grow with the depth (n,), and how steeply.
+    """Return the depth at which a force (n,) begins to grow with the depth (n,), and how steeply.
 
-    The hinge f + K max(0, depth - c) that comes nearest to the force by least squares, over places
-    c; None if the force does not grow.
+    For each place c the hinge f + K max(0, depth - c) is fitted to the force by least squares; the
+    best c and K are returned. None means that the force does not grow by more than `_RISES`.
     """
     near = depth > depth.max() - _NEAR_STOP
     depth, force = depth[near], force[near]
@@ -101,7 +104,10 @@ def _contact(depth: Array, force: Array) -> tuple[float, float] | None:
 
 
 def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return limits just below the spool's greatest speeds: one that acts is hardly passed."""
+    """Return starts for a rate limit: 0.95 and 0.5 times the spool's greatest speeds, m/s.
+
+    The true limit is near one of them, because the spool hardly exceeds a limit that acts.
+    """
     speed = np.abs(np.concatenate([trace.states[:, _SPOOL_VELOCITY] for trace in traces]))
     return tuple(
         {"value": max(float(limit), 5e-3)}
@@ -110,11 +116,11 @@ def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> 
 
 
 def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return the time by which the encoder follows what the valve's oil makes the ram do.
+    """Return one start: the delay in s by which the encoder best follows the oil from the valve.
 
-    Of all delays the one at which K_1 y sqrt(p_s - sgn(y) p_L) + K_2 dp_L/dt, the flow of a valve
-    into compressible oil (Merritt 1967, ch. 6), is the nearest to the speed as read, whatever K_1
-    and K_2 are; p_L is the load pressure p_1 - p_2 as read.
+    The oil's flow is K_1 y sqrt(p_s - sgn(y) p_L) + K_2 dp_L/dt, that of a valve into compressible
+    oil (Merritt 1967, ch. 6), with the load pressure p_L = p_1 - p_2 as read. For each delay K_1
+    and K_2 are fitted to the speed as read, and the delay with the least error is taken.
     """
     left = np.ones(_LATEST + 1)
     for trace in traces:
@@ -129,7 +135,7 @@ def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float])
         moves = np.column_stack([moves / largest, np.ones(len(moves))])
         moved = position[_MOVED:] - position[:-_MOVED]
         for late in range(_LATEST + 1):
-            # The same stretch for every delay.
+            # The same stretch is compared for every delay.
             known, wanted = moves[: len(moves) - _LATEST], moved[late : len(moved) - _LATEST + late]
             fitted = np.linalg.lstsq(known, wanted, rcond=None)
             left[late] += float(fitted[1].sum())
@@ -141,28 +147,34 @@ def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float])
 
 
 def _unexplained(trace: Trace, values: Mapping[str, float]) -> Array:
-    """Return what of pressures (n,) is unexplained, by how much of the supply reaches chambers."""
+    """Return what the supply pressure could explain of the pressures' innovations (n,), scaled.
+
+    Each chamber's innovation is weighted by how strongly the supply pressure reaches that chamber
+    through the valve. The sum is divided by its standard deviation.
+    """
     opening = trace.states[:, _SPOOL] + values["spool_null_bias"]
     total = np.zeros(len(opening))
     for sign, state, reading in zip((1.0, -1.0), _PRESSURES, _PRESSURE_READINGS, strict=True):
         drop = np.abs(trace.states[:, _SUPPLY] - trace.states[:, state])
-        # Slope of the flow by the supply pressure, eq. 2.1.
+        # This is the derivative of the flow by the supply pressure, eq. 2.1.
         reach = np.maximum(sign * opening, 0.0) / np.sqrt(np.maximum(drop, 1e5))
         total += reach * np.clip(trace.innovations[:, reading], -5.0, 5.0)
     return np.asarray(total / max(float(np.std(total)), 1e-300))
 
 
 def propose_ripple(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return ripples at the strongest line of what the pressures leave unexplained, if any.
+    """Return starts for a ripple: the strongest line in the pressures' prediction errors.
 
-    The pump's phase is taken to be the same at the first sample of every recording.
+    There are four starts, with different phases; none if no line stands out from the noise
+    (`_OVER_NOISE`). The pump is assumed to have the same phase at the first sample of every
+    recording.
     """
     length = _FINER * max(len(trace.inputs) for trace in traces)
     spectrum = sum(np.fft.rfft(_unexplained(trace, values), length) for trace in traces)
     power = np.abs(np.asarray(spectrum)) ** 2
     frequency = np.fft.rfftfreq(length, TICK)
     band = (frequency >= _SLOWEST) & (frequency <= _FASTEST)
-    # Against the lines around: other effects raise whole bands.
+    # A line is compared with those around it, because other effects raise whole bands.
     wide = max(int(_BAND / (frequency[1] - frequency[0])), 1)
     levels = np.array([np.median(part) for part in np.array_split(power, len(power) // wide or 1)])
     around = np.interp(np.arange(len(power)), (np.arange(len(levels)) + 0.5) * wide, levels)

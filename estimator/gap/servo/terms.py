@@ -1,4 +1,7 @@
-"""How the rig's model holds a disturbance in symbols (`rig.plant.added_terms`)."""
+"""This module turns a disturbance in symbols into parameters of the rig's model, and back.
+
+The model's parameters for it are those of `rig.plant.added_terms`.
+"""
 
 from collections.abc import Mapping, Sequence
 from math import atan2, cos, hypot, sin
@@ -8,21 +11,25 @@ from estimator.gap.plant import DIRECTION, TIME_NAME, Array, Held, Knob, Term
 from rig.plant import MOST_TERMS, PLACES, QUANTITIES, AddedTerm, Parameters, fields_of, terms_of
 
 _SHARE: Final = 0.03
-"""Probe of a knob, a small but visible change: this part of a size or a width, or of a radian for a
-phase."""
+"""Probe of a knob, a small but visible change: this part of a size or a width, or this many radians
+of a phase."""
 _FINE: Final = 1e-3
-"""Probe of a period, as a part of it: over a stroke of ten periods it shifts the last by a
-hundredth."""
+"""Probe of a period, as a part of it. Over a stroke of ten periods it shifts the last one by a
+hundredth of a period."""
 _REACH: Final = 10.0
-"""How large a size may become, in multiples of its first estimate; for a phase, in radians."""
+"""Greatest size, in multiples of its first estimate; also the greatest change of a phase, in
+radians."""
 _WIDER: Final = 3.0
 _SHIFTED: Final = 2.0
-"""Widths by which a bump may move."""
+"""Number of its own widths by which the middle of a bump may move."""
 _STRETCHED: Final = 1.3
 
 
 def why_not(place: str, term: Term) -> str:
-    """Return why the model cannot hold a term, in words; empty if it can."""
+    """Return the reason, in words, why the model cannot represent a term; empty if it can.
+
+    `place` is the name of an equation, or "reading of" and a channel.
+    """
     if place.startswith("reading of "):
         return f"an error of the {place} is none of the plant's: a simulation does not have it"
     if place not in PLACES:
@@ -37,7 +44,14 @@ def why_not(place: str, term: Term) -> str:
 def hold_terms(
     place: str, terms: Sequence[Term], coefficients: Array, values: Mapping[str, float]
 ) -> Held:
-    """Return how the model holds those terms of a disturbance that it can."""
+    """Return the parameter values and knobs that represent those terms that the model can hold.
+
+    Args:
+        place: name of an equation, or "reading of" and a channel.
+        terms: terms of the disturbance.
+        coefficients: float64 (columns of all terms,), SI.
+        values: values of all parameters by name, without the disturbance.
+    """
     added: list[AddedTerm] = []
     refused: list[tuple[int, str]] = []
     first = 0
@@ -86,7 +100,10 @@ def _knobs(number: int, term: AddedTerm) -> list[Knob]:
 
 
 def held_terms(values: Mapping[str, float]) -> tuple[str, list[tuple[Term, list[float]]]]:
-    """Return place, terms and their coefficients that the values of all parameters hold."""
+    """Return the equation, the terms and their coefficients that the parameter values represent.
+
+    The name of the equation is empty if the values represent no term.
+    """
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     found: list[tuple[Term, list[float]]] = []
     place = ""
@@ -94,7 +111,7 @@ def held_terms(values: Mapping[str, float]) -> tuple[str, list[tuple[Term, list[
         place = term.place
         times = DIRECTION if term.turned else ""
         if term.form == "wave":
-            # sin(a + phase) of the size: the sine's and the cosine's part.
+            # size sin(a + phase) is written as a sine and a cosine.
             own = [term.size * cos(term.by), term.size * sin(term.by)]
             found.append((Term(term.of, "wave", times, (term.at,)), own))
         elif term.form == "bump":

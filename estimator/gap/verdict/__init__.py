@@ -1,4 +1,4 @@
-"""What a search amounts to: findings, none, or something unknown; and the model that is written."""
+"""This package gives the verdict on what a search found, and decides which model is written."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""What the recordings held out say of each named effect."""
+"""This module checks whether each named effect lowers the error on the held-out recordings."""
 
 from typing import Final
 
@@ -6,18 +6,19 @@ from estimator.gap.prediction import Filtered, Fitter, Values, cost_of
 from estimator.gap.search import CHANCE, Found, Refits, deviate
 
 CONFIRMED: Final = 0.1
-"""Part of what an effect would gain on held-out recordings, were it exact, that it must gain."""
+"""Least gain of an effect on the held-out recordings, as a part of what it would gain there if it
+were exact."""
 
 
 def confirm(refits: Refits, found: Found, judged: Fitter) -> tuple[dict[str, float], list[str]]:
-    """Drop named effects that do not lower the error held out.
+    """Remove effects from the finding that do not lower the error on the held-out recordings.
 
     What an exact effect would gain there is the cost of what it changes in the predictions. Where
-    that is below chance the motion held out tells nothing of the effect, and it is kept.
+    that is below chance, the held-out motion shows nothing of the effect, and the effect stays.
 
     Returns:
-        normal deviates of the gains by effect, NaN where nothing is told; what was dropped, in
-        words.
+        For each effect that stays, the normal deviate of its held-out gain, NaN where the motion
+        shows nothing; and in words, which effects were removed.
     """
     dropped: list[str] = []
     deviates: dict[str, float] = {}
@@ -42,9 +43,10 @@ def confirm(refits: Refits, found: Found, judged: Fitter) -> tuple[dict[str, flo
 
 
 def _changed(filtered: Filtered, values: Values, others: Values) -> float:
-    """Return the cost of the change in innovations, summed over the blocks.
+    """Return the cost of the change in innovations from one set of values to the other.
 
-    Not its square: on a stop that the model has not, a few readings would outweigh all others.
+    It is summed over the blocks. It is not the square of the change: on a stop that the model
+    lacks, a few readings would then outweigh all others.
     """
     total = 0.0
     both = zip(filtered.innovations(values), filtered.innovations(others), strict=True)

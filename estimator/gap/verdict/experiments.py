@@ -1,10 +1,10 @@
-"""Which motion would tell effects apart that the recordings do not.
+"""This module finds the motion that would decide between effects where the recordings do not.
 
-A rig that is exactly the model found, with the named effect, is simulated in each motion of the
-plant's library, its own loop closed and its sensors' noise added (`Predictor.twin`). The model with
-a rival in the effect's place is then fitted to that record, nuisances included, as the workflow
-would fit it. What it explains less, over the scatter of its blocks, is the normal deviate by which
-the experiment is expected to decide.
+For each motion of the plant's library, a rig is simulated that is exactly the model found, with the
+named effect, with its own control loop closed and with sensor noise (`Predictor.twin`). Then the
+model with a rival in the effect's place is fitted to that record, nuisances included, as the
+workflow would fit it. The gain that the rival lacks, over its scatter from block to block, is the
+normal deviate with which the experiment is expected to decide.
 """
 
 from collections.abc import Sequence
@@ -26,21 +26,24 @@ from estimator.gap.prediction import (
 from estimator.gap.search import FORM, Alternative, Found, Named, cosines, deviate
 
 SETTLES: Final = 5.0
-"""Normal deviate that must be predicted of an experiment: three decides, and predictions err."""
+"""Least normal deviate that must be predicted of an experiment. Three would decide, but predictions
+err."""
 SURE: Final = 2.0
-"""By how many times `FORM` a rival must be predicted to explain less, all data together."""
+"""A rival must be predicted to explain less than the right effect by this many times `FORM`, from
+all data together."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What one motion is expected to show of an effect against a rival.
+    """The result that one motion is expected to give for an effect against a rival.
 
     Attributes:
-        motion: tried.
+        motion: motion that was tried.
         z: normal deviate by which the right effect would be better.
-        cosine: of the two signatures, nuisances and what else was found projected out.
-        share: part of the right effect's gain that the rival would reach, with the recordings that
-            there are.
+        cosine: cosine between the signatures of both, with nuisances and all else that was found
+            projected out.
+        share: part of the right effect's gain that the rival would reach, from this motion and the
+            present recordings together.
     """
 
     motion: Motion
@@ -50,22 +53,22 @@ class Trial:
 
     @property
     def settles(self) -> bool:
-        """Whether it would decide."""
+        """Return whether the motion would decide between the effect and the rival."""
         return self.z >= SETTLES and self.share < 1.0 - SURE * FORM
 
 
 def separations(
     plant: Plant, found: Found, pool: ThreadPoolExecutor, seed: int = 1
 ) -> list[Separation]:
-    """Return for each effect that has rivals the motion that would settle which it is.
+    """Return, for each effect that has rivals, the motion that would settle which is the cause.
 
-    Where none of the motions would, the separation has no campaign, and says so.
+    Where none of the motions would, the separation has no campaign, and says so in words.
 
     Args:
-        plant: with the motions to choose from.
-        found: by the search.
+        plant: plant with the motions to choose from.
+        found: finding of the search.
         pool: threads to run in.
-        seed: of the simulated sensors' noise.
+        seed: seed of the simulated sensor noise.
     """
     return [
         _separation(plant, found, named, pool, seed) for named in found.named
@@ -81,7 +84,7 @@ def _separation(
     best: Trial | None = None
     for motion in plant.motions():
         stage = _Stage(plant, found, named, motion, pool, seed)
-        # An experiment is as good as it is against the rival that it excludes worst.
+        # An experiment is judged by the rival that it excludes worst.
         worst = min((stage.against(rival) for rival in rivals), key=_merit)
         if best is None or _merit(worst) > _merit(best):
             best = worst
@@ -105,7 +108,7 @@ def _merit(trial: Trial) -> tuple[bool, float]:
 
 
 class _Stage:
-    """Simulates one motion of a rig that is the model found, and what it would tell of rivals."""
+    """Simulates one motion of a rig that is the model found, and compares rivals in it."""
 
     def __init__(
         self,
@@ -129,20 +132,20 @@ class _Stage:
         self._without = self._filtered.fit(neutral, self._variables, 3, 1e-3)
 
     def against(self, rival: Alternative) -> Trial:
-        """Return what the motion shows of the effect against a rival."""
+        """Return the expected result of the motion for the effect against a rival."""
         effect = self._plant.effects[rival.effect]
         variables = freed(self._variables, effect)
         wrong = self._filtered.fit(rival.fitted.values, variables, 3, 1e-3)
         gain = max(self._without.cost - float(self._right.sum()), 0.0)
         loss = wrong.cost - float(self._right.sum())
-        # The rival's loss in the recordings that there are is known; here it adds to that.
+        # The rival's loss in the experiment adds to its known loss in the present recordings.
         losses = (1.0 - rival.share) * self._named.gain + loss
         total = self._named.gain + gain
         cosine = self._cosine(wrong.values, effect)
         return Trial(self._motion, deviate(wrong.costs - self._right), cosine, 1.0 - losses / total)
 
     def _cosine(self, wrong: Values, rival: Effect) -> float:
-        """Return the cosine of the two signatures, from the same model without either."""
+        """Return the cosine of the signatures of effect and rival, from the model with neither."""
         base = self._without.values
         changes = {}
         for effect, values in (
@@ -156,7 +159,7 @@ class _Stage:
 
 
 def neutralised(plant: Plant, values: Values, effect: Effect) -> dict[str, float]:
-    """Return values with an effect as in the model that was given."""
+    """Return a copy of all values in which an effect's parameters are as in the model given."""
     changed = dict(values)
     for variable in effect_variables(effect):
         changed = variable.put(changed, plant.nominal[variable.parameter])
@@ -166,7 +169,7 @@ def neutralised(plant: Plant, values: Values, effect: Effect) -> dict[str, float
 def without_variables(
     plant: Plant, variables: Sequence[Variable], effect: Effect
 ) -> tuple[Variable, ...]:
-    """Return the variables without those of an effect, whose nuisances are nuisances again."""
+    """Return the variables without those of an effect, and with the nuisances that it replaced."""
     kept = [
         variable for variable in variables if not (variable.key and variable.name == effect.name)
     ]

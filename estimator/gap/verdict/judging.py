@@ -1,6 +1,6 @@
-"""The verdict and its reasons: rules in order, of which the first that applies decides.
+"""This module gives the verdict and its reasons by rules, of which the first that applies decides.
 
-Some bounds are derived; the others were chosen, which their docstrings say. How often the verdicts
+Some bounds are derived; the others were chosen, and their docstrings say so. How often the verdicts
 are right was measured on hidden rigs (docs/gap.md, "Measured").
 """
 
@@ -17,33 +17,35 @@ from .unsettled import LEFT, Unsettled
 
 EXPLAINED: Final = 0.8
 """Part of the excess in prediction error that named effects must take away to be the whole answer.
-Chosen."""
+This bound was chosen."""
 SEVERAL: Final = 2
-"""Channels that must be predicted worse than by resting: a single one may have a gap of its own."""
+"""Least number of channels that the model must predict worse than the assumption that nothing
+changes. A single channel may have a gap of its own."""
 TOO_MUCH: Final = 25.0
-"""Noise variances of excess that are more than one missing effect leaves in every equation: five
-standard deviations. Chosen."""
+"""Excess in noise variances, five standard deviations. One missing effect may leave more only if
+one equation explains it. This bound was chosen."""
 NOWHERE: Final = 0.3
-"""Part of an excess that the best disturbance of a single equation must explain: more than its
-share if force, both flows and the spool were wrong alike."""
+"""Part of an excess that the best disturbance of a single equation must explain. It is more than
+each equation would explain if force, both flows and the spool were wrong alike."""
 FREE: Final = 0.05
-"""Part of the excess that a free curve may still take away once the whole answer is named.
-Chosen."""
+"""Part of the excess that a free curve may still take away if named effects are the whole answer.
+This bound was chosen."""
 PINNED: Final = 1e-3
-"""Part of a size's plausible range: a size nearer than that to one of its ends would go further if
-it might. Chosen: far less than sizes are known to."""
+"""Part of a size's plausible range. A size that is nearer than this to an end of the range counts
+as being at that end. This bound was chosen: it is far less than the errors of fitted sizes."""
 AHEAD: Final = 5.0
-"""Noise variances of gap over the horizon held out that are too much to be left, where names took
-less than half away or are as many as may be. Chosen with blind trials in sight (docs/gap.md)."""
+"""Gap over the horizon on held-out recordings, in noise variances. More must not be left where
+named effects took away less than half, or where no more effects may be named. This bound was chosen
+with blind trials in sight (docs/gap.md)."""
 SURE: Final = 2.0
-"""Standard deviations by which a gap must be above that bound: where a ram sticks and slips, twins
-of the same rig differ by several noise variances."""
+"""Standard deviations by which a gap must exceed `AHEAD`, because twins of the same rig differ by
+several noise variances where a ram sticks and slips."""
 HALVED: Final = 0.5
-"""Part of the gap over the horizon that names must take away, where more than `AHEAD` is left.
-Chosen with it."""
+"""Part of the gap over the horizon that named effects must take away where more than `AHEAD` is
+left. It was chosen together with `AHEAD`."""
 SHOWN: Final = 1.0
-"""Noise variances a reading held out that what is missing makes, from which it shows there: ten
-times what is too much to be left."""
+"""Noise variances per held-out reading. A missing effect shows in the held-out recordings if it
+causes more: ten times `HELD_OUT`."""
 
 
 @dataclass(frozen=True)
@@ -56,21 +58,23 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a verdict follows from.
+    """Everything that a verdict depends on.
 
     Attributes:
-        found: by the search, confirmed.
-        rest: disturbances that would explain what is left, best first.
-        located: part of the excess that a disturbance of one equation explains.
-        resting: channels predicted worse than "nothing changes" would be, with all that was found.
-        unsettled: of each channel, what of its errors goes with the motion with all that was found.
-        held_out: excess in squared error of the recordings held out, in variances a reading.
-        held_out_before: the same, with nuisances refitted only.
-        ahead: gap over the horizon held out, of the model as given and with all that was found, in
-            noise variances; NaN if nothing was named.
-        scatter: of the gap that is left, by chance: one standard deviation.
-        worse: why the model with all that was named is worse than the one given, in words; None if
-            it is not.
+        found: finding of the search, after its effects were confirmed.
+        rest: disturbances that would explain what is left, the best first.
+        located: part of the excess that the best disturbance of one equation explains.
+        resting: channels that the model with all that was found predicts worse than the assumption
+            that nothing changes.
+        unsettled: for each channel, the part of its errors that depends on the motion, with all
+            that was found.
+        held_out: excess in squared error on the held-out recordings, in variances per reading.
+        held_out_before: the same excess with only the nuisances refitted.
+        ahead: gap over the horizon on held-out recordings, in noise variances, first of the model
+            as given, then with all that was found; NaN if nothing was named.
+        scatter: standard deviation by which the second of these gaps varies by chance.
+        worse: reason, in words, why the model with all named effects is worse than the given one;
+            None if it is not.
     """
 
     found: Found
@@ -86,34 +90,34 @@ class Evidence:
 
     @property
     def excess(self) -> float:
-        """What all that was found leaves above the floor, in variances a reading."""
+        """Return the cost that the finding leaves above the floor, in variances per reading."""
         return self.found.fitted.cost / self.found.samples - self.found.floor
 
     @property
     def whole(self) -> bool:
-        """Whether what was named takes away enough to be the whole answer."""
+        """Return whether the named effects take away enough to be the whole answer."""
         return bool(self.found.named) and not self.found.explained < EXPLAINED
 
     @property
     def borne_out(self) -> bool:
-        """Whether a motion held out shows what is missing, and names predict it.
+        """Return whether a held-out motion shows what is missing and the named effects predict it.
 
-        That outweighs a motion that they were fitted to.
+        That outweighs evidence from a motion to which the effects were fitted.
         """
         return self.held_out_before > SHOWN and self.held_out < LEFT * self.held_out_before
 
     @property
     def names(self) -> str:
-        """The named effects, in words."""
+        """Return the names of the named effects, joined by "and"."""
         return " and ".join(named.effect for named in self.found.named)
 
 
 Rule = Callable[[Evidence], Judgement | None]
-"""Returns the verdict where the rule applies, else None."""
+"""A rule returns its judgement where it applies, else None."""
 
 
 def judge(evidence: Evidence) -> Judgement:
-    """Return the verdict of the first of `RULES` that applies, else that the model is adequate."""
+    """Return the judgement of the first of `RULES` that applies; if none does, "adequate"."""
     judgements = (rule(evidence) for rule in RULES)
     return next((found for found in judgements if found is not None), _adequate(evidence.excess))
 
@@ -122,10 +126,12 @@ def judge(evidence: Evidence) -> Judgement:
 
 
 def another_rig(evidence: Evidence) -> Judgement | None:
-    """Refuse recordings that are predicted worse than by resting: of another rig, or mixed up.
+    """Judge "inconclusive" if "nothing changes" predicts better than the model; else return None.
 
-    `SEVERAL` channels must be, for one may have a gap of its own. What one equation lacks, by more
-    than `NOWHERE`, is of this rig, however badly it is predicted without.
+    The recordings may come from another rig, or their channels may be mixed up. `SEVERAL` channels
+    must be affected, because one may have a gap of its own. The rule does not apply if a
+    disturbance of one equation explains more than `NOWHERE` of the excess: that equation lacks
+    something, and the rig is the right one.
     """
     if len(evidence.resting) < SEVERAL or evidence.located > NOWHERE:
         return None
@@ -139,10 +145,11 @@ def another_rig(evidence: Evidence) -> Judgement | None:
 
 
 def too_much_at_once(evidence: Evidence) -> Judgement | None:
-    """Refuse predictions that miss by so much that no single effect can be the cause.
+    """Judge "inconclusive" if errors are too large for any single effect; else return None.
 
-    More than `TOO_MUCH` is left, names are not the whole answer, and no equation alone has more
-    than `NOWHERE` of it. Nor does a cost tell anything that is not finite.
+    This means that more than `TOO_MUCH` is left, that named effects are not the whole answer, and
+    that no single equation explains more than `NOWHERE` of it. An excess that is not finite counts
+    as too large.
     """
     excess = evidence.excess
     spread = excess > TOO_MUCH and not evidence.whole and not evidence.located > NOWHERE
@@ -158,15 +165,16 @@ def too_much_at_once(evidence: Evidence) -> Judgement | None:
     )
 
 
-# Rules by which something acts that nothing was named for, or that names only stand in for
+# Rules by which something acts for which no effect was named, or only one that stands in for it
 
 
 def left_to_a_curve(evidence: Evidence) -> Judgement | None:
-    """Take what a free curve explains, and names do not, for an effect that is unknown.
+    """Judge "unknown_effect" if a free curve explains what named effects leave; else return None.
 
-    A curve costs no physics: names that leave it much to explain are not the cause. It counts from
-    `MATERIAL` on, the least that matters to a prediction, where names are not the whole answer
-    (`EXPLAINED`); where they are, from the part `FREE` of what there was before them.
+    A curve needs no physics: effects that leave it much to explain are not the cause. What it
+    explains must exceed `MATERIAL`, the least that matters to a prediction. If the named effects
+    are the whole answer (`EXPLAINED`), it must also exceed the part `FREE` of the excess before
+    them.
     """
     found, excess = evidence.found, evidence.excess
     free = evidence.rest[0].share * excess if evidence.rest else 0.0
@@ -193,10 +201,10 @@ def left_to_a_curve(evidence: Evidence) -> Judgement | None:
 
 
 def goes_with_the_motion(evidence: Evidence) -> Judgement | None:
-    """Take errors that grow where the rig is stirred for an effect that is unknown.
+    """Judge "unknown_effect" if errors grow where the rig is stirred; else return None.
 
-    No curve tells of a resonance or of chance, whose mean is nought; `unsettled` gives the test and
-    its bounds. Names that a motion held out bears out stand all the same.
+    No curve shows a resonance or chance, whose mean is 0; `unsettled` gives the test and its
+    bounds. The rule does not apply to named effects that a held-out motion bears out.
     """
     stirred = [channel for channel in evidence.unsettled if channel.counts]
     if not stirred or (evidence.found.named and evidence.borne_out):
@@ -220,10 +228,11 @@ def goes_with_the_motion(evidence: Evidence) -> Judgement | None:
 
 
 def at_an_end(evidence: Evidence) -> Judgement | None:
-    """Name no effect whose size is at an end of what is plausible (`PINNED`) and leaves much.
+    """Judge "unknown_effect" if a named size is at an end of what is plausible; else return None.
 
-    It would go further if it might: it stands in for something else. Much is `MATERIAL`, the least
-    that matters. A size that a motion held out bears out is the cause all the same.
+    A fit would move such a size (`PINNED`) beyond the end, so that the effect stands in for
+    something else. The rule applies only if more than `MATERIAL` is left, the least that matters,
+    and if no held-out motion bears the named effects out.
     """
     beyond = _pinned(evidence.found)
     if not beyond or not evidence.excess > MATERIAL or evidence.borne_out:
@@ -241,10 +250,10 @@ def at_an_end(evidence: Evidence) -> Judgement | None:
 
 
 def not_held_out(evidence: Evidence) -> Judgement | None:
-    """Name nothing that explains the recordings fitted to, but not those held out.
+    """Judge "unknown_effect" if named effects fail on held-out recordings; else return None.
 
-    Held out, as much must be explained as in those fitted to (`EXPLAINED`), unless no more is left
-    than a model has that lacks nothing (`HELD_OUT`).
+    On the held-out recordings they must explain as large a part as on those fitted to
+    (`EXPLAINED`), unless no more is left there than a model leaves that lacks nothing (`HELD_OUT`).
     """
     after, before = evidence.held_out, evidence.held_out_before
     if not evidence.found.named or not after > max(HELD_OUT, (1.0 - EXPLAINED) * before):
@@ -261,11 +270,11 @@ def not_held_out(evidence: Evidence) -> Judgement | None:
 
 
 def not_ahead(evidence: Evidence) -> Judgement | None:
-    """Name nothing that lowers one-step errors and leaves the gap over the horizon open.
+    """Judge "unknown_effect" if named effects leave too large a gap; else return None.
 
-    More is left than `AHEAD`, beyond `SURE` times what twins scatter by, and either that is more
-    than half (`HALVED`) of what there was, or as many effects are named as may be, which still do
-    not suffice.
+    The gap over the horizon that is left exceeds `AHEAD` by more than `SURE` times the scatter of
+    twins. In addition, either the effects took away less than the part `HALVED` of the gap, or as
+    many effects are named as are allowed, which do not suffice.
     """
     found, (given, left) = evidence.found, evidence.ahead
     if not found.named or not left > AHEAD + SURE * evidence.scatter:
@@ -283,7 +292,10 @@ def not_ahead(evidence: Evidence) -> Judgement | None:
 
 
 def worse_than_given(evidence: Evidence) -> Judgement | None:
-    """Name nothing that makes a model worse than the one given; `keeping` gives the bounds."""
+    """Judge "unknown_effect" if the model with named effects is worse; else return None.
+
+    It is compared with the model as given; `keeping` gives the bounds.
+    """
     if not evidence.found.named or not evidence.worse:
         return None
     said = f"{evidence.names} would lower one-step errors, but {evidence.worse}; nothing is named"
@@ -294,7 +306,10 @@ def worse_than_given(evidence: Evidence) -> Judgement | None:
 
 
 def missing_effect(evidence: Evidence) -> Judgement | None:
-    """Name what earned its place in the search, since no rule before speaks against it."""
+    """Judge "missing_effect" if effects are named; else return None.
+
+    No earlier rule speaks against these effects, which earned their place in the search.
+    """
     if not evidence.found.named:
         return None
     reasons = [
@@ -309,9 +324,10 @@ def missing_effect(evidence: Evidence) -> Judgement | None:
 
 
 def not_shown(evidence: Evidence) -> Judgement | None:
-    """Call no model adequate that predicts the recordings held out worse than the noise allows.
+    """Judge "inconclusive" if the model predicts held-out recordings too badly; else return None.
 
-    The bound is `HELD_OUT`: what is missing does not show in the motions fitted to.
+    The bound is `HELD_OUT`. Such a model is not adequate, but the motions fitted to do not show
+    what it lacks.
     """
     if not evidence.held_out > HELD_OUT:
         return None
@@ -337,11 +353,15 @@ RULES: Final[tuple[Rule, ...]] = (
     missing_effect,
     not_shown,
 )
-"""In this order: first whether there is anything to judge, then what speaks against names."""
+"""The rules, in the order in which they are tried: first whether there is anything to judge, then
+what speaks against named effects, then the answer."""
 
 
 def _adequate(excess: float) -> Judgement:
-    """Return that nothing is missing, from what is left in variances a reading."""
+    """Return the judgement that nothing is missing, with a reason that depends on the excess.
+
+    `excess` is the cost left above the floor, in variances per reading.
+    """
     if excess > MATERIAL:
         said = (
             f"predictions are {excess:.2g} noise variances a reading worse than the stated noise "
@@ -354,7 +374,11 @@ def _adequate(excess: float) -> Judgement:
 
 
 def _pinned(found: Found) -> list[Variable]:
-    """Return the sizes of named effects that are at an end of what is plausible."""
+    """Return the variables of named effects whose size is at an end of what is plausible.
+
+    The size of an effect is its first knob. An end at which the size was in the model as given does
+    not count.
+    """
     names = {named.effect for named in found.named}
     sizes = {v.name: v for v in reversed(found.variables) if v.key and v.name in names}
     pinned = []

@@ -1,9 +1,9 @@
-"""Whether a model that was fitted is kept: it must not predict worse than the model as given.
+"""This module checks that a fitted model predicts no worse than the model as given.
 
-What is compared are predictions over the horizon, those that the gap is told in. A refit claims
-nothing, so that it must not raise the gap held out at all. A name has evidence of its own, and a
-motion held out that hardly shows it may raise the gap by a trifle. Names fall if errors grow by
-more than chance.
+If it predicts worse, the model as given is written instead. Predictions over the horizon are
+compared. A refit claims nothing, so that it must not raise the held-out gap at all. Named effects
+have evidence of their own, and a held-out motion that hardly shows them may raise the gap by a
+trifle. Named effects are given up if the errors grow by more than chance.
 """
 
 from collections.abc import Sequence
@@ -27,17 +27,18 @@ from estimator.gap.prediction import (
 from .judging import PINNED, SURE
 
 TRIFLE: Final = 0.1
-"""Noise variances of growth that are not worth a name: ten times what matters to a prediction."""
+"""Growth of errors, in noise variances, for which no effect is given up: ten times what matters to
+a prediction."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """By how much squared errors over the horizon are larger with one model than with another.
+    """The growth of squared errors over the horizon from one model to another.
 
     Attributes:
-        mean: over half-second blocks and channels, in noise variances; infinite where the one
-            predicts nothing finite and the other does.
-        error: its standard error, by the scatter of the blocks.
+        mean: mean growth over half-second blocks and channels, in noise variances; infinite if only
+            the first model's predictions are finite.
+        error: standard error of the mean, by the scatter of the blocks.
     """
 
     mean: float
@@ -45,7 +46,7 @@ class Growth:
 
     @property
     def matters(self) -> bool:
-        """Whether the errors have grown by more than a trifle, and by more than chance."""
+        """Return whether the errors have grown by more than a trifle and by more than chance."""
         return self.mean > max(TRIFLE, SURE * self.error)
 
 
@@ -53,7 +54,7 @@ def growth(
     predictor: Predictor, records: Sequence[Record], given: Values, fitted: Values,
     pool: ThreadPoolExecutor,
 ) -> Growth:  # fmt: skip
-    """Return how squared errors over the horizon grow from the model as given to one fitted.
+    """Return how much squared errors over the horizon grow from the given model to a fitted one.
 
     Each model filters the records with gains of its own.
     """
@@ -84,11 +85,11 @@ def growth(
 
 @dataclass(frozen=True)
 class Worse:
-    """Why a model that was fitted is worse than the one given.
+    """The reason why a fitted model is worse than the given one.
 
     Attributes:
-        words: by what.
-        beyond_chance: whether it is worse by more than chance; names do not survive that.
+        words: the reason, in words.
+        beyond_chance: whether it is worse by more than chance. Named effects are then given up.
     """
 
     words: str
@@ -132,16 +133,17 @@ def why_worse(
 
 
 def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> None:
-    """Write the model as given, and say why; its gap is to be measured anew.
+    """Make the model as given the one that is written, and add the reason to the result.
 
-    Effects that were named stay named where it may be chance that the model with them is worse;
-    else what they explain is unknown.
+    Effects stay named if the model with them may be worse by chance only. Otherwise they are given
+    up, and the verdict becomes `unknown_effect`. The gaps of the channels must be measured anew
+    after this.
 
     Args:
-        result: changed.
-        plant: with the model as given.
+        result: result of the workflow; changed in place.
+        plant: plant with the model as given.
         fitted: what is not written, in words.
-        worse: why.
+        worse: why the fitted model is worse.
     """
     chance = "" if worse.beyond_chance else ", though it may be by chance"
     result.reasons.append(f"with {fitted}, {worse.words}{chance}; the model is written as given")
@@ -153,14 +155,17 @@ def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> Non
 
 
 def at_an_end(variable: Variable, values: Values) -> bool:
-    """Tell whether a refitted parameter has come to an end of its tolerance."""
+    """Return whether a refitted parameter has come to an end of its tolerance."""
     near = PINNED * (variable.upper - variable.lower)
     value = values[variable.parameter]
     return bool(min(value - variable.lower, variable.upper - value) <= near)
 
 
 def ends_in_words(variables: Sequence[Variable], values: Values) -> list[str]:
-    """Return a warning of refitted parameters that have come to an end of their tolerances."""
+    """Return a list with a warning if refitted parameters have come to an end of their tolerances.
+
+    Without such parameters the list is empty.
+    """
     names = [v.parameter for v in variables if not v.key and at_an_end(v, values)]
     if not names:
         return []

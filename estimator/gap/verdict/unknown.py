@@ -1,7 +1,7 @@
-"""An effect that the catalogue has not: where it enters, as a curve and as a few terms with units.
+"""This module describes an effect that the catalogue lacks, by a few terms in symbols with units.
 
-The terms are chosen forwards from a dictionary (`terms`), fitted together with the variables of
-the model on the linearised course.
+The terms are chosen one after the other from a dictionary (`plant.terms`), and fitted together with
+the variables of the model on the linearised course.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,16 +16,20 @@ from estimator.gap.prediction import Curve
 from estimator.gap.search import CHANCE, MATERIAL, TIME, Attribution, Place, places_of
 
 MOST_TERMS: Final = 3
+"""Greatest number of terms of a disturbance."""
 EARNS: Final = 0.05
-"""Part of what all terms explain together that each must add."""
+"""Part of what all terms explain together that each term must add."""
 _CERTAIN: Final = 4.0
-"""Standard errors that a coefficient must be, by the scatter of the blocks' scores."""
+"""Least size of a coefficient in standard errors, by the scatter of the blocks' scores."""
 _FINER: Final = 9
+"""Number of periods that are tried about the period of a wave."""
 _PLACES: Final = 3
+"""Number of places for which terms are chosen."""
 _NEARLY: Final = 0.7
-"""Part of what the best place's terms gain that an equation's must, to be taken for a reading's."""
+"""An equation is preferred to a reading if its terms gain more than this part of what the best
+place's terms gain."""
 _DEPENDENT: Final = 1e-4
-"""What is left, of one, of a column that others make up."""
+"""A column depends on others if they leave less than this part of it."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +37,12 @@ class Unknown:
     """A disturbance in symbols.
 
     Attributes:
-        place: where it enters.
-        terms: of the dictionary.
+        place: equation or reading that the disturbance enters.
+        terms: terms of the dictionary.
         coefficients: float64 (columns of all terms,), SI.
-        errors: float64, likewise, standard errors.
-        gain: in cost, against the model without it.
-        share: of the cost above the floor that it takes away.
+        errors: float64 (columns of all terms,), standard errors of the coefficients.
+        gain: by how much the disturbance lowers the cost of the model without it.
+        share: part of the cost above the floor that the disturbance takes away.
     """
 
     place: Place
@@ -53,7 +57,7 @@ class Unknown:
         return " ".join(self.terms_text(plant))
 
     def terms_text(self, plant: Plant) -> list[str]:
-        """Return each term with its coefficients and units."""
+        """Return each term as text, with its coefficients and units."""
         regions = {**plant.regions, TIME.name: TIME}
         parts, first = [], 0
         for term in self.terms:
@@ -68,16 +72,17 @@ def _shapes(terms: Sequence[Term], along: Mapping[str, Array]) -> Array:
 
 
 class _Forward:
-    """Forward selection of columns by what they gain beside those chosen before.
+    """Chooses columns one after the other, by what each gains in addition to those chosen before.
 
     Args:
-        changes: float64 (blocks, readings, columns), the variables' first.
+        changes: float64 (blocks, readings, columns), changes of the innovations, those of the
+            variables first.
         innovations: float64 (blocks, readings).
-        known: number of columns of the variables.
+        known: number of columns of the variables, which are chosen at the beginning.
 
     Attributes:
-        certain: how many standard errors, by the scatter of the blocks' scores, the columns chosen
-            last are.
+        certain: size of the steps along the columns chosen last, in standard errors by the scatter
+            of the blocks' scores.
     """
 
     def __init__(self, changes: Array, innovations: Array, known: int) -> None:
@@ -91,7 +96,7 @@ class _Forward:
             self.choose([column])
 
     def choose(self, columns: Sequence[int]) -> float:
-        """Take columns in; return what they gain, and keep how many standard errors they are."""
+        """Choose columns and return what they gain; set `certain` for them."""
         before, known = float(self._rest @ self._rest), self._basis.shape[1]
         steps = []
         for column in columns:
@@ -111,7 +116,7 @@ class _Forward:
         return before - float(self._rest @ self._rest)
 
     def gains(self, groups: Sequence[Sequence[int]]) -> Array:
-        """Return what each group of one or two columns would gain (groups,)."""
+        """Return what each group of one or two columns would gain if it were chosen, (groups,)."""
         shared = (self._basis.T @ self._flat) / self._scale
         slopes = (self._rest @ self._flat) / self._scale
         found = np.empty(len(groups))
@@ -130,12 +135,12 @@ class _Forward:
 
 
 def in_symbols(attribution: Attribution, place: Place, floor: float) -> Unknown | None:
-    """Return the few terms that explain most of what a disturbance of a place could.
+    """Return the few terms that explain most of what a disturbance of a place could explain.
 
     Args:
-        attribution: about the fitted model.
-        place: where it enters.
-        floor: cost per reading of a rig that is the model.
+        attribution: attribution about the fitted model.
+        place: equation or reading that the disturbance enters.
+        floor: cost per reading of a rig that is exactly the model.
 
     Returns:
         The disturbance, or None if no term earns its place.
@@ -178,10 +183,12 @@ def in_symbols(attribution: Attribution, place: Place, floor: float) -> Unknown 
 
 
 def find_unknown(attribution: Attribution, curves: Sequence[Curve], floor: float) -> Unknown | None:
-    """Return the best terms of the places whose free curves explain most, best first in `curves`.
+    """Return the disturbance in symbols that gains most, or None if no term earns its place.
 
-    A wave along the stroke is too fine for a curve, so that more than the best place is tried. An
-    equation is taken before a reading that explains hardly more: a model can hold its term.
+    Terms are chosen for the three places whose curves explain most; `curves` come best first. One
+    place is not enough, because a wave along the stroke is too fine for a curve. An equation is
+    preferred to a reading that explains hardly more, because a model can represent the equation's
+    terms. `floor` is the cost per reading of a rig that is exactly the model.
     """
     places = {place.name: place for place in places_of(attribution.plant)}
     names = list(dict.fromkeys(curve.equation for curve in curves if curve.equation in places))
@@ -195,7 +202,7 @@ def find_unknown(attribution: Attribution, curves: Sequence[Curve], floor: float
 
 
 def _groups(terms: Sequence[Term], known: int) -> list[list[int]]:
-    """Return the columns of each term, behind those of the variables."""
+    """Return the column indices of each term; the columns of the variables come before them."""
     ends = known + np.cumsum([0, *(term.columns for term in terms)])
     return [list(range(a, b)) for a, b in pairwise(ends)]
 
@@ -204,7 +211,7 @@ def _finer(
     attribution: Attribution, place: Place, term: Term,
     laid_out: Callable[[Sequence[Term]], list[Array]],
 ) -> Term:  # fmt: skip
-    """Return a wave with the best of some periods about its own, other terms as they are."""
+    """Return a wave with the best of some periods about its own, and any other term as it is."""
     if term.form != "wave":
         return term
     span = float(np.ptp(np.concatenate(attribution.along(term.region))))

@@ -1,10 +1,10 @@
-"""What stays of the prediction errors once all was fitted, and goes with the motion.
+"""This module measures the part of the remaining prediction errors that depends on the motion.
 
-An effect whose physics is that of the rig leaves what a twin leaves: the noise. One that stands in
-for something else leaves a part that may be of no equation and no curve: a resonance, something
-that acts at random. Its mean is nought, but not its square, which grows where the rig is stirred
-(a test of heteroscedasticity, after White 1980). A sensor that is merely noisier than stated errs
-in rest as much as in motion, and does not count.
+The right effect leaves what a twin leaves, the noise. An effect that stands in for something else
+leaves errors that may belong to no equation and to no curve, such as those of a resonance or of
+something random. Their mean is 0, but the mean of their squares is not, and it grows where the rig
+is stirred (a test of heteroscedasticity, after White 1980). A sensor that is merely noisier than
+stated errs at rest as much as in motion, and does not count.
 """
 
 from collections.abc import Sequence
@@ -18,16 +18,20 @@ from estimator.gap.prediction import Filtered, Values, cost_of
 from estimator.gap.search import TIME
 
 BINS: Final = 8
-"""Bins that a quantity's range is divided into, each visited equally often."""
+"""Number of bins into which a quantity's range is divided, so that each has equally many
+readings."""
 STIRRED: Final = 0.1
-"""Predicted variances of a channel that must go with the motion: ten times what matters in all
-channels together, and three times what a bin of a recording of half a minute is known to."""
+"""Least part of a channel's mean square that must depend on the motion to count, in predicted
+variances. It is ten times what matters in all channels together, and three times the precision of a
+bin of a recording of half a minute."""
 LEFT: Final = 0.02
-"""Part of a channel's excess that names may leave, twice what their form may be wrong by."""
+"""Part of a channel's excess that named effects may leave: twice the part by which their form may
+be wrong."""
 _SURELY: Final = 2.0
-"""Standard errors: the least of some bins is below their mean by chance alone."""
+"""Standard errors that are added to each bin, because the least of some bins is below their mean by
+chance alone."""
 _FEW: Final = 200
-"""Readings in a bin, of which a mean square is known to a tenth."""
+"""Least number of readings in a bin; with so many, a mean square is known to a tenth."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +39,15 @@ class Unsettled:
     """Mean squares of a channel's one-step errors above those of twins, in predicted variances.
 
     Attributes:
-        channel: of the recording.
-        region: what they depend on most.
-        at: float64 (bins,), the middle of each bin, SI.
-        values: float64 (bins,), mean squares there.
-        errors: float64 (bins,), their standard errors.
-        mean: of all readings.
-        unit: of `at`.
+        channel: name of the recording's column.
+        region: quantity on which the mean squares depend most.
+        at: float64 (bins,), middle of each bin, SI.
+        values: float64 (bins,), mean squares in the bins.
+        errors: float64 (bins,), standard errors of `values`.
+        mean: mean square of all readings.
+        unit: SI unit of `at`.
         floor: mean square of the twins' errors.
-        before: `mean` with nuisances refitted only (`compared`), 0 if it was not compared.
+        before: `mean` with only the nuisances refitted (`compared`); 0 if that was not computed.
     """
 
     channel: str
@@ -58,22 +62,25 @@ class Unsettled:
 
     @property
     def stirred(self) -> float:
-        """Return what of the mean goes with the motion: above that where it is surely least."""
+        """Return the part of the mean that depends on the motion: what it has above the least bin.
+
+        The bins are raised by `_SURELY` standard errors first.
+        """
         return self.mean - max(float((self.values + _SURELY * self.errors).min()), 0.0)
 
     @property
     def counts(self) -> bool:
-        """Tell whether so much goes with the motion that what was named is not the cause."""
+        """Return whether so much depends on the motion that the named effects are not the cause."""
         return self.stirred > max(STIRRED, LEFT * self.before)
 
 
 def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> list[Unsettled]:
-    """Return what is left of each channel's errors at values.
+    """Return for each channel what is left of its errors at these values.
 
     Args:
-        filtered: the records, with `values`.
-        twins: of the model with these values, likewise.
-        values: of all parameters.
+        filtered: the records, with gains for `values`.
+        twins: twins of the model with these values, with gains for `values`.
+        values: values of all parameters.
     """
     plant = filtered.predictor.plant
     floors = np.mean([mean_costs(twin, values) for twin in twins], axis=0)
@@ -103,7 +110,10 @@ def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> 
 
 
 def compared(left: Sequence[Unsettled], filtered: Filtered, values: Values) -> list[Unsettled]:
-    """Return the same beside what there was at other values, with which records are filtered."""
+    """Return the same results with `before` set to the mean at other values.
+
+    `filtered` are the records with gains for these other values.
+    """
     costs = mean_costs(filtered, values)
     return [
         replace(each, before=float(cost) - each.floor)
@@ -112,7 +122,10 @@ def compared(left: Sequence[Unsettled], filtered: Filtered, values: Values) -> l
 
 
 def mean_costs(filtered: Filtered, values: Values) -> Array:
-    """Return the mean square of each channel's innovations (outputs,), outliers as in the cost."""
+    """Return the mean square of each channel's innovations (outputs,), outliers counted less.
+
+    Outliers count as in the cost (`cost_of`).
+    """
     outputs = len(filtered.predictor.plant.outputs)
     total, count = np.zeros(outputs), np.zeros(outputs)
     for (innovations, _), used, blocks in zip(
@@ -125,7 +138,7 @@ def mean_costs(filtered: Filtered, values: Values) -> Array:
 
 
 def _quantities(filtered: Filtered, values: Values) -> dict[str, list[Array]]:
-    """Return of each record what errors may depend on (n,), by names."""
+    """Return the quantities (n,) of each record that errors may depend on, by name."""
     plant = filtered.predictor.plant
     states = [states for _, states in filtered.innovations(values)]
     found = {
@@ -141,7 +154,7 @@ def _quantities(filtered: Filtered, values: Values) -> dict[str, list[Array]]:
 
 
 def _stirring(record: Record, index: int, plant: Plant) -> Array:
-    """Return by how much an input changed over the last horizon, per second (n,)."""
+    """Return how much an input changed over the last horizon, per s (n,)."""
     changes = np.abs(np.diff(record.inputs[:, index], prepend=record.inputs[0, index]))
     total = np.concatenate([[0.0], np.cumsum(changes)])
     length = round(plant.horizon / plant.period)
@@ -152,7 +165,15 @@ def _stirring(record: Record, index: int, plant: Plant) -> Array:
 def _of_channel(
     plant: Plant, channel: str, above: Array, floor: float, quantities: dict[str, Array]
 ) -> Unsettled:
-    """Return the squares (n,) of a channel's errors against what they depend on most."""
+    """Return a channel's mean squares in bins of the quantity on which they depend most.
+
+    Args:
+        plant: plant with the units of its regions.
+        channel: name of the channel.
+        above: float64 (n,), squared errors less those of the twins.
+        floor: mean square of the twins' errors.
+        quantities: quantities (n,) that the errors may depend on, by name.
+    """
     mean = float(above.mean()) if len(above) else 0.0
     even = (np.full(1, mean), np.zeros(1))
     best, most = Unsettled(channel, TIME.name, np.zeros(1), *even, mean, "s", floor), 0.0

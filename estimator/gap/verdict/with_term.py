@@ -1,7 +1,8 @@
-"""Adds an unknown disturbance in symbols to the model: refitted, and shown to predict better.
+"""This module adds an unknown disturbance in symbols to the model, and refits the model with it.
 
-The terms are found on the linearised course, to first order. Here they become parameters of the
-plant, whose filter and simulation then have them, and are fitted together with the nuisances.
+The terms were found on the linearised course, to first order. Here they become parameters of the
+plant, so that its filter and its simulation have them, and they are fitted together with the
+nuisances.
 """
 
 from typing import Final
@@ -20,12 +21,15 @@ _UNITS: Final = {"phase": "rad"}
 def with_term(
     refits: Refits, found: Found, unknown: Unknown
 ) -> tuple[AddedDisturbance | None, list[str]]:
-    """Return an unknown disturbance as the model holds it, and what is to be said of it, in words.
+    """Return the disturbance as a part of the refitted model, and remarks on it in words.
+
+    The disturbance is None if the model cannot represent any of its terms, or predicts no better
+    with it.
 
     Args:
-        refits: of the records.
-        found: with nuisances refitted, and no more.
-        unknown: to first order.
+        refits: refits of the records.
+        found: the finding with the nuisances refitted, and with no effects.
+        unknown: the disturbance, to first order.
     """
     plant = refits.plant
     if plant.hold_terms is None or plant.held_terms is None:
@@ -65,7 +69,7 @@ def with_term(
 
 
 def terms_in_words(plant: Plant, values: Values) -> str:
-    """Return the terms that values of all parameters hold, in symbols with units."""
+    """Return the terms that the parameter values represent, in symbols with units."""
     assert plant.held_terms is not None
     place, terms = plant.held_terms(values)
     regions = {**plant.regions, TIME.name: TIME}

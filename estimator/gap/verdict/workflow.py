@@ -1,4 +1,4 @@
-"""The workflow from recordings to verdict: where, refit, name, alternatives, held-out gap."""
+"""This module runs the whole workflow, from recordings to the verdict and the model written."""
 
 import os
 from collections.abc import Sequence
@@ -55,18 +55,18 @@ from .with_term import with_term
 
 _NORMAL_95: Final = 1.96
 _FORM: Final = 5e-3
-"""Part of an effect's size that is added to its standard error, because the rig's effect, and all
-else of the rig, is never quite the model's, which no scatter of the recordings shows. Twice that
-is 1 %."""
+"""Part of an effect's size that is added to its standard error. The rig never has exactly the form
+of the model and its effects, which the scatter of the recordings does not show. Twice this part is
+1 %."""
 
 
 @dataclass
 class _Seen:
-    """What is told of each named effect beside its fit.
+    """What is known of each named effect in addition to its fit.
 
     Attributes:
-        held_out: normal deviate of its gain held out, by effect.
-        cosines: of its signature with those of its rivals, by effect and rival.
+        held_out: normal deviate of the effect's gain on held-out recordings, by effect.
+        cosines: cosine of the effect's signature with those of its rivals, by effect and rival.
     """
 
     held_out: dict[str, float] = field(default_factory=dict)
@@ -76,15 +76,15 @@ class _Seen:
 def find_gap(
     recordings: Sequence[Recording], holdout: Sequence[Recording], plant: Plant, seed: int = 1
 ) -> GapResult:
-    """Return where a plant's model and its recordings disagree, and what it lacks.
+    """Return where a plant's model and its recordings disagree, and what the model lacks.
 
-    Recordings that cannot support a verdict make it `inconclusive`, with the model as given.
+    If the recordings cannot support a verdict, it is `inconclusive`, with the model as given.
 
     Args:
-        recordings: to fit to, 1 kHz.
-        holdout: to judge with, never fitted to.
-        plant: with the model to be tested.
-        seed: of the twins' sensor noise.
+        recordings: recordings to fit to, at 1 kHz.
+        holdout: recordings to judge with; nothing is fitted to them.
+        plant: plant with the model to be tested.
+        seed: seed of the twins' sensor noise.
 
     Raises:
         KeyError: a recording lacks a channel of the plant.
@@ -123,7 +123,7 @@ def find_gap(
 
 
 def _search(result: GapResult, search: Search, judged: Fitter) -> None:
-    """Set what the search finds, and the verdict."""
+    """Run the search, and set its findings and the verdict in the result."""
     fitter, plant = search.fitter, search.plant
     found = search.run()
     _floor(search, found)
@@ -149,7 +149,7 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
     result.rest = result.rest if found.named else result.where
     unknown = None
     if weak:
-        # Names that explain too little are not those of the model that is judged.
+        # Named effects that explain too little are not part of the model that is judged.
         resting = _resting(refitted, judged)
         if found.refitted.cost / found.samples - found.floor > MATERIAL:
             unknown = find_unknown(before, result.where, found.floor)
@@ -175,7 +175,8 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
         result.reasons += ends_in_words(search.refits.nuisances, found.refitted.values)
         return
     if result.verdict == "unknown_effect":
-        # A name that explains too little would be a wrong one: the model is refitted, no more.
+        # An effect that explains too little would be named wrongly, so that the model is only
+        # refitted.
         found.fitted, found.filtered = found.refitted, refitted
         found.named, found.variables = [], search.refits.nuisances
         known = None
@@ -214,12 +215,12 @@ def _search(result: GapResult, search: Search, judged: Fitter) -> None:
 
 @dataclass(frozen=True)
 class _Known:
-    """What follows from the linearisation about what was found.
+    """What follows about a finding from its linearisation.
 
     Attributes:
-        errors: standard errors, by parameter.
-        limits: what these motions would show of each effect.
-        absorbed: in words, which effects a refit may be as well.
+        errors: standard errors, SI, by parameter.
+        limits: for each effect the smallest size that these motions would show.
+        absorbed: remarks in words on effects that the refit of a nuisance may stand for.
     """
 
     errors: dict[str, float]
@@ -228,7 +229,7 @@ class _Known:
 
 
 def _known(search: Search, found: Found, seen: _Seen) -> _Known:
-    """Return what is known about a finding, and set its cosines."""
+    """Return what follows about a finding from its linearisation; set its cosines in `seen`."""
     for named in found.named:
         seen.cosines[named.effect] = _cosines(search, found, named)
     return _Known(
@@ -239,7 +240,11 @@ def _known(search: Search, found: Found, seen: _Seen) -> _Known:
 
 
 def _resting(filtered: Filtered, judged: Fitter) -> list[str]:
-    """Return the channels predicted worse than by resting, with what records are filtered with."""
+    """Return the channels that "nothing changes" predicts better than the model, in any record.
+
+    The predictions are made with the values of `filtered`, for its records and for the held-out
+    ones.
+    """
     values = filtered.values
     found = filtered.pool.map(
         lambda record, gains: worse_than_resting(filtered.predictor, record, gains, values),
@@ -249,14 +254,15 @@ def _resting(filtered: Filtered, judged: Fitter) -> list[str]:
 
 
 def _ranked(*curves: list[Curve]) -> list[Curve]:
-    """Return curves by what they explain, best first."""
+    """Return all curves together, sorted by the share that they explain, the best first."""
     return sorted((c for part in curves for c in part), key=lambda curve: -curve.share)
 
 
 def _located(plant: Plant, curves: Sequence[Curve], unknown: Unknown | None) -> float:
-    """Return the part of the excess that a disturbance of one equation explains.
+    """Return the part of the excess that the best disturbance of one equation explains.
 
-    An error of a reading does not count: of another rig, or of channels swapped, it explains much.
+    A disturbance of a reading does not count, because it explains much even of another rig, or of
+    swapped channels.
     """
     places = {equation.name for equation in plant.equations}
     shares = [curve.share for curve in curves if curve.equation in places]
@@ -266,7 +272,11 @@ def _located(plant: Plant, curves: Sequence[Curve], unknown: Unknown | None) -> 
 
 
 def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
-    """Return the cosines of an effect's signature with those of what was tried in its place."""
+    """Return the cosines of an effect's signature with its own and with those of its alternatives.
+
+    They are given by the name of the effect. Nuisances and all else that was found are projected
+    out.
+    """
     plant = search.plant
     values = found.fitted.values
     own = effect_variables(plant.effects[named.effect])
@@ -286,10 +296,10 @@ def _cosines(search: Search, found: Found, named: Named) -> dict[str, float]:
 def _show(
     result: GapResult, predictor: Predictor, judged: Sequence[Record], pool: ThreadPoolExecutor
 ) -> None:
-    """Set the gap on the recordings held out, and free runs."""
+    """Set the held-out gap and the free simulations in the result."""
     if not judged:
         return
-    # That of what was fitted is known since it was judged.
+    # The gap of the fitted model is known already, from when it was judged.
     if not result.channels:
         _measure(result, predictor, judged, result.values, pool)
     if result.channels:
@@ -302,7 +312,10 @@ def _measure(
     result: GapResult, predictor: Predictor, judged: Sequence[Record], values: Values,
     pool: ThreadPoolExecutor,
 ) -> None:  # fmt: skip
-    """Set the held-out gap of the model as given and with values; none where it is not finite."""
+    """Set the held-out gaps of the model as given and of one with these values.
+
+    If one of them is not finite, both become NaN and the channels' gaps are left out.
+    """
     gaps = channel_gaps(predictor, judged, predictor.plant.nominal, values, pool)
     before, after = mean_gap(gaps)
     finite = bool(np.isfinite(before + after))
@@ -311,7 +324,7 @@ def _measure(
 
 
 def _compare(result: GapResult, fitter: Fitter, judged: Fitter, found: Found) -> Worse | None:
-    """Set the held-out gap with all that was found; return why that is worse, None if not."""
+    """Set the held-out gap with all that was found; return why that is worse, else None."""
     predictor, pool = fitter.predictor, fitter.pool
     given, values = predictor.plant.nominal, found.fitted.values
     _measure(result, predictor, judged.records, values, pool)
@@ -327,14 +340,16 @@ def _show_added(
     result: GapResult, added: AddedDisturbance, predictor: Predictor, judged: Sequence[Record],
     pool: ThreadPoolExecutor,
 ) -> None:  # fmt: skip
-    """Set the held-out gap with the unknown term; it stays only if that is lower than without.
+    """Set the held-out gap with the unknown term, and drop the term if it does not lower the gap.
 
-    Lower than that of the model written, and than that of the model as given.
+    The gap with the term must be lower than that of the model written, and not above that of the
+    model as given.
     """
     gaps = channel_gaps(predictor, judged, predictor.plant.nominal, added.values, pool)
     given, after = mean_gap(gaps)
     told = f"{added.equation}: {added.text}"
-    # The first of them has the floor of another model, the second one's own.
+    # `result.gap_after` is above the floor of the model written, the two others above that of the
+    # model with the term.
     if not after < result.gap_after or after > given:
         result.added = None
         result.reasons.append(
@@ -350,16 +365,16 @@ def _show_added(
 
 
 def _floor(search: Search, found: Found) -> None:
-    """Set the cost per reading of a rig that is exactly the model found."""
+    """Set the floor of a finding: the cost per reading of a rig that is exactly the model found."""
     costs = [twin.costs(found.fitted.values).sum() for twin in search.twins(found.fitted.values)]
     found.floor = float(np.mean(costs)) / found.samples
 
 
 def _standard_errors(search: Search, found: Found) -> dict[str, float]:
-    """Return the standard error of each variable's parameter.
+    """Return the standard error of each variable's parameter, SI, by the parameter's name.
 
-    By the scatter of the blocks' scores, and by what twins, whose parameters are known, are
-    estimated wrong by: the larger.
+    It is the larger of two: one from the scatter of the blocks' scores, the other from how wrong
+    the parameters of twins, which are known, are estimated.
     """
     columns = found.filtered.columns(found.fitted.values, found.variables)
     names = [column.name for column in columns]
@@ -377,12 +392,13 @@ def _standard_errors(search: Search, found: Found) -> dict[str, float]:
 
 
 def form_error(value: float, before: float) -> float:
-    """Return the standard error of an effect's parameter by what form the rig's effect may have.
+    """Return the standard error of an effect's parameter that comes from the form of the effect.
 
     Args:
-        value: fitted, SI.
-        before: that of the model as given; one far beyond `value` is a limit without effect, of
-            which only where it is now has a size.
+        value: fitted value, SI.
+        before: value in the model as given, SI. If it is far beyond `value`, the effect is a limit
+            that had no effect before, and its size is `value` itself; else the size is the
+            difference.
     """
     size = value if abs(before) > ENDLESS * abs(value) > 0.0 else value - before
     return _FORM * abs(size)
