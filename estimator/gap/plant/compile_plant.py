@@ -134,14 +134,14 @@ def nuisances(
     )  # fmt: skip
 
 
-def effect(description: PlantDescription, told: MayLack, nominal: Mapping[str, float]) -> Effect:
+def effect(description: PlantDescription, row: MayLack, nominal: Mapping[str, float]) -> Effect:
     """Return an effect with its knobs, made of its row in a description."""
     known = {parameter.name: parameter for parameter in description.parameters}
     knobs = []
-    for key, name in told.parameters.items():
+    for key, name in row.parameters.items():
         each = known[name]
         knobs.append(Knob(key, name, probe_of(each, nominal[name]), each.lower, each.upper))
-    return Effect(told.name, told.equation, told.where, tuple(knobs), told.starts, told.unseen)
+    return Effect(row.name, row.equation, row.where, tuple(knobs), row.starts, row.unseen)
 
 
 # States
@@ -343,11 +343,11 @@ def _made(name: str, source: str, signature: Any, names: dict[str, Any], of: str
         return njit(signature, error_model="numpy")(space[name])
     except NumbaError as error:
         reason = next((line for line in str(error).splitlines() if line.strip()), "")
-        told = [line.strip() for line in str(error).splitlines() if "Unknown attribute" in line
+        causes = [line.strip() for line in str(error).splitlines() if "Unknown attribute" in line
                 or "Untyped global" in line or "NameError" in line]  # fmt: skip
         raise PlantError(
             [
-                f"{of}: numba cannot compile it: {' '.join((told or [reason])[0].split())}; use "
+                f"{of}: numba cannot compile it: {' '.join((causes or [reason])[0].split())}; use "
                 "arithmetic, math.sin and the like, and decorate functions of your own that it "
                 "calls with numba.njit"
             ]

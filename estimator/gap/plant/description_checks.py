@@ -13,41 +13,46 @@ from .description import PlantDescription, PlantError, Start
 _KEYWORDS: Final = "must be a Python name, as in position_m"
 
 
-def check_description(told: PlantDescription) -> None:
+def check_description(description: PlantDescription) -> None:
     """Check that the tables of a description fit together.
 
     Raises:
         PlantError: they do not; the error lists all problems.
     """
-    problems = [*_names(told), *_parameters(told), *_references(told), *_figures(told)]
+    problems = [
+        *_names(description),
+        *_parameters(description),
+        *_references(description),
+        *_figures(description),
+    ]
     if problems:
-        raise PlantError([f"plant {told.name}: {problem}" for problem in problems])
+        raise PlantError([f"plant {description.name}: {problem}" for problem in problems])
 
 
-def check_functions(told: PlantDescription, views: Any, par: Any) -> None:
+def check_functions(description: PlantDescription, views: Any, par: Any) -> None:
     """Check that a description's functions, called as plain Python, return what they should.
 
     Raises:
         PlantError: a function raises, returns the wrong number of values, or returns a value that
             is not finite.
     """
-    inputs = views.inputs(*(0.5 * each.size for each in told.inputs))
-    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in told.states]
-    nudged = [value + each.spread for value, each in zip(at_rest, told.states, strict=True)]
+    inputs = views.inputs(*(0.5 * each.size for each in description.inputs))
+    at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]
+    nudged = [value + each.spread for value, each in zip(at_rest, description.states, strict=True)]
     problems: list[str] = []
     for values in (at_rest, nudged):
         state = views.state(*(float(value) for value in values))
         for kind, function, names in (
-            ("rates", told.rates, [f"the rate of {s.name}" for s in told.states]),
-            ("readings", told.readings, [o.channel for o in told.outputs]),
+            ("rates", description.rates, [f"the rate of {s.name}" for s in description.states]),
+            ("readings", description.readings, [o.channel for o in description.outputs]),
         ):
             plain = getattr(function, "py_func", function)
             problems += _called(kind, plain, (state, inputs, par), names)
-        for equation in told.equations:
+        for equation in description.equations:
             per = _per(equation, views, values, par)
             problems += [] if per is None else [per]
     if problems:
-        raise PlantError([f"plant {told.name}: {each}" for each in dict.fromkeys(problems)])
+        raise PlantError([f"plant {description.name}: {each}" for each in dict.fromkeys(problems)])
 
 
 def _called(
@@ -99,15 +104,15 @@ def _listed(view: Any) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in view._asdict().items())
 
 
-def _names(told: PlantDescription) -> Iterator[str]:
+def _names(description: PlantDescription) -> Iterator[str]:
     kinds = {
-        "state": [each.name for each in told.states],
-        "input": [each.channel for each in told.inputs],
-        "output": [each.channel for each in told.outputs],
-        "parameter": [each.name for each in told.parameters],
-        "effect": [each.name for each in told.effects],
-        "equation": [each.name for each in told.equations],
-        "region": [each.name for each in told.regions],
+        "state": [each.name for each in description.states],
+        "input": [each.channel for each in description.inputs],
+        "output": [each.channel for each in description.outputs],
+        "parameter": [each.name for each in description.parameters],
+        "effect": [each.name for each in description.effects],
+        "equation": [each.name for each in description.equations],
+        "region": [each.name for each in description.regions],
     }
     for kind, names in kinds.items():
         for name in dict.fromkeys(names):
@@ -120,8 +125,8 @@ def _names(told: PlantDescription) -> Iterator[str]:
             yield f"there is no {kind}; give at least one"
 
 
-def _parameters(told: PlantDescription) -> Iterator[str]:
-    for each in told.parameters:
+def _parameters(description: PlantDescription) -> Iterator[str]:
+    for each in description.parameters:
         if not each.lower < each.upper:
             yield f"parameter {each.name}: lower {each.lower} must be below upper {each.upper}"
         elif each.neutral is not None and not each.lower <= each.neutral <= each.upper:
@@ -131,15 +136,15 @@ def _parameters(told: PlantDescription) -> Iterator[str]:
             )
 
 
-def _references(told: PlantDescription) -> Iterator[str]:
-    parameters = [each.name for each in told.parameters]
-    states = [each.name for each in told.states]
-    outputs = [each.channel for each in told.outputs]
-    regions = [each.name for each in told.regions]
-    places = [*(each.name for each in told.equations), *outputs,
-              *(each.channel for each in told.inputs)]  # fmt: skip
+def _references(description: PlantDescription) -> Iterator[str]:
+    parameters = [each.name for each in description.parameters]
+    states = [each.name for each in description.states]
+    outputs = [each.channel for each in description.outputs]
+    regions = [each.name for each in description.regions]
+    places = [*(each.name for each in description.equations), *outputs,
+              *(each.channel for each in description.inputs)]  # fmt: skip
     used: dict[str, str] = {}
-    for effect in told.effects:
+    for effect in description.effects:
         if not effect.parameters:
             yield f"effect {effect.name} has no parameters; give at least one"
         for name in effect.parameters.values():
@@ -152,19 +157,19 @@ def _references(told: PlantDescription) -> Iterator[str]:
         if first in used:
             yield f"effects {used[first]} and {effect.name} both change {first}; keep one"
         used[first] = effect.name
-    for name in told.tolerances:
+    for name in description.tolerances:
         yield from _unknown("tolerances:", name, parameters)
-    if told.input_delay is not None:
-        yield from _unknown("input_delay:", told.input_delay, parameters)
-    for equation in told.equations:
+    if description.input_delay is not None:
+        yield from _unknown("input_delay:", description.input_delay, parameters)
+    for equation in description.equations:
         yield from _unknown(f"equation {equation.name!r}: state", equation.state, states)
         for region in equation.of:
             yield from _unknown(f"equation {equation.name!r}: region", region, regions)
-    for state in told.states:
+    for state in description.states:
         if isinstance(state.start, Start):
             yield from _unknown(f"state {state.name}: start", state.start.channel, outputs)
-    for pair in told.steering or {}:
-        yield from _unknown("steering: input", pair[0], [i.channel for i in told.inputs])
+    for pair in description.steering or {}:
+        yield from _unknown("steering: input", pair[0], [i.channel for i in description.inputs])
         yield from _unknown("steering: output", pair[1], outputs)
 
 
@@ -175,20 +180,20 @@ def _unknown(what: str, name: str, known: Sequence[str]) -> Iterator[str]:
         yield f"{what} {name} is not known; {remedy}"
 
 
-def _figures(told: PlantDescription) -> Iterator[str]:
-    if told.substeps < 1:
-        yield f"substeps {told.substeps} must be 1 or more"
-    for state in told.states:
+def _figures(description: PlantDescription) -> Iterator[str]:
+    if description.substeps < 1:
+        yield f"substeps {description.substeps} must be 1 or more"
+    for state in description.states:
         if not state.spread > 0.0:
             yield f"state {state.name}: spread {state.spread} must be above 0"
-    for output in told.outputs:
+    for output in description.outputs:
         if not output.noise > 0.0:
             yield f"output {output.channel}: noise {output.noise} must be above 0"
         if not output.resolution >= 0.0:
             yield f"output {output.channel}: resolution {output.resolution} must be 0 or above"
-    for each in told.inputs:
+    for each in description.inputs:
         if not each.size > 0.0:
             yield f"input {each.channel}: size {each.size} must be above 0"
-    for name, share in told.tolerances.items():
+    for name, share in description.tolerances.items():
         if not share >= 0.0:
             yield f"tolerances: {name} {share} must be 0 or above"

@@ -89,18 +89,18 @@ def _separation(
         if best is None or _merit(worst) > _merit(best):
             best = worst
     if best is None:
-        told = "no motion is known for this plant"
-        return Separation(effects, told, {}, float("nan"), float("nan"))
+        in_words = "no motion is known for this plant"
+        return Separation(effects, in_words, {}, float("nan"), float("nan"))
     if not best.settles:
         reasons = [
             plant.not_told_apart.get(frozenset((named.effect, rival.effect)), "")
             for rival in rivals
         ]
         why = "; ".join(reason for reason in reasons if reason)
-        told = f"none of the motions tried separates them{': ' if why else ''}{why}"
-        return Separation(effects, told, {}, best.cosine, best.z)
-    told = f"{best.motion.name}, {best.motion.told}"
-    return Separation(effects, told, best.motion.campaign, best.cosine, best.z)
+        in_words = f"none of the motions tried separates them{': ' if why else ''}{why}"
+        return Separation(effects, in_words, {}, best.cosine, best.z)
+    in_words = f"{best.motion.name}, {best.motion.told}"
+    return Separation(effects, in_words, best.motion.campaign, best.cosine, best.z)
 
 
 def _merit(trial: Trial) -> tuple[bool, float]:

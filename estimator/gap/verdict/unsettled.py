@@ -192,11 +192,11 @@ def _of_channel(
             np.bincount(bins, power, len(ends) - 1)[kept] / count[kept]
             for power in (above, above**2)
         )
-        told = float(np.sum(count[kept] * (means - mean) ** 2))
-        if told > most:
+        explained = float(np.sum(count[kept] * (means - mean) ** 2))
+        if explained > most:
             unit = plant.regions[name].unit if name in plant.regions else "/s"
             at = 0.5 * (ends[1:] + ends[:-1])[kept]
             errors = np.sqrt(np.maximum(squares - means**2, 0.0) / count[kept])
             best = Unsettled(channel, name, at, means, errors, mean, unit, floor)
-            most = told
+            most = explained
     return best

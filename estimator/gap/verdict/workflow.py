@@ -347,19 +347,19 @@ def _show_added(
     """
     gaps = channel_gaps(predictor, judged, predictor.plant.nominal, added.values, pool)
     given, after = mean_gap(gaps)
-    told = f"{added.equation}: {added.text}"
+    term = f"{added.equation}: {added.text}"
     # `result.gap_after` is above the floor of the model written, the two others above that of the
     # model with the term.
     if not after < result.gap_after or after > given:
         result.added = None
         result.reasons.append(
-            f"refitted in the model ({told}) the term does not lower the error held out: it was "
+            f"refitted in the model ({term}) the term does not lower the error held out: it was "
             "not added"
         )
         return
     result.added = replace(added, gap=after, channels=tuple(gaps))
     result.reasons.append(
-        f"refitted in the model ({told}) it takes away {added.explained:.0%} of the excess fitted "
+        f"refitted in the model ({term}) it takes away {added.explained:.0%} of the excess fitted "
         f"to, and held out the gap falls from {result.gap_after:.3g} to {after:.3g} noise variances"
     )
 
