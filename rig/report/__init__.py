@@ -1,6 +1,6 @@
 """Turns the results of a campaign into one self-contained HTML page.
 
-Reads results and recordings only; runs nothing.
+It only reads results and recordings; it runs no test.
 """
 
 from rig.report.campaign import render, write_report

@@ -1,6 +1,7 @@
-"""The oil accounts and the evidence on which a recording's verdict rests, as the detector has them.
+"""Computes the oil accounts and the evidence on which the verdict of a recording rests.
 
-A detector with the settings of the run is given what the run's detector saw.
+A new detector with the settings of the run judges the recording in the same way as the run's
+detector did, and its accounts are collected.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,18 +23,21 @@ _MEASURED: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa")
 
 @dataclass(frozen=True)
 class AccountHistory:
-    """The oil accounts of a recording and what the detector made of them.
+    """The oil accounts of a recording, and the detector's evidence from them.
 
     Attributes:
-        start_s, end_s: float64 (n,), of each complete block: half a second, or longer.
-        missing: float64 (n, 2), missing flow of each chamber less the model errors that the
-            detector found, m^3/s.
-        explained: float64 (n, 2), what the leaks that were found explain of it, m^3/s.
-        decided_s: float64 (m,), when the detector decided: every half second.
-        statistic: float64 (m,), of what speaks most for a fault then; 0 if nothing does.
-        threshold: float64 (m,), what that has to exceed; it does where the detector finds a fault.
+        start_s, end_s: begin and end of each complete block, s, float64 (n,); a block lasts half a
+            second or longer.
+        missing: missing flow of each chamber, less the model errors that the detector found, m^3/s,
+            float64 (n, 2).
+        explained: the part of it that the leaks which were found explain, m^3/s, float64 (n, 2).
+        decided_s: times at which the detector decided, every half second, s, float64 (m,).
+        statistic: test statistic of the likeliest fault at those times, float64 (m,); 0 if there is
+            no evidence for any.
+        threshold: the value that the statistic must exceed, float64 (m,); the detector finds a
+            fault where it does.
         smallest: `details` of the detector's last decision before the first fault began, among
-            them the smallest leaks that would have shown; empty if there was no such decision.
+            them the smallest leaks that would have been found; empty if there was no such decision.
     """
 
     start_s: Array
@@ -47,9 +51,9 @@ class AccountHistory:
 
 
 def recorded_run(recording: Recording, filter_name: str) -> FilterRun | None:
-    """Return the estimates that a recording holds of a filter's states; None if not all of them.
+    """Return the recorded estimates of a filter's states; None if not all states are recorded.
 
-    The filter's other outputs are not recorded, and are NaN here.
+    The filter's other outputs and its covariance are not recorded, and are NaN.
     """
     chosen = FILTERS.get(filter_name)
     if chosen is None or not all(f"est_{state}" in recording for state in chosen.states):
@@ -61,11 +65,14 @@ def recorded_run(recording: Recording, filter_name: str) -> FilterRun | None:
 
 
 def account_history(recording: Recording, detector: OilAccountDetector) -> AccountHistory | None:
-    """Return the accounts of a recording; None unless it holds the product filter's estimates.
+    """Return the oil accounts of a recording.
+
+    The result is None if the recording lacks estimates of the product filter or a measured channel
+    that is needed, or has no complete block.
 
     Args:
-        recording: of the run.
-        detector: new, with the settings of the run.
+        recording: the recording of a test.
+        detector: a new detector with the settings of the run; it is updated.
     """
     run = recorded_run(recording, DEFAULT_FILTER)
     if run is None or not all(name in recording for name in _MEASURED):
@@ -78,7 +85,7 @@ def account_history(recording: Recording, detector: OilAccountDetector) -> Accou
         history.append(decided)
         evidence.append(detector.evidence())
         blocks += [(detector.begun, block) for block in detector.drawn_up if block.complete]
-        # A fault that is no longer found is taken for errors of the model.
+        # When a fault is no longer found, its flow counts as errors of the model.
         claimed = bool(detector.claimed)
         if claimed or not errors.get(detector.begun, (False,))[0]:
             errors[detector.begun] = claimed, detector.model_errors()
@@ -125,7 +132,10 @@ def _leaks_of(decision: Decision) -> Iterator[tuple[str, float, float]]:
 
 
 def _before_any_fault(history: Sequence[tuple[float, Decision]]) -> Mapping[str, float]:
-    """Return the details of the last decision before the first fault that was found began."""
+    """Return the details of the last decision before the first fault began; empty if none.
+
+    The begin is the earliest onset of all faults that were found.
+    """
     onsets = [d.onset_s for _, d in history if d.names_a_fault and d.onset_s is not None]
     # An onset is known to half a block.
     begun = min(onsets, default=np.inf) + 0.5 * BLOCK_S

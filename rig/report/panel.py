@@ -1,4 +1,4 @@
-"""What one plot of the report consists of, and what it is drawn from."""
+"""Defines one plot of the report, a panel, and the data from which a test's panels are drawn."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,12 +16,15 @@ from .traces import POINTS, Array, Trace
 
 @dataclass(frozen=True)
 class TestData:
-    """What is known of one test when its panels are drawn.
+    """The data of one test from which its panels are drawn.
 
     Attributes:
-        parameters: what the filter assumed; None if that is not recorded.
-        accounts: None where the filter keeps none.
-        points: most points of a trace.
+        outcome: the test's outcome.
+        recording: the test's recording.
+        filter_name: name of the campaign's filter.
+        parameters: the parameters that the filter assumed; None if they are not recorded.
+        accounts: the oil accounts; None if there are none for this filter or recording.
+        points: greatest number of points of a trace.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -34,7 +37,7 @@ class TestData:
     points: int = POINTS
 
     def channel(self, name: str) -> Array | None:
-        """Return a channel of the recording, (n,); None if it is absent or has no sample."""
+        """Return a channel of the recording, (n,); None if it is absent or never finite."""
         if name not in self.recording or not np.isfinite(self.recording[name]).any():
             return None
         return self.recording[name]
@@ -42,16 +45,16 @@ class TestData:
 
 @dataclass(frozen=True)
 class Panel:
-    """One plot: its traces over time in s, or another quantity, and how its axes read.
+    """One plot of a test, with its traces, its texts and its axes.
 
     Attributes:
-        key: distinguishes the panel from the test's others.
-        title: what is drawn.
-        caption: what to look for.
-        unit: of the vertical axis.
-        traces: from back to front.
-        limits: what the vertical axis shows at first; None to fit all.
-        across: quantity and unit of the horizontal axis where that is not time.
+        key: distinguishes the panel from the other panels of the test.
+        title: names the quantity that is drawn.
+        caption: says what to look for.
+        unit: unit of the vertical axis.
+        traces: the curves, from back to front.
+        limits: lowest and highest value that the vertical axis shows at first; None to fit all.
+        across: quantity and unit of the horizontal axis; None for time in s.
     """
 
     key: str
@@ -64,21 +67,22 @@ class Panel:
 
     @property
     def figure(self) -> dict[str, Any]:
-        """What the page's script needs to draw the panel."""
+        """The data from which the page's script draws the panel, JSON-able."""
         traces = [trace.plotly for trace in self.traces]
         across = self.across and self.across[1]
         return {"traces": traces, "unit": self.unit, "limits": self.limits, "across": across}
 
 
 def limits_of(shown: Sequence[Array], least: float = 0.0) -> tuple[float, float] | None:
-    """Return what an axis shows at first: all of the signals, short of wild excursions.
+    """Return the lowest and the highest value that an axis shows at first; None if there is none.
 
-    A value farther out than the span of the middle 99 % is left to zooming out, so that a filter
-    that diverges does not flatten everything else.
+    The axis shows all values except extreme ones, so that a diverging filter does not flatten all
+    other curves. It reaches beyond the middle 99 % of the values by their span at most, and a
+    margin of 6 %.
 
     Args:
-        shown: float64 arrays; NaN and infinite values do not count.
-        least: span that an axis has at least.
+        shown: the signals, float64 arrays; NaN and infinite values do not count.
+        least: smallest span of the axis, in the signals' unit.
     """
     values = np.concatenate([array.ravel() for array in shown]) if shown else np.empty(0)
     values = values[np.isfinite(values)]

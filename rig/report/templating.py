@@ -1,4 +1,4 @@
-"""Fills the templates of the pages with styles, scripts, plotly, and numbers to draw."""
+"""Fills the templates of the pages with values, style, scripts and plotly."""
 
 from collections.abc import Iterable
 from importlib.resources import files
@@ -13,13 +13,13 @@ _TEMPLATES: Final = "templates"
 
 
 def rendered(template: str, script: str = "", **values: Any) -> str:
-    """Return a page that fetches nothing: its style, its script and plotly are in it.
+    """Return an HTML page that has its style, its script and plotly in it, and fetches nothing.
 
     Args:
-        template: file of `rig/report/templates`.
-        script: file of the same folder, which draws the page's plots; empty for a page that has
-            neither plots nor script.
-        values: what the template names.
+        template: name of a file in `rig/report/templates`.
+        script: name of a file in the same folder, which draws the page's plots; empty for a page
+            without plots and script.
+        values: the values of the names that the template uses.
     """
     environment = Environment(
         loader=PackageLoader("rig.report", _TEMPLATES),
@@ -29,7 +29,7 @@ def rendered(template: str, script: str = "", **values: Any) -> str:
         lstrip_blocks=True,
     )
     if script:
-        # Plotly stands last in the page, so that all text is there before plotly is parsed.
+        # Plotly comes last in the page, so that the browser shows all text before it parses plotly.
         values |= {"script": _asset(script), "plotly": Markup(get_plotlyjs())}
     return environment.get_template(template).render(style=_asset("report.css"), **values)
 
@@ -39,10 +39,10 @@ def _asset(name: str) -> Markup:
 
 
 def number(value: float, digits: int = 5) -> float | None:
-    """Return a number to so many digits, for a page's script; None if the number is not finite."""
+    """Return a number rounded to `digits` significant digits; None if it is not finite."""
     return float(f"{value:.{digits}g}") if isfinite(value) else None
 
 
 def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
-    """Return `number` of each value."""
+    """Return each value rounded as `number` does, None where it is not finite."""
     return [number(value, digits) for value in values]

@@ -1,7 +1,7 @@
-"""Thins signals for the screen and packs them the way plotly.js reads them.
+"""Reduces signals to the points that a screen can show, and packs them for plotly.js.
 
-A colour is a role (`chamber_1`, `found`, ...) that the page's style sheet gives a colour for light
-and for dark screens.
+A trace names a role (`chamber_1`, `found`, ...), for which the page's style sheet has one colour
+for light and one for dark screens.
 """
 
 import base64
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 POINTS: Final = 1600
-"""Points of a thinned signal: two for each bucket, of which some 800 pixels show one each."""
+"""Greatest number of points of a reduced signal: two for each of some 800 pixels."""
 
-# A diverged filter reaches beyond a 32-bit float.
+# The values of a diverged filter may exceed a 32-bit float.
 _LARGEST: Final = 1e30
 
 
@@ -25,11 +25,12 @@ class Trace:
     """A curve, dots or a band over time.
 
     Attributes:
-        name: in the key of the plot.
-        role: names the colour.
-        shape: how it is drawn.
-        time_s, values: float64 (n,), in screen units, NaN for a gap; of a band, its outline.
-        width, dash, opacity: of a curve.
+        name: name in the plot's legend.
+        role: role by which the style sheet chooses the colour.
+        shape: whether a curve, dots or a band is drawn.
+        time_s, values: points of the curve or of the band's outline, float64 (n,), in the units of
+            the plot; NaN makes a gap.
+        width, dash, opacity: style of a curve.
     """
 
     name: str
@@ -43,7 +44,7 @@ class Trace:
 
     @property
     def plotly(self) -> dict[str, Any]:
-        """The trace as plotly.js takes it, but for its colour."""
+        """The trace as plotly.js takes it, without the colour, which the page's script adds."""
         common = {
             "type": "scatter",
             "name": self.name,
@@ -61,15 +62,19 @@ class Trace:
 
 
 def envelope(time_s: Array, values: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Return at most `points` samples of a signal that keep every spike: float64 (m,), (m,).
+    """Return times and values of at most `points` samples of a signal, among them every spike.
 
-    Of each bucket of equally many samples the least and the greatest stay, at their own times; NaN
-    stays only where a whole bucket is NaN. A signal of at most `points` samples is returned as is.
+    The signal is cut into buckets of equally many samples, of which the least and the greatest
+    sample are kept at their own times. NaN is kept only where a whole bucket is NaN. A signal of at
+    most `points` samples is returned unchanged.
 
     Args:
         time_s: float64 (n,).
         values: float64 (n,), NaN where missing.
-        points: an even number.
+        points: greatest number of samples, which is even.
+
+    Returns:
+        Two arrays, float64 (m,) each.
     """
     if values.size <= points:
         return time_s, values
@@ -88,7 +93,10 @@ def envelope(time_s: Array, values: Array, points: int = POINTS) -> tuple[Array,
 
 
 def packed(values: Array) -> dict[str, str]:
-    """Return an array as plotly.js's typed array: 32-bit floats in base64; NaN is a gap."""
+    """Return an array as a typed array of plotly.js: 32-bit floats in base64, NaN for a gap.
+
+    Infinite values become NaN, and values beyond 1e30 are clipped.
+    """
     finite = np.where(np.isfinite(values), values, np.nan)
     narrow = np.clip(finite, -_LARGEST, _LARGEST).astype("<f4")
     return {"dtype": "f4", "bdata": base64.b64encode(narrow.tobytes()).decode("ascii")}
@@ -105,13 +113,16 @@ def line(
     opacity: float = 1.0,
     points: int = POINTS,
 ) -> Trace:
-    """Return a signal as a curve, thinned by `envelope`."""
+    """Return a signal as a curve, reduced to `points` samples by `envelope`."""
     thin_time, thin_values = envelope(time_s, values, points)
     return Trace(name, role, "line", thin_time, thin_values, width, dash, opacity)
 
 
 def steps(name: str, role: str, start_s: Array, end_s: Array, values: Array) -> Trace:
-    """Return values (n,) that each hold from `start_s` to `end_s` as a staircase with its gaps."""
+    """Return values that are each constant from `start_s` to `end_s` as a staircase, (n,) each.
+
+    There is a gap where one interval does not begin at the end of the interval before.
+    """
     time_s = np.column_stack([start_s, end_s]).ravel()
     levels = np.repeat(values, 2)
     gaps = 2 * (1 + np.flatnonzero(start_s[1:] > end_s[:-1] + 1e-6))
@@ -120,7 +131,15 @@ def steps(name: str, role: str, start_s: Array, end_s: Array, values: Array) -> 
 
 
 def ribbon(name: str, role: str, time_s: Array, lower: Array, upper: Array) -> Trace:
-    """Return an interval over time, float64 (n,) each, as outlines of its stretches without NaN."""
+    """Return the area between a lower and an upper signal as a band, with gaps at NaN.
+
+    Args:
+        name: name in the plot's legend.
+        role: role by which the style sheet chooses the colour.
+        time_s: times of the signals, s, float64 (n,).
+        lower: lower signal, float64 (n,).
+        upper: upper signal, float64 (n,).
+    """
     known = np.isfinite(time_s + lower + upper)
     edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0))
     outline_s, outline = [np.empty(0)], [np.empty(0)]
@@ -132,6 +151,6 @@ def ribbon(name: str, role: str, time_s: Array, lower: Array, upper: Array) -> T
 
 
 def band(name: str, role: str, start_s: float, end_s: float, lower: float, upper: float) -> Trace:
-    """Return an interval that holds from `start_s` to `end_s`."""
+    """Return a rectangular band from `start_s` to `end_s` and from `lower` to `upper`."""
     time_s = np.array([start_s, end_s, end_s, start_s, start_s])
     return Trace(name, role, "band", time_s, np.array([lower, lower, upper, upper, lower]))

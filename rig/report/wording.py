@@ -1,4 +1,4 @@
-"""Says figures and verdicts in words, with the units of the screen: L/min and s."""
+"""Puts figures and verdicts into words, in the units of the pages: L/min and s."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -36,7 +36,7 @@ STATUS_LABELS: Final = {
     Status.INTERRUPTED: ("↺", "interrupted"),
     Status.NOT_RUN: ("–", "not run"),
 }
-"""Symbol and word of how a test ended; neither needs the colour."""
+"""Symbol and word for each status of a test, which are understood without the colour."""
 
 
 def label(verdict: str) -> str:
@@ -45,24 +45,24 @@ def label(verdict: str) -> str:
 
 
 def flow(m3_per_s: float) -> str:
-    """Return a flow as a number of L/min, without its unit."""
+    """Return a flow, given in m^3/s, as text in L/min, without the unit."""
     litres = m3_per_s / LITRE_PER_MINUTE
     return f"{litres:.3f}" if 0.0 < abs(litres) < 0.0995 else f"{litres:.2f}"
 
 
 def seconds(time_s: float) -> str:
-    """Return a time in s, to a hundredth."""
+    """Return a time as text in s with two decimals and the unit."""
     return f"{time_s:.2f} s"
 
 
 def found_names(decision: Decision) -> str:
-    """Return a verdict in words, `multiple` as the faults it consists of."""
+    """Return a decision's verdict in words; for `multiple`, the names of its faults."""
     several = [label(name) for name in _several(decision)]
     return " and ".join(several) or label(decision.verdict)
 
 
 def leaks_found(decision: Decision) -> list[str]:
-    """Return the leaks in a verdict; the flow found is that of all of them."""
+    """Return the kinds of the leaks in a decision; its flow is that of all of them together."""
     return [kind for kind in _several(decision) or [decision.verdict] if kind in LEAKS]
 
 
@@ -76,7 +76,7 @@ def _several(decision: Decision) -> list[str]:
 
 
 def found_flow(decision: Decision) -> str:
-    """Return the flow found with its 95 % interval; empty where the detector gives none."""
+    """Return a decision's leak flow with its 95 % interval as text; empty if it has no flow."""
     if decision.leak_m3_per_s is None:
         return ""
     found = flow(decision.leak_m3_per_s)
@@ -87,7 +87,7 @@ def found_flow(decision: Decision) -> str:
 
 
 def injected_size(fault: InjectedFault) -> str:
-    """Return how large an injected fault was: its recorded mean flow, else what was asked."""
+    """Return an injected fault's size as text: its recorded mean flow, else its coefficient."""
     if fault.mean_flow_m3_per_s is not None:
         return f"{flow(fault.mean_flow_m3_per_s)} L/min"
     if fault.kind == "return_blockage":
@@ -96,14 +96,14 @@ def injected_size(fault: InjectedFault) -> str:
 
 
 def acted(fault: InjectedFault) -> str:
-    """Return when an injected fault acted."""
+    """Return in words from when to when an injected fault acted."""
     if fault.until_s is None:
         return f"from {fault.at_s:.1f} s"
     return f"{fault.at_s:.1f} s to {fault.until_s:.1f} s"
 
 
 def when(started: str) -> str:
-    """Return an ISO 8601 time for people, in UTC if it states its zone; anything else as given."""
+    """Return an ISO 8601 time in words, in UTC if it states its zone; other texts are unchanged."""
     try:
         moment = datetime.fromisoformat(started)
     except ValueError:
@@ -117,9 +117,9 @@ def when(started: str) -> str:
 def latency(test: TestOutcome) -> str:
     """Return the time from the first injected fault to the final verdict, in words.
 
-    The verdict counts from when it was first held, and it may name the wrong fault. The text is
-    "before the injection" if the verdict came earlier than the fault. It is empty if nothing was
-    injected, or if the final verdict names no fault.
+    The verdict's time is when the detector first came to it, even if it names the wrong fault. The
+    text is "before the injection" if the verdict came earlier than the fault. It is empty if
+    nothing was injected, or if the final verdict names no fault.
     """
     if test.latency_s is None:
         return ""
@@ -127,7 +127,7 @@ def latency(test: TestOutcome) -> str:
 
 
 def story(test: TestOutcome) -> str:
-    """Return what happened in a test, in two or three sentences."""
+    """Return what was injected and found in a test, and how the loop reacted, in sentences."""
     sentences = [_injection(test.injected), _finding(test), _gone(test), _reacting(test)]
     if test.status is Status.FAILED:
         sentences.append(f"Expected was: {label(test.expect)}.")
@@ -137,7 +137,7 @@ def story(test: TestOutcome) -> str:
 
 
 def _gone(test: TestOutcome) -> str:
-    """Return what the final verdict does not say, as a sentence."""
+    """Return a sentence on faults that ended or that the final verdict does not name, or empty."""
     passing = [] if test.decision is None else in_passing(test.decision, test.found)
     return f"Found in passing: {'; '.join(passing)}." if passing else ""
 
@@ -205,7 +205,10 @@ def headline(outcome: CampaignOutcome) -> str:
 
 
 def detection_summary(outcome: CampaignOutcome) -> str:
-    """Return how the faults were found, how late, how far off; and the false alarms."""
+    """Return sentences on a campaign's detections: right names, latency, errors, false alarms.
+
+    The text is empty if no test was judged.
+    """
     judged = [test for test in outcome.tests if test.decision is not None]
     faulty = [test for test in judged if test.injected]
     healthy = [test for test in judged if not test.injected]

@@ -1,6 +1,6 @@
-"""Runs campaigns: every test through the loop, its recording, verdict and results on disk.
+"""Runs campaigns: each test runs in the loop, is recorded and judged, and its results are written.
 
-Everything it writes is complete as far as the run came, also after a crash or an abort.
+The files are complete up to the point that the run reached, also after a crash or an abort.
 """
 
 from rig.runner.campaign import StopFlag, run_campaign, stop_on_signals

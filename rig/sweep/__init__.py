@@ -1,6 +1,6 @@
-"""Sweeps: thousands of cases drawn at random, run in lanes on all cores or on a Dask cluster.
+"""Runs sweeps: thousands of cases drawn at random, in lanes on all cores or on a Dask cluster.
 
-A case is a function of the sweep's file and the case's number, whoever runs it.
+A case follows from the sweep's file and the case's number alone, whichever process runs it.
 """
 
 from lazy_loader import attach_stub

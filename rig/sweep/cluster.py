@@ -1,4 +1,4 @@
-"""Runs chunks of cases on a Dask cluster; needs the extra `dask`."""
+"""Runs chunks of cases on a Dask cluster, which needs the extra `dask` of this package."""
 
 import queue
 import time
@@ -11,18 +11,18 @@ from .run_cases import Judged, run_chunk
 from .setting import Setting, SweepError
 
 _QUEUED: Final = 3
-"""Chunks on their way for each thread of the cluster."""
+"""Number of submitted chunks for each thread of the cluster."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 _LOOK_S: Final = 2.0
-"""How often the cluster's workers are counted."""
+"""Time between two counts of the cluster's workers, s."""
 
 
 class ClusterError(ValueError):
     """A cluster that cannot be used.
 
     Attributes:
-        problems: every reason, one line each.
+        problems: the reasons, one line each.
     """
 
     def __init__(self, problem: str) -> None:
@@ -31,10 +31,10 @@ class ClusterError(ValueError):
 
 
 def connect(address: str) -> Any:
-    """Return a client of the cluster whose scheduler is at an address.
+    """Return a Dask client that is connected to the scheduler at an address.
 
     Raises:
-        ClusterError: the extra is not installed, or nobody answers there.
+        ClusterError: the extra `dask` is not installed, or no scheduler answers at the address.
     """
     try:
         from distributed import Client
@@ -56,14 +56,14 @@ def run_cluster(
     stopped: Stopped,
     say: Callable[[str], None],
 ) -> Iterator[Judged]:
-    """Yield what comes of chunks, run by a cluster's workers, in the order in which they end.
+    """Run chunks of cases on a cluster, and yield the result of each chunk as soon as it ends.
 
     Args:
-        chunks: of cases.
-        setting: of the sweep.
-        client: of `connect`.
-        stopped: once it holds, nothing more is sent, and what has not begun is taken back.
-        say: takes what the operator should know.
+        chunks: the chunks to run.
+        setting: what all cases of the sweep share.
+        client: a client from `connect`.
+        stopped: once it returns True, no more chunks are sent, and those under way are cancelled.
+        say: shows a line to the operator.
 
     Raises:
         SweepError: a case could not be run, or the cluster is lost.
@@ -94,7 +94,7 @@ def run_cluster(
 
 
 class _Look:
-    """Looks after the cluster's workers now and then."""
+    """Counts the cluster's workers from time to time."""
 
     def __init__(self, client: Any, say: Callable[[str], None]) -> None:
         self._client, self._say = client, say
@@ -103,7 +103,7 @@ class _Look:
         self._has_said = False
 
     def wanted(self) -> int:
-        """Return how many chunks should be on their way."""
+        """Return how many chunks should be submitted at present, by the number of threads."""
         now = time.monotonic()
         if now >= self._next:
             self._next = now + _LOOK_S

@@ -1,8 +1,9 @@
-"""Draws cases: what each is made of, by the sweep's seed and the case's number alone.
+"""Draws the random quantities of cases, from the sweep's seed and the case's number alone.
 
-Each quantity has a stream of its own, seeded by its name, of which case n takes the n-th number. So
-a case is the same in whichever chunk it is run, and changing one quantity leaves all others as they
-were: two sweeps that differ in the filter, say, judge the same rigs, leaks and noise.
+Each quantity has a stream of random numbers of its own, seeded by its name, of which case n takes
+the n-th number. So a case does not depend on the chunk in which it is run, and a change of one
+quantity leaves all others as they were: two sweeps that differ only in the filter judge the same
+rigs, leaks and noise.
 """
 
 import zlib
@@ -23,7 +24,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table: values of n cases, their SI unit, and what they are."""
+    """A column of a sweep's table.
+
+    Attributes:
+        values: one value for each case, (n,).
+        unit: SI unit; empty for a text or a plain number.
+        about: description of the quantity.
+    """
 
     values: NDArray[np.generic]
     unit: str
@@ -31,12 +38,12 @@ class Column:
 
 
 class Streams:
-    """The random numbers of some cases that follow one another.
+    """The random numbers of some successive cases.
 
     Args:
-        seed: of the sweep.
+        seed: the sweep's seed.
         first: number of the first case.
-        count: how many.
+        count: number of cases, n.
     """
 
     def __init__(self, seed: int, first: int, count: int) -> None:
@@ -49,34 +56,36 @@ class Streams:
         return generator
 
     def uniform(self, name: str) -> Array:
-        """Return a number in [0, 1) for each case (n,)."""
+        """Return for each case a number in [0, 1), (n,), from the stream with a name."""
         return np.random.Generator(self._generator(name)).random(self.count)
 
     def seeds(self, name: str) -> NDArray[np.uint64]:
-        """Return a seed of 64 bits for each case (n,)."""
+        """Return for each case a seed of 64 bits, (n,), from the stream with a name."""
         return np.asarray(self._generator(name).random_raw(self.count), dtype=np.uint64)
 
     def drawn(self, name: str, law: Distribution) -> Array:
-        """Return a quantity of each case (n,)."""
+        """Return for each case the value of a quantity, (n,), drawn from its distribution."""
         return law.at(self.uniform(name))
 
 
 @dataclass(frozen=True)
 class Cases:
-    """Some cases as drawn: what runs them, and what the table shows of them.
+    """Some cases with all that was drawn for them.
 
     Attributes:
-        chunk: number of the chunk that they make.
-        numbers: int64 (n,), of the cases.
-        parameters: float64 (fields, n), `rig.plant.parameters.Parameters` of each rig.
-        coefficients: float64 (3, n) of the leaks, in the order of `rig.plant.LEAKS`.
-        onset_tick: float64 (n,), first tick at which they act; that of a healthy rig is beyond.
-        noise: float64 (n,), factor on the transducers' deviations.
-        seeds: uint64 (2, n), of the noise of the pressures, and of the other transducers.
-        motions: setpoints.
-        faults: name of what each has, or `healthy`.
-        onset_s: NaN of a healthy rig.
-        columns: of the table, by name.
+        chunk: number of the chunk that these cases are.
+        numbers: numbers of the cases, int64 (n,).
+        parameters: `rig.plant.parameters.Parameters` of each rig, float64 (fields, n).
+        coefficients: coefficients of the leaks in the order of `rig.plant.LEAKS`, SI, float64
+            (3, n).
+        onset_tick: first tick at which the leak acts, float64 (n,); for a healthy rig a tick after
+            the last one.
+        noise: factor on the standard deviations of the transducers, float64 (n,).
+        seeds: seeds of the noise of the pressures, and of the other transducers, uint64 (2, n).
+        motions: setpoints of the cases.
+        faults: name of the injected leak, or `healthy`, (n,).
+        onset_s: onset of the leak, s, float64 (n,); NaN for a healthy rig.
+        columns: columns of the table that show what was drawn, by their names.
     """
 
     chunk: int
@@ -93,11 +102,16 @@ class Cases:
 
     @property
     def count(self) -> int:
-        """Return how many cases these are."""
+        """Number of the cases, n."""
         return int(self.noise.size)
 
     def of(self, at: NDArray[np.intp], chunk: int) -> "Cases":
-        """Return some of the cases, as a chunk."""
+        """Return some of the cases as a chunk of its own.
+
+        Args:
+            at: indices of the cases.
+            chunk: number of the new chunk.
+        """
         return Cases(
             chunk, self.numbers[at], self.parameters[:, at], self.coefficients[:, at],
             self.onset_tick[at], self.noise[at], self.seeds[:, at], self.motions.of(at),
@@ -107,21 +121,22 @@ class Cases:
         )  # fmt: skip
 
     def alike(self) -> NDArray[np.intp]:
-        """Return the cases (n,) in an order in which alike ones follow one another.
+        """Return the indices of the cases, (n,), in an order that puts similar cases together.
 
-        Lanes wait for the slowest of them, and all of them take the root of a leak that one has.
+        Cases that run in lanes side by side should be similar: all lanes wait for the slowest, and
+        the flow of a leak is computed in all of them if one has it.
         """
         place = np.arange(1, len(LEAKS) + 1) @ (self.coefficients != 0.0)
         stiction, coulomb = (self.parameters[Parameters._fields.index(name)]
                              for name in ("stiction", "coulomb"))  # fmt: skip
-        # A ram that sticks and slips takes short steps: the more often, the larger the drop of
-        # friction and the slower it moves. The power is what evened out groups best.
+        # A ram that sticks and slips needs short integration steps: more often if friction drops
+        # more or the ram is slower. The power 1.5 made the costs within groups most equal.
         slips = np.maximum(stiction - coulomb, 0.0) ** 1.5 / np.maximum(self.motions.pace, 1e-9)
         return np.lexsort((self.numbers, slips, self.motions.kind, place))
 
 
 def draw(sweep: Sweep, first: int, count: int) -> Cases:
-    """Return `count` cases from number `first` on, as one chunk."""
+    """Return `count` cases of a sweep from number `first` on, as the chunk 0."""
     streams = Streams(sweep.seed, first, count)
     parameters, columns = _parameters(sweep, streams)
     noise = streams.drawn("noise", sweep.noise)
@@ -167,7 +182,10 @@ def _parameters(sweep: Sweep, streams: Streams) -> tuple[Array, dict[str, Column
 def _leaks(
     sweep: Sweep, streams: Streams
 ) -> tuple[Array, Array, NDArray[np.str_], dict[str, Column]]:
-    """Return coefficients (3, n), onsets (n,), names (n,), and the columns that show them."""
+    """Return the leaks of all cases: coefficients (3, n), onsets (n,), names (n,), and columns.
+
+    For a healthy case the coefficients are zero, the onset is NaN and the name is `healthy`.
+    """
     count, leaks = streams.count, sweep.leaks
     coefficients = np.zeros((len(LEAKS), count))
     onset_s, size = np.full(count, np.nan), np.full(count, np.nan)
@@ -191,7 +209,7 @@ def _leaks(
 
 
 def still_case(setting: Setting) -> Cases:
-    """Return one healthy case at rest, to load the code with that runs them."""
+    """Return one healthy case at rest; running it loads the compiled code for cases."""
     count = 1
     still = Motions(
         np.zeros((0, count)), np.full(count, np.nan), np.full((1, count), setting.middle),

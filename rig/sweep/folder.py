@@ -1,4 +1,4 @@
-"""The folder of a sweep: what it is, the parts that are done, and in the end its table."""
+"""Keeps a sweep in its folder: its identity, the parts that are finished, and later its table."""
 
 import fcntl
 import hashlib
@@ -28,20 +28,25 @@ SCHEMA: Final = "rig-sweep"
 _PARTS: Final = "parts"
 _LOCK: Final = ".lock"
 _CUT_OFF: Final = ".s*.part"
-"""What a kill leaves of a file that was being written (`rig.recording.targets`)."""
+"""Pattern of incomplete files that a kill leaves (`rig.recording.targets`)."""
 _OURS: Final = (SWEEP, TABLE, PAGE, SUMMARY, _LOCK)
 
 
 class SweepFolder:
-    """A sweep's folder, which one process at a time may write; a context manager.
+    """A sweep's folder, which is locked so that only one process at a time writes it.
+
+    It is a context manager: leaving it ends the lock.
 
     Args:
-        path: the folder: new, empty, or of an earlier sweep.
-        sweep: what is run in it.
-        resume: keep what an earlier run of the same sweep finished, else replace it.
+        path: a new or empty folder, or that of an earlier sweep.
+        sweep: the sweep to run.
+        resume: whether to keep the cases that an earlier run of the same sweep has finished; if
+            not, an earlier sweep is deleted.
 
     Raises:
-        DirectoryError: it holds something else, another sweep, or is being written, or cannot be.
+        DirectoryError: the folder holds other files than a sweep's; with `resume`, it holds another
+            sweep or one of another version of this program; another process writes it; or it cannot
+            be written.
     """
 
     def __init__(self, path: Path, sweep: Sweep, *, resume: bool) -> None:
@@ -85,7 +90,7 @@ class SweepFolder:
         self.close()
 
     def close(self) -> None:
-        """Let others write the folder."""
+        """Unlock the folder for other processes."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -94,12 +99,13 @@ class SweepFolder:
         return sorted((self.path / _PARTS).glob("part-*.arrow"))
 
     def done(self, chunks: Mapping[int, int]) -> dict[int, int]:
-        """Return the chunks that are done: how many cases each has, by its number.
+        """Return the number of cases of each finished chunk, by the chunk's number.
 
-        A part that is damaged, by whatever, or is no chunk, is none: its cases are run again.
+        A part of the folder that is damaged, or that does not fit any chunk, is deleted, so that
+        its cases are run again.
 
         Args:
-            chunks: all there are, likewise.
+            chunks: number of cases of each chunk of the sweep, by the chunk's number.
         """
         if (self.path / TABLE).exists():
             return dict(chunks)
@@ -116,29 +122,33 @@ class SweepFolder:
         return found
 
     def keep(self, chunk: int, rows: pa.Table) -> None:
-        """Keep the rows of a chunk, by its number, whatever happens from now on.
+        """Write the rows of a chunk to the folder; they are on disk when this returns.
+
+        Args:
+            chunk: number of the chunk.
+            rows: its rows.
 
         Raises:
-            OSError: they cannot be written.
+            OSError: the rows cannot be written.
         """
         write_part(rows, self.path / _PARTS / f"part-{chunk:08d}.arrow")
 
     def finish(self) -> pa.Table:
-        """Make the table of all parts, which are then no longer needed; return it.
+        """Write the table of all parts, delete the parts, and return the table.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the table cannot be written.
         """
         path = self.path / TABLE
         if not path.exists():
             write_table(together(read_part(part) for part in self._parts()), path)
-        # With whatever a kill left of a part.
+        # This also removes an incomplete part that a kill has left.
         shutil.rmtree(self.path / _PARTS)
         return read_table(path)
 
 
 def identity(sweep: Sweep) -> dict[str, Any]:
-    """Return what a sweep is, as its folder holds it."""
+    """Return the identity of a sweep, JSON-able, with hashes of its meaning and of the program."""
     text = json.dumps(sweep.meaning, sort_keys=True)
     return {
         "schema": SCHEMA,
@@ -151,7 +161,7 @@ def identity(sweep: Sweep) -> dict[str, Any]:
 
 
 def read_identity(path: Path) -> dict[str, Any] | None:
-    """Return what the sweep in a folder is; None where there is none."""
+    """Return the identity of the sweep in a folder; None if the folder holds no sweep."""
     try:
         found = json.loads((path / SWEEP).read_text(encoding="utf-8"))
         return dict(found) if found["schema"] == SCHEMA else None
@@ -160,7 +170,10 @@ def read_identity(path: Path) -> dict[str, Any] | None:
 
 
 def default_folder(sweep: Sweep, started: datetime) -> Path:
-    """Return a folder below `runs` that does not exist: the sweep's name and the time (UTC)."""
+    """Return the path of a new folder below `runs`, named by the sweep and the time (UTC).
+
+    The folder is not made. A number is added to the name if that folder exists.
+    """
     stem = f"{file_stem(sweep.name)}-{started:%Y%m%dT%H%M%SZ}"
     number, path = 2, Path("runs") / stem
     while path.exists():
@@ -169,7 +182,10 @@ def default_folder(sweep: Sweep, started: datetime) -> Path:
 
 
 def unfinished_folder(sweep: Sweep, runs: Path) -> Path | None:
-    """Return the newest folder below `runs` in which the same sweep was begun, and not finished."""
+    """Return the newest folder below `runs` with an unfinished run of the same sweep.
+
+    The result is None if there is none.
+    """
     same = identity(sweep)["sha256"]
     begun = [
         folder.parent

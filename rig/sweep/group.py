@@ -1,4 +1,4 @@
-"""The cases that are run together, one in each lane."""
+"""Prepares the cases of a group, which are run together, one in each lane."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -20,12 +20,12 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Group:
-    """The cases of all lanes, in the arrays that compiled code takes.
+    """One case for each lane, in the arrays that compiled code takes.
 
     Args:
-        setting: of the sweep.
-        cases: of which lanes are taken.
-        at: (LANES,) which of them.
+        setting: what all cases of the sweep share.
+        cases: the cases from which those of the group are chosen.
+        at: indices of the chosen cases, (LANES,).
     """
 
     setting: Setting
@@ -52,24 +52,30 @@ class Group:
         )  # fmt: skip
 
     def _starts(self) -> Array:
-        """Return where each ram rests at first: where its setpoint begins, m."""
+        """Return the positions at which the rams rest at first, m, (LANES,).
+
+        It is the first value of the setpoint; in open loop, the middle of the position limits.
+        """
         sines = self.motions.sines.reshape(-1, SINE_ROWS, LANES)
         waves = sines[:, AMPLITUDE] * np.sin(2.0 * np.pi * sines[:, PHASE])
         begins = self.motions.levels[0] + waves.sum(axis=0)
         return np.where(self.motions.open_loop != 0.0, self.setting.middle, begins)
 
     def _stream(self, row: int) -> NDArray[np.uint64]:
-        """Return the start of a stream of noise, of which `Cases.seeds` has a row."""
+        """Return the initial state of a stream of noise, from a row of `Cases.seeds`."""
         return start_streams([int(seed) for seed in self.cases.seeds[row, self.at]])
 
     @property
     def names(self) -> str:
-        """Return the numbers of these cases in words, for messages."""
+        """The numbers of these cases as text, for messages."""
         return f"cases {', '.join(map(str, np.unique(self.cases.numbers[self.at])))}"
 
 
 def groups_of(cases: Cases) -> Iterator[NDArray[np.intp]]:
-    """Yield the lanes' cases (LANES,), each case in one group; the last is filled with its last."""
+    """Yield for each group the indices of its cases, (LANES,).
+
+    The groups share no case. If cases are missing in the last group, its last case is repeated.
+    """
     numbers = np.arange(cases.count)
     for first in range(0, cases.count, LANES):
         yield np.minimum(numbers[first] + np.arange(LANES), cases.count - 1)

@@ -17,14 +17,19 @@ from .setting import Setting, SweepError
 Stopped = Callable[[], bool]
 
 _MOST_DEATHS: Final = 3
-"""How often a process may die while it runs a chunk, until the chunk is taken to be the cause."""
+"""How often processes may die while a chunk is run before the sweep is given up for that chunk."""
 _QUEUED: Final = 2
-"""Chunks on their way for each process: the next one is there when it has finished one."""
+"""Number of submitted chunks for each process, so that a process never waits for its next chunk."""
 _POLL_S: Final = 0.2
 
 
 def run_here(chunks: Iterator[Cases], setting: Setting, stopped: Stopped) -> Iterator[Judged]:
-    """Yield what comes of chunks, run one after another in this process, until `stopped`.
+    """Run chunks of cases one after another in this process, and yield the result of each.
+
+    Args:
+        chunks: the chunks to run.
+        setting: what all cases of the sweep share.
+        stopped: once it returns True, no further chunk is run.
 
     Raises:
         SweepError: a case could not be run.
@@ -38,13 +43,18 @@ def run_here(chunks: Iterator[Cases], setting: Setting, stopped: Stopped) -> Ite
 def run_pool(
     chunks: Iterator[Cases], setting: Setting, jobs: int, stopped: Stopped
 ) -> Iterator[Judged]:
-    """Yield what comes of chunks, run by `jobs` processes, in the order in which they end.
+    """Run chunks of cases on a pool of processes, and yield the result of each as soon as it ends.
 
-    Once `stopped`, chunks that are under way are still finished. Should a process die, its chunk is
-    run again by another.
+    If a process dies, the chunks that were under way are run again by new processes.
+
+    Args:
+        chunks: the chunks to run.
+        setting: what all cases of the sweep share.
+        jobs: number of processes.
+        stopped: once it returns True, only chunks that are being run are still finished.
 
     Raises:
-        SweepError: a case could not be run, or processes die of it.
+        SweepError: a case could not be run, or processes died too often with the same chunk.
     """
     deaths: Counter[int] = Counter()
     again: deque[Cases] = deque()
@@ -55,7 +65,7 @@ def run_pool(
                 yield from _run(pool, chunks, again, running, setting, jobs, stopped)
                 return
             except BrokenProcessPool:
-                # Which of them it was, nobody knows.
+                # It is not known which of the running chunks killed the process.
                 again.extendleft(sorted(running.values(), key=lambda cases: -cases.chunk))
                 deaths.update(cases.chunk for cases in running.values())
         worst, count = deaths.most_common(1)[0] if deaths else (0, _MOST_DEATHS + 1)
@@ -76,7 +86,21 @@ def _run(
     jobs: int,
     stopped: Stopped,
 ) -> Iterator[Judged]:
-    """Keep the pool busy; what is still in `running` when it breaks has not been yielded."""
+    """Run chunks on one pool of processes, and yield the result of each as soon as it ends.
+
+    Args:
+        pool: the pool.
+        chunks: chunks that were not run before.
+        again: chunks to run first, because a pool broke before; updated.
+        running: chunks that are under way; updated. If the pool breaks, it has all chunks whose
+            results were not yielded.
+        setting: what all cases of the sweep share.
+        jobs: number of processes.
+        stopped: once it returns True, no more chunks are submitted.
+
+    Raises:
+        BrokenProcessPool: a process died.
+    """
     while True:
         while len(running) < _QUEUED * jobs and not stopped():
             cases = again.popleft() if again else next(chunks, None)
@@ -111,9 +135,9 @@ def _pool(jobs: int) -> ProcessPoolExecutor:
 
 
 def _start_worker() -> None:
-    """Leave signals to the program that started this process, and end with it."""
+    """Prepare a process of the pool: it ignores Ctrl-C, and ends when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # A process for each core: small matrices gain nothing from threads of their own.
+    # Each core has a process already, so that more threads for small matrices would gain nothing.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -125,5 +149,5 @@ def _end_with_parent() -> None:
     try:
         connection.wait([parent.sentinel])
     finally:
-        # A process that cannot know whether its parent lives is not left behind.
+        # If the wait fails, the parent's state is unknown, and the process ends, too.
         os._exit(1)

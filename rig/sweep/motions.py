@@ -1,4 +1,4 @@
-"""The motions of cases as tables that compiled code samples: sines, and levels held in turn."""
+"""Draws the motions of cases as tables for compiled code: sums of sines, and successive levels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,39 +17,41 @@ FREQUENCY: Final = 1
 CHIRP: Final = 2
 PHASE: Final = 3
 SINE_ROWS: Final = 4
-"""Rows of a sine: amplitude (m or V), frequency (Hz), half its change (Hz/s), phase (turns)."""
+"""Number of rows of a sine: amplitude (m or V), frequency (Hz), half the rate of change of the
+frequency (Hz/s), and phase (turns)."""
 _UNITS: Final = {"frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "phase": "rad",
                  "hold": "s", "hold_min": "s", "hold_max": "s", "frequencies": "Hz"}  # fmt: skip
 
 
 class Draws(Protocol):
-    """A source of random numbers, one stream a case and name: `rig.sweep.drawing.Streams`."""
+    """A source of random numbers for `count` cases, such as `rig.sweep.drawing.Streams`."""
 
     count: int
 
     def uniform(self, name: str) -> Array:
-        """Return a number in [0, 1) for each case."""
+        """Return for each case a number in [0, 1), (n,), from the stream with a name."""
 
     def seeds(self, name: str) -> NDArray[np.uint64]:
-        """Return a seed for each case."""
+        """Return for each case a seed, (n,), from the stream with a name."""
 
     def drawn(self, name: str, law: Distribution) -> Array:
-        """Return a quantity of each case."""
+        """Return for each case the value of a quantity, (n,), drawn from its distribution."""
 
 
 @dataclass(frozen=True)
 class Motions:
-    """Setpoints of n cases: r(t) = level(t) + sum of sines, m, or V in open loop.
+    """The setpoints of n cases: r(t) = level(t) + sum of sines, in m, or in V in open loop.
 
     Attributes:
-        sines: float64 (4 s, n), `SINE_ROWS` rows for each of s sines.
-        peak: float64 (n,), NaN, or what the sum of sines is scaled to come to at most.
-        levels: float64 (k, n).
-        ends: float64 (k, n), s: level i is held until ends[i]; the last for ever.
-        open_loop: float64 (n,), 1 where the setpoint is the valve's command.
-        kind: (n,), which of the sweep's motions it is.
-        pace: float64 (n,), how fast it is among those of its kind, but for a factor; 1 where it
-            stands still most of the time.
+        sines: `SINE_ROWS` rows for each of s sines, float64 (4 s, n).
+        peak: greatest absolute value to which the sum of sines is to be scaled, float64 (n,); NaN
+            if it is not scaled.
+        levels: successive levels, float64 (k, n).
+        ends: level i lasts until the time ends[i], s, float64 (k, n); the last level has no end.
+        open_loop: 1 if the setpoint is the valve's command, else 0, float64 (n,).
+        kind: index of the case's motion in the sweep, (n,).
+        pace: a measure of the motion's speed, to compare cases with the same motion, float64 (n,);
+            1 for motions that rest most of the time.
     """
 
     sines: Array
@@ -61,20 +63,20 @@ class Motions:
     pace: Array
 
     def of(self, lanes: NDArray[np.intp]) -> "Motions":
-        """Return the motions of some of the cases."""
+        """Return the motions of some of the cases, by the indices of these cases."""
         parts = (self.sines[: self._sine_rows(lanes)], self.levels, self.ends)
         sines, levels, ends = (np.ascontiguousarray(part[:, lanes]) for part in parts)
         rest = (self.open_loop[lanes], self.kind[lanes], self.pace[lanes])
         return Motions(sines, self.peak[lanes], levels, ends, *rest)
 
     def _sine_rows(self, lanes: NDArray[np.intp]) -> int:
-        """Return the rows of all sines up to the last that one of some cases has."""
+        """Return how many rows of sines some cases need, up to the last sine with an amplitude."""
         has = self.sines[AMPLITUDE::SINE_ROWS, lanes].any(axis=1)
         return SINE_ROWS * int(np.flatnonzero(has)[-1] + 1) if has.any() else 0
 
 
 class _Table:
-    """Fills the tables of one case after another."""
+    """Tables of the motions of some cases, which are filled one case after another."""
 
     def __init__(self, count: int) -> None:
         self.sines: list[list[float]] = [[] for _ in range(count)]
@@ -94,7 +96,10 @@ class _Table:
 
 
 def _columns(of_cases: Sequence[Sequence[float]], padding: float | None) -> Array:
-    """Return rows of different lengths as columns (longest, n); None repeats the last value."""
+    """Return sequences of different lengths as the columns of an array, (longest, n).
+
+    Shorter columns are filled up with `padding`, or with their last value if that is None.
+    """
     longest = max(map(len, of_cases))
     table = np.empty((longest, len(of_cases)))
     for column, values in enumerate(of_cases):
@@ -106,12 +111,15 @@ def _columns(of_cases: Sequence[Sequence[float]], padding: float | None) -> Arra
 def drawn_motions(
     motions: Sequence[SweptMotion], draws: Draws, duration_s: float
 ) -> tuple[Motions, dict[str, tuple[Any, str, str]]]:
-    """Return the setpoints of some cases, and columns (values, unit, about) that show them.
+    """Return the drawn setpoints of some cases, and the columns of the table that show them.
 
     Args:
-        motions: of the sweep.
-        draws: the random numbers of these cases.
-        duration_s: of a case.
+        motions: motions of the sweep, of which one is drawn for each case.
+        draws: random numbers of these cases.
+        duration_s: duration of a case, s.
+
+    Returns:
+        The setpoints, and by its name each column as (values, unit, description).
     """
     shares = np.cumsum([motion.share for motion in motions])
     chosen = np.searchsorted(shares / shares[-1], draws.uniform("motion"), side="right")
@@ -140,7 +148,7 @@ def drawn_motions(
 def _columns_of(
     motion: SweptMotion, drawn: dict[str, list[Array]], chosen: NDArray[np.bool_]
 ) -> dict[str, tuple[Any, str, str]]:
-    """Return what is drawn of a motion as columns, NaN where a case has another."""
+    """Return the drawn quantities of a motion as columns, NaN for cases with another motion."""
     level = "m" if motion.quantity == "position" else "V"
     columns = {}
     for key, laws in motion.values.items():

@@ -1,7 +1,7 @@
-"""Judges cases by the thesis's pattern of moving averages, from sums over half seconds.
+"""Judges cases by the thesis's pattern of moving averages, from sums over blocks of half a second.
 
-It comes to the decisions that `estimator.leaks.pattern.PatternDetector` comes to after each half
-second: its moving average of 4000 samples is there the mean of eight blocks.
+The decisions are those of `estimator.leaks.pattern.PatternDetector` after each block, at which its
+moving average of 4000 samples is the mean of eight blocks.
 """
 
 from typing import Final
@@ -20,33 +20,33 @@ from .ticks import BLOCK, SUMS
 Array = NDArray[np.float64]
 
 _STARTED: Final = round(STARTED_S * 1000.0) // BLOCK
-"""Blocks that are left out: the filter's start."""
+"""Number of blocks at the beginning that are left out, because the filter settles in them."""
 _LEARNT: Final = round(LEARNING_S * 1000.0) // BLOCK
-"""Blocks after which thresholds are learnt."""
+"""Number of blocks after which the thresholds are learnt."""
 _WINDOW: Final = THESIS_WINDOW // BLOCK
 DIVERGED_PA: Final = 1e6
-"""A moving average of |innovation| beyond which the filter follows its rig no more: it is a tenth
-of what a chamber holds, and the thesis's largest healthy one is 0.2 MPa."""
+"""Moving average of |innovation| above which a filter is lost, Pa: a tenth of a chamber's pressure;
+the thesis's largest healthy average is 0.2 MPa."""
 
 
 def judged_by_pattern(sums: Array, group: Group, setting: Setting) -> Figures:
-    """Return what the table shows of a group's cases, (LANES,) by column.
+    """Return the columns of `rig.sweep.table.FIGURES` for a group's cases, (LANES,) each.
 
     Args:
-        sums: float64 (blocks, 6, LANES), `rig.sweep.ticks.SUMS`.
-        group: whose cases they are.
-        setting: of the sweep.
+        sums: `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES).
+        group: the group of the cases.
+        setting: what all cases of the sweep share.
     """
     means = sums[:, 0:2] / BLOCK
     healthy = means[_STARTED:_LEARNT]
     looks = healthy.shape[0]
-    with np.errstate(all="ignore"):  # of a filter that ran away
+    with np.errstate(all="ignore"):  # a lost filter's numbers may overflow
         level = HealthyLevel(healthy.mean(axis=0), healthy.std(axis=0, ddof=1), looks)
         baseline = level.baseline(setting.false_alarms_per_day)
         averages = _moving(means)
         patterns = pattern_of(averages, baseline)
         excess = (averages - baseline.normal) / (baseline.thresholds - baseline.normal)
-        # The moving averages are looked at anew each half second, the clearest counts.
+        # The score is that of the block in which the moving averages show a fault most clearly.
         score = np.fmax.reduce(excess.max(axis=1), axis=0)
         ratio = (averages[-1] / baseline.thresholds).max(axis=0)
         squares = sums[_STARTED:, 2:5].mean(axis=0) / BLOCK
@@ -76,6 +76,10 @@ def judged_by_pattern(sums: Array, group: Group, setting: Setting) -> Figures:
 
 
 def _moving(means: Array) -> Array:
-    """Return means of `_WINDOW` blocks at the end of each block from the one after learning on."""
+    """Return the mean of the last `_WINDOW` blocks at the end of each block after learning.
+
+    Args:
+        means: mean of each block along the first axis.
+    """
     windows = np.lib.stride_tricks.sliding_window_view(means, _WINDOW, axis=0)
     return np.asarray(windows[_LEARNT - _WINDOW + 1 :].mean(axis=-1))

@@ -1,7 +1,7 @@
-"""Judges cases by the product's filter in lanes, and its detector for each.
+"""Judges cases by the product filter in lanes, and by a detector for each lane.
 
-A detector to which nothing speaks for a fault is not asked for its verdict, which would be silent
-and takes longer than everything else.
+A detector without any evidence of a fault is not asked for its verdict: the verdict would name no
+fault, and computing it takes longer than all the rest.
 """
 
 from typing import Final
@@ -28,10 +28,10 @@ _LEAST_HEALTHY: Final = 1e-12
 
 
 def judged_by_product(group: Group) -> Figures:
-    """Return what the table shows of a group's cases, (LANES,) by column.
+    """Run a group's cases, and return the columns of `rig.sweep.table.FIGURES`, (LANES,) each.
 
     Raises:
-        SweepError: a rig needed more integration steps than there may be.
+        SweepError: a rig needed more integration steps than are allowed.
     """
     setting = group.setting
     watch = _Watch(group)
@@ -41,7 +41,7 @@ def judged_by_product(group: Group) -> Figures:
     for block in range(setting.blocks):
         first = 0 if block == 0 else block * BLOCK + 1
         readings = bench.readings(first, (block + 1) * BLOCK + 1 - first)
-        # With a window's last sample its sums are gone.
+        # The filter's sums are reset with the last sample of a window, and are read before it.
         before = filters.advance(readings[:-1])
         squares += filters.squares
         states = np.concatenate([before, filters.advance(readings[-1:])])
@@ -55,7 +55,11 @@ def judged_by_product(group: Group) -> Figures:
 
 
 class _Bench:
-    """Plants and transducers of a group, a block at a time."""
+    """The simulated plants and transducers of a group's cases, run block by block.
+
+    Attributes:
+        flow: sum of each case's true leak flow at every tenth tick so far, m^3/s, (1, LANES).
+    """
 
     def __init__(self, group: Group) -> None:
         self._group = group
@@ -64,7 +68,14 @@ class _Bench:
         self.flow = np.zeros((1, LANES))
 
     def readings(self, first: int, ticks: int) -> Array:
-        """Return the readings (ticks, 6, LANES) from tick `first` on."""
+        """Run the plants for some ticks from tick `first` on, and return the readings.
+
+        The readings are `rig.loop.lane_ticks.LANE_READINGS`, (ticks, 6, LANES), in SI; NaN for a
+        transducer that the rig does not have.
+
+        Raises:
+            SweepError: a rig needed more integration steps than are allowed.
+        """
         group, setting = self._group, self._group.setting
         readings = np.empty((ticks, len(LANE_READINGS), LANES))
         enough = reading_block(
@@ -81,7 +92,7 @@ class _Bench:
 
 
 class _Watch:
-    """The detectors of a group, and what they held."""
+    """The detectors of a group's cases, with their verdicts after each block."""
 
     def __init__(self, group: Group) -> None:
         self._group = group
@@ -97,7 +108,13 @@ class _Watch:
         self._ticks = 0
 
     def take(self, first: int, readings: Array, states: Array) -> None:
-        """Judge a block: readings (ticks, 6, LANES), estimates (ticks, 11, LANES)."""
+        """Let the detectors judge a block.
+
+        Args:
+            first: number of the block's first tick.
+            readings: `rig.loop.lane_ticks.LANE_READINGS`, (ticks, 6, LANES).
+            states: the filters' estimates, (ticks, 11, LANES).
+        """
         ticks = readings.shape[0]
         time_s = np.arange(first, first + ticks, dtype=np.float64) * TICK
         self._ends_s.append(float(time_s[-1]))
@@ -121,7 +138,7 @@ class _Watch:
         return self._decisions[lane].verdict
 
     def figures(self) -> Figures:
-        """Return the columns that the detectors fill."""
+        """Return the columns of the table that follow from the detectors, (LANES,) each."""
         decisions = self._decisions
         healthy = np.array([each.probabilities.get("healthy", np.nan) for each in decisions])
         leak = np.array([_or_nan(each.leak_m3_per_s) for each in decisions])
@@ -130,7 +147,7 @@ class _Watch:
         return outcome_columns(self._group, np.array(self._held), np.array(self._ends_s)) | {
             "statistic": np.array([each.statistic for each in decisions]),
             "threshold": np.array([each.threshold for each in decisions]),
-            # The odds of any fault: what speaks for one also where none is claimed.
+            # The log odds of any fault show how likely one is even if the verdict names none.
             "score": np.nan_to_num(_log_odds(healthy), nan=-40.0),
             "probability_healthy": healthy,
             "leak_m3_per_s": leak,
@@ -149,6 +166,6 @@ def _or_nan(value: float | None) -> float:
 
 
 def _log_odds(healthy: Array) -> Array:
-    """Return ln((1 - p) / p) of the probability of health."""
+    """Return the log odds of a fault, ln((1 - p) / p), with p the probability of health."""
     bounded = np.clip(healthy, _LEAST_HEALTHY, 1.0 - _LEAST_HEALTHY)
     return np.asarray(np.log1p(-bounded) - np.log(bounded))

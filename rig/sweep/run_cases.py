@@ -1,4 +1,4 @@
-"""Runs cases, a group of lanes at a time, and judges them: what a worker does."""
+"""Runs and judges cases on a worker, one group of lanes after another."""
 
 import os
 import socket
@@ -26,23 +26,25 @@ from .ticks import BLOCK, SUMS, Thesis7Lanes, thesis7_cases
 Array = NDArray[np.float64]
 
 AHEAD: Final = 2
-"""Half seconds that plants run ahead of the thesis's filter (`python -m tools.bench.sweep`)."""
+"""Number of blocks by which plants run ahead of the thesis's filter. This choice was the fastest in
+`python -m tools.bench.sweep`."""
 _LEAST_BLOCKS: Final = 40
-"""Half seconds that both detectors need to come to a verdict."""
+"""Number of blocks after which both detectors have come to a verdict."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What came of some cases.
+    """The results of a chunk of cases, and what computing them took.
 
     Attributes:
-        chunk: number of the chunk that they are.
-        figures: by column of the table, (n,) each.
-        process_s: processor seconds that it took.
-        wall_s: seconds that it took.
-        source: digest of the sources that it was computed by.
-        worker: which process did it.
-        start_s: seconds that this process took to load the compiled code, if it was its first.
+        chunk: number of the chunk.
+        figures: columns of the table by their names, (n,) each.
+        process_s: processor time that the cases took, s.
+        wall_s: wall-clock time that the cases took, s.
+        source: hash of the program's sources in the worker.
+        worker: name of the process that ran the cases.
+        start_s: time that this process took before to load the compiled code, s; 0 if it was
+            loaded already.
     """
 
     chunk: int
@@ -55,13 +57,13 @@ class Judged:
 
 
 def run_thesis7(group: Group) -> Array:
-    """Run a group's cases with the seven-state filter of the thesis.
+    """Run a group's cases with the seven-state filter of the thesis, and return its sums.
 
     Returns:
-        float64 (blocks, 6, LANES), `rig.sweep.ticks.SUMS` of each block.
+        `rig.sweep.ticks.SUMS` of each block, float64 (blocks, 6, LANES).
 
     Raises:
-        SweepError: a rig needed more integration steps than there may be.
+        SweepError: a rig needed more integration steps than are allowed.
     """
     setting = group.setting
     x, covariance = initial_state(with_load=True)
@@ -81,7 +83,7 @@ def run_thesis7(group: Group) -> Array:
 
 
 def judge_cases(setting: Setting, cases: Cases) -> Figures:
-    """Run and judge cases; return what the table shows of each, (n,) by column.
+    """Run and judge cases, and return the columns of `rig.sweep.table.FIGURES`, (n,) each.
 
     Raises:
         SweepError: a case could not be run.
@@ -101,7 +103,11 @@ def judge_cases(setting: Setting, cases: Cases) -> Figures:
 
 
 def run_chunk(setting: Setting, cases: Cases) -> Judged:
-    """Run and judge a chunk of cases on this process, and return what it took."""
+    """Run and judge a chunk of cases in this process; return the results and the times it took.
+
+    Raises:
+        SweepError: a case could not be run.
+    """
     start_s = _load(setting)
     wall, process = time.perf_counter(), time.thread_time()
     figures = judge_cases(setting, cases)
@@ -112,7 +118,7 @@ def run_chunk(setting: Setting, cases: Cases) -> Judged:
 
 @cache
 def sources() -> str:
-    """Return a digest of the sources that figures are computed by."""
+    """Return a hash of the program's sources, which is equal for equal versions."""
     return source_key(Path(rig.__file__).parents[1])
 
 
@@ -120,7 +126,10 @@ _loaded: set[str] = set()
 
 
 def _load(setting: Setting) -> float:
-    """Load or compile what cases are run by, once in a process; return the seconds it took."""
+    """Load or compile the code that runs cases, and return how long that took, s.
+
+    If this process has done so for the same filter before, nothing is done and 0 is returned.
+    """
     if setting.filter_name in _loaded:
         return 0.0
     start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Runs a sweep: what is not done yet, chunk by chunk, each kept as soon as it is there."""
+"""Runs the unfinished chunks of a sweep, and writes each result to its folder at once."""
 
 import time
 from collections.abc import Callable, Collection, Iterator
@@ -17,28 +17,28 @@ from .setting import Setting, SweepError, setting_of
 from .table import rows_of
 
 Runner = Callable[[Iterator[Cases], Setting, Stopped], Iterator[Judged]]
-"""Runs chunks somewhere, and yields what comes of each as it ends."""
+"""A function that runs chunks, here or elsewhere, and yields each result as soon as it ends."""
 
 _CHUNK_RIG_S: Final = 1000.0
-"""Rig-seconds of a chunk, at least a group of lanes: what a kill costs each process, some tenths
-of a second."""
+"""Simulated time of all cases of a chunk, s, if that is at least a group of lanes. It takes a
+process some tenths of a second, which are lost by a kill."""
 _MOST_CHUNKS: Final = 2000
 _SHELF: Final = 1024
-"""Cases that are drawn at once, and sorted so that those side by side in lanes are alike."""
+"""Number of cases that are drawn at once, and sorted so that similar cases run side by side."""
 
 
 @dataclass
 class Timing:
-    """What it took to run the cases that were not done before.
+    """The times that the cases of one call of `run_sweep` took.
 
     Attributes:
-        cases: how many.
-        rig_s: rig-seconds of them.
-        process_s: processor seconds of all processes that ran them, without start-up.
-        busy_s: seconds of these processes, added up, without start-up.
-        start_s: seconds until the first of them ran a case.
-        elapsed_s: seconds from the start to the last result.
-        ready_s: by process, seconds from the start until it ran its first case.
+        cases: number of cases that were run.
+        rig_s: simulated time of these cases, s.
+        process_s: processor time of all processes, without start-up, s.
+        busy_s: wall-clock time that the processes were running cases, added up, s.
+        start_s: time from the start until the first process ran its first case, s.
+        elapsed_s: time from the start to the last result, s.
+        ready_s: for each process, time from the start until it ran its first case, s.
     """
 
     cases: int = 0
@@ -50,7 +50,14 @@ class Timing:
     ready_s: dict[str, float] = field(default_factory=dict)
 
     def add(self, judged: Judged, cases: int, rig_s: float, received_s: float) -> None:
-        """Count a chunk of cases and rig-seconds, the result of which came at a time, s."""
+        """Add the times of a chunk.
+
+        Args:
+            judged: the chunk's result.
+            cases: number of its cases.
+            rig_s: simulated time of its cases, s.
+            received_s: when the result came, counted from the start, s.
+        """
         self.ready_s.setdefault(judged.worker, received_s - judged.wall_s)
         self.start_s = min(self.ready_s.values())
         self.cases += cases
@@ -60,11 +67,11 @@ class Timing:
 
     @property
     def workers(self) -> set[str]:
-        """Return the names of the processes that ran the cases."""
+        """Names of the processes that ran the cases."""
         return set(self.ready_s)
 
     def plain(self) -> dict[str, Any]:
-        """Return it as JSON holds it, with rates."""
+        """Return the times as JSON-able values, with rates in simulated seconds per second."""
         after_start = sum(self.elapsed_s - ready_s for ready_s in self.ready_s.values())
         return {
             "cases": self.cases,
@@ -85,14 +92,14 @@ def _rate(rig_s: float, seconds: float) -> float | None:
 
 
 def chunk_size(sweep: Sweep) -> int:
-    """Return how many cases a chunk has: whole groups of lanes."""
+    """Return how many cases a chunk of a sweep has, a multiple of the number of lanes."""
     groups = max(1, round(_CHUNK_RIG_S / (sweep.duration_s * LANES)))
     groups = max(groups, ceil(sweep.cases / (_MOST_CHUNKS * LANES)))
     return groups * LANES
 
 
 def chunks_of(sweep: Sweep) -> dict[int, int]:
-    """Return the number of cases of each chunk, by its own."""
+    """Return the number of cases of each chunk of a sweep, by the chunk's number."""
     size = chunk_size(sweep)
     found: dict[int, int] = {}
     for _, count in _shelves(sweep):
@@ -102,7 +109,7 @@ def chunks_of(sweep: Sweep) -> dict[int, int]:
 
 
 def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
-    """Yield first case and number of those that are drawn, and sorted into chunks, at once."""
+    """Yield the first case and the number of cases of each batch that is drawn at once."""
     size = chunk_size(sweep)
     shelf = size * ceil(_SHELF / size)
     for first in range(0, sweep.cases, shelf):
@@ -110,7 +117,7 @@ def _shelves(sweep: Sweep) -> Iterator[tuple[int, int]]:
 
 
 def drawn_chunks(sweep: Sweep, wanted: Collection[int]) -> Iterator[Cases]:
-    """Yield the chunks that are wanted, of cases that cost about the same side by side."""
+    """Yield the chunks whose numbers are in `wanted`, each of similar cases, in their order."""
     size, chunk = chunk_size(sweep), 0
     for first, count in _shelves(sweep):
         chunks = range(chunk, chunk + ceil(count / size))
@@ -131,14 +138,15 @@ def run_sweep(
     stopped: Stopped,
     advanced: Callable[[int], None],
 ) -> Timing:
-    """Run the cases of a sweep that are not done yet, and keep them in its folder.
+    """Run the unfinished cases of a sweep, write them to its folder, and return the times it took.
 
     Args:
-        sweep: what to run.
-        folder: of the sweep, with what is done.
-        runner: where.
-        stopped: whether to end before all is done.
-        advanced: is called with how many cases more are done, those from before first.
+        sweep: the sweep to run.
+        folder: the sweep's folder, with the chunks that are finished.
+        runner: runs the chunks, such as `run_here`.
+        stopped: once it returns True, the runner ends before all chunks are run.
+        advanced: is called with the number of newly finished cases; first with those that were
+            finished before.
 
     Raises:
         SweepError: a case could not be run, or a worker has another version of this program.

@@ -1,4 +1,4 @@
-"""What all cases of a sweep share, and what comes of them."""
+"""Defines the settings that all cases of a sweep share, and the columns of their results."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,25 @@ from rig.plant import Model, Parameters, SensorParameters
 from .ticks import BLOCK
 
 Figures = dict[str, NDArray[np.generic]]
-"""Columns of the table, of n cases each."""
+"""Columns of the table by their names, with one value for each of n cases."""
 
 
 class SweepError(RuntimeError):
-    """Cases that could not be run."""
+    """Cases of a sweep that could not be run."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What all cases of a sweep share, as a worker needs it.
+    """The settings that all cases of a sweep share, as a worker needs them.
 
     Attributes:
-        like: the rig that every case starts from.
-        middle: where open loops begin, m.
-        has_spool, has_supply: which of these the rig measures.
+        like: parameters of the rig, of which a case replaces those that are drawn.
+        sensors: data sheet of the rig's transducers.
+        model: the model that the filter assumes.
+        ticks: number of ticks of a case.
+        loop: settings of the position loop.
+        middle: middle of the rig's position limits, at which a case in open loop begins, m.
+        has_spool, has_supply: whether the rig measures spool position and supply pressure.
     """
 
     like: Parameters
@@ -42,12 +46,12 @@ class Setting:
 
     @property
     def blocks(self) -> int:
-        """Half seconds of a case."""
+        """Number of blocks, of half a second each, in a case."""
         return (self.ticks - 1) // BLOCK
 
 
 def setting_of(sweep: Sweep) -> Setting:
-    """Return what all cases of a sweep share."""
+    """Return the settings that all cases of a sweep share."""
     base = sweep.rig
     return Setting(
         like=base.plant.parameters,

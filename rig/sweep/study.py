@@ -1,4 +1,4 @@
-"""What a sweep's table shows: confusion, ROC, how small a leak is found, how well it is sized."""
+"""Computes the statistics of a sweep: confusion, ROC, smallest leak found, and errors of sizes."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -19,29 +19,34 @@ from .table import columns_of
 Array = NDArray[np.float64]
 
 POWER: Final = 0.95
-"""Part of the leaks of a size that has to be named right for it to be the smallest found."""
+"""Share of leaks that are named right at the flow that counts as the smallest found."""
 _BINS_PER_DECADE: Final = 5
 LEAST_CASES: Final = 20
-"""Leaks from which on a curve is fitted."""
+"""Smallest number of leaks to which a curve is fitted."""
 _STEPS: Final = 50
 _Z: Final = NormalDist().inv_cdf(0.975)
 
 
 @dataclass(frozen=True)
 class Share:
-    """A part of some cases, with its 95 % interval (Wilson 1927)."""
+    """A share of some cases, with its 95 % interval (Wilson 1927).
+
+    Attributes:
+        count: number of cases that belong to the share.
+        of: number of all cases.
+    """
 
     count: int
     of: int
 
     @property
     def part(self) -> float:
-        """The part itself; NaN of no cases."""
+        """The share, from 0 to 1; NaN if there are no cases."""
         return self.count / self.of if self.of else float("nan")
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Its 95 % interval."""
+        """The 95 % interval of the share; (0, 1) if there are no cases."""
         if not self.of:
             return 0.0, 1.0
         p, n, z2 = self.part, self.of, _Z * _Z
@@ -52,7 +57,13 @@ class Share:
 
 @dataclass(frozen=True)
 class PowerBin:
-    """Leaks of about one size: its limits in m^3/s, those named right, median latency in s."""
+    """The leaks of a sweep whose flows lie between two limits.
+
+    Attributes:
+        low, high: the limits, m^3/s.
+        right: share of these leaks that were named right.
+        latency_s: median latency of those named right; None if there is none.
+    """
 
     low: float
     high: float
@@ -62,16 +73,17 @@ class PowerBin:
 
 @dataclass(frozen=True)
 class PowerCurve:
-    """How the part of leaks that are named grows with their flow.
+    """The share of leaks that are named right, as a function of their flow.
 
     Attributes:
-        bins: of sizes.
-        intercept, slope: of a logistic curve in ln(flow in m^3/s); None where none can be fitted.
-        limit_m3_per_s: flow of which 95 in 100 are named by that curve, with its 95 % interval;
-            None where the cases do not bracket it.
-        interval_m3_per_s: of the limit.
-        missed_m3_per_s: the largest flow that was not named; None if all were.
-        named_m3_per_s: the smallest flow that was; None if none was.
+        bins: the leaks in bins of flow, smallest flow first, without empty bins.
+        intercept, slope: coefficients of a logistic curve in ln(flow in m^3/s); None if no curve
+            can be fitted.
+        limit_m3_per_s: flow at which the curve reaches a share of 95 %; None without a curve, or if
+            that flow is outside of the flows that were drawn.
+        interval_m3_per_s: 95 % interval of this flow; None without it.
+        missed_m3_per_s: largest flow of a leak that was not named right; None if all were.
+        named_m3_per_s: smallest flow of a leak that was named right; None if none was.
     """
 
     bins: tuple[PowerBin, ...]
@@ -84,19 +96,25 @@ class PowerCurve:
 
     @property
     def cases(self) -> int:
-        """Return how many leaks the curve was drawn from."""
+        """Number of leaks in all bins."""
         return sum(each.right.of for each in self.bins)
 
     @property
     def separates(self) -> bool:
-        """Whether every leak that was named is larger than every one that was not."""
+        """Whether every leak that was named right is larger than every one that was not."""
         missed, named = self.missed_m3_per_s, self.named_m3_per_s
         return missed is not None and named is not None and missed < named
 
 
 @dataclass(frozen=True)
 class Roc:
-    """Parts of healthy and of leaky cases whose score is at or above each of some thresholds."""
+    """A receiver operating characteristic, for thresholds of a score from high to low.
+
+    Attributes:
+        false_alarms: share of the healthy cases with a score at or above each threshold, (m,).
+        found: share of the leaky cases with a score at or above each threshold, (m,).
+        area: area under the curve.
+    """
 
     false_alarms: Array
     found: Array
@@ -105,19 +123,20 @@ class Roc:
 
 @dataclass(frozen=True)
 class Study:
-    """What a sweep's table shows.
+    """The statistics of a sweep.
 
     Attributes:
-        cases: how many.
-        confusion: cases by what was injected, and then by the verdict at the end.
-        false_alarms: parts of healthy cases that were accused at some time.
-        right: parts of the cases that were named right, by what was injected.
-        power: by place, and of all places as `all`.
-        roc: likewise.
-        latency_s: 50 and 95 % of the latencies of leaks named right.
-        sizing: relative bias and rms error of the flow, and how many intervals hold it; None where
-            the detector estimates none.
-        lost: cases whose filter followed its rig no more.
+        cases: number of cases.
+        confusion: number of cases, by the injected fault, and then by the last verdict.
+        false_alarms: share of the healthy cases with a false alarm at any time.
+        right: share of the cases whose last verdict is right, by the injected fault.
+        power: power curve of each kind of leak, and of all leaks under the key `all`.
+        roc: receiver operating characteristics, under the same keys; empty without healthy cases.
+        latency_s: median and 95 % quantile of the latencies of leaks named right; None if there
+            are none.
+        sizing: relative bias and RMS error of the flow of leaks named right, and the share of
+            intervals that hold the true flow; None if the detector estimates no flow.
+        lost: share of the cases in which the filter was lost.
     """
 
     cases: int
@@ -131,7 +150,7 @@ class Study:
     lost: Share
 
     def plain(self) -> dict[str, Any]:
-        """Return it as JSON holds it; flows in L/min."""
+        """Return the statistics as JSON-able values, with flows in L/min."""
         return {
             "cases": self.cases,
             "confusion": self.confusion,
@@ -157,7 +176,7 @@ def _plain(share: Share) -> dict[str, Any]:
 
 
 def study_of(table: pa.Table) -> Study:
-    """Return what a table shows."""
+    """Return the statistics of a sweep's table."""
     column = columns_of(table)
     faults, verdicts = column["fault"], column["verdict"]
     right = np.asarray(column["right"], dtype=np.bool_)
@@ -187,7 +206,10 @@ def study_of(table: pa.Table) -> Study:
 
 
 def verdict_order(confusion: dict[str, dict[str, int]]) -> list[str]:
-    """Return the verdicts that occur: what was injected first, then others, silent ones last."""
+    """Return the verdicts that occur in a confusion matrix, in the order to show them.
+
+    First come the injected faults and `healthy`, then the other verdicts, last those without fault.
+    """
     found = {verdict for counts in confusion.values() for verdict in counts}
     first = [name for name in confusion if name in found]
     rest = sorted(found - set(first), key=lambda name: (name in SILENT, name))
@@ -235,7 +257,15 @@ def _power(flow: Array, right: NDArray[np.bool_], latency_s: Array) -> PowerCurv
 
 
 def _with_limit(curve: PowerCurve, size: Array, right: NDArray[np.bool_]) -> PowerCurve:
-    """Return the curve with the flow of which `POWER` are named, where the cases bracket it."""
+    """Return a power curve with its fitted logistic curve, and the limit that follows from it.
+
+    What cannot be estimated stays None; see `PowerCurve`.
+
+    Args:
+        curve: the power curve without a fit.
+        size: ln(flow in m^3/s) of each leak, (n,).
+        right: whether each leak was named right, (n,).
+    """
     if size.size < LEAST_CASES or right.all() or not right.any():
         return curve
     fitted = _logistic(size, right.astype(np.float64))
@@ -256,9 +286,14 @@ def _with_limit(curve: PowerCurve, size: Array, right: NDArray[np.bool_]) -> Pow
 
 
 def _logistic(x: Array, y: Array) -> tuple[tuple[float, float], Array] | None:
-    """Return (intercept, slope) of a logistic curve, most likely, and their covariance (2, 2).
+    """Return (intercept, slope) of the most likely logistic curve, and their covariance (2, 2).
 
-    None where there is none: a size from which on all are named, and below none.
+    The result is None if there is no finite slope, because all y above some x are 1 and all below
+    are 0, or if the iteration does not converge.
+
+    Args:
+        x: independent variable, (n,).
+        y: 0 or 1 for each x, (n,).
     """
     centre = float(x.mean())
     design = np.column_stack([np.ones(x.size), x - centre])
@@ -276,7 +311,7 @@ def _logistic(x: Array, y: Array) -> tuple[tuple[float, float], Array] | None:
         step = covariance.dot(design.T.dot(y - chance))
         beta = beta + np.clip(step, -5.0, 5.0)
         if np.abs(step).max() < 1e-9:
-            # If sizes separate named leaks from others completely, the slope grows without an end.
+            # If some x separates all zeros from all ones, the slope grows without limit.
             if abs(beta[1]) * float(x.std()) > 25.0:
                 return None
             back = np.array([[1.0, -centre], [0.0, 1.0]])
@@ -286,7 +321,12 @@ def _logistic(x: Array, y: Array) -> tuple[tuple[float, float], Array] | None:
 
 
 def _roc(healthy: Array, leaky: Array) -> Roc:
-    """Return the receiver operating characteristic of a score (Fawcett 2006)."""
+    """Return the receiver operating characteristic of a score (Fawcett 2006).
+
+    Args:
+        healthy: scores of the healthy cases.
+        leaky: scores of the leaky cases.
+    """
     scores = np.concatenate([healthy, leaky])
     thresholds = np.concatenate([[np.inf], np.unique(scores)[::-1]])
     alarms = (healthy[:, None] >= thresholds).mean(axis=0)

@@ -1,4 +1,7 @@
-"""The table of a sweep: a row a case, units in the fields' metadata; its parts while it runs."""
+"""Writes and reads the table of a sweep, with one row for each case, and its parts.
+
+A field's metadata has its unit and its description. While the sweep runs, each chunk is a part.
+"""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -38,13 +41,13 @@ FIGURES: Final = {
     "resets": ("", "how often the filter was found lost and started anew"),
     "lost": ("", "whether the filter followed its rig no more"),
 }
-"""Unit and meaning of each column that shows what came of a case."""
+"""Unit and description of each column with results of a case."""
 _ABOUT: Final = b"about"
 _UNIT: Final = b"unit"
 
 
 def rows_of(cases: Cases, figures: Figures) -> pa.Table:
-    """Return the rows of some cases: what was drawn, and what came of it."""
+    """Return the table's rows of some cases, with the columns drawn and the columns of results."""
     outcomes = {name: Column(figures[name], *FIGURES[name]) for name in FIGURES}
     columns = {**cases.columns, **outcomes}
     fields = [
@@ -63,10 +66,10 @@ def _kind(values: np.ndarray) -> pa.DataType:
 
 
 def _array(values: np.ndarray) -> pa.Array:
-    """Return values (n,) as Arrow has them, NaN as missing.
+    """Return values (n,) as an Arrow array, in which NaN is missing.
 
-    From the bytes: given an array or a list, `pyarrow.array` imports pandas to ask whether it is
-    one of its own, a second of work while processes wait.
+    It is made from the bytes because `pyarrow.array` would import pandas to check the type of its
+    argument, which takes a second while other processes wait.
     """
     if values.dtype.kind in "US":
         words = [word.encode() for word in values.tolist()]
@@ -86,20 +89,22 @@ def _bits(truths: np.ndarray) -> pa.Buffer:
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write the table of a sweep as Parquet; it is there after a power cut, or not at all.
+    """Write the table of a sweep as Parquet; after a power cut the file is complete or missing.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     with _durably(path) as partial:
         pq.write_table(table, partial, compression="zstd")
 
 
 def write_part(rows: pa.Table, path: Path) -> None:
-    """Write some rows as an Arrow file, a tenth of the work of Parquet; likewise.
+    """Write rows as an Arrow file; after a power cut the file is complete or missing.
+
+    This takes a tenth of the time of writing Parquet.
 
     Raises:
-        OSError: they cannot be written.
+        OSError: the file cannot be written.
     """
     with (
         _durably(path) as partial,
@@ -111,7 +116,7 @@ def write_part(rows: pa.Table, path: Path) -> None:
 
 @contextmanager
 def _durably(path: Path) -> Iterator[Path]:
-    """Give a temporary path that takes the place of `path` once its content is on the disk."""
+    """Yield a temporary path, whose file replaces `path` once its content is on disk."""
     with replacing(path) as partial:
         yield partial
         with partial.open("rb") as written:
@@ -124,34 +129,34 @@ def _durably(path: Path) -> Iterator[Path]:
 
 
 def read_part(path: Path) -> pa.Table:
-    """Return the rows in a part.
+    """Return the rows in an Arrow file of `write_part`.
 
     Raises:
-        OSError: it cannot be read.
-        pyarrow.ArrowException: it is damaged.
+        OSError: the file cannot be read.
+        pyarrow.ArrowException: the file is damaged.
     """
     with pa.OSFile(str(path), "rb") as source, pa.ipc.open_file(source) as reader:
         return reader.read_all()
 
 
 def together(parts: Iterable[pa.Table]) -> pa.Table:
-    """Return parts as one table, sorted by case."""
+    """Return the rows of all parts as one table, sorted by the number of the case."""
     return pa.concat_tables(parts).sort_by("case").combine_chunks()
 
 
 def read_table(path: Path) -> pa.Table:
-    """Return the table in a Parquet file.
+    """Return the table in a Parquet file of `write_table`.
 
     Raises:
-        OSError: it cannot be read.
-        pyarrow.ArrowException: it is damaged.
+        OSError: the file cannot be read.
+        pyarrow.ArrowException: the file is damaged.
     """
     with pq.ParquetFile(path) as file:
         return file.read()
 
 
 def columns_of(table: pa.Table) -> dict[str, Any]:
-    """Return the columns of a table as arrays (n,): NaN where a number is missing."""
+    """Return the columns of a table by their names as arrays (n,), NaN for a missing number."""
     found: dict[str, Any] = {}
     for name in table.column_names:
         column = table.column(name)
@@ -163,6 +168,6 @@ def columns_of(table: pa.Table) -> dict[str, Any]:
 
 
 def unit_of(table: pa.Table, name: str) -> str:
-    """Return the unit of a column."""
+    """Return the unit of a column of a table; empty if it has none."""
     metadata = table.schema.field(name).metadata or {}
     return str(metadata.get(_UNIT, b"").decode())

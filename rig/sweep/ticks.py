@@ -1,7 +1,7 @@
-"""Compiled ticks of a sweep's cases in lanes: setpoints, plants, transducers, filter, figures.
+"""Runs the ticks of a sweep's cases in lanes, in compiled code: setpoint, plant, sensors, filter.
 
-Nothing returns to Python within a case. What is kept of each half second are sums, from which the
-thesis's moving averages follow.
+With the thesis's filter, the compiled code runs whole cases. It keeps sums over blocks of half a
+second, from which the thesis's moving averages follow.
 """
 
 from math import floor
@@ -52,64 +52,64 @@ from rig.plant import (
 from .motions import AMPLITUDE, CHIRP, FREQUENCY, PHASE, SINE_ROWS
 
 BLOCK: Final = 500
-"""Ticks of a block, half a second: what figures are kept of, and decisions come after."""
+"""Ticks of a block, half a second: sums are kept for each block, and a decision follows it."""
 SUMS: Final = (
     "absolute_innovation_1", "absolute_innovation_2", "squared_position", "squared_1", "squared_2",
     "leak_flow",
 )  # fmt: skip
-"""What is summed over each block: |innovation| of both pressures in Pa; squared innovations over
-their variances; |leak flow| in m^3/s from 2 s after the onset on, of every tenth tick."""
+"""Names of the sums over each block: |innovation| of both pressures, Pa; squared innovations over
+their variances; |leak flow|, m^3/s, from 2 s after the onset on, at every tenth tick."""
 SEEN: Final = 10
-"""Ticks from one look at the leak flow to the next."""
+"""Every how many ticks the leak flow is added to its sum."""
 SETTLED: Final = 2000.0
-"""Ticks after the onset from which on a leak's flow counts (the command-line contract)."""
+"""Ticks after the onset until a leak's flow begins to count (the command-line contract)."""
 
 _OUTPUTS: Final = 9
-"""Of the filter at each tick."""
+"""Number of the filter's outputs at each tick."""
 
 _FRICTION_LAW: Final = Parameters._fields.index("friction_law")
 _ROUNDING_S: Final = 1e-9
-"""Added to a time before its step is looked up, as in `control.setpoints.held`: without it a step
-could come a tick late."""
+"""Time that is added before a level is looked up, s, as in `control.setpoints.held`; without it,
+rounding could make a step one tick late."""
 
 
 class CaseLanes(NamedTuple):
-    """What the rigs of cases in lanes are asked, and what noise their transducers have."""
+    """The setpoints of cases in lanes, and the noise of their transducers."""
 
     sines: NDArray[np.float64]
-    """(4 s, LANES), of setpoints as `rig.sweep.motions.Motions` has them."""
+    """Sines of the setpoints as in `rig.sweep.motions.Motions`, (4 s, LANES)."""
     levels: NDArray[np.float64]
-    """(k, LANES)."""
+    """Levels of the setpoints as in `rig.sweep.motions.Motions`, (k, LANES)."""
     ends: NDArray[np.float64]
-    """(k, LANES), s."""
+    """Time at which each level ends, s, (k, LANES)."""
     level: NDArray[np.float64]
-    """(1, LANES), which level is held; it is updated."""
+    """Index of the present level, (1, LANES); updated in place."""
     open_loop: NDArray[np.float64]
-    """(1, LANES), not 0 where the setpoint is the command."""
+    """Not 0 if the setpoint is the valve's command, (1, LANES)."""
     scale: NDArray[np.float64]
-    """(1, LANES), factor on the transducers' deviations."""
+    """Factor on the standard deviations of the transducers, (1, LANES)."""
     pressures: NDArray[np.uint64]
-    """(4, LANES), the stream of the pressures' noise; it is updated."""
+    """State of the stream of the pressures' noise, (4, LANES); updated in place."""
     others: NDArray[np.uint64]
-    """(4, LANES), the stream of the other transducers' noise; it is updated."""
+    """State of the stream of the other transducers' noise, (4, LANES); updated in place."""
 
 
 class Thesis7Lanes(NamedTuple):
-    """The seven-state filters of the thesis in lanes, all of it updated."""
+    """The seven-state filters of the thesis in lanes; all arrays are updated in place."""
 
     x: NDArray[np.float64]
-    """(7, LANES) states."""
+    """Estimated states, (7, LANES)."""
     covariance: NDArray[np.float64]
-    """(7, 7, LANES)."""
+    """Covariance of the states, (7, 7, LANES)."""
     held: NDArray[np.float64]
-    """(1, LANES), command since the last tick, V."""
+    """Command since the last tick, V, (1, LANES)."""
     sums: NDArray[np.float64]
-    """(blocks, 6, LANES), to be filled: `SUMS` of each block."""
+    """`SUMS` of each block, which the ticks fill in, (blocks, 6, LANES)."""
 
 
 @inlined
 def _wave(sines, i, time_s):
-    """Return sine i of a sum at a time, m or V."""
+    """Return the value of sine i of a setpoint at a time in s, m or V."""
     row = SINE_ROWS * i
     turns = load(sines, row + PHASE)
     turns += time_s * (load(sines, row + FREQUENCY) + time_s * load(sines, row + CHIRP))
@@ -119,10 +119,16 @@ def _wave(sines, i, time_s):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def scale_sines(sines, peak, ticks):
-    """Scale sums of sines whose `peak` (1, LANES) is not NaN to come to it at most, within `ticks`.
+    """Scale sums of sines in place so that their greatest absolute values are those of `peak`.
 
-    The greatest value is looked for at 32 points a period of the fastest sine, which finds it but
-    for 0.5 % (Ehlich and Zeller 1964, as `control.setpoints.trigonometric`).
+    A lane whose peak is NaN stays as it is. The greatest value is searched at 32 points a period of
+    the fastest sine, which finds it within 0.5 % (Ehlich and Zeller 1964, as in
+    `control.setpoints.trigonometric`).
+
+    Args:
+        sines: as in `rig.sweep.motions.Motions`, (4 s, LANES); the amplitudes are updated.
+        peak: wanted greatest absolute value, m or V, (1, LANES).
+        ticks: number of ticks over which the greatest value is searched.
     """
     count = sines.shape[0] // SINE_ROWS
     wanted = load(peak, 0)
@@ -150,15 +156,15 @@ def scale_sines(sines, peak, ticks):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def setpoint_ticks(first, sines, levels, ends, held, setpoint):
-    """Sample setpoints, as `rig.sweep.motions.Motions` has them.
+    """Fill in the setpoints of some ticks; they are described as in `rig.sweep.motions.Motions`.
 
     Args:
         first: number of the first tick.
         sines: (4 s, LANES).
-        levels: (k, LANES).
-        ends: (k, LANES), s.
-        held: (1, LANES), which level is held; updated.
-        setpoint: (ticks, LANES), to be filled, m or V.
+        levels: m or V, (k, LANES).
+        ends: s, (k, LANES).
+        held: index of the present level, (1, LANES); updated.
+        setpoint: is filled with the setpoint of each tick, m or V, (ticks, LANES).
     """
     align_stack()
     at = load(held, 0)
@@ -180,16 +186,16 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed):
-    """Run the seven-state filter of the thesis over a block of ticks, and sum up its figures.
+    """Run the seven-state filter of the thesis over a block of ticks, and fill in its `SUMS`.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
-        log: of `plant_ticks`, of chambers.
-        rows: (ticks, LANES), of `plant_ticks`.
+        log: log of the chambers that `plant_ticks` has filled.
+        rows: rows of this log at each tick, from `plant_ticks`, (ticks, LANES).
         rigs: `LaneRigs`.
         cases: `CaseLanes`; the stream of the pressures' noise is updated.
         filters: `Thesis7Lanes`, updated.
-        like: `Parameters`, of which the friction law is that of all rigs.
+        like: `Parameters` whose friction law all rigs have.
         sensors: `SensorParameters`.
         assumed: `Parameters` that all filters assume.
     """
@@ -235,7 +241,15 @@ def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed
 
 @inlined
 def _leak_flow(tick, p1, p2, back, rigs):
-    """Return the flow in m^3/s of the leaks that were injected, 0 until 2 s after the onset."""
+    """Return the flow of the injected leaks at a tick, m^3/s; 0 until 2 s after the onset.
+
+    Args:
+        tick: number of the tick.
+        p1: pressure in chamber 1, Pa.
+        p2: pressure in chamber 2, Pa.
+        back: return pressure, Pa.
+        rigs: `LaneRigs`.
+    """
     oil_1, oil_2 = max(p1, 0.0), max(p2, 0.0)
     flow = abs(load(rigs.faults, 0) * signed_root(oil_1 - back))
     flow += abs(load(rigs.faults, 1) * signed_root(oil_2 - back))
@@ -245,21 +259,21 @@ def _leak_flow(tick, p1, p2, back, rigs):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
-    """Run cases from their first tick to their last, one in each lane.
+    """Run cases from their first tick to their last, one in each lane, and fill in their sums.
 
     Args:
-        ahead: blocks that plants run ahead of the filter, within which lanes even out what their
-            motions cost; the fewer, the longer the log stays in the cache.
+        ahead: number of blocks by which plants run ahead of the filter. With more, the costs of
+            the lanes' motions are more equal; with fewer, the log stays in the processor's cache.
         rigs: `LaneRigs`; their plants are updated.
-        cases: `CaseLanes`, from their first tick on; updated.
-        filters: `Thesis7Lanes`, whose sums say how many blocks there are; updated.
+        cases: `CaseLanes` before the first tick; updated.
+        filters: `Thesis7Lanes`, whose sums determine the number of blocks; updated.
         loop: `LoopSetting`.
-        like: `Parameters`, of which the friction law is that of all rigs.
+        like: `Parameters` whose friction law all rigs have.
         sensors: `SensorParameters`.
         assumed: `Parameters` that the filter assumes.
 
     Returns:
-        Whether every plant came to the end; else one needed too many steps.
+        True if every plant came to the end, False if one needed too many integration steps.
     """
     ticks = filters.sums.shape[0] * BLOCK + 1
     batch = ahead * BLOCK + 1
@@ -288,21 +302,21 @@ def thesis7_cases(ahead, rigs, cases, filters, loop, like, sensors, assumed):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def reading_block(first, rigs, cases, loop, like, sensors, log, readings, flow):
-    """Run plants and transducers for a block of ticks, for a filter that is run elsewhere.
+    """Run plants and transducers for a block of ticks, and fill in the readings, without a filter.
 
     Args:
         first: number of the block's first tick.
         rigs: `LaneRigs`; their plants are updated.
         cases: `CaseLanes`, updated.
         loop: `LoopSetting`.
-        like: `Parameters`, of which the friction law is that of all rigs.
+        like: `Parameters` whose friction law all rigs have.
         sensors: `SensorParameters`.
-        log: (steps, `LOGGED`, LANES), to be filled.
-        readings: (ticks, 6, LANES), to be filled: `rig.loop.lane_ticks.LANE_READINGS`.
-        flow: (1, LANES), sum of the leak flow as in `SUMS`; updated.
+        log: is filled with the plants' steps, (steps, `LOGGED`, LANES).
+        readings: is filled with `rig.loop.lane_ticks.LANE_READINGS`, (ticks, 6, LANES).
+        flow: sum of the leak flow as in `SUMS`, m^3/s, (1, LANES); updated.
 
     Returns:
-        Whether every plant came to the end of the block.
+        True if every plant came to the end of the block, False if one needed too many steps.
     """
     ticks = readings.shape[0]
     setpoint, rows = empty_lanes(ticks), empty_lanes(ticks)

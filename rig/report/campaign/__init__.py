@@ -1,4 +1,4 @@
-"""The page of a campaign, the page that compares two runs, and the page of a trend."""
+"""Makes the page of a campaign, the page that compares two runs, and the page of trends."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""The page that compares two runs: first what moved beyond its tolerance, then every figure."""
+"""Makes the page that compares two runs: first figures that moved beyond tolerance, then all."""
 
 from pathlib import Path
 
@@ -8,14 +8,14 @@ from rig.runner.run_folder import Change, Compared, Comparison
 
 
 def number(value: float | str | None) -> str:
-    """Return a value to five digits, a word as it is, and a dash for None."""
+    """Return a value as text: a number to five digits, a text unchanged, and a dash for None."""
     if value is None:
         return "–"
     return value if isinstance(value, str) else f"{value:.5g}"
 
 
 def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the page, in one step.
+    """Write the page of a comparison to a file, replacing it in one step.
 
     Raises:
         OSError: the page cannot be written.
@@ -24,7 +24,7 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
 
 
 def comparison_page(comparison: Comparison) -> str:
-    """Return the HTML page of two runs; the page fetches nothing and needs no script."""
+    """Return the HTML page of a comparison; the page fetches nothing and needs no script."""
     tests: dict[str, list[Compared]] = {}
     for each in comparison.figures:
         tests.setdefault(each.test, []).append(each)

@@ -1,4 +1,4 @@
-"""What a test asked of the rig, read from its recording's metadata and written with units."""
+"""Puts a test's setpoint, load and loop timing into words, from the metadata of its recording."""
 
 import json
 import re
@@ -16,14 +16,14 @@ _UNITS_BY_ENDING: Final = (
     ("_s", "s"),
 )
 _FEW: Final = 8
-"""Most values of a list that are written one by one."""
+"""Greatest length of a list whose values are written one by one."""
 
 
 def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
-    """Return the parameters that the filter assumed, as the runner records them under `model`.
+    """Return the parameters that the filter assumed, from the key `model` of the metadata.
 
-    Parameters of effects that are newer than the recording keep the value at which the effect is
-    absent. None if nothing readable is recorded.
+    A parameter of an effect that is newer than the recording gets the value at which the effect is
+    absent. The result is None if no parameters can be read.
     """
     try:
         recorded = dict(metadata["model"]["parameters"])
@@ -34,7 +34,11 @@ def assumed_parameters(metadata: Mapping[str, Any]) -> Parameters | None:
 
 
 def conditions_of(metadata: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the setpoint and load of a recorded test as (name, text), as far as recorded."""
+    """Return setpoint and load of a test as (name, text), without those that are not recorded.
+
+    Args:
+        metadata: metadata of the test's recording.
+    """
     test = metadata.get("test")
     if not isinstance(test, Mapping):
         return []
@@ -48,7 +52,10 @@ def conditions_of(metadata: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def loop_conditions(recording: Recording) -> list[tuple[str, str]]:
-    """Return how a hardware rig's loop kept its time as (name, text), as far as recorded."""
+    """Return the grants and the timing of a hardware rig's loop as (name, text).
+
+    The list is empty if they are not recorded.
+    """
     found = []
     loop = recording.metadata.get("loop")
     if isinstance(loop, Mapping):

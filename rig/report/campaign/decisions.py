@@ -1,4 +1,4 @@
-"""The panels of what was decided while the test ran, and of what the loop did about it."""
+"""Draws the panels of the detector's decisions during a test, and of the loop's compensation."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -14,13 +14,16 @@ from rig.report.wording import label
 
 _PERCENT: Final = 100.0
 _WORTH_SHOWING: Final = 0.02
-"""A fault that was never more probable than this is not drawn."""
+"""Probability that a fault must have exceeded at some time to be drawn."""
 _ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "bad", "found")
 """Colours of health and of the faults, in the order of `PROBABILITIES`."""
 
 
 def probability(data: TestData) -> Panel | None:
-    """Return the panel of the probabilities of health and of each fault, as they were held."""
+    """Return the panel of the probabilities of health and of each fault, as decided over time.
+
+    The panel is None if no probabilities are recorded.
+    """
     traces = []
     for name, channel, role in zip(PROBABLE, PROBABILITIES, _ROLES, strict=True):
         values = data.channel(channel)
@@ -37,7 +40,7 @@ def probability(data: TestData) -> Panel | None:
 
 
 def compensation(data: TestData) -> Panel | None:
-    """Return the panel of what was added to the command for a leak; None if nothing ever was."""
+    """Return the panel of the command's part that compensates for a leak; None if always zero."""
     added, sent = data.channel("compensation_V"), data.channel("command_V")
     if added is None or sent is None or not np.nanmax(np.abs(added)) > 0.0:
         return None
@@ -54,13 +57,16 @@ def compensation(data: TestData) -> Panel | None:
 
 
 def flow_as_decided(data: TestData) -> Iterator[Trace]:
-    """Yield the band of the leak flow as it was held at each time, then its mean; L/min."""
+    """Yield the band of the leak flow's 95 % interval as decided over time, then its mean, L/min.
+
+    Nothing is yielded if no flow is recorded.
+    """
     names = ("decided_leak_low_m3_per_s", "decided_leak_high_m3_per_s", "decided_leak_m3_per_s")
     channels = [data.channel(name) for name in names]
     low, high, mean = (None if each is None else each / LITRE_PER_MINUTE for each in channels)
     if mean is None:
         return
-    # A decision stands from one row to the last before the next: both ends draw it.
+    # A decision is the same in several rows, of which the first and the last are drawn.
     time_s = data.recording.time_s
     ends = _ends_of_stretches(data.recording["decided_at_s"])
     if low is not None and high is not None:
@@ -69,7 +75,7 @@ def flow_as_decided(data: TestData) -> Iterator[Trace]:
 
 
 def _ends_of_stretches(values: Array) -> NDArray[np.int64]:
-    """Return the indices of the first and last of equal values in a row, in their order."""
+    """Return the indices of the first and the last value of each run of equal values, sorted."""
     known = np.nan_to_num(values, nan=-1.0)
     starts = np.flatnonzero(np.diff(known, prepend=np.inf))
     return np.union1d(starts, np.append(starts[1:] - 1, values.size - 1))

@@ -1,4 +1,4 @@
-"""The panels of what leaked: missing oil, leak flow, and the evidence for it."""
+"""Draws the panels of leaks: missing oil, leak flow, and the detector's evidence."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -16,7 +16,7 @@ from rig.runner.outcomes import TestOutcome
 
 from .decisions import flow_as_decided
 
-# By leak, in the order of LEAKS: what it is called, its colour, the truth, the meter.
+# For each of LEAKS: its name, the role of its colour, the channels of its true and metered flow.
 _CALLED: Final = (
     ("chamber 1", "chamber_1", "true_leak_1_m3_per_s", "flow_1_m3_per_s"),
     ("chamber 2", "chamber_2", "true_leak_2_m3_per_s", "flow_2_m3_per_s"),
@@ -27,7 +27,10 @@ _LEAST_SPAN: Final = 0.1
 
 
 def missing_flow(data: TestData) -> Panel | None:
-    """Return the panel of both chambers' oil accounts, and what the fault found explains."""
+    """Return the panel of both chambers' missing flow, with the part that found leaks explain.
+
+    The panel is None if the test has no oil accounts.
+    """
     accounts = data.accounts
     if accounts is None:
         return None
@@ -58,7 +61,10 @@ def missing_flow(data: TestData) -> Panel | None:
 
 
 def leak_flows(data: TestData) -> Panel | None:
-    """Return the panel of leak flows: injected, in the filter's states, and found."""
+    """Return the panel of leak flows: injected or metered, of the filter's states, and found.
+
+    The panel is None if there is nothing to draw.
+    """
     recorded: list[Trace] = []
     zeros: list[str] = []
     sources: set[str] = set()
@@ -105,7 +111,7 @@ def leak_flows(data: TestData) -> Panel | None:
 
 
 def evidence(data: TestData) -> Panel | None:
-    """Return the panel of the test statistic against its threshold."""
+    """Return the panel of the test statistic with its threshold; None without oil accounts."""
     accounts = data.accounts
     if accounts is None:
         return None
@@ -124,7 +130,7 @@ def evidence(data: TestData) -> Panel | None:
 
 
 def _concerned(outcome: TestOutcome) -> set[str]:
-    """Return the leaks a test is about: those injected and those found."""
+    """Return the kinds of the leaks that were injected in a test or found in it."""
     kinds = {fault.kind for fault in outcome.injected}
     if outcome.decision is not None:
         kinds |= {*leaks_found(outcome.decision)}
@@ -132,10 +138,11 @@ def _concerned(outcome: TestOutcome) -> set[str]:
 
 
 def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float | None]:
-    """Return what a leak's meter read, less its zero, and that zero, m^3/s.
+    """Return the readings of a leak's flow meter less its zero offset, and the offset, m^3/s.
 
-    Both are None for a leak that was never opened, whose meter reads its zero. The zero is None if
-    the bypass was not shut for long enough to know the zero.
+    Both are None if the leak was not injected, as the meter then reads only its offset, or if there
+    is no meter. If the bypass was not shut for long enough to know the offset, the offset is None
+    and the readings are returned unchanged.
     """
     onsets = [fault.at_s for fault in data.outcome.injected if fault.kind == leak]
     flow = data.channel(meter)
@@ -150,7 +157,7 @@ def _metered(data: TestData, leak: str, meter: str) -> tuple[Array | None, float
 
 
 def _in_filter_states(data: TestData) -> dict[str, Array]:
-    """Return the leak flows, m^3/s, that the filter's states amount to; none where it has none."""
+    """Return each leak's flow by the filter's states, m^3/s; empty if it has no such states."""
     run = recorded_run(data.recording, data.filter_name)
     leaks = {f"{leak}_m3_per_s_sqrtPa" for leak in LEAKS}
     if run is None or data.parameters is None or not leaks <= set(run.filter.states):
@@ -159,7 +166,11 @@ def _in_filter_states(data: TestData) -> dict[str, Array]:
 
 
 def _found(data: TestData) -> Iterator[Trace]:
-    """Yield the band of the flow found, then its mean: as held at each time, if recorded."""
+    """Yield the band of the found flow's interval, then its mean, L/min; nothing if none was found.
+
+    Both are drawn as decided over time, or, if that is not recorded, by the final decision from the
+    onset on.
+    """
     held = list(flow_as_decided(data))
     if held:
         yield from held

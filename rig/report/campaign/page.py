@@ -1,4 +1,4 @@
-"""Writes a campaign's report: one HTML file that needs nothing else, not even a network."""
+"""Writes a campaign's report, one HTML file that needs no other file and no network."""
 
 import shlex
 from pathlib import Path
@@ -14,12 +14,12 @@ from .summary import false_alarm_words, full_scale, rows_of, smallest_rows
 
 
 def write_report(outcome: CampaignOutcome, directory: Path) -> Path:
-    """Write `report.html` and return its path.
+    """Write `report.html` to a run's folder, and return its path.
 
-    A recording that is missing or cannot be read leaves a note where its plots would be.
+    If a recording is missing or cannot be read, the report has a note in place of its plots.
 
     Args:
-        outcome: what came of the campaign, complete or not.
+        outcome: the campaign's outcome, complete or not.
         directory: the run's folder, with the recordings that the outcome names.
 
     Raises:
@@ -55,7 +55,7 @@ def render(outcome: CampaignOutcome, directory: Path) -> str:
 
 
 def _rerun(outcome: CampaignOutcome) -> str:
-    """Return the command that runs a campaign again: as recorded, else with the campaign's file."""
+    """Return the command that repeats a campaign: the recorded one, else one with its file."""
     recorded = outcome.provenance.get("command")
     if isinstance(recorded, str):
         return recorded

@@ -1,4 +1,4 @@
-"""Prepares one section a test: its recording read, its plots drawn, its times marked."""
+"""Prepares the section of each test: reads its recording, draws its plots and marks its times."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,13 @@ _MANY_EVENTS: Final = 40
 
 @dataclass(frozen=True)
 class Mark:
-    """A time worth a vertical line in every plot of a test."""
+    """A time that is marked by a vertical line in every plot of a test.
+
+    Attributes:
+        kind: `injected`, `removed`, `onset`, `gone` or `detected`.
+        time_s: s of the test.
+        text: label of the line.
+    """
 
     kind: str
     time_s: float
@@ -44,7 +50,10 @@ class Mark:
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of time that is shaded in every plot of a test, and what was done in it."""
+    """A stretch of time, from `start_s` to `end_s`, that is shaded in every plot of a test.
+
+    Its text says what the loop did about a fault then.
+    """
 
     start_s: float
     end_s: float
@@ -53,11 +62,11 @@ class Span:
 
 @dataclass(frozen=True)
 class Smallest:
-    """The smallest leak flows, m^3/s at the leak's reference drop, that a test would have found.
+    """The smallest leak flows that a test would have found, m^3/s at the leak's reference drop.
 
     Attributes:
-        begun: by leak, of one that begins during the test.
-        there: by leak, of one that is there from the start; None if that is not known.
+        begun: by the kind of leak, for a leak that begins during the test.
+        there: by the kind of leak, for a leak that is there from the start; None if not known.
     """
 
     begun: dict[str, float]
@@ -66,22 +75,24 @@ class Smallest:
 
 @dataclass(frozen=True)
 class Section:
-    """All that the report shows of one test.
+    """The section of the report about one test.
 
     Attributes:
-        anchor: its name within the page.
-        symbol, status: how it ended, as a sign and in a word.
-        story: what happened, in words.
-        notes: what is missing, and why.
-        conditions: what the test asked of the rig, as (name, text).
-        panels: its plots, empty without a readable recording.
-        marks: injections, onset and detection, in the order of time.
-        spans: what the loop did about a fault.
-        events: what the recording says happened, at most some.
-        start_s, end_s: what the time axis spans; what was planned if the test ended before.
-        recorded_until_s: where the recording ends.
-        smallest: what the motion would have shown before any fault; None if that is not known.
-        opened: whether the page shows it unfolded.
+        anchor: name of the section for links within the page.
+        test: the test's outcome.
+        symbol, status: how the test ended, as a sign and as a word.
+        story: what happened, in sentences.
+        notes: sentences on what is missing in the section, and why.
+        conditions: setpoint, load and timing of the loop, as (name, text).
+        panels: the plots; empty without a readable recording.
+        marks: times of injections, onset and detection, in their order.
+        spans: the loop's actions about faults.
+        events: the first events of the recording, 40 at most.
+        start_s, end_s: begin and end of the time axis; it reaches to the planned end if the test
+            ended early.
+        recorded_until_s: time at which the recording ends, s.
+        smallest: the smallest leaks that would have been found; None if they are not known.
+        opened: whether the page shows the section unfolded at first.
     """
 
     anchor: str
@@ -103,7 +114,7 @@ class Section:
 
     @property
     def figures(self) -> dict[str, Any]:
-        """What the page's script draws the section's plots from."""
+        """The data from which the page's script draws the section's plots, JSON-able."""
         return {
             "start": self.start_s,
             "end": self.end_s,
@@ -119,7 +130,7 @@ def sections_of(outcome: CampaignOutcome, directory: Path) -> list[Section]:
 
     Args:
         outcome: the campaign's outcome.
-        directory: where its recordings are.
+        directory: folder of its recordings.
     """
     opened = _worth_opening(outcome)
     return [
@@ -128,7 +139,10 @@ def sections_of(outcome: CampaignOutcome, directory: Path) -> list[Section]:
 
 
 def _worth_opening(outcome: CampaignOutcome) -> int:
-    """Return the first test that failed, else the first with a leak, else the first."""
+    """Return the index of the test to show unfolded.
+
+    It is the first test that failed or crashed, else the first with a fault, else the first.
+    """
     tests = outcome.tests
     failed = [i for i, t in enumerate(tests) if t.status in (Status.FAILED, Status.ERROR)]
     leaking = [i for i, t in enumerate(tests) if t.injected and t.recording]
@@ -182,14 +196,20 @@ def _section(outcome: CampaignOutcome, index: int, directory: Path, opened: bool
 
 
 def _points(tests: int) -> int:
-    """Return the points of a trace: fewer in a large campaign, so that its page still opens."""
+    """Return the greatest number of points of a trace, for a campaign with some number of tests.
+
+    It is smaller in a large campaign, so that a browser can still open the page.
+    """
     return max(
         _LEAST_POINTS, 2 * (POINTS * _FULL_DETAIL_TESTS // max(tests, _FULL_DETAIL_TESTS) // 2)
     )
 
 
 def _recording(test: TestOutcome, directory: Path) -> tuple[Recording | None, tuple[str, ...]]:
-    """Return a test's recording, as much of it as can be read, and notes on what cannot."""
+    """Return the readable part of a test's recording, and notes on what cannot be read.
+
+    The recording is None if there is none, or if nothing of it can be read.
+    """
     if test.recording is None:
         missing = "There is no recording of this test."
         return None, () if test.status is Status.NOT_RUN else (missing,)
@@ -226,9 +246,10 @@ def _marks(test: TestOutcome) -> tuple[Mark, ...]:
 
 
 def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
-    """Return what the loop did about a fault, the actions that follow at once on each other as one.
+    """Return the loop's actions about faults as spans; actions of a kind without a pause are one.
 
-    A leak whose coefficient is estimated anew is tolerated as before.
+    So a leak that is tolerated with a new estimate of its coefficient does not begin a new span.
+    An action without an end reaches to `last_s`.
     """
     spans: list[Span] = []
     for action in test.actions:
@@ -242,9 +263,10 @@ def _spans(test: TestOutcome, last_s: float) -> tuple[Span, ...]:
 
 
 def _smallest(test: TestOutcome, accounts: AccountHistory | None) -> Smallest | None:
-    """Return the smallest leaks that would have been found, by the decision or the one before.
+    """Return the smallest leaks that would have been found; None if they are not known.
 
-    A detector that has found a fault no longer gives them; its decision before that fault does.
+    The final decision has them unless it names a fault; then they come from the last decision
+    before that fault.
     """
     decided = {} if test.decision is None else test.decision.details
     for details in (decided, {} if accounts is None else accounts.smallest):

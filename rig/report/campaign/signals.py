@@ -1,4 +1,4 @@
-"""The panels of what was measured: position, command, pressures, and the filter's innovations."""
+"""Draws the panels of position, command, chamber pressures, and the filter's innovations."""
 
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ _CHAMBERS: Final = ((1, "chamber_1"), (2, "chamber_2"))
 
 
 def motion(data: TestData) -> Panel | None:
-    """Return the panel of setpoint and position."""
+    """Return the panel of setpoint and position; None if neither is recorded."""
     traces = (
         *_signal(data, "setpoint_m", "setpoint", "reference", _MM, width=3.2),
         *_signal(data, "position_m", "position", "ink", _MM, width=1.2),
@@ -27,14 +27,14 @@ def motion(data: TestData) -> Panel | None:
 
 
 def command(data: TestData) -> Panel | None:
-    """Return the panel of the valve command of an open-loop test."""
+    """Return the panel of the valve command of an open-loop test; None for other tests."""
     traces = tuple(_signal(data, "setpoint_V", "valve command", "ink", 1.0, width=1.4))
     caption = "Open loop: the valve is driven directly, and nothing corrects the position."
     return Panel("command", "Valve command", caption, "V", traces) if traces else None
 
 
 def pressures(data: TestData) -> Panel | None:
-    """Return the panel of both chamber pressures, measured and estimated."""
+    """Return the panel of both chamber pressures, measured and estimated; None if not recorded."""
     measured: list[Trace] = []
     estimated: list[Trace] = []
     shown = []
@@ -56,7 +56,10 @@ def pressures(data: TestData) -> Panel | None:
 
 
 def innovation(data: TestData) -> Panel | None:
-    """Return the panel of the pressures' innovations, their moving averages and the thresholds."""
+    """Return the panel of the pressures' innovations with moving averages and thresholds.
+
+    The panel is None if no innovations are recorded.
+    """
     raw: list[Trace] = []
     averages: list[Trace] = []
     thresholds: list[Trace] = []
@@ -71,7 +74,7 @@ def innovation(data: TestData) -> Panel | None:
         name = f"chamber {i}, mean of {THESIS_WINDOW}"
         averages.append(line(name, role, data.recording.time_s, average, width=2.6,
                              points=data.points // 2))  # fmt: skip
-        # The filter's start says nothing about the rig.
+        # While the filter settles, its innovations do not describe the rig.
         settled = average[THESIS_WINDOW:] if average.size > 2 * THESIS_WINDOW else average
         shown.append(settled)
         threshold = _threshold(data, i)
@@ -100,7 +103,7 @@ def innovation(data: TestData) -> Panel | None:
 
 
 def _threshold(data: TestData, chamber: int) -> float | None:
-    """Return a chamber's threshold in kPa where the detector has one."""
+    """Return a chamber's threshold in kPa; None if the detector has none."""
     decision = data.outcome.decision
     value = None if decision is None else decision.details.get(f"threshold_{chamber}_Pa")
     return None if value is None or not np.isfinite(value) else value * _KPA
@@ -109,7 +112,7 @@ def _threshold(data: TestData, chamber: int) -> float | None:
 def _signal(
     data: TestData, channel: str, name: str, role: str, scale: float, **style: Any
 ) -> list[Trace]:
-    """Return a channel's trace in screen units, or nothing where there is no such channel."""
+    """Return a list with a channel's trace in the plot's unit; empty if it is not recorded."""
     values = data.channel(channel)
     if values is None:
         return []

@@ -1,4 +1,4 @@
-"""The report's first page: the verdict table and how sure the verdicts are."""
+"""Prepares the first part of the report: the table of verdicts, and how sure the verdicts are."""
 
 from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
@@ -28,7 +28,13 @@ DAY_S: Final = 86400.0
 
 @dataclass(frozen=True)
 class Scale:
-    """Flows as places on the small chart of a row, in percent of its width."""
+    """The flows on the small chart of a row, each as a position in percent of the chart's width.
+
+    Attributes:
+        injected: recorded mean flow of the injected leaks; None if there is none.
+        found: mean flow found; None if there is none.
+        lower, upper: ends of its 95 % interval; None if there is none.
+    """
 
     injected: float | None
     found: float | None
@@ -38,7 +44,21 @@ class Scale:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the verdict table, ready to print."""
+    """One row of the table of verdicts, as texts to print.
+
+    Attributes:
+        section: the test's section.
+        injected: for each injected fault, its name, its size, and when it acted.
+        found: the verdict; empty if the test was not run.
+        chance: the verdict's probability.
+        reaction: what the loop did about a fault.
+        flow: leak flow found, with its interval.
+        onset: estimated onset.
+        latency: time from the injection to the verdict.
+        expected: the expected verdict.
+        began: whether the test was run at all.
+        chart: the small chart of flows.
+    """
 
     section: Section
     injected: tuple[tuple[str, str, str], ...]
@@ -67,7 +87,7 @@ def full_scale(outcome: CampaignOutcome) -> float:
 
 
 def rows_of(outcome: CampaignOutcome, sections: list[Section]) -> list[Row]:
-    """Return the verdict table, in the campaign's order."""
+    """Return the rows of the table of verdicts, in the order of the campaign's tests."""
     scale = full_scale(outcome)
     return [_row(section, scale) for section in sections]
 
@@ -116,7 +136,7 @@ def _chart(test: TestOutcome, scale: float) -> Scale:
 
 
 def false_alarm_words(outcome: CampaignOutcome) -> str:
-    """Return what the stated false-alarm rate means for this campaign."""
+    """Return sentences on what the campaign's rate of false alarms means for its verdicts."""
     rate = outcome.false_alarms_per_day
     judged = sum(
         test.recorded_s or test.duration_s for test in outcome.tests if test.decision is not None
@@ -143,9 +163,11 @@ def false_alarm_words(outcome: CampaignOutcome) -> str:
 
 
 def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str], list[str]]]:
-    """Return (test, of leaks that begin, of leaks there from the start), for tests that have them.
+    """Return for each test the smallest leaks that would have been found, in L/min as text.
 
-    Flows are in L/min by leak, and "none" where the motion shows no leak at all.
+    A row has the test's name, the flows of leaks that begin in the test, and those of leaks that
+    are there from the start, each in the order of `LEAKS` or empty if not known. A flow is "none"
+    if the motion shows no leak of any size. Tests without these figures are left out.
     """
     rows = []
     for section in sections:

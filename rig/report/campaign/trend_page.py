@@ -1,4 +1,4 @@
-"""The page of trends over runs: first the figures that change, then every figure of every test."""
+"""Makes the page of trends over runs: first the figures that change, then all figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,11 +10,11 @@ from rig.runner.run_folder import Trend
 
 _INTERVAL: Final = 1.96
 TREND: Final = "trend.html"
-"""Name of the page in a schedule's folder."""
+"""File name of the page in a schedule's folder."""
 
 
 def write_trend(trends: Sequence[Trend], path: Path, title: str) -> None:
-    """Write the page, in one step.
+    """Write the page of trends to a file, replacing it in one step.
 
     Raises:
         OSError: the page cannot be written.

@@ -1,4 +1,4 @@
-"""The page of an identified friction."""
+"""Makes the pages and the panel of an identified friction."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""The page of `rig identify friction --rig`: figure 3.1, and what was found, in words."""
+"""Makes the page of `rig identify friction --rig`: figure 3.1 of the thesis, and the results."""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -13,11 +13,17 @@ from .words import in_words, needs_in_words, shown
 _INTERVAL: Final = 1.96
 _SLOWEST: Final = 1e-4
 _MISFIT: Final = 4.0
-"""chi^2 over its degrees of freedom, that measurements which agree exceed less than once in 100."""
+"""Limit of chi^2 over its degrees of freedom; measurements that agree with the law exceed it less
+than once in 100."""
 
 
 def experiment_page(experiment: FrictionExperiment, started: str) -> str:
-    """Return the HTML page of an experiment, begun at a date and time (UTC)."""
+    """Return the HTML page of a friction experiment.
+
+    Args:
+        experiment: its results.
+        started: when it began, UTC, as text.
+    """
     return rendered(
         "friction_experiment.html.j2",
         "friction_experiment.js",
@@ -31,7 +37,11 @@ def experiment_page(experiment: FrictionExperiment, started: str) -> str:
 
 
 def parameter_rows(experiment: FrictionExperiment) -> Iterator[tuple[str, str, str, str, str]]:
-    """Yield name, unit, value with its 95 % interval, from slowing down alone, and the model's."""
+    """Yield for each friction parameter five texts of the page's table.
+
+    They are its name, its unit, the fitted value with its 95 % interval, the value from slowing
+    down alone, and the value of the assumed model.
+    """
     for name in PARAMETERS:
         alone = experiment.sliding.estimates[name]
         fitted = alone if experiment.fit is None else experiment.fit.estimates[name]
@@ -41,7 +51,7 @@ def parameter_rows(experiment: FrictionExperiment) -> Iterator[tuple[str, str, s
 
 
 def remarks(experiment: FrictionExperiment) -> Iterator[str]:
-    """Yield what the figures alone do not say: what stiction rests on, and what is doubtful."""
+    """Yield sentences on how stiction was measured, and on results that are doubtful."""
     level, fit = experiment.level, experiment.fit
     counted = len(steady_among(experiment.speeds, experiment.sliding))
     if level.places:
@@ -83,7 +93,7 @@ def remarks(experiment: FrictionExperiment) -> Iterator[str]:
 
 
 def _places(experiment: FrictionExperiment) -> dict[str, Any]:
-    """Return break-away over position: points by direction, mean levels and their intervals."""
+    """Return the plot of break-away force over position: points and mean level by direction."""
     level = experiment.level
     drawn: dict[str, Any] = {"points": [], "levels": []}
     for direction, name in ((1, "extending"), (-1, "retracting")):
@@ -104,7 +114,7 @@ def _places(experiment: FrictionExperiment) -> dict[str, Any]:
 
 
 def _curve(experiment: FrictionExperiment) -> dict[str, Any]:
-    """Return figure 3.1: force over velocity, with the fitted curve and its band."""
+    """Return the plot of figure 3.1: force over velocity, with the fitted curve and its band."""
     speeds = experiment.speeds
     fastest = max([experiment.sliding.fastest or 0.0, *(abs(each.velocity) for each in speeds)])
     over = both_ways(_SLOWEST, fastest or 0.5)

@@ -1,4 +1,4 @@
-"""The page of `rig identify friction`: one HTML file with the curves and how they change."""
+"""Makes the page of `rig identify friction`: friction curves of recordings and their changes."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -16,11 +16,11 @@ _INTERVAL: Final = 1.96
 
 
 def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
-    """Return the HTML page of some recordings' friction, beside the model's.
+    """Return the HTML page of the friction of some recordings, compared with the model's.
 
     Args:
-        runs: at least one, oldest first.
-        model: what the filter assumed.
+        runs: friction of each recording, oldest first, at least one.
+        model: the model that the filter assumed.
     """
     units = {name: each.unit for name, each in runs[0].curve.estimates.items()}
     return rendered(
@@ -37,7 +37,10 @@ def friction_page(runs: Sequence[FrictionRun], model: Model) -> str:
 
 
 def _curves(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
-    """Return each recording's bins and fitted curve, after the model's curve (run None)."""
+    """Return the traces of the model's curve, then of each recording's bins and fitted curve.
+
+    Each trace has the index of its recording under `run`; that of the model is None.
+    """
     fastest = max((run.curve.fastest or 0.0 for run in runs), default=0.0) or 0.5
     over = both_ways(1e-4, fastest)
     drawn = [_trace("model", None, "lines", over * MM, model_curve(over, model.parameters))]
@@ -67,7 +70,7 @@ def _trace(
 
 
 def _trends(runs: Sequence[FrictionRun], model: Model) -> list[dict[str, Any]]:
-    """Return each parameter over the recordings, with intervals and the model's value."""
+    """Return the values of each parameter over the recordings, with intervals, and the model's."""
     trends = []
     for name in PARAMETERS:
         estimates = [run.curve.estimates[name] for run in runs]

@@ -1,4 +1,4 @@
-"""The panel of friction against velocity, of the load that figure 7.26 draws over time."""
+"""Draws the panel of friction over velocity, from the load that the thesis's figure 7.26 shows."""
 
 from typing import Final
 
@@ -16,7 +16,7 @@ _SLOWEST: Final = 1e-4
 
 
 def friction(data: TestData) -> Panel | None:
-    """Return the panel of a test's friction; None where no steady sliding was seen."""
+    """Return the panel of a test's friction; None if the ram never slid steadily."""
     curve = data.outcome.friction
     if curve is None or curve.slowest is None or curve.fastest is None:
         return None
@@ -43,13 +43,16 @@ def friction(data: TestData) -> Panel | None:
 
 
 def both_ways(slowest: float, fastest: float) -> Array:
-    """Return velocities in m/s of both directions, dense where slow, a gap between them."""
+    """Return velocities of both directions for a curve, m/s, sorted, with a NaN between the two.
+
+    The speeds go from `slowest` to `fastest`, evenly spaced in the logarithm.
+    """
     speeds = np.geomspace(slowest, fastest, _POINTS)
     return np.concatenate([-speeds[::-1], [np.nan], speeds])
 
 
 def caption(curve: FrictionCurve) -> str:
-    """Return what the panel shows, with the parameters in words."""
+    """Return the caption of the panel, with the identified parameters in words."""
     words = "Estimated load less the known spring, where the ram slid steadily; positive extending."
     fitted = [
         f"{in_words(name)} {shown(each)} {each.unit}"

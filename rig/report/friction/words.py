@@ -1,4 +1,4 @@
-"""Friction in words: parameters with their intervals, what changed, and what was not shown."""
+"""Puts friction into words: parameters with intervals, changes, and what was not identified."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ class FrictionRun:
     """The friction of one recording.
 
     Attributes:
-        recording: as named by the user.
-        name: of its test, else of its file.
-        started: date and time (UTC); None if that is not recorded.
-        curve: what was identified.
+        recording: the recording as the user named it.
+        name: name of its test, or of its file if it names no test.
+        started: when it was begun, UTC; None if that is not recorded.
+        curve: the identified friction.
     """
 
     recording: str
@@ -25,12 +25,15 @@ class FrictionRun:
 
 
 def in_words(parameter: str) -> str:
-    """Return a parameter's name as people write it."""
+    """Return a parameter's name with spaces in place of underscores."""
     return parameter.replace("_", " ")
 
 
 def shown(estimate: FrictionEstimate) -> str:
-    """Return a value with the half width of its 95 % interval, without the unit."""
+    """Return an estimate as text, value ± half the width of its 95 % interval, without the unit.
+
+    The text is "not shown" if the parameter was not identified.
+    """
     if estimate.value is None or estimate.standard_error is None:
         return "not shown"
     half = 1.96 * estimate.standard_error
@@ -39,14 +42,17 @@ def shown(estimate: FrictionEstimate) -> str:
 
 
 def needs_in_words(curve: FrictionCurve) -> Iterator[str]:
-    """Yield, for each motion that was missing, the parameters that it would have shown."""
+    """Yield, for each motion that was missing, the parameters that it would have identified."""
     for need in dict.fromkeys(each.needs for each in curve.estimates.values() if each.needs):
         names = [in_words(name) for name, each in curve.estimates.items() if each.needs == need]
         yield f"{', '.join(names)}: not identifiable; needs {need}"
 
 
 def changes_in_words(runs: Sequence[FrictionRun]) -> Iterator[str]:
-    """Yield what changed from the first recording to the last, nothing with a single one."""
+    """Yield lines on how friction changed from the first recording to the last.
+
+    Nothing is yielded for a single recording.
+    """
     if len(runs) < 2:
         return
     changes = friction_changes(runs[0].curve, runs[-1].curve)

@@ -1,4 +1,4 @@
-"""The page of a gap search."""
+"""Makes the page of a gap search."""
 
 from lazy_loader import attach_stub
 

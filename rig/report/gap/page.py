@@ -1,4 +1,4 @@
-"""The page of `rig gap`: where the model is wrong, what is missing, how sure, before and after."""
+"""Makes the page of `rig gap`: where the model is wrong, what it lacks, and how sure that is."""
 
 import shlex
 from collections.abc import Iterable, Sequence
@@ -17,17 +17,17 @@ from .words import band, channel, unit_for
 MOST_CURVES: Final = 4
 _NORMAL_95: Final = 1.96
 _POINTS: Final = 1200
-"""Most points of a free run's line."""
+"""Approximate number of points of a free simulation's line."""
 
 
 def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ...] = ()) -> str:
-    """Return the HTML page of what was found.
+    """Return the HTML page of a gap search.
 
     Args:
-        result: of the workflow.
-        plant: that was looked at.
+        result: result of the gap search.
+        plant: the plant whose model was tested.
         model: name of the model that was tested.
-        command: the command line.
+        command: the command line that ran the search, for the page.
     """
     return rendered(
         "gap.html.j2",
@@ -55,7 +55,10 @@ def gap_page(result: GapResult, plant: Plant, model: str, command: tuple[str, ..
 
 
 def drawn_curves(result: GapResult) -> list[Curve]:
-    """Return the disturbances that are worth a plot: the largest of each equation first."""
+    """Return the disturbances to plot, at most four, with the largest gain first.
+
+    They are the first disturbances of two different equations, and the first two of the rest.
+    """
     first: list[Curve] = []
     for curve in result.where:
         if curve.equation not in {each.equation for each in first}:
@@ -66,7 +69,7 @@ def drawn_curves(result: GapResult) -> list[Curve]:
 
 
 def figures_of(result: GapResult) -> dict[str, Any]:
-    """Return every plot of the page by its key."""
+    """Return the data of all plots of the page, by the plot's key, JSON-able."""
     drawn: dict[str, Any] = {
         f"curve_{number}": _curve(curve, None if result.as_given else _same(result.rest, curve))
         for number, curve in enumerate(drawn_curves(result))
@@ -107,7 +110,7 @@ def _line(curve: Curve, name: str, role: str) -> dict[str, Any]:
 
 
 def _band(curve: Curve, role: str) -> dict[str, Any]:
-    """Return the 95 % band as one closed line."""
+    """Return the 95 % band of a curve as the trace of one closed line."""
     at = curve.at * curve.region_shown[1]
     middle, half = curve.values * curve.shown[1], _NORMAL_95 * curve.errors * curve.shown[1]
     return {
@@ -123,7 +126,7 @@ def _band(curve: Curve, role: str) -> dict[str, Any]:
 
 
 def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
-    """Return each channel's error above the floor, before and after."""
+    """Return the bars of each channel's prediction error above the floor, before and after."""
     names = [channel(gap.channel) for gap in channels]
     before = [max(gap.before - gap.floor, 0.0) for gap in channels]
     after = [max(gap.after - gap.floor, 0.0) for gap in channels]
@@ -131,7 +134,7 @@ def _bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
 
 
 def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
-    """Return the mean over channels of the one-step errors above the floor, by frequency."""
+    """Return the bars, by frequency band, of the channels' mean one-step error above the floor."""
     names = [band(each) for each in channels[0].bands]
     floor, before, after = (
         np.array([[getattr(each, of) for each in gap.bands] for gap in channels])
@@ -144,7 +147,14 @@ def _band_bars(channels: Sequence[ChannelGap]) -> dict[str, Any]:
 def _before_and_after(
     names: Sequence[str], before: Iterable[float], after: Iterable[float], up: str
 ) -> dict[str, Any]:
-    """Return bars of the model as given beside those of the model as written."""
+    """Return bars of the model as given beside those of the model as written.
+
+    Args:
+        names: labels of the bars.
+        before: heights for the model as given.
+        after: heights for the model as written.
+        up: label of the vertical axis.
+    """
     return {
         "traces": [
             {"type": "bar", "name": name, "x": names, "y": numbers(values), "meta": {"role": role}}
@@ -159,7 +169,7 @@ def _before_and_after(
 
 
 def _run(run: FreeRun) -> dict[str, Any]:
-    # A channel's errors are shown in smaller units than the course of the channel.
+    # The unit suits the channel's own course; elsewhere its errors are shown in smaller units.
     unit, factor = unit_for(float(np.nanmax(np.abs(run.measured), initial=0.0)), run.unit)
     if run.unit == "m":
         unit, factor = "mm", 1e3

@@ -1,4 +1,4 @@
-"""A found gap in words: what is missing, how much, how sure, and what else it could be."""
+"""Puts the result of a gap search into words: what is missing, how much, how sure, and rivals."""
 
 from collections.abc import Iterator, Sequence
 from math import ceil, floor, isfinite, log10
@@ -29,16 +29,17 @@ _PREFIXES: Final = {
     "N/m": (("MN/m", 1e-6), ("kN/m", 1e-3), ("N/m", 1.0)),
     "m/s": (("m/s", 1.0), ("mm/s", 1e3)),
 }
-"""Units in which a value may be shown, largest first; other values are shown in SI."""
+"""For an SI unit, the units in which a value may be shown, largest first, with their factors; a
+value in another unit is shown in SI."""
 
 
 def in_words(name: str) -> str:
-    """Return a name of the catalogue as people write it."""
+    """Return a name of the catalogue with spaces in place of underscores."""
     return name.replace("_", " ")
 
 
 def unit_for(value: float, unit: str) -> tuple[str, float]:
-    """Return a unit in which a value in SI reads well, and how many of it are one SI unit."""
+    """Return the unit in which to show a value in SI, and the factor to multiply the value by."""
     choices = _PREFIXES.get(unit, ((unit, 1.0),))
     for name, factor in choices:
         if abs(value) * factor >= 1.0:
@@ -47,7 +48,10 @@ def unit_for(value: float, unit: str) -> tuple[str, float]:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with so many digits, without a power of ten where it reads well so."""
+    """Return a number as text with `digits` significant digits; "not known" if it is not finite.
+
+    A power of ten is used only below 1e-3 and from 1e5 on.
+    """
     if not isfinite(value):
         return "not known"
     if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
@@ -57,13 +61,13 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def with_unit(value: float, unit: str) -> str:
-    """Return a value in SI in a unit in which it reads well."""
+    """Return a value in SI as text in a convenient unit, with the unit."""
     shown, factor = unit_for(value, unit)
     return f"{number(value * factor)} {shown}".strip()
 
 
 def estimated(estimate: Estimate) -> str:
-    """Return a value with the half width of its 95 % interval."""
+    """Return an estimate as text: value ± half the width of its 95 % interval, and the unit."""
     half = (estimate.upper - estimate.lower) / 2.0
     shown, factor = unit_for(estimate.value or half, estimate.unit)
     value, half = estimate.value * factor, half * factor
@@ -81,34 +85,34 @@ def estimated(estimate: Estimate) -> str:
 
 
 def sizes(effect: NamedEffect) -> str:
-    """Return the parameters of an effect in one phrase."""
+    """Return the parameters of an effect with their estimates, as one phrase."""
     if len(effect.parameters) == 1:
         return estimated(effect.parameters[0])
     return ", ".join(f"{in_words(each.key)} {estimated(each)}" for each in effect.parameters)
 
 
 def or_else(effect: NamedEffect) -> str:
-    """Return an effect's name with those that it may be as well."""
+    """Return an effect's name, followed by the effects that cannot be distinguished from it."""
     others = [in_words(rival.effect) for rival in effect.indistinguishable]
     return " or ".join([in_words(effect.name), *others])
 
 
 def shrunk(result: GapResult) -> float:
-    """Return the part of the held-out error above the noise floor that is gone, NaN if none was."""
+    """Return the share by which the held-out error above the floor fell; NaN if there was none."""
     if not result.gap_before > 0.0:
         return float("nan")
     return 1.0 - result.gap_after / result.gap_before
 
 
 def _named(effect: NamedEffect) -> str:
-    """Return an effect with its size, and what it cannot be distinguished from."""
+    """Return an effect's name with its size and the effects it cannot be distinguished from."""
     name = f"{in_words(effect.name)}, {sizes(effect)}"
     others = " or ".join(in_words(rival.effect) for rival in effect.indistinguishable)
     return f"{name} (or {others}: these recordings cannot tell)" if others else name
 
 
 def headline(result: GapResult) -> str:
-    """Return the finding in one sentence."""
+    """Return the result of a gap search in one sentence."""
     if result.verdict == "missing_effect":
         return f"The model lacks {'; '.join(_named(each) for each in result.effects)}."
     if result.verdict == "unknown_effect":
@@ -128,7 +132,7 @@ def headline(result: GapResult) -> str:
 
 
 def gap_words(result: GapResult) -> str:
-    """Return before and after on the held-out recordings, in one sentence."""
+    """Return the prediction error on the held-out recordings, before and after, in one sentence."""
     before, after = result.gap_before, result.gap_after
     if not isfinite(before):
         return "The held-out prediction error was not computed."
@@ -143,13 +147,13 @@ def gap_words(result: GapResult) -> str:
 
 
 def found_in(ended: Round) -> str:
-    """Return what was found by the end of a round."""
+    """Return in words the effects that are known at the end of a round, else its verdict."""
     named = "; ".join(f"{or_else(each)}, {sizes(each)}" for each in ended.effects)
     return named or VERDICT_WORDS[ended.verdict].lower()
 
 
 def checked_in(ended: Round) -> str:
-    """Return what became of the model revised in a round."""
+    """Return in words the result of a round's check, or why there was none."""
     check = ended.check
     if check is None:
         return "not checked: " + (
@@ -165,7 +169,10 @@ def checked_in(ended: Round) -> str:
 
 
 def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
-    """Yield where the disagreement enters, largest first, with its largest value and units."""
+    """Yield for each of the first `most` disturbances a phrase with its equation and largest value.
+
+    The phrases are in the order of `curves`.
+    """
     for curve in curves[:most]:
         index = max(range(len(curve.values)), key=lambda i: abs(float(curve.values[i])))
         unit, factor = curve.shown
@@ -180,12 +187,12 @@ def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
 
 
 def share(part: float) -> str:
-    """Return a part of 1 in words, as a percentage."""
+    """Return a share, from 0 to 1, as text in percent; "no known part" if it is not finite."""
     return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
 
 
 def channel(name: str) -> str:
-    """Return a channel's name without its unit."""
+    """Return a channel's name in words, without the unit at its end."""
     return in_words(name.rsplit("_", 1)[0]) if "_" in name else name
 
 
@@ -195,26 +202,29 @@ def band(of: Band) -> str:
 
 
 def band_shares(gap: ChannelGap) -> list[str]:
-    """Return the part of a channel's one-step excess that each frequency band has, before."""
+    """Return each frequency band's share of a channel's error above the floor, as text.
+
+    The error is the one-step prediction error of the model as given.
+    """
     excesses = [max(each.before - each.floor, 0.0) for each in gap.bands]
     total = sum(excesses)
     return [share(each / total) if total > 0.0 else "none" for each in excesses]
 
 
 def excess(variances: float) -> str:
-    """Return an excess over the floor, which chance may make a little negative."""
+    """Return an error above the floor as text; a negative one, which is chance, becomes zero."""
     return number(max(variances, 0.0))
 
 
 def held_out(effect: NamedEffect) -> str:
-    """Return what the recordings held out say of an effect."""
+    """Return in words whether the held-out recordings confirm an effect."""
     if not isfinite(effect.held_out_z):
         return "not shown by the motion"
     return f"confirmed, z = {effect.held_out_z:.1f}"
 
 
 def limit(smallest: DetectionLimit) -> str:
-    """Return the smallest size that would have shown, rounded up."""
+    """Return as text the smallest size at which an effect would have been found, rounded up."""
     if not isfinite(smallest.size):
         return "no plausible size"
     if smallest.size <= 0.0:
@@ -223,7 +233,7 @@ def limit(smallest: DetectionLimit) -> str:
 
 
 def rounded_up(value: float) -> float:
-    """Return a limit rounded up to two digits."""
+    """Return a value rounded up to two significant digits; unchanged if not positive and finite."""
     if not isfinite(value) or value <= 0.0:
         return value
     scale = 10.0 ** (floor(log10(value)) - 1)

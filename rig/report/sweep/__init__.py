@@ -1,4 +1,4 @@
-"""The page of a sweep."""
+"""Makes the page of a sweep, and its results in words."""
 
 from lazy_loader import attach_stub
 

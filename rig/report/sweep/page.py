@@ -1,4 +1,4 @@
-"""The page of a sweep: how small a leak is found, ROC, confusion, and what was drawn."""
+"""Makes the page of a sweep: how small a leak is found, ROC, confusion, and the ranges drawn."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,11 +19,11 @@ _DIGITS: Final = 4
 _ROC_POINTS: Final = 400
 _CURVE_POINTS: Final = 80
 _SHOWN: Final = 3000
-"""Most cases that a plot of single cases shows: a browser draws no more with ease."""
+"""Greatest number of cases in a plot of single cases; more would make a browser slow."""
 
 
 def write_sweep_page(sweep: Sweep, table: pa.Table, study: Study, path: Path) -> None:
-    """Write the page, in one step.
+    """Write the page of a sweep to a file, replacing it in one step.
 
     Raises:
         OSError: the page cannot be written.
@@ -32,7 +32,13 @@ def write_sweep_page(sweep: Sweep, table: pa.Table, study: Study, path: Path) ->
 
 
 def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
-    """Return the HTML page of a sweep; the page fetches nothing."""
+    """Return the HTML page of a sweep; the page fetches nothing.
+
+    Args:
+        sweep: the sweep as configured.
+        table: one row for each case.
+        study: the statistics of all cases.
+    """
     return rendered(
         "sweep.html.j2",
         "sweep.js",
@@ -54,7 +60,7 @@ def sweep_page(sweep: Sweep, table: pa.Table, study: Study) -> str:
 
 
 def _drawn(sweep: Sweep, table: pa.Table) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, lowest and highest value, and unit of each quantity that was drawn."""
+    """Yield name, lowest and highest value, and unit of each quantity that was drawn at random."""
     for name in (*sweep.parameters, *sweep.followers, "noise"):
         values = columns_of(table.select([name]))[name]
         low, high = float(values.min()), float(values.max())
@@ -71,7 +77,10 @@ def _figures(table: pa.Table, study: Study) -> dict[str, Any]:
 
 
 def _power(curve: PowerCurve) -> dict[str, Any]:
-    """Return bins and fitted curve in L/min and %; the curve is None if none was fitted."""
+    """Return bins and fitted curve of a power curve, in L/min and %.
+
+    The key `curve` is None if no curve was fitted.
+    """
     middles = [(each.low * each.high) ** 0.5 / LITRE_PER_MINUTE for each in curve.bins]
     parts = [100.0 * each.right.part for each in curve.bins]
     found: dict[str, Any] = {
@@ -100,7 +109,7 @@ def _power(curve: PowerCurve) -> dict[str, Any]:
 
 
 def _roc(roc: Roc) -> dict[str, Any]:
-    """Return the curve in %, with no more points than can be seen."""
+    """Return a ROC curve in %, with 400 points at most."""
     at = np.unique(np.linspace(0, roc.found.size - 1, _ROC_POINTS).astype(int))
     return {
         "alarms": numbers(100.0 * roc.false_alarms[at], _DIGITS),
@@ -125,7 +134,10 @@ def _confusion(study: Study) -> dict[str, Any]:
 
 
 def _cases(table: pa.Table) -> dict[str, Any]:
-    """Return single leaks: true flow, estimated flow and latency, None where there is none."""
+    """Return the columns of the plots of single leaks, such as true flow, estimate and latency.
+
+    Flows are in L/min, times in s; None where a case has no value.
+    """
     names = [
         "case",
         "fault",

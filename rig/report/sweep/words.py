@@ -1,4 +1,4 @@
-"""A sweep's findings in words: lines for the terminal, and for its page."""
+"""Puts the results of a sweep into words, for the terminal and for its page."""
 
 from collections.abc import Iterator
 
@@ -7,12 +7,12 @@ from rig.sweep import LEAST_CASES, PowerCurve, Share, Study, Timing
 
 
 def in_flow(flow: float | None, digits: int = 2) -> str:
-    """Return a flow in m^3/s as text in L/min; none as none."""
+    """Return a flow in m^3/s as text in L/min; "none" if it is None."""
     return "none" if flow is None else f"{flow / LITRE_PER_MINUTE:.{digits}g} L/min"
 
 
 def of_share(share: Share) -> str:
-    """Return a part of some cases with its 95 % interval."""
+    """Return how many of some cases as text, with the 95 % interval of the share."""
     if not share.of:
         return "none of 0"
     low, high = (100.0 * end for end in share.interval)
@@ -20,7 +20,10 @@ def of_share(share: Share) -> str:
 
 
 def limit_in_words(curve: PowerCurve) -> str:
-    """Return the flow from which 95 in 100 are named, as text, or what is known in its place."""
+    """Return as text the flow from which on 95 of 100 leaks are named, with its 95 % interval.
+
+    If no such flow was estimated, the text says what is known instead.
+    """
     if curve.limit_m3_per_s is not None and curve.interval_m3_per_s is not None:
         low, high = (in_flow(end) for end in curve.interval_m3_per_s)
         return f"{in_flow(curve.limit_m3_per_s)} ({low} to {high})"
@@ -40,12 +43,18 @@ def limit_in_words(curve: PowerCurve) -> str:
 
 
 def place_in_words(place: str) -> str:
-    """Return the name of a fault as a reader's."""
+    """Return the name of a fault, or of all leaks together, in words."""
     return "all leaks" if place == "all" else place.replace("_", " ")
 
 
 def lines_of(filter_name: str, study: Study, timing: Timing) -> Iterator[str]:
-    """Yield what came of a sweep, a line each."""
+    """Yield the results of a sweep as lines for the terminal.
+
+    Args:
+        filter_name: the filter that judged the cases.
+        study: the statistics of all cases.
+        timing: how long the cases took.
+    """
     if study.lost.count:
         lost = f"  the filter lost its rig in {of_share(study.lost)} cases"
         yield f"{lost}: verdicts by such a filter mean little"

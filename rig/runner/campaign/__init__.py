@@ -1,4 +1,4 @@
-"""Running a campaign: its tests one after the other, the operator's requests, the way out."""
+"""Runs the tests of a campaign one after the other, serves operators' requests, and ends it."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Where the tests of a campaign are run: a simulated rig, or a session with a real one."""
+"""Defines what runs the tests of a campaign: a simulated rig, or a session with a real one."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -19,97 +19,126 @@ class Loop(Protocol):
     """One test on the rig, advanced batch by batch.
 
     Attributes:
-        channels: names of the rows' columns, the first `time_s`.
+        channels: names of the rows' columns; the first is `time_s`.
     """
 
     channels: tuple[str, ...]
 
     @property
     def ticks_left(self) -> int:
-        """Ticks of the test that are still to run."""
+        """Number of the test's ticks that have not been run yet."""
 
     def position(self) -> None:
-        """Bring the ram to its start, and wait until it has settled.
+        """Move the ram to the test's start position, and wait until it has settled there.
 
         Raises:
             TripError: the rig tripped.
         """
 
     def inject(self) -> None:
-        """Get the valves that make the test's faults ready, and schedule its faults.
+        """Move the bypass valves to their first positions, and schedule the test's faults.
 
         Raises:
             TripError: the rig tripped.
         """
 
     def advance(self, ticks: int) -> Array:
-        """Return the rows of the next `ticks` ticks, float64 (n, columns); fewer at the end.
+        """Run the next `ticks` ticks, or all that are left, and return their rows.
+
+        The rows are float64 of shape (n, columns), in SI units.
 
         Raises:
             TripError: the rig tripped before any more rows came.
         """
 
     def decided(self, row: Array) -> None:
-        """Take a decision on the rows so far, a row of `rig.loop.decided.DECIDED`.
+        """Give the loop the detector's decision on the rows so far, without waiting for the loop.
 
-        Rows that the loop writes from then on carry it. Nobody waits.
+        All rows that the loop writes afterwards carry it.
+
+        Args:
+            row: the decision as a row of `rig.loop.decided.DECIDED`.
         """
 
     def end_early(self) -> None:
-        """Have `safe_state` leave the rig ready for the next test, as at the end of a test."""
+        """Let `safe_state` leave the rig ready for the next test although this test is not over."""
 
     def safe_state(self) -> None:
-        """End the test, wherever it is: every injected fault away, and no motion."""
+        """End the test at whatever point it is: remove all injected faults and stop the motion."""
 
 
 class Writer(Protocol):
-    """What keeps the rows and events of a test in its recording."""
+    """A writer of the rows and events of one test to its recording."""
 
     def write(self, rows: Array) -> None:
-        """Take rows, unless they reach the disk by themselves."""
+        """Write the next rows to the recording; on hardware another process writes them."""
 
     def event(self, time_s: float, kind: str, text: str) -> None:
-        """Note something that happened at a time of the test."""
+        """Write an event to the recording.
+
+        Args:
+            time_s: when it happened, in s of the test.
+            kind: one word for what happened, such as `verdict`.
+            text: the rest, for a reader.
+        """
 
 
 @runtime_checkable
 class Timed(Protocol):
-    """A writer that knows how well the loop kept its time."""
+    """A writer that also measures how well the loop kept its time."""
 
     def timing(self) -> Mapping[str, Any]:
-        """Return `rig.loop.timing.Timing.summary` of all rows so far."""
+        """Return the statistics of all rows so far, as `rig.loop.timing.Timing.summary` does."""
 
 
 class Bench(Protocol):
-    """A rig that tests can be run on; a context manager that leaves it safe.
+    """A rig that tests can be run on.
+
+    It is a context manager: entering it makes the rig ready, leaving it makes the rig safe.
 
     Attributes:
-        live: whether time passes by itself: rows come at the wall clock, and waiting is no help.
+        live: whether the rig runs at the pace of the wall clock by itself, as hardware does, so
+            that the runner need not wait between batches.
     """
 
     live: bool
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> Loop:
-        """Return the loop of a test, before the ram is brought to its start."""
+        """Return the loop of a test, before the ram has moved to its start position.
+
+        Args:
+            test: the test.
+            memory: the filter's memory before its first sample.
+            assumed: the model that filter and interlock assume.
+        """
 
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> AbstractContextManager[Writer]:
-        """Return what records a test, to a new file, once it is entered."""
+        """Return a context manager that records a test to the new file `path` while it is entered.
+
+        Args:
+            path: of the new recording.
+            channels: names of the rows' columns.
+            metadata: of the recording.
+        """
 
     def reading(self, channel: str) -> float | None:
-        """Return the newest value of a channel, NaN if it has none; None if it cannot be known."""
+        """Return the newest value of a channel.
+
+        It is NaN if the channel has no reading, and None if no reading can be had at present.
+        """
 
     def idle(self) -> None:
-        """Look after the rig while it waits between two tests; called every 50 ms or so.
+        """Check the rig while it waits between two tests; this is called about every 50 ms.
 
         Raises:
             TripError: the rig tripped.
-            StopRequestedError: somebody asked for an end.
+            StopRequestedError: a stop of the campaign was requested.
         """
 
     def __enter__(self) -> "Bench":
-        """Get the rig ready for its first test."""
+        """Make the rig ready for its first test."""
 
     def __exit__(self, *_: object) -> None:
-        """Leave the rig safe."""
+        """Bring the rig to its safe state."""

@@ -1,4 +1,4 @@
-"""Runs a campaign, and leaves its results on disk whatever ends it."""
+"""Runs a campaign, and writes its results to disk however it ends."""
 
 import os
 import time
@@ -60,10 +60,10 @@ from .stopping import StopFlag
 from .suspending import MOST_SUSPENSIONS, Suspenders
 
 _WRITE_EVERY_S: Final = 1.0
-"""How far behind results may be: with thousands of tests, not each of them rewrites them."""
+"""Least time between two writings of the results, s: a campaign may have thousands of tests."""
 _NAP_S: Final = 0.05
 _MOST_REFUSED: Final = 100
-"""Refused requests that are kept: whoever floods the port shall not fill the disk."""
+"""Refused requests that the journal keeps, so that a flood of requests cannot fill the disk."""
 _WANTS_ATTENTION: Final = (Status.FAILED, Status.ERROR, Status.TRIPPED, Status.INTERRUPTED)
 
 
@@ -83,37 +83,39 @@ def run_campaign(
     overdue: Callable[[], None] | None = None,
     given: Mapping[str, Any] | None = None,
 ) -> CampaignOutcome:
-    """Run every test of a campaign on a rig and write what comes of it to a folder.
+    """Run every test of a campaign on a rig, write the results to a folder, and return the outcome.
 
-    The folder gets a journal, `results.json` and `junit.xml`, a recording a test, and `errors.log`
-    if a test crashed. They are written whatever ends the run: a test that crashes is an outcome; a
-    stop, a trip, or a rig that cannot be armed or homed leaves the rest of the tests as not run.
-    After a kill, or a power cut, the journal shows how far the run had come.
+    The folder gets a journal, `results.json` and `junit.xml`, one recording for each test, and
+    `errors.log` if a test crashed. They are written however the run ends. A crash ends one test
+    only. After a stop, a trip, or if the rig cannot be armed or homed, the remaining tests have the
+    status `not_run`. After a kill, or a power cut, the journal shows how far the run had come.
 
     Args:
-        campaign: checked against the rig.
+        campaign: the campaign, already checked against the rig.
         rig: the rig.
-        out: a new or empty folder, or that of an earlier run, which is replaced; if not given, a
-            new one below `runs`.
-        pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
-            The results are the same bit for bit.
-        observer: is called as the run goes on.
-        stop: ends the run after the present batch; see `stop_on_signals`.
-        detector: makes the detector of each test instead of the filter's own.
-        bench: what the tests are run on, not entered yet; the rig itself if not given.
-        command: the command line that runs it again, for the report; none if not given.
-        resume: go on with the run in the folder `out`, and repeat no test that it finished; begins
-            anew where none was begun.
-        desk: takes what operators ask for, from this process; others reach it by the folder's
-            socket.
-        overdue: is called, from another thread, if a test cannot be cleaned up in time. It should
-            end the process; the rig's other parts make it safe then.
-        given: what the journal shall keep of how to resume it, as JSON holds it.
+        out: a new or empty folder, or the folder of an earlier run, whose files are replaced; if
+            not given, a new folder below `runs`.
+        pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
+            rig's file if not given. The results are the same bit for bit.
+        observer: its methods are called as the run goes on.
+        stop: a request on it ends the run after the present batch; see `stop_on_signals`.
+        detector: makes the detector of each test, in place of the filter's own detector.
+        bench: the bench to run the tests on, whose context is not entered yet; if not given, that
+            of `rig`.
+        command: the command line that repeats the run, for the report; empty if there is none.
+        resume: whether to go on with the run in the folder `out`, without repeating its finished
+            tests; a new run begins if the folder has no journal.
+        desk: takes requests of operators from this process; other processes reach it by the socket
+            in the folder.
+        overdue: is called from another thread if a test is not cleaned up in time. It should end
+            the process; the rig's other processes then make the rig safe.
+        given: options of the command line that the journal keeps, for resuming; JSON-able.
 
     Raises:
         DirectoryError: the folder cannot be used; nothing was written.
-        JournalError: the run in it cannot be resumed, or is going on; nothing was written.
-        DriverError: a device of the rig is not there, or not what was configured; nothing moved.
+        JournalError: the run in the folder cannot be resumed, or another process runs it now;
+            nothing was written.
+        DriverError: a device of the rig is missing, or is not the configured one; nothing moved.
         OSError: the results cannot be written.
     """
     stop, observer, desk = stop or StopFlag(), observer or Observer(), desk or Desk()
@@ -161,16 +163,23 @@ def bench_of(
     stop: StopFlag,
     journal: Callable[[str], None] = lambda text: None,
 ) -> Bench:
-    """Return what a campaign is run on, not entered yet; all that it runs is compiled.
+    """Compile what a session runs, and return the bench of a rig, whose context is not entered yet.
 
-    The journal keeps what another master drives on hardware, in words.
+    Args:
+        campaign: the campaign to run.
+        rig: simulated, or on hardware.
+        directory: folder of the run.
+        observer: shows the operator how compiling goes on; follows a session on hardware if it is
+            an `Onlooker`, too.
+        stop: a request on it ends compiling, and later the session.
+        journal: is called on hardware with a sentence when another master drives a device.
     """
     needs = Needs(rig, campaign.filter_name)
     if rig.backend == "simulated":
         compile_for(needs, SIMULATED, observer.rig_tells, stop)
         return SimulatedBench(rig, directory, observer.rig_tells)
     compile_for(needs, ON_HARDWARE, observer.rig_tells, stop)
-    # Its drivers' libraries are of no use to a simulation.
+    # Imported here because a simulation does not need the libraries of its drivers.
     from rig.supervisor import ConnectedRig, Session
 
     load(needs, ON_HARDWARE)
@@ -185,7 +194,7 @@ def bench_of(
 
 
 class _CampaignRun:
-    """A campaign while it runs; what is known of it is what its journal holds."""
+    """A campaign while it runs; its state is always what its journal says."""
 
     def __init__(
         self,
@@ -210,7 +219,7 @@ class _CampaignRun:
         setting.deadline = Deadline(CLEANUP_S, self._is_overdue)
 
     def run(self, started: datetime, given: Mapping[str, Any]) -> None:
-        """Run all tests that are not finished, up to a stop."""
+        """Run all tests that are not finished, until the end or a stop."""
         setting = self._setting
         finished = self._standing.finished
         stands = [finished[index] for index in sorted(finished)]
@@ -225,7 +234,7 @@ class _CampaignRun:
             setting.stop,
         )
         self._begin(started, given)
-        # A run that is killed leaves a folder that is known for a run's.
+        # Even if the run is killed now, its folder is recognized as that of a run.
         self.write()
         learn_again(setting.references, self._standing, setting.directory, self._recordings)
         if self._next() is not None:
@@ -236,7 +245,7 @@ class _CampaignRun:
         setting.observer.campaign_ends(exit_code, reason)
 
     def _begin(self, started: datetime, given: Mapping[str, Any]) -> None:
-        """Write what the journal begins with, or goes on with."""
+        """Write the entry `begin` to a new journal, or `resume` to one that is continued."""
         setting = self._setting
         now = dict(setting.provenance["versions"])
         if self._standing.begun is not None:
@@ -259,7 +268,7 @@ class _CampaignRun:
         """Make the rig ready, run all tests that are not finished, and leave it safe.
 
         Raises:
-            DriverError: a device of the rig is not there, or not what was configured.
+            DriverError: a device of the rig is missing, or is not the configured one.
         """
         try:
             with self._setting.bench:
@@ -294,7 +303,7 @@ class _CampaignRun:
         return next((index for index in order if index not in finished), None)
 
     def _wait(self) -> None:
-        """Wait while the campaign is paused, or a condition is not met."""
+        """Wait while the campaign is paused or a condition is not met, until a stop."""
         setting, desk, suspenders = self._setting, self._setting.desk, self._setting.suspenders
         began, held, paused = time.monotonic(), False, False
         while not setting.stop.requested:
@@ -342,7 +351,7 @@ class _CampaignRun:
             message = "an operator has it run again"
             outcome = replace(outcome, status=Status.INTERRUPTED, message=message)
         if outcome.recording is not None:
-            # The journal must not say more than what is on disk.
+            # The journal must not report a recording before it is on disk.
             sync(setting.directory / outcome.recording)
             sync(setting.directory)
         self._ends(index, outcome)
@@ -378,14 +387,14 @@ class _CampaignRun:
             self._setting.desk.record("refused", why=why, durable=False)
 
     def _is_overdue(self) -> None:
-        # The disk may be what it hangs on: the end does not depend on what can be written.
+        # The test may hang on the disk, so the process is ended even if nothing can be written.
         try:
             self._setting.desk.record("overdue")
         finally:
             self._overdue()
 
     def write(self) -> None:
-        """Write the results as far as they have come."""
+        """Write `results.json` and `junit.xml` with all outcomes so far."""
         directory = self._setting.directory
         write_results(self.outcome, directory / RESULTS)
         write_junit(self.outcome, directory / JUNIT)
@@ -393,7 +402,7 @@ class _CampaignRun:
 
     @property
     def outcome(self) -> CampaignOutcome:
-        """What has come of the campaign so far."""
+        """The campaign's outcome so far; tests that have not been run have the status `not_run`."""
         campaign, standing = self._setting.campaign, self._standing
         begun = standing.begun
         return CampaignOutcome(

@@ -1,4 +1,4 @@
-"""Runs one test of a campaign on a bench, to its recording and verdict."""
+"""Runs one test of a campaign on a bench, records it, and judges it."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -39,16 +39,17 @@ from .suspending import Suspenders
 
 @dataclass
 class Setting:
-    """What the tests of one campaign share while they run.
+    """The objects that all tests of one campaign share while they run.
 
     Attributes:
-        bench: what the tests are run on, entered.
-        directory: where recordings and tracebacks go.
-        detector: makes the detector instead of the filter's own.
-        desk: what operators ask for.
-        suspenders: what may hold the campaign.
-        deadline: of cleaning up.
-        enters: is called with each phase that a test enters, and its recording once there is one.
+        bench: the bench that the tests are run on; its context has been entered.
+        directory: folder of the run, for recordings and tracebacks.
+        detector: makes the detector of each test, in place of the filter's own; None for the own.
+        desk: takes the operators' requests.
+        suspenders: the conditions that may hold the campaign.
+        deadline: limits how long cleaning up after a test may take.
+        enters: is called with each phase that a test enters, and the file name of its recording,
+            None while there is none.
     """
 
     campaign: Campaign
@@ -68,10 +69,10 @@ class Setting:
 
 
 class _InterruptedError(Exception):
-    """The present test is to be ended, and the campaign goes on.
+    """Raised to end the present test, after which the campaign goes on.
 
     Attributes:
-        status: how it ended.
+        status: the status that the test gets.
     """
 
     def __init__(self, status: Status, reason: str) -> None:
@@ -80,13 +81,13 @@ class _InterruptedError(Exception):
 
 
 def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcome:
-    """Run one test; whatever happens in it, the rig is left safe and the recording closed.
+    """Run one test and return its outcome; leave the rig safe and the recording closed.
 
-    A crash is an outcome, not an exception, and so are a trip and a stop; only what is no
-    `Exception` (SystemExit) is raised on.
+    A crash, a trip and a stop are returned as outcomes. Only exceptions that do not derive from
+    `Exception`, such as SystemExit, are raised on.
 
     Args:
-        setting: the campaign.
+        setting: what the tests of the campaign share.
         test: the test.
         recording: file name of its recording.
     """
@@ -107,7 +108,7 @@ def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcom
         status, message = Status.TRIPPED, str(error)
     except Exception as error:
         if isinstance(error, OSError) and error.errno in FULL:
-            # As on hardware, where the supervisor trips for it: no further test could be recorded.
+            # On hardware the supervisor trips for a full disk: no further test could be recorded.
             setting.stop.request("a full disk")
             sentence, remedy = explain(Cause.DISK_FULL)
             status, message = Status.TRIPPED, f"{sentence}; {remedy}"
@@ -136,7 +137,7 @@ def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
     try:
         yield
     except _InterruptedError:
-        # Somebody goes on with the next test: the ram is held, as at the end of any test.
+        # The campaign goes on with another test: the ram is held, as at the end of any test.
         loop.end_early()
         raise
     finally:
@@ -148,9 +149,9 @@ def _left_safe(setting: Setting, loop: Loop) -> Iterator[None]:
 
 
 class _Observed:
-    """Passes rows and events on to a writer, and events to the observer as well.
+    """A writer that passes rows and events on to another writer, and events also to the observer.
 
-    It has `timing` if the writer has.
+    It has the method `timing` if the other writer has it.
     """
 
     def __init__(self, writer: Writer, observer: Observer) -> None:
@@ -166,7 +167,7 @@ class _Observed:
 
 
 class _RunningTest:
-    """One test while it runs, and what is known of it so far."""
+    """One test while it runs, with its results so far."""
 
     def __init__(self, setting: Setting, test: CampaignTest, recording: str) -> None:
         campaign = setting.campaign
@@ -188,7 +189,12 @@ class _RunningTest:
         self._injection = Injection(FaultSchedule(test.faults).faults, self._loop.channels)
 
     def run(self) -> Status:
-        """Run to the end, or to a stop."""
+        """Run the test until its end or a stop, and return its status.
+
+        Raises:
+            _InterruptedError: an operator or a condition ended the test.
+            TripError: the rig tripped.
+        """
         setting, test = self._setting, self._test
         with _left_safe(setting, self._loop):
             setting.pacer.start()
@@ -202,7 +208,7 @@ class _RunningTest:
             setting.enters(Phase.INJECT, None)
             self._loop.inject()
             setting.enters(Phase.MAIN, self._recording)
-            # Left from right to left: the valve is at null before the recording is closed.
+            # The right context is left first: the valve is at null before the recording is closed.
             with self._writer() as writer, _left_safe(setting, self._loop):
                 self._drive(writer)
                 self._timing = writer.timing() if isinstance(writer, Timed) else None
@@ -215,10 +221,11 @@ class _RunningTest:
         return Status.PASSED if expected else Status.FAILED
 
     def _go_on(self) -> None:
-        """Look whether the test is to be ended.
+        """Raise an error if the present test is to be ended early.
 
         Raises:
-            _InterruptedError: it is.
+            _InterruptedError: an operator has asked to skip or repeat the test, or a condition that
+                interrupts tests is not met.
         """
         setting = self._setting
         interruption = setting.desk.interruption
@@ -231,7 +238,7 @@ class _RunningTest:
             raise _InterruptedError(Status.INTERRUPTED, "; ".join(setting.suspenders.reasons))
 
     def completed(self, outcome: TestOutcome) -> TestOutcome:
-        """Return an outcome with all that is known of the test."""
+        """Return a copy of an outcome, completed by the results of the test so far."""
         return replace(
             outcome,
             injected=self._injection.injected,
@@ -324,5 +331,5 @@ class _RunningTest:
 
     @property
     def _last_s(self) -> float:
-        """Time of the last sample, s."""
+        """Time of the last recorded sample in s of the test; 0 before any."""
         return max(self._ticks - 1, 0) * TICK

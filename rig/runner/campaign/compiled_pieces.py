@@ -1,7 +1,7 @@
-"""The pieces of what a session runs, each run on next to nothing, to have it compiled.
+"""Defines the pieces of a session's code; each is run on tiny inputs so that numba compiles it.
 
-How a function is compiled depends on the types that it is called with, not on their values: a model
-or a test of a session's own would make no difference.
+What numba compiles depends on the types of the arguments, not on their values, so that any model
+and any test will do.
 """
 
 import os
@@ -64,18 +64,18 @@ from rig.plant import (
 from .simulated_bench import interlock_of, loop_of
 
 _JUDGED_S: Final = 12.0
-"""Long enough for the detector to weigh faults against each other."""
+"""Time over which the detector judges: long enough that it compares faults with each other, s."""
 _NEVER: Final = -1
-"""Number of a segment that is never switched to: the loop returns from it at once."""
+"""Number of a segment that the loop never switches to: the loop returns at once."""
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What decides how functions are compiled.
+    """The rig and the filter of a session, on which it depends how functions are compiled.
 
     Attributes:
-        rig: of the session.
-        filter_name: of the filter that the loop runs.
+        rig: the rig of the session.
+        filter_name: name of the filter that the loop runs.
     """
 
     rig: Rig
@@ -83,12 +83,12 @@ class Needs:
 
     @property
     def kind(self) -> str:
-        """Word for the filters that share their machine code with this one."""
+        """Name that all filters have in common which share their machine code with this one."""
         return "product" if self.filter_name == DEFAULT_FILTER else self.filter_name
 
     @property
     def fast(self) -> DriverSpec:
-        """The driver that the loop exchanges samples with, on hardware."""
+        """The driver with which the loop exchanges samples on hardware."""
         (fast,) = (spec for spec in self.rig.drivers if spec.kind == "fast")
         return fast
 
@@ -107,7 +107,7 @@ def _plant(needs: Needs) -> None:
 
 
 def _interlock(needs: Needs) -> None:
-    """Compile what a simulated loop does about a sample and about a decision."""
+    """Compile how a simulated loop judges a sample and reacts to a decision."""
     reaction, decided = reaction_memory(), no_decision()
     compile_part(judge, np.zeros(READING_COUNT), 0.0, guard(interlock_of(needs.rig, Model()), True))
     react(int(Reaction.IGNORE), decided, 0.0, reaction)
@@ -118,7 +118,7 @@ def _interlock(needs: Needs) -> None:
 
 
 def _estimates(needs: Needs) -> None:
-    """Compile the filter's step, and the row that a loop keeps of it."""
+    """Compile the filter's step, and how a loop writes its row."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
     compile_part(
         sample_row, True, (0.0, 0.0, 0.0), 0.0, np.zeros(READING_COUNT),
@@ -128,16 +128,16 @@ def _estimates(needs: Needs) -> None:
 
 
 def _simulated_loop(needs: Needs) -> None:
-    """Run a simulated rig for two ticks: the first starts the filter."""
+    """Run a simulated rig for two ticks, as the first one only starts the filter."""
     memory = start_memory(needs.filter_name, Model(), needs.rig.sensors)
-    # No limit is to end it before it has run.
+    # It is not judged, so that no limit ends it before it has run.
     loop = loop_of(needs.rig, _standing(2 * TICK), memory, Model(), judged=False)
     loop.position()
     loop.advance(2)
 
 
 def _filter(needs: Needs) -> None:
-    """Run the session's filter over two samples, and the one by which friction is identified."""
+    """Run the session's filter over two samples; the default filter also computes its load lag."""
     samples, _ = _swinging(needs, 2)
     measured = np.column_stack(
         [samples.position, samples.pressure_1, samples.pressure_2, samples.spool]
@@ -150,7 +150,7 @@ def _filter(needs: Needs) -> None:
 
 
 def _detector(needs: Needs) -> None:
-    """Judge a ram that swings, and average what a report shows."""
+    """Let the detector judge a swinging ram, and run the average that reports use."""
     detector = detector_for(needs.filter_name, Model(), 1.0)
     detector.update(*_swinging(needs, round(_JUDGED_S / TICK)))
     detector.decide()
@@ -158,12 +158,12 @@ def _detector(needs: Needs) -> None:
 
 
 def _decisions(needs: Needs) -> None:
-    """Post a decision to the loop."""
+    """Compile how a decision is posted to the loop."""
     prepare()
 
 
 def _loop(needs: Needs) -> None:
-    """Enter the loop on hardware, which leaves it before its first tick; nothing is connected."""
+    """Run the loop for hardware, which returns before its first tick; no device is connected."""
     rig, model = needs.rig, Model()
     memory = start_memory(needs.filter_name, model, rig.sensors)
     fast = needs.fast
@@ -191,7 +191,7 @@ def _loop(needs: Needs) -> None:
 
 
 def _standing(duration_s: float) -> CampaignTest:
-    """Return a test in which a ram stands still."""
+    """Return a test of some duration in s in which the ram stands still."""
     return CampaignTest(
         name="compiled",
         test_name="compiled",
@@ -208,9 +208,9 @@ def _standing(duration_s: float) -> CampaignTest:
 
 
 def _swinging(needs: Needs, ticks: int) -> tuple[Samples, FilterRun]:
-    """Return samples and estimates of a ram that swings in mid stroke with half a metre a second.
+    """Return samples and estimates of a ram that swings about mid stroke at up to 0.45 m/s.
 
-    Valve flow and motion fit each other roughly, so that a detector has something to weigh.
+    Valve flow and motion agree roughly, so that a detector has something to compare.
     """
     par = Model().parameters
     random = np.random.default_rng(0)
@@ -239,11 +239,11 @@ def _swinging(needs: Needs, ticks: int) -> tuple[Samples, FilterRun]:
 
 @dataclass(frozen=True)
 class Piece:
-    """Something that is compiled in one go.
+    """A part of a session's code that one process compiles at a time.
 
     Attributes:
-        run: has it compiled.
-        after: pieces that it contains, by name; it takes over what they have compiled.
+        run: runs the code on tiny inputs, by which numba compiles it.
+        after: names of the pieces that it contains; their compiled code is reused.
         exchanges: whether it contains the exchange of the fast driver.
     """
 
@@ -262,4 +262,4 @@ PIECES: Final[dict[str, Piece]] = {
     "decisions": Piece(_decisions),
     "loop": Piece(_loop, after=("filter",), exchanges=True),
 }
-"""All pieces, by the names that an operator is shown."""
+"""All pieces, by the names that the operator reads."""

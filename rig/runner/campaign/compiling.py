@@ -1,13 +1,13 @@
-"""What a session runs, compiled before it begins, in processes side by side.
+"""Compiles all code that a session runs before the session begins, in parallel processes.
 
-The compiler keeps the interpreter's lock for seconds. A supervisor that compiled while its rig is
-armed would fall silent, and the rig would trip; a loop would miss its ticks. So the rule is: in no
-process of a session is anything compiled, or loaded from the cache, between arming and the end.
-`compile_for` stands before every session. What is new in a session has its place in a piece here.
+The compiler holds the interpreter's lock for seconds. A supervisor that compiled while its rig is
+armed would stop beating, and the rig would trip; a loop would miss its ticks. So the rule is: no
+process of a session compiles anything, or loads it from the cache, between arming and the end.
+`compile_for` is called before every session. New code of a session must be added to a piece.
 
-A piece runs what a session runs, on next to nothing, or has it compiled without a run. Processes
-take pieces one after the other, each piece as soon as those are compiled that it contains. A piece
-that has been compiled leaves a mark in the cache, beside what numba keeps there.
+A piece runs a part of a session's code on tiny inputs, or compiles it without running it. Each
+process compiles one piece at a time, and begins a piece only when all pieces that it contains are
+compiled. For each compiled piece an empty file, its mark, is put beside numba's cache.
 """
 
 import fcntl
@@ -34,14 +34,14 @@ Names = tuple[str, ...]
 SIMULATED: Final[Names] = (
     "estimates", "plant", "interlock", "simulated loop", "detector", "filter",
 )  # fmt: skip
-"""Pieces of a campaign on a simulated rig; of those that could be compiled next, the first one
-is."""
+"""Pieces of a campaign on a simulated rig; of those that can be compiled next, a worker takes the
+first in this order."""
 ON_HARDWARE: Final[Names] = ("filter", "detector", "loop", "decisions")
 """Pieces of a campaign on hardware."""
 WITHOUT_TESTS: Final[Names] = ("filter", "loop")
-"""Pieces of a session on hardware that moves the ram and judges nothing."""
+"""Pieces of a session on hardware that moves the ram without any test."""
 OF_THE_LOOP: Final = ("loop",)
-"""What the loop process of a session loads itself, before it answers that it is ready."""
+"""Pieces that a session's loop process loads itself before it reports that it is ready."""
 
 _LOOK_S: Final = 0.05
 _LOCK: Final = "lock"
@@ -49,16 +49,16 @@ _FORK: Final = multiprocessing.get_context("fork")
 
 
 def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
-    """Compile what a session runs, unless that is done, and report how far it is.
+    """Compile the pieces that are not compiled yet, and report the progress to the operator.
 
-    It returns early, with less, if a stop is requested. A piece that fails is reported, and is
-    compiled by whoever runs it first.
+    If a stop is requested, the function returns before all pieces are compiled. If a piece cannot
+    be compiled, that is reported; the code is then compiled when a process first runs it.
 
     Args:
-        needs: what decides how it is compiled.
-        names: of the pieces.
+        needs: rig and filter, on which the compiled code depends.
+        names: names of the pieces, as in `PIECES`.
         say: shows a line to the operator.
-        stop: whether somebody asked for an end.
+        stop: a request on it ends compiling.
     """
     marks = marks_folder()
     if marks is None or not _missing(marks, needs, names):
@@ -70,7 +70,7 @@ def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
 
 
 def load(needs: Needs, names: Names) -> None:
-    """Load into this process what it runs in a session, without what the loop process loads."""
+    """Load the compiled pieces into this process, except those that the loop process loads."""
     for name in names:
         if name not in OF_THE_LOOP:
             PIECES[name].run(needs)
@@ -84,13 +84,16 @@ def _mark(marks: Path, needs: Needs, name: str) -> Path:
 
 
 def _missing(marks: Path, needs: Needs, names: Names) -> Names:
-    """Return the names of the pieces that are not compiled."""
+    """Return the names of those pieces that are not compiled yet."""
     return tuple(name for name in names if not _mark(marks, needs, name).exists())
 
 
 @contextmanager
 def _alone(path: Path, say: Say, stop: StopFlag) -> Iterator[None]:
-    """Wait until no other program compiles the same; where files cannot be locked, do not wait."""
+    """Lock a file while the context is entered, and wait for another program that has locked it.
+
+    The context is entered without a lock if a stop is requested or if files cannot be locked.
+    """
     with path.open("w") as file:
         has_said = False
         while not stop.requested:
@@ -108,7 +111,7 @@ def _alone(path: Path, say: Say, stop: StopFlag) -> Iterator[None]:
 
 
 def _compile(marks: Path, needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
-    """Compile pieces in processes of their own, as many at once as there are processors."""
+    """Compile pieces in processes of their own, with at most one process per processor."""
     say(f"compiling for this machine, once for each version of the program: {', '.join(names)}")
     waiting, compiled = list(names), 0
     workers = [_Worker(needs) for _ in range(min(len(names), len(os.sched_getaffinity(0))))]
@@ -135,20 +138,24 @@ def _compile(marks: Path, needs: Needs, names: Names, say: Say, stop: StopFlag) 
 
 
 def _next(waiting: Sequence[str], running: Sequence[str]) -> str:
-    """Return the first piece that waits for none of the others; empty if there is none."""
+    """Return the first waiting piece that can be compiled now; empty if there is none.
+
+    A piece can be compiled once none of the pieces that it contains is waiting or running.
+    """
     unfinished = {*waiting, *running}
     ready = (name for name in waiting if unfinished.isdisjoint(PIECES[name].after))
     return next(ready, "")
 
 
 class _Worker:
-    """A process that compiles pieces, in a session of its own: Ctrl-C is for its parent.
+    """A process that compiles one piece after the other.
 
-    It is forked, so that it has loaded already what its parent has, the compiler above all.
+    It runs in a session of its own, so that Ctrl-C reaches its parent only. It is forked, so that
+    it need not load the compiler again.
 
     Attributes:
-        piece: the name of what it compiles now; empty while it waits for work.
-        replies: where it answers, and where its end is seen.
+        piece: name of the piece that it compiles now; empty while it waits for work.
+        replies: this side of the pipe to the process, which is also readable when the process ends.
     """
 
     def __init__(self, needs: Needs) -> None:
@@ -161,14 +168,14 @@ class _Worker:
         theirs.close()
 
     def begin(self, piece: str) -> None:
-        """Have it compile a piece."""
+        """Let the process compile a piece, without waiting for it."""
         self.piece = piece
-        # It may have ended; that is seen where it would have answered.
+        # The process may have ended; then `failure` notices that.
         with suppress(OSError):
             self.replies.send(piece)
 
     def failure(self) -> str | None:
-        """Return why its piece was not compiled; empty if it was, None while that is open."""
+        """Return why compiling the piece failed; empty if it did not, None while it goes on."""
         try:
             return str(self.replies.recv()) if self.replies.poll() else None
         except (EOFError, OSError):
@@ -176,7 +183,7 @@ class _Worker:
             return f"its process ended with {self._process.exitcode}"
 
     def end(self) -> None:
-        """End it, whatever it does."""
+        """Kill the process, whatever it does."""
         self._process.kill()
         self._process.join()
         self._process.close()
@@ -184,7 +191,15 @@ class _Worker:
 
 
 def _compile_what_is_asked(needs: Needs, orders: Connection, others_end: Connection) -> None:
-    """Compile the pieces that are named, and answer to each name what went wrong, until the end."""
+    """Compile each piece whose name is received, and answer why it failed, or with an empty text.
+
+    This is the main function of a worker process; it returns when the parent closes the pipe.
+
+    Args:
+        needs: rig and filter of the session.
+        orders: this process's side of the pipe.
+        others_end: the parent's side of the pipe, which is closed here.
+    """
     others_end.close()
     os.setsid()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -192,8 +207,8 @@ def _compile_what_is_asked(needs: Needs, orders: Connection, others_end: Connect
     silent = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
         os.dup2(silent, stream)
-    # The compiler makes millions of small objects that live as long as this process: to look for
-    # garbage among them takes a sixth of the time, and finds none.
+    # The compiler makes millions of small objects that live as long as this process: searching
+    # them for garbage takes a sixth of the time, and finds none.
     gc.disable()
     with suppress(EOFError, OSError):
         while True:

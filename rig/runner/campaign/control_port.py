@@ -1,8 +1,8 @@
-"""The control port of a running campaign: a Unix socket in the run's folder, for this user alone.
+"""Serves the control port of a running campaign: a Unix socket in the run's folder.
 
-A request is one line of JSON, and so is its answer. Whoever connects is known by the kernel's word;
-a stranger, an oversized, slow or malformed request is refused, and never waited for by the
-campaign. Whatever fails, the next request is served: a campaign can be stopped as long as it runs.
+A request is one line of JSON, and so is its answer. The kernel says which user has connected.
+Only this user and root may make requests; oversized, slow or malformed ones are refused, too. The
+campaign never waits for a request. A failure ends one request only: the next one is served.
 """
 
 import json
@@ -22,22 +22,24 @@ from rig.surviving import Surviving, failure
 from .operator_requests import Desk, RefusedError, Request
 
 PATIENCE_S: Final = 2.0
-"""How long a client may take for its request, while others wait; the campaign does not wait."""
+"""How long a client may take for its request, s; other clients wait meanwhile."""
 
 _AGAIN_S: Final = 0.1
-"""How long nobody is served after no connection could be taken: there are no descriptors left."""
+"""Pause after a connection could not be accepted, as without a free file descriptor, s."""
 _ROOT: Final = 0
 _PEER: Final = struct.Struct("3i")
 _KEYS: Final = frozenset({"request", "text", "test"})
 
 
 class ControlPort:
-    """Serves a desk on the socket of a run's folder; a context manager.
+    """Passes requests that come by the socket in a run's folder to a desk.
+
+    It is a context manager: requests are served while it is entered, by a thread of its own.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         desk: takes the requests.
-        refused: is called with a line on what was refused, or failed, and why.
+        refused: is called with one line when a request is refused, or fails, that says why.
     """
 
     def __init__(self, folder: Path, desk: Desk, refused: Callable[[str], None]) -> None:
@@ -53,14 +55,14 @@ class ControlPort:
         try:
             self._bind()
         except OSError as error:
-            # A file system without sockets is no reason not to run.
+            # The campaign also runs on a file system that has no sockets.
             self._refused(f"there is no control port: {error.strerror}")
             return self
         self._thread.start()
         return self
 
     def _bind(self) -> None:
-        # Whatever a run that was killed has left.
+        # A run that was killed may have left its socket.
         (self._folder / SOCKET).unlink(missing_ok=True)
         before = os.umask(0o177)
         try:
@@ -72,7 +74,7 @@ class ControlPort:
 
     def __exit__(self, *_: object) -> None:
         self._ending.set()
-        # Shutting it down ends the accept that the thread is in.
+        # The thread may be blocked in `accept`; shutting the socket down ends that call.
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -81,7 +83,7 @@ class ControlPort:
         (self._folder / SOCKET).unlink(missing_ok=True)
 
     def _serve(self) -> None:
-        """Serve one client after the other until the port is closed."""
+        """Serve the clients one after the other until the port is closed."""
         while not self._ending.is_set():
             with self._survives:
                 try:
@@ -95,12 +97,12 @@ class ControlPort:
                     client.sendall(json.dumps(self._answer(client)).encode() + b"\n")
 
     def _answer(self, client: socket.socket) -> dict[str, Any]:
-        """Return the answer to whatever a client sends; a refusal is reported to `refused`."""
+        """Read a client's request, carry it out, and return the answer; report a refusal."""
         try:
             return {"ok": True, **self._obeyed(client)}
         except RefusedError as error:
             why = str(error)
-        except Exception as error:  # whatever it is, it is answered, and the next one is served
+        except Exception as error:  # any failure is answered, and the next request is served
             why = f"it failed: {failure(error)}"
         with self._survives:
             self._refused(why)
@@ -122,10 +124,10 @@ class ControlPort:
 
 
 def _parsed(line: bytes) -> dict[str, Any]:
-    """Return a request: its keys are known, and its values are texts.
+    """Return the request in a line of JSON, as a dict of texts with the known keys only.
 
     Raises:
-        RefusedError: it is none; says why.
+        RefusedError: the line is no valid request; the message says why.
     """
     try:
         content = json.loads(line.decode())

@@ -1,7 +1,7 @@
-"""What was injected: the events of a test's faults, and the leak flows that they really gave.
+"""Reports the faults injected in a test: their events, and the leak flows that really resulted.
 
-A simulated rig records its true flows; a real one what its flow meters read, of which is taken off
-what they read while nothing was open: a meter's zero is no leak.
+A simulated rig records its true leak flows. On a real rig they are the readings of its flow meters,
+less each meter's mean reading while all bypasses were shut, which is its zero offset.
 """
 
 from dataclasses import dataclass
@@ -22,21 +22,22 @@ LEAK_CHANNELS: Final = {
     str(Verdict.EXTERNAL_LEAKAGE_2): ("true_leak_2_m3_per_s", "flow_2_m3_per_s"),
     str(Verdict.INTERNAL_LEAKAGE): ("true_leak_internal_m3_per_s", "flow_internal_m3_per_s"),
 }
-"""The flow of each leak: the channel of its truth, and that of its meter."""
-# A sample at the very moment counts, whatever the rounding of its time.
+"""For each leak, the channel of its true flow and the channel of its flow meter."""
+# A sample at a limit of a time span counts, however its time was rounded.
 _INSTANT_S: Final = 1e-6
 SHUT_S: Final = 1.0
-"""How long a bypass must have been shut for its meter's zero to be known, ten of its lags."""
+"""How long a bypass must be shut for its meter's zero to be known, s: ten times the meter's lag."""
 
 
 @dataclass
 class _MeanFlow:
-    """Running mean of a channel's absolute value from one time to another, less its zero.
+    """The mean of a channel's absolute value over a time span, less its zero offset.
 
     Attributes:
-        column: of the channel.
-        from_s, until_s: when the leak flows.
-        shut_s: until when nothing can flow and the channel shows its zero; 0 if it has none.
+        column: index of the channel's column.
+        from_s, until_s: the span in which the leak flows, s of the test.
+        shut_s: time until which nothing can flow, so that the channel shows its zero offset, s of
+            the test; 0 if no offset is subtracted.
     """
 
     column: int
@@ -69,11 +70,11 @@ class _MeanFlow:
 
 
 class Injection:
-    """The faults of one test as they come, with the leak flows recorded.
+    """Follows the rows of one test, and reports its faults as they begin and end.
 
     Args:
-        faults: in the order they begin.
-        channels: names of the rows' columns, the first `time_s`.
+        faults: the test's faults, in the order in which they begin.
+        channels: names of the rows' columns; the first is `time_s`.
     """
 
     def __init__(self, faults: tuple[Fault, ...], channels: tuple[str, ...]) -> None:
@@ -98,7 +99,10 @@ class Injection:
         )
 
     def take(self, rows: Array) -> list[tuple[float, str, str]]:
-        """Take the next rows; return what happened in them as (time in s, kind of event, text)."""
+        """Process the next rows, and return the events in them as (time in s, kind, text).
+
+        An event is the begin of a fault (kind `fault_on`) or its end (`fault_off`).
+        """
         self._time_s = float(rows[-1, 0])
         for flow in self._flows.values():
             flow.add(rows)
@@ -108,7 +112,7 @@ class Injection:
 
     @property
     def injected(self) -> tuple[InjectedFault, ...]:
-        """The faults that have begun so far."""
+        """The faults that have begun so far, with their mean flows so far."""
         return tuple(
             InjectedFault(
                 kind=str(fault.kind),

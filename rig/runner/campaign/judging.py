@@ -1,4 +1,4 @@
-"""Feeds a detector as a replay would, so that both come to the very same decisions."""
+"""Feeds a detector with the same blocks as a replay does, so that both decide exactly alike."""
 
 from typing import Final
 
@@ -24,12 +24,15 @@ _SAMPLED: Final = (
 
 
 class Judge:
-    """Collects a test's rows into blocks of half a second; keeps what was held after each.
+    """Collects a test's rows into blocks of half a second, and lets the detector judge each block.
 
     Args:
-        detector: sees every sample once, in order.
+        detector: is given every sample once, in order.
         memory: the filter's memory.
         channels: names of the rows' columns.
+
+    Attributes:
+        history: the detector's decision after each block, with the time of its last row in s.
     """
 
     def __init__(self, detector: Detector, memory: FilterMemory, channels: tuple[str, ...]) -> None:
@@ -43,26 +46,30 @@ class Judge:
 
     @property
     def ticks_due(self) -> int:
-        """Ticks that are missing to the end of the present block."""
+        """Number of ticks that the present block still lacks."""
         return self._due
 
     @property
     def decision(self) -> Decision | None:
-        """What the detector holds; None before the first block."""
+        """The detector's latest decision; None before the end of the first block."""
         return self.history[-1][1] if self.history else None
 
     @property
     def detected_at_s(self) -> float | None:
-        """When the detector first held its present verdict; None if that is no fault."""
+        """Time at which the detector came to its present verdict, s; None if that is no fault."""
         return first_held(self.history) if self.history else None
 
     @property
     def found(self) -> tuple[Found, ...]:
-        """All faults that were named so far, those that went again among them."""
+        """All faults that the verdicts have named so far, also those that have ended since."""
         return found_in(self.history)
 
     def take(self, rows: Array) -> bool:
-        """Take at most `ticks_due` rows; return whether they complete a block, which is judged."""
+        """Add rows, and judge the block if they complete it; return whether they did.
+
+        Args:
+            rows: float64 (n, channels), with n at most `ticks_due`.
+        """
         self._rows.append(rows)
         self._due -= len(rows)
         if self._due:
@@ -71,7 +78,11 @@ class Judge:
         return True
 
     def finish(self) -> None:
-        """Judge the rows that have come since the last block, if there are any."""
+        """Let the detector judge the rows since the last block, if there are any.
+
+        Raises:
+            TypeError: the detector returned something else than a decision.
+        """
         if self._rows:
             rows = self._rows[0] if len(self._rows) == 1 else np.concatenate(self._rows)
             samples = Samples(*(np.ascontiguousarray(rows[:, i]) for i in self._sampled))

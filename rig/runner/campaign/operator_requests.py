@@ -1,4 +1,4 @@
-"""The desk of a running campaign: what operators ask of it, from the command line or a console."""
+"""The desk of a running campaign, which takes operators' requests from command line and console."""
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -9,52 +9,57 @@ from typing import Any, Final
 from .stopping import StopFlag
 
 LONGEST_TEXT: Final = 1000
-"""Characters of a note."""
+"""Most characters of the text of a request."""
 LONGEST_TEST: Final = 500
-"""Characters of a test's name that is asked for."""
+"""Most characters of a test's name in a request."""
 _PATIENCE_S: Final = 5.0
 
 Write = Callable[..., object]
 
 
 class Request(StrEnum):
-    """What an operator may ask for."""
+    """A request that an operator may make."""
 
     PAUSE = "pause"
-    """Wait, once the present test has come to its end."""
+    """Pause the campaign after the present test."""
     RESUME = "resume"
     """Go on after a pause."""
     ABORT = "abort"
     """End the campaign at once, as Ctrl-C does."""
     SKIP = "skip"
-    """Do not run a test; end it, if it runs."""
+    """Leave a test out; if it is running, end it."""
     RETRY = "retry"
-    """Run a test again; end it first, if it runs."""
+    """Run a test again; if it is running, end it first."""
     NOTE = "note"
-    """Keep a text in the record."""
+    """Write a text to the journal, and to the recording of the present or the next test."""
     ACKNOWLEDGE = "acknowledge"
-    """Say in the record that all that wants attention was seen."""
+    """Write to the journal that the operator has noticed all that wants attention, and clear it."""
     STATUS = "status"
-    """The answer is how the campaign goes on; it changes nothing."""
+    """Get the state of the campaign; this changes nothing."""
 
 
 class RefusedError(ValueError):
-    """What was asked for cannot be done now; says why."""
+    """A request that cannot be carried out now; the message says why."""
 
 
 @dataclass(frozen=True)
 class Note:
-    """What an operator wrote."""
+    """A text that an operator wrote.
+
+    Attributes:
+        who: name of the operator.
+        text: the text, on one line.
+    """
 
     who: str
     text: str
 
 
 class Desk:
-    """Takes requests from any thread, and has the campaign's thread know of them.
+    """Takes operators' requests from any thread, and keeps them for the campaign's thread.
 
-    A request is in the journal before it is answered. The campaign's thread asks for what is due
-    between two batches and between two tests.
+    A request is written to the journal before it is answered. The campaign's thread looks for
+    requests between two batches and between two tests.
     """
 
     def __init__(self) -> None:
@@ -81,32 +86,34 @@ class Desk:
         """Begin to take requests.
 
         Args:
-            names: of the campaign's tests.
-            statuses: of those that were run already, by their index.
-            write: writes to the journal; only ever called with the desk's lock held.
-            stop: ends the campaign.
+            names: names of the campaign's tests.
+            statuses: status of each test that was run already, by the test's index.
+            write: writes an entry to the journal; it is only called while the desk is locked.
+            stop: a request on it ends the campaign.
         """
         with self._lock:
             self._names, self._statuses = names, dict(statuses)
             self._write, self._stop = write, stop
 
     def on_change(self, changed: Callable[[bool, Sequence[str]], None]) -> None:
-        """Have a function called with whether a pause is asked for, and what else holds.
+        """Let a function be called whenever a pause or the reasons for a hold change.
 
-        It is called from any thread whenever one of the two changes.
+        Args:
+            changed: takes whether a pause is requested, and the reasons why conditions hold the
+                campaign, empty if none does. It may be called from any thread.
         """
         self._changed = changed
 
     def close(self) -> None:
-        """Take no more requests."""
+        """Refuse all requests from now on."""
         with self._lock:
             self._write = None
 
     def record(self, kind: str, **details: Any) -> None:
-        """Write to the journal, between the requests of operators.
+        """Write an entry to the journal, while no request of an operator is being written.
 
-        Nothing is written where somebody has held the desk for 5 s: the disk hangs, and who would
-        end the process shall not hang as well.
+        If another thread has locked the desk for 5 s, its disk hangs; then nothing is written, so
+        that the calling thread does not hang as well.
         """
         if not self._lock.acquire(timeout=_PATIENCE_S):
             return
@@ -117,17 +124,23 @@ class Desk:
             self._lock.release()
 
     def begins(self, index: int) -> None:
-        """Take note of the test that begins."""
+        """Note which test begins, by its index."""
         with self._lock:
             self._present, self._interruption = index, None
 
     def enters(self, phase: str) -> None:
-        """Take note of the phase that the present test enters."""
+        """Note the phase that the present test enters."""
         with self._lock:
             self._phase = phase
 
     def ends(self, index: int, status: str, *, attention: bool) -> None:
-        """Take note of how a test ended, and whether somebody should look at it."""
+        """Note how a test ended, and whether an operator should look at it.
+
+        Args:
+            index: of the test.
+            status: how the test ended.
+            attention: whether it is listed as wanting attention, until an operator acknowledges.
+        """
         with self._lock:
             self._present, self._last, self._phase = None, index, ""
             self._statuses[index] = status
@@ -135,7 +148,7 @@ class Desk:
                 self._attention.append(f"{self._names[index]}: {status}")
 
     def held_by(self, reasons: Sequence[str]) -> None:
-        """Take note of the reasons why the campaign is held; without any it is not held."""
+        """Note the reasons why conditions hold the campaign; it is not held if there are none."""
         with self._lock:
             if reasons and not self._held:
                 self._attention += reasons
@@ -145,7 +158,7 @@ class Desk:
 
     @property
     def paused(self) -> bool:
-        """Whether to wait before the next test."""
+        """Whether the campaign is to wait before its next test."""
         return self._paused
 
     @property
@@ -154,7 +167,7 @@ class Desk:
         return self._interruption
 
     def take_notes(self) -> list[Note]:
-        """Return the notes since last asked for."""
+        """Return the operators' texts since the last call, and forget them."""
         with self._lock:
             notes, self._notes = self._notes, []
         return notes
@@ -162,20 +175,20 @@ class Desk:
     # -- operators --------------------------------------------------------------------------------
 
     def ask(self, request: Request, who: str, text: str = "", test: str = "") -> str:
-        """Ask for something; return in a sentence what will come of it.
+        """Take an operator's request, and return an answer that says what will happen.
 
-        A text is kept on one line: its control characters become spaces.
+        Control characters of the text become spaces, so that it stays on one line.
 
         Args:
-            request: what.
-            who: asks.
-            text: of a note; may go with anything else.
-            test: name of the test to skip or retry; the present one, else the next to skip or the
-                last to retry.
+            request: what the operator asks for.
+            who: name of the operator.
+            text: the text of a note; any other request may have one, too.
+            test: name of the test to skip or retry. If empty, it is the test that runs; if none
+                runs, RETRY means the test that ended last, and SKIP is refused.
 
         Raises:
-            RefusedError: it cannot be done; nothing was written. To abort is never refused because
-                the journal cannot be written: the campaign ends all the same.
+            RefusedError: the request cannot be carried out, and nothing was written. ABORT is
+                carried out even if the journal cannot be written.
         """
         _check(text, "text", LONGEST_TEXT)
         _check(test, "test's name", LONGEST_TEST)
@@ -203,7 +216,7 @@ class Desk:
         return reply
 
     def status(self) -> dict[str, Any]:
-        """Return how the campaign goes on, as JSON holds it."""
+        """Return the state of the campaign as JSON-able values."""
         with self._lock:
             state = "running" if self._present is not None else "between tests"
             if self._present is None and (self._paused or self._held):
@@ -232,7 +245,11 @@ class Desk:
         raise RefusedError(f"no test runs; name the one to {request}")
 
     def _checked(self, request: Request, text: str, index: int | None) -> str:
-        """Return the answer to a request that can be obeyed."""
+        """Return the answer to a request.
+
+        Raises:
+            RefusedError: the request cannot be carried out now.
+        """
         name = "" if index is None else self._names[index]
         running = index is not None and index == self._present
         match request:
@@ -280,10 +297,15 @@ class Desk:
 
 
 def _check(text: str, what: str, longest: int) -> None:
-    """Look whether a text is one that a file or a screen can have.
+    """Check that a text can be encoded in UTF-8 and is not too long.
+
+    Args:
+        text: the text.
+        what: what the text is, for the message.
+        longest: most characters that it may have.
 
     Raises:
-        RefusedError: it is not, or is too long.
+        RefusedError: the text cannot be encoded, or is too long.
     """
     if len(text) > longest:
         raise RefusedError(f"a {what} of {len(text)} characters; at most {longest}")

@@ -1,4 +1,4 @@
-"""Keeps a run at the wall clock, or lets it go as fast as it can."""
+"""Paces a run by the wall clock, or lets it run as fast as possible."""
 
 import time
 from collections.abc import Callable
@@ -9,22 +9,25 @@ from .stopping import StopFlag
 Pace = Literal["real", "fast"]
 
 LIVE_TICKS: Final = 50
-"""Ticks of a batch at the wall clock: 50 ms, so that a display looks live."""
+"""Most ticks of a batch that is paced by the wall clock: 50 ms, so that a display looks live."""
 
 _NAP_S: Final = 0.05
-"""Longest sleep: a request to stop is noticed within it."""
+"""Longest sleep, s, so that a request to stop is noticed soon."""
 
 
 class Pacer:
-    """Holds a run back until the wall clock has come to its simulated time.
+    """Lets a simulated run wait until the wall clock has reached its simulated time.
 
-    Every wait ends at an absolute time, so that no delay adds up. A batch that is late is followed
-    at once by the next: the simulated rig is delayed, and no tick of it skipped.
+    Every wait ends at a time counted from the start, so that delays do not add up. After a late
+    batch there is no wait before the next; the simulated rig runs late, but skips no tick.
 
     Args:
-        pace: "real" or "fast", which never waits.
+        pace: "real" to wait for the wall clock, "fast" never to wait.
         stop: a wait ends early when a stop is requested.
-        clock, sleep: seconds, as `time.monotonic` and `time.sleep`.
+        clock, sleep: functions like `time.monotonic` and `time.sleep`, in s.
+
+    Attributes:
+        live: whether the pace is "real".
     """
 
     def __init__(
@@ -45,7 +48,7 @@ class Pacer:
         self._zero = self._clock()
 
     def wait_until(self, time_s: float) -> None:
-        """Return when the wall clock is at `time_s` after the start, or a stop is requested."""
+        """Wait until `time_s` seconds after the start or until a stop; return at once if "fast"."""
         while self.live and not self._stop.requested:
             left = self._zero + time_s - self._clock()
             if left <= 0.0:

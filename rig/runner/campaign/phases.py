@@ -1,4 +1,4 @@
-"""The phases of a test, in their order, and the deadline of its last."""
+"""The phases of a test in their order, and the deadline of the last one, cleaning up."""
 
 import threading
 from collections.abc import Callable
@@ -6,33 +6,33 @@ from enum import StrEnum
 from typing import Final
 
 CLEANUP_S: Final = 60.0
-"""How long cleaning up may take: the ramp, the loop's and the recorder's answers, each bounded, add
-up to 35 s on hardware."""
+"""How long cleaning up may take, s. On hardware the ramp and the answers of loop and recorder, each
+with a limit of its own, add up to 35 s."""
 
 
 class Phase(StrEnum):
-    """What a test is doing."""
+    """The phase that a test is in."""
 
     SETUP = "setup"
-    """Detector, filter and loop are made."""
+    """The runner makes the detector, the filter and the loop."""
     POSITIONING = "positioning"
-    """The ram is brought to its start, and comes to rest there."""
+    """The ram moves to its start position and comes to rest there."""
     SETTLE = "settle"
-    """The rest of the settling time, where the runner keeps the pace."""
+    """If the run is paced, the runner waits for the rest of the settling time."""
     INJECT = "inject"
-    """Bypass valves are brought to where the test begins; its faults are scheduled."""
+    """The bypass valves move to their first positions, and the faults are scheduled."""
     MAIN = "main"
-    """The motion, recorded and judged."""
+    """The test's motion runs, and is recorded and judged."""
     CLEANUP = "cleanup"
-    """Every fault away, ram at rest or held, recording closed."""
+    """All faults are removed, the ram is stopped or held, and the recording is closed."""
 
 
 class Deadline:
-    """Calls somebody if cleaning up takes too long.
+    """Calls a function if cleaning up takes too long.
 
     Args:
-        seconds: how long it may take.
-        overdue: is called once, from a thread of its own; the main thread may hang for good.
+        seconds: how long cleaning up may take.
+        overdue: is called once, from a thread of its own, because the main thread may hang.
     """
 
     def __init__(self, seconds: float, overdue: Callable[[], None]) -> None:
@@ -41,14 +41,14 @@ class Deadline:
         self._timer: threading.Timer | None = None
 
     def start(self) -> None:
-        """Begin to count, unless it does already."""
+        """Start the time, unless it runs already."""
         if self._timer is None:
             self._timer = threading.Timer(self._seconds, self._overdue)
             self._timer.daemon = True
             self._timer.start()
 
     def cancel(self) -> None:
-        """Everything is cleaned up."""
+        """Stop the time, because everything is cleaned up."""
         timer, self._timer = self._timer, None
         if timer is not None:
             timer.cancel()

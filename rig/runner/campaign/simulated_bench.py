@@ -1,4 +1,4 @@
-"""Tests on the simulated rig, in this process: a new rig for each test, paced by the runner."""
+"""Runs tests on simulated rigs in this process, with a new rig for each test."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -20,11 +20,11 @@ from .simulated_loop import SimulatedTest
 
 
 class SimulatedBench:
-    """A `Bench` of simulated rigs; a loop that is dropped leaves nothing behind.
+    """A `Bench` that simulates a new rig for each test.
 
     Args:
-        rig: to simulate.
-        directory: of the run; a trip report goes there.
+        rig: the rig to simulate.
+        directory: folder of the run, to which a trip report is written.
         say: shows a line to the operator.
     """
 
@@ -45,17 +45,20 @@ class SimulatedBench:
         pass
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> SimulatedTest:
-        """Return the loop of a test, on a rig of its own."""
+        """Return the loop of a test on a new simulated rig, which only this test uses."""
         loop = loop_of(self._rig, test, memory, assumed)
         self._test = SimulatedTest(loop, self._directory, self._rig.ladder, self._say)
         return self._test
 
     def reading(self, channel: str) -> float | None:
-        """Return the newest value of a channel in the present test; None outside of one."""
+        """Return the newest value of a channel in the present test; None if no test has any row.
+
+        It is NaN if the rig has no such channel.
+        """
         return None if self._test is None else self._test.latest(channel)
 
     def idle(self) -> None:
-        """Do nothing: between tests there is no rig."""
+        """Forget the last test's rig, as there is no rig between two tests."""
         self._test = None
 
     def writer(
@@ -66,7 +69,7 @@ class SimulatedBench:
 
 
 def truth_of(rig: Rig, test: CampaignTest) -> Model:
-    """Return the model that a simulated rig is during a test: its own, with the test's load."""
+    """Return the model that simulates a rig during a test: the rig's own with the test's load."""
     if test.load is None:
         return rig.plant
     stiffness, contact = test.load.stiffness, test.load.contact
@@ -74,7 +77,7 @@ def truth_of(rig: Rig, test: CampaignTest) -> Model:
 
 
 def motion_of(test: CampaignTest) -> Motion:
-    """Return what a test asks of the ram, tick by tick."""
+    """Return the setpoints and the faults of a test for every tick, as the loop runs them."""
     ticks = round(test.duration_s / TICK)
     return Motion(
         setpoint=np.ascontiguousarray(test.setpoint.sample(np.arange(ticks) * TICK)),
@@ -86,11 +89,11 @@ def motion_of(test: CampaignTest) -> Motion:
 
 
 def interlock_of(rig: Rig, assumed: Model) -> Interlock:
-    """Return what the samples of a simulated rig are judged by, as those of one on hardware are.
+    """Return the interlock that judges the samples of a simulated rig, as it does on hardware.
 
     Args:
         rig: the simulated rig, with its limits.
-        assumed: the model that its samples must agree with.
+        assumed: the model with which the samples must agree.
     """
     absent = {
         "spool_m": not rig.has_spool_sensor,
@@ -113,14 +116,14 @@ def interlock_of(rig: Rig, assumed: Model) -> Interlock:
 def loop_of(
     rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model, *, judged: bool = True
 ) -> SimulatedLoop:
-    """Return the loop of a test, before the ram is brought to its start.
+    """Return the simulated loop of a test, before the ram has moved to its start position.
 
     Args:
-        rig: to simulate.
+        rig: the rig to simulate.
         test: the test.
-        memory: the filter's, before its first sample.
-        assumed: the model.
-        judged: whether the interlock judges its samples.
+        memory: the filter's memory before its first sample.
+        assumed: the model that filter and interlock assume.
+        judged: whether the interlock judges the samples.
     """
     simulated = simulated_rig(
         truth_of(rig, test),

@@ -1,4 +1,4 @@
-"""One test on a simulated rig, as the runner of campaigns sees it: its loop, and what trips it."""
+"""Runs one test on a simulated rig for the runner of campaigns, and reports its trips."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -24,16 +24,16 @@ from rig.supervisor import Confirmation, Note, TripReport, kept_trip_report, tri
 Array = NDArray[np.float64]
 
 _REPORTED: Final = round(2.0 / TICK)
-"""Rows in a trip report: of the last 2 s, as on hardware."""
+"""Number of rows in a trip report: those of the last 2 s, as on hardware."""
 
 
 class SimulatedTest:
-    """A simulated loop that reports what stops it as a rig on hardware does.
+    """A `Loop` on a simulated rig, which reports a trip in the same way as a rig on hardware.
 
     Args:
-        loop: before its first tick.
-        directory: of the run; a trip report goes there.
-        ladder: limits that the loop is judged by, for a trip report.
+        loop: the simulated loop, before its first tick.
+        directory: folder of the run, to which a trip report is written.
+        ladder: the limits of the loop's interlock, for a trip report.
         say: shows a line to the operator.
 
     Attributes:
@@ -58,14 +58,14 @@ class SimulatedTest:
 
     @property
     def ticks_left(self) -> int:
-        """Ticks of the test that are still to run."""
+        """Number of the test's ticks that have not been run yet."""
         return self._loop.ticks_left
 
     def position(self) -> None:
-        """Bring the ram to its start.
+        """Move the ram to the test's start position, and wait until it has settled there.
 
         Raises:
-            TripError: the interlock stopped it.
+            TripError: the interlock stopped the loop.
         """
         try:
             self._loop.position()
@@ -75,13 +75,16 @@ class SimulatedTest:
         self._show_indicated()
 
     def inject(self) -> None:
-        """Do nothing: the faults are in the loop's table."""
+        """Do nothing, as the loop has the faults in a table from its beginning."""
 
     def end_early(self) -> None:
-        """Do nothing: the next test has a rig of its own."""
+        """Do nothing, as the next test has a rig of its own."""
 
     def latest(self, channel: str) -> float | None:
-        """Return the newest value of a channel, NaN if the rig has none; None before any row."""
+        """Return the newest value of a channel.
+
+        It is NaN if the rig has no such channel, and None before the first row.
+        """
         if not len(self._last):
             return None
         if channel not in self.channels:
@@ -89,11 +92,11 @@ class SimulatedTest:
         return float(self._last[-1, self.channels.index(channel)])
 
     def advance(self, ticks: int) -> Array:
-        """Return the rows of the next ticks; see `rig.runner.campaign.bench.Loop`.
+        """Run the next ticks and return their rows; see `rig.runner.campaign.bench.Loop`.
 
         Raises:
-            TripError: the interlock stopped it; or a fault was confirmed, and the test asks to
-                trip on one.
+            TripError: the interlock stopped the loop, or a fault was confirmed in a test that shall
+                trip on a fault.
         """
         try:
             rows = self._loop.advance(ticks)
@@ -104,16 +107,16 @@ class SimulatedTest:
         return rows
 
     def decided(self, row: Array) -> None:
-        """Hand the loop a decision."""
+        """Give the loop the detector's decision, a row of `rig.loop.decided.DECIDED`."""
         self._found = confirmed_fault(row)
         self._loop.decided(row)
 
     def safe_state(self) -> None:
-        """Put the valve at null and take every injected fault away."""
+        """Put the valve at null, and remove all injected faults."""
         self._loop.safe_state()
 
     def _show_indicated(self) -> None:
-        """Show the operator what the interlock indicates, once each."""
+        """Show the operator what the interlock indicates, each time that it changes."""
         indicated = self._loop.indicated
         if indicated not in ((Cause.NONE, ""), self._indicated):
             sentence, remedy = explain(*indicated)
@@ -121,7 +124,11 @@ class SimulatedTest:
         self._indicated = indicated
 
     def _stopped(self, error: LoopStoppedError) -> TripError:
-        """Return the error for a test that the loop ended; what is no trip comes to rest first."""
+        """Return the error to raise after the loop has stopped.
+
+        After a trip the rig is made safe and a trip report is written. After a lesser action the
+        loop runs until the ram is at rest; a report is written only if it trips meanwhile.
+        """
         if error.action is not Action.TRIP:
             self._last = np.concatenate([self._last, self._loop.come_to_rest()])[-_REPORTED:]
             if self._loop.stopped.action is not Action.TRIP:
@@ -129,7 +136,7 @@ class SimulatedTest:
         return self._tripped(self._loop.stopped)
 
     def _tripped(self, error: LoopStoppedError) -> TripError:
-        """Make the rig safe, report the trip, and return it as an error."""
+        """Make the rig safe, write the trip report, and return the error to raise."""
         at_ns = time.monotonic_ns()
         self._loop.safe_state()
         safe_ns = time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""Asking a run to end: by a signal, from another thread, or because nobody is reading any more."""
+"""Lets a signal, another thread or the loss of the output ask a run to end."""
 
 import signal
 from collections.abc import Iterator
@@ -12,35 +12,36 @@ SIGNALS: Final = tuple(
 
 
 class StopFlag:
-    """Asks a run to end after its present batch.
+    """A flag that asks a run to end after its present batch.
 
-    A plain attribute and no lock: a signal handler runs between any two steps of the thread it
-    interrupts, which may hold the very lock it would wait for.
+    It is a plain attribute without a lock: a signal handler interrupts a thread between any two
+    steps, and would wait for ever for a lock that this very thread has.
     """
 
     def __init__(self) -> None:
         self._reason = ""
 
     def request(self, reason: str) -> None:
-        """Ask the run to end; the first reason given is kept."""
+        """Ask the run to end; if it was asked before, the first reason stays."""
         self._reason = self._reason or reason
 
     @property
     def requested(self) -> bool:
-        """Whether the run shall end."""
+        """Whether the run has been asked to end."""
         return bool(self._reason)
 
     @property
     def reason(self) -> str:
-        """Why the run shall end; empty if it shall not."""
+        """Why the run has been asked to end; empty if it has not."""
         return self._reason
 
 
 @contextmanager
 def stop_on_signals(stop: StopFlag) -> Iterator[None]:
-    """Let SIGINT (Ctrl-C), SIGTERM and SIGHUP set the flag instead of killing, however often.
+    """Let SIGINT (Ctrl-C), SIGTERM and SIGHUP set a flag instead of ending the process.
 
-    Signals that are ignored (nohup, a job in the background) stay so. Main thread only.
+    This holds while the context is entered, however often a signal comes. Signals that the process
+    ignores already (nohup, a job in the background) stay ignored. Only the main thread may call it.
     """
 
     def request(number: int, _: FrameType | None) -> None:

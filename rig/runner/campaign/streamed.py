@@ -1,4 +1,4 @@
-"""A campaign as the live stream shows it: what a run reports, and where its rows come from."""
+"""Sends what a campaign's run reports, and the rows of its tests, to the live stream."""
 
 import threading
 import time
@@ -19,18 +19,19 @@ from rig.supervisor import Onlooker, RowFeed, Stream
 Array = NDArray[np.float64]
 
 PROGRESS_S: Final = 0.1
-"""Shortest time between two messages of progress."""
+"""Shortest time between two messages about the progress of a test, s."""
 CAMPAIGN_S: Final = 0.5
-"""Shortest time between two lists of all tests, but for the last one."""
+"""Shortest time between two messages that list all tests, s; important changes are sent at once."""
 
 
 class StreamedRun(Observer, Onlooker):
-    """Sends what a run reports to a stream, and passes it on to another observer.
+    """An observer that sends what a run reports to a stream, and passes it on to another observer.
 
     Args:
-        stream: of the rig; closed by `ends`.
+        stream: the live stream of the rig, which `ends` closes.
         inner: the other observer.
-        simulated: whether rows come by the runner; they come by the loop's ring otherwise.
+        simulated: whether the rig is simulated, so that this observer sends the rows that the
+            runner reports. On hardware the stream reads the rows from the loop's ring.
         live: whether the run is paced by the wall clock.
     """
 
@@ -49,10 +50,10 @@ class StreamedRun(Observer, Onlooker):
         self._progress_at = self._listed_at = 0.0
         self._unlisted = False
         self._lock = threading.Lock()
-        """Held while the list of tests changes: operators change it from threads of their own."""
+        """Locked while the list of tests changes, which operators change from other threads."""
 
     def ends(self) -> None:
-        """Send that the run has ended, and end the stream."""
+        """Send the message that the run has ended, and close the stream."""
         if self._campaign:
             self._campaign["status"] = "ended"
             self._list_tests(last=True)
@@ -61,17 +62,22 @@ class StreamedRun(Observer, Onlooker):
             self._feed.close()
 
     def connected(self, board: Board, channels: tuple[str, ...]) -> None:
-        """Publish the rows of a session on hardware."""
+        """Let the stream publish the rows of a session on hardware from its board.
+
+        Args:
+            board: the session's board, with the ring of rows.
+            channels: names of the rows' columns.
+        """
         self.stream.attach(board, channels)
 
     def came_to(self, state: str) -> None:
-        """Send the session's state."""
+        """Send the state that the session on hardware has come to."""
         self.stream.send("state", {"state": state, "since_ns": time.time_ns()})
 
     def campaign_begins(
         self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
     ) -> None:
-        """Send the campaign and all its tests, those that are finished with their outcomes."""
+        """Send the campaign with all its tests, and the outcomes of the finished ones."""
         self._inner.campaign_begins(campaign, directory, finished)
         self._campaign = {
             "status": "running",
@@ -102,25 +108,25 @@ class StreamedRun(Observer, Onlooker):
         self._list_tests(last=True)
 
     def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
-        """Send what keeps the next test from beginning."""
+        """Send whether a pause is requested, and the conditions that hold the campaign."""
         self._inner.campaign_stands(pausing=pausing, held=held)
         with self._lock:
             self._campaign |= {"pausing": pausing, "held": list(held)}
         self._list_tests(last=True)
 
     def campaign_ends(self, exit_code: int, reason: str) -> None:
-        """Keep what is sent last of all, once the rig is safe."""
+        """Keep the exit code and the reason of the end, which `ends` sends once the rig is safe."""
         self._inner.campaign_ends(exit_code, reason)
         with self._lock:
             self._campaign |= {"exit_code": exit_code, "reason": reason}
 
     def rig_tells(self, text: str) -> None:
-        """Send what the operator is shown."""
+        """Send a line that is shown to the operator."""
         self._inner.rig_tells(text)
         self.stream.event("rig", "told", text)
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
-        """Send that a test begins."""
+        """Send the message that a test begins, the `number`-th to run, from 1."""
         self._inner.test_begins(number, test)
         self._number, self._test, self._decision = number, test, None
         with self._lock:
@@ -129,7 +135,7 @@ class StreamedRun(Observer, Onlooker):
         self._send_progress(0.0)
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
-        """Send how far a test has come, and what its detector holds, when that changes."""
+        """Send how far a test has come, and its detector's decision if it is a new one."""
         self._inner.test_advances(time_s, decision)
         if decision is not None and decision is not self._decision:
             self._decision = decision
@@ -140,27 +146,32 @@ class StreamedRun(Observer, Onlooker):
                 self._list_tests(last=False)
 
     def test_ends(self, outcome: TestOutcome) -> None:
-        """Send how a test ended."""
+        """Send the outcome of a test that has ended."""
         self._inner.test_ends(outcome)
         self._note(outcome)
         self._send_progress(outcome.recorded_s)
         self._list_tests(last=False)
 
     def test_skipped(self, outcome: TestOutcome) -> None:
-        """Send that a test is not to be run."""
+        """Send the message that a test is left out."""
         self._inner.test_skipped(outcome)
         self._note(outcome)
         self._list_tests(last=False)
 
     def test_runs(self, channels: tuple[str, ...], segment: int | None) -> None:
-        """Say what the columns of the present test's rows are."""
+        """Give the stream the names of the columns of the present test's rows.
+
+        Args:
+            channels: names of the columns.
+            segment: number of the loop's segment on hardware, None on a simulated rig.
+        """
         self._inner.test_runs(channels, segment)
         self._channels = channels
-        # On the wire a test is a segment; simulated rows are distinguished by their test.
+        # On hardware each test is a segment of the loop; simulated rows carry the test's number.
         self.stream.columns(self._number if segment is None else segment, channels, self._number)
 
     def test_rows(self, rows: Array) -> None:
-        """Show rows of the present test, if they do not come by the loop's ring."""
+        """Send rows of the present test if the rig is simulated; see `simulated` of the class."""
         self._inner.test_rows(rows)
         if not self._simulated:
             return
@@ -169,7 +180,7 @@ class StreamedRun(Observer, Onlooker):
         self._feed.add(rows, self._number)
 
     def test_event(self, time_s: float, kind: str, text: str) -> None:
-        """Send something that happened at a time of the present test."""
+        """Send an event of the present test; `time_s` counts from the test's first sample."""
         self._inner.test_event(time_s, kind, text)
         self.stream.event("test", kind, text, time_s)
 

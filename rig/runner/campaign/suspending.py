@@ -1,4 +1,4 @@
-"""Holds a campaign while its conditions are not met, and lets it go on once they are again."""
+"""Decides when a campaign is held because its conditions are not met, and when it goes on."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -11,14 +11,19 @@ from rig.recording import unit_of
 Reading = Callable[[str], float | None]
 
 MOST_SUSPENSIONS: Final = 5
-"""How often a test is interrupted and run again before its campaign is stopped."""
+"""Number of interruptions of one test by conditions at which its campaign is stopped."""
 
 
 class Suspender:
-    """One condition, followed over time.
+    """Follows one condition over time, and decides whether it holds the campaign.
 
-    It holds once its channel was beyond a limit, or without a reading, for the condition's time;
-    it releases once the channel was back by the hysteresis for as long.
+    It holds the campaign after the channel was beyond a limit, or had no reading, for
+    `condition.for_s`; it releases the campaign after the channel was within the limits by at least
+    the hysteresis for the same time. If the very first reading is beyond a limit, it holds at once.
+
+    Attributes:
+        condition: the condition.
+        holds_since: time since when it holds the campaign, s; None while it does not.
     """
 
     def __init__(self, condition: Condition) -> None:
@@ -28,16 +33,19 @@ class Suspender:
         self._changing_since: float | None = None
 
     def look(self, value: float | None, now: float) -> None:
-        """Take a reading at a time in s.
+        """Process a reading of the condition's channel.
 
-        The value is NaN if the channel has no reading, None if none can be had at present.
+        Args:
+            value: the reading; NaN if the channel has none, which is beyond the limits; None if
+                none can be had at present, which changes nothing.
+            now: time of the reading, s.
         """
         if value is None:
             return
         first, self._value = self._value is None, value
         held = self.holds_since is not None
         if first and not self._is_met(value, 0.0):
-            # A precondition: nothing is begun that is not known to be met.
+            # At the start it is a precondition: no test begins before the condition is met.
             self.holds_since = now
             return
         if self._is_met(value, self.condition.hysteresis if held else 0.0) is not held:
@@ -54,7 +62,7 @@ class Suspender:
 
     @property
     def reason(self) -> str:
-        """Why the campaign is held; empty if it is not."""
+        """Why this condition holds the campaign; empty if it does not."""
         if self.holds_since is None or self._value is None:
             return ""
         condition, value = self.condition, self._value
@@ -72,11 +80,11 @@ class Suspender:
 
 
 class Suspenders:
-    """All conditions of a campaign.
+    """All conditions of a campaign, followed together.
 
     Args:
-        conditions: of the campaign.
-        reading: newest value of a channel.
+        conditions: the campaign's conditions.
+        reading: returns the newest value of a channel, as `Bench.reading` does.
     """
 
     def __init__(self, conditions: Iterable[Condition], reading: Reading) -> None:
@@ -84,18 +92,18 @@ class Suspenders:
         self._reading = reading
 
     def look(self) -> None:
-        """Read every channel."""
+        """Read the channel of every condition, and update whether the condition holds."""
         for suspender in self._suspenders:
             suspender.look(self._reading(suspender.condition.channel), time.monotonic())
 
     @property
     def reasons(self) -> Sequence[str]:
-        """The reasons why the campaign is to be held; none if it may run."""
+        """The reasons why the campaign is to be held, one each condition; empty if it may run."""
         return [each.reason for each in self._suspenders if each.reason]
 
     @property
     def interrupts(self) -> bool:
-        """Whether a test that runs is to be ended."""
+        """Whether a condition that is not met asks to end the running test."""
         return any(
             each.reason and each.condition.action is WhenUnmet.INTERRUPT
             for each in self._suspenders
@@ -103,7 +111,7 @@ class Suspenders:
 
     @property
     def given_up(self) -> bool:
-        """Whether a condition was not met for longer than the campaign shall wait."""
+        """Whether a condition has held the campaign for longer than its `give_up_s`."""
         now = time.monotonic()
         return any(
             each.holds_since is not None and now - each.holds_since > each.condition.give_up_s

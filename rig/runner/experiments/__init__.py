@@ -1,4 +1,4 @@
-"""Experiments that are more than a campaign: friction, and closing a gap on a live rig."""
+"""Runs experiments that consist of several campaigns: friction, and closing a gap on a rig."""
 
 from lazy_loader import attach_stub
 

@@ -1,8 +1,9 @@
-"""The friction experiment of section 3.1, run on a rig by itself.
+"""Runs the friction experiment of the thesis, section 3.1, automatically on a rig.
 
-First the ram slides: it slows down from fast strokes, and goes at constant speeds. A hold shows the
-command at which it rests, around which slow ramps then make it break away at ten places. Ramps that
-did not move it are repeated in closed loop. The rig is armed once for all of it.
+First the ram slides: it slows down from fast strokes, and moves at constant speeds. A hold shows
+the command at which the ram rests. Slow ramps around that command then make it break away at ten
+positions. Where a ramp did not move the ram, it is repeated in closed loop. The rig is armed once
+for the whole experiment.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,18 +51,20 @@ _NULL_FROM_S: Final = 2.0
 
 @dataclass(frozen=True)
 class FrictionExperiment:
-    """What the experiment showed.
+    """The results of the friction experiment.
 
     Attributes:
-        rig, assumed: what it was run on, and what was assumed of that.
-        spring: the environment that was taken off.
-        null_V: command at which the ram rests.
-        sliding: identified from slowing down.
-        speeds: strokes at constant speed, settled or not.
-        places: break-aways of each ramp.
-        level: what they have in common.
-        fit: the law through all of it; None where sliding did not show all parameters.
-        recordings: files, within the experiment's folder.
+        rig: name of the rig.
+        assumed: the model that was assumed.
+        spring: the spring load, whose force was subtracted.
+        null_V: command at which the ram rests, V.
+        sliding: friction curve identified while the ram slows down.
+        speeds: results of all strokes at constant speed, settled or not.
+        places: break-aways of each ramp, one tuple for each position.
+        level: stiction level that all break-aways have in common.
+        fit: the friction law fitted to all results; None if the sliding part did not show all
+            parameters.
+        recordings: paths of the recordings, relative to the experiment's folder.
     """
 
     rig: str
@@ -89,23 +92,24 @@ def run_friction_experiment(
     speeds: tuple[float, ...] = SPEEDS,
     seed: int = 0,
 ) -> FrictionExperiment:
-    """Run the experiment on a rig and return what it showed.
+    """Run the friction experiment on a rig and return its results.
 
     Args:
-        rig: simulated, or on hardware.
-        assumed: the model; its friction is not used but for how far bristles bend.
-        spring: the known environment.
+        rig: a simulated rig, or one on hardware.
+        assumed: the assumed model; of its friction only the bristles' deflection is used.
+        spring: the known spring load.
         directory: an existing folder; each part of the experiment gets a folder in it.
-        pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
-        observer: is called as the experiment goes on.
-        stop: ends it after the present batch.
-        places: along the stroke.
-        speeds: shares of what the fully open valve delivers.
-        seed: of a simulated rig's noise.
+        pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
+            rig's file if not given.
+        observer: its methods are called as the experiment goes on.
+        stop: a request on it ends the experiment after the present batch.
+        places: number of positions along the stroke at which break-aways are measured.
+        speeds: constant speeds, as shares of the ram's speed with the valve fully open.
+        seed: sets the noise of a simulated rig.
 
     Raises:
-        ExperimentStoppedError: it tripped, was stopped, or a test crashed.
-        DirectoryError, DriverError, TripError, OSError: as `run_campaign`.
+        ExperimentStoppedError: the rig tripped, the experiment was stopped, or a test crashed.
+        DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
     """
     stop, observer = stop or StopFlag(), observer or Observer()
     sliding = sliding_campaign(rig, assumed, speeds=speeds, seed=seed)
@@ -161,6 +165,9 @@ def _after_first_two(slid: Mapping[str, Recording]) -> list[Recording]:
 
 
 def _null_command(recording: Recording) -> float:
-    """Return the mean command of a hold, V: where a ram rests, or around which it hunts."""
+    """Return the mean command of a hold, V, at which the ram rests or about which it oscillates.
+
+    The first 2 s are left out.
+    """
     time_s = recording.time_s - recording.time_s[0]
     return float(np.nanmean(recording.channels["command_V"][time_s >= _NULL_FROM_S]))

@@ -1,7 +1,7 @@
-"""The motions of the friction experiment (section 3.1), laid out within a rig's limits.
+"""Plans the motions of the friction experiment (thesis, section 3.1) within a rig's limits.
 
-Everything follows from the limits of the stroke and from the speed that the model's valve gives the
-ram, so that another rig gets its own figures.
+All lengths, speeds and times follow from the limits of the stroke and from the speed that the
+model's valve gives the ram, so that the plan fits any rig.
 """
 
 from dataclasses import replace
@@ -19,22 +19,25 @@ from rig.plant import Model
 from .parts import part_campaign, part_test
 
 PLACES: Final = 10
-"""Along the stroke (section 3.1)."""
+"""Number of positions along the stroke at which break-aways are measured (section 3.1)."""
 SPEEDS: Final = (0.03, 0.06, 0.1, 0.16, 0.24, 0.3, 0.37, 0.45, 0.54, 0.65)
-"""Shares of what the fully open valve delivers. Below 0.25 a ram with the thesis's friction sticks
-and slips; the friction there is measured while it slows down."""
+"""Constant speeds, as shares of the ram's speed with the valve fully open. Below 0.25 a ram with
+the thesis's friction sticks and slips; its friction at such speeds is measured as it slows down."""
 CREEP_SPEED: Final = 8.4e-4
-"""m/s that the ramp's greatest command would give the ram. The oil that it lets in in half a ramp
-is 5 mm of stroke: 2 mm compress the oil against stiction, the rest moves the ram."""
+"""Speed that the ramp's greatest command would give an unloaded ram, m/s. The oil that flows in
+during half a ramp is 5 mm of stroke: 2 mm compress the oil against stiction, the rest moves the
+ram."""
 RAMP_S: Final = 24.0
-"""Duration of a ramp of the command up, down, and back to null."""
+"""Duration of a ramp of the command up, down, and back to null, s."""
 LOOP_SPEED: Final = 0.014
-"""m/s that the greatest command of a ramp in closed loop would give the ram: 0.2 V on table 2.1's
-rig, 5.6 um of spool. The loop keeps the ram from running away with it."""
+"""Speed that the greatest command of a ramp in closed loop would give an unloaded ram, m/s. On the
+rig of table 2.1 that command is 0.2 V, or 5.6 um of spool. The loop keeps the ram from moving
+far."""
 LOOP_RAMP_S: Final = 80.0
+"""Duration of a ramp of the setpoint up, down, and back, s."""
 
 _MARGIN_M: Final = 0.02
-"""How far motions stay from the limits of the stroke: the ram overshoots by less."""
+"""Distance of the motions from the limits of the stroke, m; the ram overshoots by less."""
 _SINE_S: Final = 60.0
 _SINE_AMPLITUDE_M: Final = 0.2
 _SINE_HZ: Final = 0.5
@@ -53,13 +56,15 @@ NULL: Final = "valve null"
 def sliding_campaign(
     rig: Rig, assumed: Model, *, speeds: tuple[float, ...] = SPEEDS, seed: int = 0
 ) -> Campaign:
-    """Return the motions that slide, and a hold that shows the command at which the ram rests.
+    """Return the campaign of a hold, of slowing down from fast strokes, and of constant speeds.
+
+    The hold shows the command at which the ram rests.
 
     Args:
-        rig: whose limits are kept.
-        assumed: the model, which says how fast the valve drives the ram.
-        speeds: shares of that, of the strokes at constant speed.
-        seed: of a simulated rig's noise.
+        rig: the rig, within whose limits the motions stay.
+        assumed: the model, from which the greatest speed of the ram follows.
+        speeds: constant speeds, as shares of that greatest speed.
+        seed: sets the noise of a simulated rig.
     """
     low, high = _room(rig)
     fastest = valve_speed(assumed.parameters, rig.limits.command_V)
@@ -79,7 +84,13 @@ def sliding_campaign(
 
 
 def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[Stroke, ...]]:
-    """Return strokes out and back at a speed (m/s) between two positions, and when they are."""
+    """Return a setpoint of strokes out and back at a constant speed, and the times of the strokes.
+
+    Args:
+        speed: m/s.
+        low: lowest position, m.
+        high: highest position, m.
+    """
     length = min(_STROKE_M, high - low, speed * _STROKE_S)
     start = 0.5 * (low + high - length)
     times, values, strokes = [0.0], [start], []
@@ -95,15 +106,27 @@ def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[S
 
 
 def strokes_of(rig: Rig, assumed: Model, share: float) -> tuple[Stroke, ...]:
-    """Return when the strokes of a speed are in its test; `share` is one of `SPEEDS`."""
+    """Return begin and end of the strokes in the test of one constant speed.
+
+    Args:
+        rig: as for `sliding_campaign`.
+        assumed: as for `sliding_campaign`.
+        share: the speed as a share of the greatest one, such as one of `SPEEDS`.
+    """
     fastest = valve_speed(assumed.parameters, rig.limits.command_V)
     return strokes_at(share * fastest, *_room(rig))[1]
 
 
 def places_of(rig: Rig, null_V: float, count: int = PLACES) -> tuple[float, ...]:  # noqa: N803
-    """Return where break-aways are measured, m: evenly along the stroke.
+    """Return the positions at which break-aways are measured, m, evenly spaced along the stroke.
 
-    A loop without an integral part rests off its setpoint by null over gain; both keep to the room.
+    A position loop without an integral part rests beside its setpoint, by null command over gain;
+    both setpoint and ram stay within the rig's limits.
+
+    Args:
+        rig: the rig.
+        null_V: command at which the ram rests, V.
+        count: number of positions.
     """
     low, high = _room(rig)
     off = null_V / rig.gain_V_per_m
@@ -119,14 +142,14 @@ def break_away_campaign(
     *,
     seed: int = 0,
 ) -> Campaign:
-    """Return slow ramps of the command around the valve's null, one a place.
+    """Return the campaign of slow ramps of the command about the null command, one a position.
 
     Args:
-        rig: whose limits are kept.
-        assumed: the model, which says how fast the valve drives the ram.
-        null_V: command at which the ram rests.
-        places: m.
-        seed: of a simulated rig's noise.
+        rig: the rig.
+        assumed: the model, from which the speed of the ram for a command follows.
+        null_V: command at which the ram rests, V.
+        places: positions at which the ramps begin, m.
+        seed: sets the noise of a simulated rig.
     """
     off = null_V / rig.gain_V_per_m
     top = CREEP_SPEED / valve_speed(assumed.parameters, 1.0)
@@ -146,15 +169,17 @@ def closed_loop_campaign(
     *,
     seed: int = 0,
 ) -> Campaign:
-    """Return ramps of the setpoint, for places where those of the command did not move the ram.
+    """Return the campaign of ramps of the setpoint, one a position, with the loop closed.
 
-    A ram that sticks makes a slow setpoint a slow command, through overlap or underlap of the spool
-    if need be; one that has broken away follows. Takes the arguments of `break_away_campaign`.
+    It is run at the positions where ramps of the command did not move the ram.
+    While the ram sticks, the loop turns the slow ramp of the setpoint into a slow ramp of the
+    command, which passes even an overlap or underlap of the spool. After the break-away the ram
+    follows the setpoint. The arguments are those of `break_away_campaign`.
     """
     low, high = _room(rig)
     reach = _loop_reach(rig, assumed)
     off = null_V / rig.gain_V_per_m
-    # Setpoint and ram keep to the room, both ways.
+    # Setpoint and ram both stay within the limits, in both directions.
     first, last = low + reach + max(-off, 0.0), high - reach - max(off, 0.0)
     kept = sorted({min(max(place, first), last) for place in places})
     tests = [
@@ -171,14 +196,14 @@ def closed_loop_campaign(
 
 
 def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
-    """Return the slope of the ramps, V/s."""
+    """Return the slope of the command in a ramp while the ram is at rest, V/s."""
     if closed_loop:
         return 4.0 * _loop_reach(rig, assumed) * rig.gain_V_per_m / LOOP_RAMP_S
     return 4.0 * CREEP_SPEED / valve_speed(assumed.parameters, 1.0) / RAMP_S
 
 
 def _loop_reach(rig: Rig, assumed: Model) -> float:
-    """Return how far setpoints go either way, m: a twelfth of the stroke at most."""
+    """Return how far a ramp of the setpoint goes each way, m, at most a twelfth of the stroke."""
     low, high = _room(rig)
     reach = LOOP_SPEED / valve_speed(assumed.parameters, 1.0) / rig.gain_V_per_m
     return min(reach, (high - low) / 12.0)
@@ -201,7 +226,7 @@ def _test(name: str, setpoint: Setpoint, duration_s: float, start: float) -> Cam
 def _campaign(
     name: str, description: str, rig: Rig, assumed: Model, tests: list[CampaignTest], seed: int
 ) -> Campaign:
-    # Each test has noise unlike the others'.
+    # Each test gets noise that differs from that of the others.
     seeds = np.random.SeedSequence([seed, len(name)]).generate_state(len(tests))
     seeded = [replace(test, seed=int(drawn)) for test, drawn in zip(tests, seeds, strict=True)]
     return part_campaign(f"friction_{name}", description, rig, assumed, seeded)

@@ -1,4 +1,4 @@
-"""What the friction experiment found, as JSON and as the model that it revises."""
+"""Converts the results of the friction experiment to JSON, and to a revised model."""
 
 import hashlib
 from collections.abc import Mapping
@@ -13,12 +13,16 @@ from rig.runner.outcomes import friction_figures, model_sha256, versions
 from .friction_experiment import FrictionExperiment
 
 SCHEMA: Final = "rig-friction"
-"""What `friction.json` says it is."""
+"""Value of the key `schema`, by which `friction.json` is recognized."""
 INTERVAL: Final = 1.96
+"""Half the width of a 95 % interval, in standard errors."""
 
 
 def experiment_figures(experiment: FrictionExperiment) -> dict[str, Any]:
-    """Return the experiment as JSON holds it, SI; other programs rely on the keys."""
+    """Return the experiment's results as JSON-able values in SI; other programs rely on the keys.
+
+    A figure that is not known is None.
+    """
     level, fit = experiment.level, experiment.fit
     counted = steady_among(experiment.speeds, experiment.sliding)
     return {
@@ -61,12 +65,14 @@ def experiment_figures(experiment: FrictionExperiment) -> dict[str, Any]:
 
 
 def revised_model(experiment: FrictionExperiment, directory: Path, started: str) -> Model | None:
-    """Return the assumed model with the friction that was found; None if none was.
+    """Return the assumed model with the identified friction; None if none was identified.
+
+    The model's provenance has the experiment, the intervals, and the hashes of the recordings.
 
     Args:
-        experiment: as run.
-        directory: holds the recordings.
-        started: date and time, UTC.
+        experiment: the results of the experiment.
+        directory: the experiment's folder, which holds the recordings.
+        started: when the experiment began, UTC, as text.
     """
     fit, assumed = experiment.fit, experiment.assumed
     if fit is None:
@@ -127,5 +133,5 @@ def _trend(trend: Trend) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
-    """Return a figure, None for what is not known: JSON has no NaN."""
+    """Return a figure as a float; None if it is NaN or infinite, as JSON has neither."""
     return float(value) if abs(value) < float("inf") else None

@@ -1,10 +1,10 @@
-"""Closes a gap on a rig: runs motions, finds what the model lacks, settles which, and checks.
+"""Closes a gap on a rig: runs motions, finds what the model lacks, and checks the revised model.
 
-Each round adds motions to what the model is fitted to: first the programme, then the experiment
-that distinguishes what the recordings so far do not, then whatever a check brought to light. A
-check is a run of its own, after the model was revised, on which the revised model is tested as if
-it were given. The rounds end when a model is adequate, when nothing more can be found, or after the
-number of rounds that was asked for.
+Each round adds the recordings of new motions to those that the model is fitted to. The first round
+runs the programme. A later one runs an experiment that distinguishes effects which the recordings
+so far cannot distinguish, or, after a check that was not adequate, the programme again. For a check
+new motions are run after the model was revised, and the revised model is tested on them. The rounds
+end when a model is adequate, when nothing more can be found, or at the greatest number of rounds.
 """
 
 import os
@@ -48,12 +48,12 @@ from .parts import ExperimentStoppedError, Parts
 from .worker_process import Worker, at_once
 
 ROUNDS: Final = 4
-"""Most rounds: the programme, two experiments, and one for what a check finds."""
+"""Greatest number of rounds: the programme, two experiments, and one round after a check."""
 CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
-"""Channels that a recording must have for a gap to be found in it."""
+"""Channels that a recording must have so that a gap can be searched in it."""
 CLOSED: Final = 0.8
-"""Part of the gap that must be gone on a check for a model with rivals left to be called done; or
-all but what chance leaves."""
+"""Share of the gap that must be gone in a check so that no further round is run, although the check
+was not adequate; less is needed if only chance is left."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -61,13 +61,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of recordings: of which model, and which effects it may lack.
+    """The question which effects a model lacks, to be answered by recordings.
 
     Attributes:
-        rig: they were made on.
-        model: to be tested.
-        among: effects that are looked for; all of the catalogue if empty.
-        experiment_s: how long a motion that distinguishes effects takes.
+        rig: the rig of the recordings.
+        model: the model to be tested.
+        among: names of the effects to look for; all of the catalogue if empty.
+        experiment_s: duration of a motion that distinguishes effects, s.
     """
 
     rig: Rig
@@ -76,7 +76,7 @@ class Question:
     experiment_s: float = EXPERIMENT_S
 
     def plant(self) -> Plant:
-        """Return the rig with the model as the workflow sees it."""
+        """Return the rig with the model, and the effects to look for, as the workflow's `Plant`."""
         room = room_of(self.rig)
         plant = rig_plant(self.model, self.rig.sensors, room, self.experiment_s)
         if not self.among:
@@ -85,22 +85,29 @@ class Question:
 
 
 def answer_to(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
-    """Return what a model lacks by recordings in files."""
+    """Return the result of the gap search for a model.
+
+    Args:
+        question: rig, model, and effects to look for.
+        fitted: files of the recordings that the model is fitted to.
+        held: files of the recordings that are held out.
+    """
     return find_gap(_read(fitted), _read(held), question.plant())
 
 
 def checked(
     question: Question, found: GapResult, fresh: Sequence[Path], held: Sequence[Path]
 ) -> tuple[Check, GapResult]:
-    """Return a check of the model found, and what was found with its gap on the fresh run.
+    """Return the check of a revised model on new recordings, and the result with its gap on them.
 
-    Where the model found predicts that run worse than the one given, the latter is what was found.
+    If the revised model predicts the new recordings worse than the given one, the returned result
+    takes its effects and its refit back.
 
     Args:
-        question: that was answered.
-        found: the answer.
-        fresh: files of the run that the model was revised before.
-        held: files held out.
+        question: rig, given model, and effects to look for.
+        found: result of the gap search; it is not changed.
+        fresh: files of recordings that were made after the model was revised.
+        held: files of the recordings that are held out.
     """
     plant, recordings = question.plant(), _read(fresh)
     revised = replace(question, model=revised_model(question.model, found))
@@ -134,7 +141,7 @@ def checked(
 
 
 def revised_model(given: Model, found: GapResult) -> Model:
-    """Return the model that was found, without its provenance."""
+    """Return the given model with the parameters that were found; all else stays as given."""
     parameters = Parameters(**{name: found.values[name] for name in Parameters._fields})
     return replace(given, parameters=parameters)
 
@@ -157,28 +164,30 @@ def close_gap(
     worker: Worker = at_once,
     seed: int = 0,
 ) -> GapResult:
-    """Run motions on a rig until its model is adequate, and return what it lacked.
+    """Run motions on a rig until its model is adequate, and return the result with what it lacked.
+
+    If the rig trips between two motions, while the model is being fitted, the rounds end; the
+    result then follows from the recordings so far, and its `ended_by` says why.
 
     Args:
-        rig: simulated, or on hardware.
+        rig: a simulated rig, or one on hardware.
         given: the model to be tested.
         directory: an existing folder; each campaign gets a folder in it.
-        programme: what is run; the usual one if not given.
-        rounds: at most, from 1.
-        among: effects that are looked for; all of the catalogue if empty.
-        pace: "real" for the wall clock, "fast" for as fast as it can; the rig's own if not given.
-        observer: is called as the experiment goes on.
-        stop: ends it after the present batch.
-        worker: computes while the rig is looked after.
-        seed: of the motions' phases and of a simulated rig's noise.
-
-    A rig that trips while it is held, and the model is fitted, ends the rounds; what its recordings
-    show is returned, with `ended_by`.
+        programme: the motions to run; the default programme if not given.
+        rounds: greatest number of rounds, at least 1.
+        among: names of the effects to look for; all of the catalogue if empty.
+        pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
+            rig's file if not given.
+        observer: its methods are called as the experiment goes on.
+        stop: a request on it ends the experiment after the present batch.
+        worker: runs the computations; `apart` lets the rig be supervised meanwhile.
+        seed: sets the motions' phases, and the noise of a simulated rig.
 
     Raises:
-        ExperimentStoppedError: it tripped in a motion, was stopped, or a test crashed.
-        DirectoryError, DriverError, TripError, OSError: as `run_campaign`.
-        ApartError: of `worker`.
+        ExperimentStoppedError: the rig tripped in a motion, the experiment was stopped, or a test
+            crashed.
+        DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
+        ApartError: the worker's process gave no result.
     """
     stop, observer = stop or StopFlag(), observer or Observer()
     plan = programme or Programme()
@@ -191,7 +200,7 @@ def close_gap(
 
 
 class _Closing:
-    """The rounds, on a bench that is entered."""
+    """Runs the rounds of closing a gap, on a bench whose context has been entered."""
 
     def __init__(
         self,
@@ -214,7 +223,14 @@ class _Closing:
         self._tripped = ""
 
     def run(self, parts: Parts, bench: Bench, first: Campaign, rounds: int) -> GapResult:
-        """Return what was found in at most so many rounds, after a first campaign held out."""
+        """Run the rounds, and return the result with a record of each round.
+
+        Args:
+            parts: runs the campaigns.
+            bench: the bench, which is checked while the worker computes.
+            first: the campaign whose recordings are held out.
+            rounds: greatest number of rounds.
+        """
         self._parts, self._bench = parts, bench
         self._held = list(parts.record(first).values())
         why, motions = "to excite what the catalogue has", self._plan.fitted
@@ -244,20 +260,23 @@ class _Closing:
         return found
 
     def campaign(self, name: str, motions: tuple[tuple[str, float], ...], number: int) -> Campaign:
-        """Return the campaign of motions; each number has its own phases."""
+        """Return a campaign of motions; each `number` gives the motions other phases."""
         asked = self._question
         return motions_campaign(name, motions, asked.rig, asked.model, 1000 * self._seed + number)
 
     def _record(
         self, name: str, motions: tuple[tuple[str, float], ...], number: int
     ) -> tuple[str, ...]:
-        """Run motions, fit to them from now on, and return their files' names."""
+        """Run motions, add their recordings to those fitted to, and return their relative paths."""
         files = list(self._parts.record(self.campaign(name, motions, number)).values())
         self._fitted += files
         return tuple(str(file.relative_to(self._directory)) for file in files)
 
     def _experiment(self, found: GapResult) -> Separation | None:
-        """Return the first experiment that would settle something and was not run yet."""
+        """Return the first proposed experiment whose motion was not run yet; None if there is none.
+
+        Its motion counts as run from then on.
+        """
         for experiment in found.experiments:
             if experiment.campaign and _motion_of(experiment) not in self._tried:
                 self._tried.add(_motion_of(experiment))
@@ -265,7 +284,10 @@ class _Closing:
         return None
 
     def _check(self, found: GapResult, number: int) -> tuple[Check, GapResult]:
-        """Run what nothing was fitted to, test the model found on it; then it may be fitted to."""
+        """Run new motions, and check the revised model on them; see `checked` for the result.
+
+        Afterwards their recordings are added to those that the model is fitted to.
+        """
         campaign = self.campaign(f"check_{number}", self._plan.check, 500 + number)
         fresh = list(self._parts.record(campaign).values())
         check, found = self._compute(checked, self._question, found, fresh, self._held)
@@ -274,7 +296,10 @@ class _Closing:
 
     @staticmethod
     def _is_done(found: GapResult, check: Check) -> bool:
-        """Whether another round of the same would show nothing new."""
+        """Return whether a further round of the programme would bring nothing new.
+
+        That is so if the check found no new effect and most of the gap is gone (see `CLOSED`).
+        """
         known = {effect.name for effect in found.effects}
         known |= {rival.effect for effect in found.effects for rival in effect.indistinguishable}
         left = max((1.0 - CLOSED) * check.gap_before, SURE * check.scatter)
@@ -282,7 +307,7 @@ class _Closing:
         return gone and set(check.effects) <= known and check.verdict != "unknown_effect"
 
     def _compute(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Return what a function returns, the rig looked after meanwhile."""
+        """Return the result of a function that the worker calls while the rig is supervised."""
         return self._worker(self._wait, function, *args, **kwargs)
 
     def _wait(self) -> None:
@@ -295,7 +320,7 @@ class _Closing:
         except StopRequestedError:
             raise
         except TripError as error:
-            # Its recordings are whole, and it is safe: what they show is not to be lost with it.
+            # The rig is safe and the recordings are complete, so that they are still evaluated.
             self._tripped = str(error)
             self._say(f"{error}; what was recorded is still looked at")
 

@@ -1,8 +1,8 @@
-"""Motions of the rig that show effects: within the stroke, in closed loop, as campaigns hold them.
+"""Defines a library of motions of the ram that make effects visible in recordings.
 
-All are position setpoints, so that no effect, however large, lets the ram drift to an end. They are
-drawn from one library: for the programme that identifies a rig, and for the experiment that
-distinguishes two effects (`estimator.gap.verdict.experiments`).
+All are position setpoints within the stroke, in closed loop, so that no effect, however large, lets
+the ram drift to an end. The programme that identifies a rig uses the library, and so does the
+experiment that distinguishes two effects (`estimator.gap.verdict.experiments`).
 """
 
 from collections.abc import Mapping
@@ -16,23 +16,24 @@ from estimator.gap import Array, Motion
 from rig.plant import TICK
 
 MARGIN_M: Final = 0.02
-"""How far motions stay from the limits of the stroke: the ram overshoots by less."""
+"""Distance of the motions from the limits of the stroke, m; the ram overshoots by less."""
 EXPERIMENT_S: Final = 20.0
+"""Duration of a motion, s."""
 _GREATEST_V: Final = 9.0
-"""Greatest command that a step may ask of the valve by the loop's gain: beyond the valve's range
-no effects can be distinguished."""
+"""Greatest command that a step may cause by the loop's gain, V; effects cannot be distinguished
+while the command is limited to the valve's range."""
 _ROUNDED: Final = 4
-"""Decimals of lengths in m: a campaign file holds what is run."""
+"""Decimals of lengths in m, so that a campaign file can hold exactly what is run."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """Where the ram may go, and what holds it there.
+    """The range of positions in which the ram may move, and the gain of its position loop.
 
     Attributes:
-        low: m.
-        high: m.
-        gain: of the proportional position loop, V/m.
+        low: lowest position, m.
+        high: highest position, m.
+        gain: gain of the proportional position loop, V/m.
     """
 
     low: float
@@ -41,11 +42,11 @@ class Room:
 
     @property
     def middle(self) -> float:
-        """The place from which there is most room, m."""
+        """The position in the middle of the range, m, rounded."""
         return round(0.5 * (self.low + self.high), _ROUNDED)
 
     def part(self, share: float) -> float:
-        """Return a share of the room, m."""
+        """Return a share, from 0 to 1, of the range's length, m, rounded."""
         return round(share * (self.high - self.low), _ROUNDED)
 
 
@@ -54,10 +55,10 @@ class Stroke:
     """A named motion of the ram.
 
     Attributes:
-        name: of it.
-        about: what it does, in words.
-        setpoint: in m.
-        duration_s: of it.
+        name: name of the motion in the library.
+        about: description of the motion in words.
+        setpoint: setpoint of the position, m.
+        duration_s: duration, s.
     """
 
     name: str
@@ -67,7 +68,13 @@ class Stroke:
 
 
 def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict[str, Stroke]:
-    """Return the library of motions by name; another seed gives others of the same kind."""
+    """Return the library of motions, by their names.
+
+    Args:
+        room: the range in which the ram may move.
+        seed: sets the phases or the random steps of the motions.
+        duration_s: duration of each motion, s.
+    """
     middle, stroke = room.middle, room.part(1.0)
     step = min(0.16 * stroke, 0.5 * _GREATEST_V / room.gain)
     near = room.part(0.1)
@@ -101,7 +108,13 @@ def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict
 
 
 def motions(room: Room, pressure: float, duration_s: float = EXPERIMENT_S) -> tuple[Motion, ...]:
-    """Return the library as an experiment may use it; the chambers begin at `pressure` Pa."""
+    """Return the library of motions in the form that the search for an experiment takes.
+
+    Args:
+        room: the range in which the ram may move.
+        pressure: pressure of both chambers at the start, Pa.
+        duration_s: duration of each motion, s.
+    """
     return tuple(_motion(stroke, pressure) for stroke in strokes(room, 1, duration_s).values())
 
 
@@ -119,12 +132,12 @@ def _motion(stroke: Stroke, pressure: float) -> Motion:
 
 
 def sampled(setpoint: Setpoint, duration_s: float) -> Array:
-    """Return a setpoint at every tick, float64 (n,)."""
+    """Return the values of a setpoint at every tick for a duration in s, float64 (n,)."""
     return np.asarray(setpoint.sample(np.arange(round(duration_s / TICK)) * TICK))
 
 
 def campaign_of(stroke: Stroke) -> dict[str, Any]:
-    """Return the campaign file of one motion as nested mappings, without rig and model."""
+    """Return the content of a campaign file with one motion, without the keys of rig and model."""
     test = {
         "name": stroke.name,
         "duration": f"{stroke.duration_s:g} s",
@@ -138,7 +151,7 @@ def campaign_of(stroke: Stroke) -> dict[str, Any]:
 
 
 def _keys(setpoint: Multisine | Pseudorandom) -> Mapping[str, Any]:
-    """Return the keys of a setpoint in a campaign file."""
+    """Return a setpoint as the mapping that a campaign file has for it."""
     if isinstance(setpoint, Multisine):
         return {
             "type": "multisine",

@@ -1,7 +1,8 @@
-"""The motions of `rig gap --live`, laid out within a rig's limits.
+"""Plans the motions of `rig gap --live` within a rig's limits.
 
-The programme excites what the catalogue has: fast strokes (flows, supply), steps (valve, delays),
-slow reversals (friction), small fast strokes (valve, play). All are in closed loop.
+The programme of motions excites all effects of the catalogue: fast strokes (flows, supply), steps
+(valve, delays), slow reversals (friction), small fast strokes (valve, play). The position loop is
+closed in all of them.
 """
 
 from dataclasses import dataclass, replace
@@ -21,13 +22,14 @@ _SETTLE_S: Final = 2.0
 
 @dataclass(frozen=True)
 class Programme:
-    """Which motions of the library are run, and for how long, s.
+    """The motions of the library that are run, each as its name and its duration in s.
 
     Attributes:
-        fitted: to fit to.
-        held: held out, in every round the same.
-        check: of a revised model: run anew, in other phases.
-        experiment_s: of a motion that distinguishes effects.
+        fitted: motions to whose recordings the model is fitted.
+        held: motions whose recordings are held out; they are run once, for all rounds.
+        check: motions on which a revised model is checked; each check runs them anew with other
+            phases.
+        experiment_s: duration of a motion that distinguishes effects, s.
     """
 
     fitted: tuple[tuple[str, float], ...] = (
@@ -42,7 +44,7 @@ class Programme:
 
 
 def room_of(rig: Rig) -> Room:
-    """Return where experiments may move a rig's ram: within its limits, less a margin."""
+    """Return the range in which experiments may move a rig's ram: its limits less a margin."""
     limits = rig.limits
     return Room(
         limits.position_min_m + MARGIN_M, limits.position_max_m - MARGIN_M, rig.gain_V_per_m
@@ -52,16 +54,16 @@ def room_of(rig: Rig) -> Room:
 def motions_campaign(
     name: str, wanted: tuple[tuple[str, float], ...], rig: Rig, assumed: Model, seed: int
 ) -> Campaign:
-    """Return a campaign of motions of the library.
+    """Return a campaign with one test for each of some motions of the library.
 
     Args:
-        name: of the campaign, and of its folder.
+        name: name of the campaign, and of its folder.
         wanted: name and duration in s of each motion.
-        rig: whose limits are kept.
-        assumed: what the filter of its recordings assumes.
-        seed: of the motions' phases, and of a simulated rig's noise.
+        rig: the rig, within whose limits the motions stay.
+        assumed: the model that the filter assumes while it is recorded.
+        seed: sets the motions' phases, and the noise of a simulated rig.
     """
-    # Each test has phases and noise unlike the others'.
+    # Each test gets phases and noise that differ from those of the others.
     seeds = np.random.SeedSequence([seed, len(wanted)]).generate_state(len(wanted)) >> 1
     tests = [
         _test(strokes(room_of(rig), int(drawn))[motion], duration_s, int(drawn))

@@ -1,4 +1,4 @@
-"""A found gap as plain figures: `gap.json`, what `rig gap --json` prints, a model's provenance."""
+"""Converts the result of a gap search to `gap.json`, `rig gap --json`, and a model's provenance."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -29,7 +29,7 @@ from rig.runner.outcomes import git_state, model_sha256, versions
 from .gap_motions import EXPERIMENT_S, MARGIN_M, Room, motions
 
 REVISED: Final = "revised"
-"""Appended to the name of the model that was tested, once."""
+"""Word that is appended to the name of the tested model, unless the name ends with it already."""
 _DIGITS: Final = 6
 
 
@@ -39,13 +39,13 @@ def rig_plant(
     room: Room | None = None,
     experiment_s: float = EXPERIMENT_S,
 ) -> Plant:
-    """Return this rig with a model as the gap workflow sees it; its `write` writes model files.
+    """Return a rig with a model as the gap workflow's `Plant`, whose `write` writes model files.
 
     Args:
-        model: to be tested.
-        sensors: of the rig.
-        room: in which experiments may move the ram; its stroke if not given.
-        experiment_s: how long they take.
+        model: the model to be tested.
+        sensors: data sheet of the rig's transducers.
+        room: range in which experiments may move the ram; the stroke less a margin if not given.
+        experiment_s: duration of an experiment, s.
     """
     par = model.parameters
     space = room or Room(par.stroke_min + MARGIN_M, par.stroke_max - MARGIN_M)
@@ -65,7 +65,16 @@ def _write_model(
     provenance: Mapping[str, Any],
     path: Path,
 ) -> None:
-    """Write a model with what was found added to its parent's effects.
+    """Write the file of a revised model.
+
+    The name is the parent's with `REVISED`, or unchanged if the model is the same as its parent.
+
+    Args:
+        parent: the model that was tested.
+        values: all parameters of the revised model, by their names.
+        effects: effects that were found, to be added to the parent's.
+        provenance: where the model comes from; the parent is added to it.
+        path: of the file.
 
     Raises:
         ConfigError: a value is outside the range that a model file may hold.
@@ -86,7 +95,13 @@ def _write_model(
 def provenance_of(
     result: GapResult, command: tuple[str, ...] = (), *, with_term: bool = False
 ) -> dict[str, Any]:
-    """Return what a written model says of where it comes from; `with_term`: that with the term."""
+    """Return the provenance of a model that the gap workflow writes, as plain values.
+
+    Args:
+        result: result of the gap search.
+        command: the command line; if empty, the key `command` is left out.
+        with_term: whether this is the model that has the unknown term added.
+    """
     origin: dict[str, Any] = {"command": list(command)} if command else {}
     if result.added is not None:
         origin["unknown_term"] = _term(result)
@@ -119,7 +134,7 @@ def _recordings(files: list[tuple[str, str]]) -> list[dict[str, str]]:
 
 
 def answer(result: GapResult) -> dict[str, Any]:
-    """Return the object that `rig gap --json` prints; other programs rely on its keys."""
+    """Return the JSON-able object that `rig gap --json` prints; programs rely on its keys."""
     return {
         "verdict": result.verdict,
         "reasons": list(result.reasons),
@@ -134,7 +149,7 @@ def answer(result: GapResult) -> dict[str, Any]:
 
 
 def _refitted(result: GapResult) -> dict[str, Any]:
-    """Return the nuisances as refitted, each with whether the model written has its value."""
+    """Return the refitted nuisances; `kept` says whether the written model has their new values."""
     return {
         each.key: estimate_figures(each)
         | {"kept": not result.as_given, "at_an_end": each.at_an_end}
@@ -143,7 +158,7 @@ def _refitted(result: GapResult) -> dict[str, Any]:
 
 
 def _term(result: GapResult) -> dict[str, Any] | None:
-    """Return the unknown term that was added to `model_with_term.yaml`; null without one."""
+    """Return the unknown term that was added to `model_with_term.yaml`; None if there is none."""
     added = result.added
     if added is None:
         return None
@@ -157,9 +172,9 @@ def _term(result: GapResult) -> dict[str, Any] | None:
 
 
 def _first_experiment(result: GapResult) -> dict[str, Any] | None:
-    """Return the experiment to run first; None if none is proposed.
+    """Return the first proposed experiment that has a campaign; None if none is proposed.
 
-    Where no motion would help, the one returned has no campaign, and says so.
+    If no proposed experiment has one, because no motion would help, the first one is returned.
     """
     best = sorted(result.experiments, key=lambda experiment: not experiment.campaign)
     return experiment_figures(best[0]) if best else None
@@ -172,7 +187,7 @@ def _short(effect: NamedEffect) -> dict[str, Any]:
 
 
 def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
-    """Return all that was found, as `gap.json` holds it (docs/gap.md lists the keys)."""
+    """Return the whole result as the content of `gap.json` (docs/gap.md lists the keys)."""
     return answer(result) | {
         "plant": plant.name,
         "effects": [effect_figures(effect) for effect in result.effects],
@@ -224,7 +239,7 @@ def gap_figures(result: GapResult, plant: Plant) -> dict[str, Any]:
 
 
 def estimate_figures(estimate: Estimate) -> dict[str, Any]:
-    """Return a parameter with its 95 % interval, SI."""
+    """Return a parameter's estimate with its 95 % interval and its value before, SI, JSON-able."""
     return {
         "value": _plain(estimate.value),
         "lower": _plain(estimate.lower),
@@ -235,7 +250,7 @@ def estimate_figures(estimate: Estimate) -> dict[str, Any]:
 
 
 def effect_figures(effect: NamedEffect) -> dict[str, Any]:
-    """Return all that is known of a named effect."""
+    """Return a named effect with parameters, evidence and rivals, JSON-able."""
     return {
         "name": effect.name,
         "equation": effect.equation,
@@ -264,7 +279,11 @@ def _rival(rival: Rival, possible: bool) -> dict[str, Any]:
 
 
 def where_figures(curve: Curve) -> dict[str, Any]:
-    """Return which disturbance of which equation would explain the gap, and its largest value."""
+    """Return how a disturbance of one equation would explain the gap, JSON-able.
+
+    It has the share of the gap that is explained, and the disturbance's largest value with the
+    place in the region where it occurs.
+    """
     index = int(np.argmax(np.abs(curve.values)))
     return {
         "equation": curve.equation,
@@ -290,7 +309,7 @@ def _curve(curve: Curve) -> dict[str, Any]:
 
 
 def experiment_figures(experiment: Separation) -> dict[str, Any]:
-    """Return an experiment that would distinguish effects, its campaign ready to run."""
+    """Return an experiment that would distinguish effects, with its campaign, JSON-able."""
     return {
         "effects": list(experiment.effects),
         "motion": experiment.motion,
@@ -301,7 +320,7 @@ def experiment_figures(experiment: Separation) -> dict[str, Any]:
 
 
 def round_figures(number: int, settled: Round) -> dict[str, Any]:
-    """Return a round of closing a gap on a rig."""
+    """Return one round of closing a gap on a rig, JSON-able; `number` counts from 1."""
     check = settled.check
     return {
         "round": number,
@@ -321,7 +340,7 @@ def round_figures(number: int, settled: Round) -> dict[str, Any]:
 
 
 def _free_run(run: FreeRun) -> dict[str, Any]:
-    """Return a free run's distances; its samples are in the report only."""
+    """Return the RMS errors of a free simulation before and after, without its samples."""
     return {
         "source": run.source,
         "channel": run.channel,
@@ -342,5 +361,5 @@ def _gap(before: float, after: float) -> dict[str, float | None]:
 
 
 def _plain(value: float) -> float | None:
-    """Return a figure as JSON has it, which knows no infinity and no NaN."""
+    """Return a figure rounded to nine digits; None if it is NaN or infinite, which JSON lacks."""
     return float(f"{float(value):.{_DIGITS + 3}g}") if isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Campaigns run one after the other on a rig that is armed once for all of them."""
+"""Runs the campaigns of an experiment one after the other, with a rig that is armed only once."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
@@ -19,15 +19,15 @@ from rig.runner.outcomes import EXIT_STOPPED, CampaignOutcome, Observer, Status
 def part_test(
     name: str, setpoint: Setpoint, duration_s: float, start: float, settle_s: float, seed: int = 0
 ) -> CampaignTest:
-    """Return a healthy test of an experiment, from which no verdict is expected.
+    """Return a test of an experiment, without faults and without a detector's verdict.
 
     Args:
-        name: of the test.
-        setpoint: what it asks of the ram.
-        duration_s: how long it takes.
-        start: where the ram is brought before, m.
-        settle_s: how long the ram may take to settle there.
-        seed: of a simulated rig's noise.
+        name: name of the test.
+        setpoint: setpoint of the ram.
+        duration_s: duration of the test, s.
+        start: position at which the ram settles before the test, m.
+        settle_s: how long the ram settles there, s.
+        seed: sets the noise of a simulated rig.
     """
     return CampaignTest(
         name=name,
@@ -50,11 +50,11 @@ def part_campaign(
     """Return the campaign of one part of an experiment.
 
     Args:
-        name: of the campaign, and of its folder.
-        description: in a line.
-        rig: that it is run on.
-        assumed: what the filter of its recordings assumes.
-        tests: in their order.
+        name: name of the campaign, and of its folder.
+        description: one line for the reports.
+        rig: the rig that it is run on.
+        assumed: the model that the filter assumes.
+        tests: the tests in the order of running.
     """
     return Campaign(
         name=name,
@@ -68,10 +68,10 @@ def part_campaign(
 
 
 class ExperimentStoppedError(Exception):
-    """The experiment came to no end; its recordings so far are on disk.
+    """An experiment that ended early; its recordings so far are on disk.
 
     Attributes:
-        exit_code: what the command exits with.
+        exit_code: exit code of the command that ran it.
     """
 
     def __init__(self, message: str, exit_code: int) -> None:
@@ -83,15 +83,15 @@ class Parts:
     """Runs the campaigns that an experiment consists of, one after the other.
 
     Args:
-        rig: they are run on.
+        rig: the rig that the campaigns are run on.
         directory: an existing folder; each campaign gets a folder in it.
-        bench: entered and left by the caller.
-        pace: as of `run_campaign`.
-        observer: likewise.
-        stop: likewise.
+        bench: the bench of the rig, whose context the caller enters and leaves.
+        pace: as for `run_campaign`.
+        observer: as for `run_campaign`.
+        stop: as for `run_campaign`.
 
     Attributes:
-        recordings: files so far, within the directory.
+        recordings: paths of all recordings so far, relative to `directory`.
     """
 
     def __init__(
@@ -109,18 +109,18 @@ class Parts:
         self.recordings: list[str] = []
 
     def run(self, campaign: Campaign) -> dict[str, Recording]:
-        """Run a campaign to its end and return the recording of each test, by its name.
+        """Run a campaign and return the recording of each test, by the test's name.
 
         Raises:
-            ExperimentStoppedError: it tripped, was stopped, or a test crashed.
+            ExperimentStoppedError: the rig tripped, the campaign was stopped, or a test crashed.
         """
         return {name: read_recording(path) for name, path in self.record(campaign).items()}
 
     def record(self, campaign: Campaign) -> dict[str, Path]:
-        """Run a campaign to its end and return the file of each test, by its name.
+        """Run a campaign and return the path of each test's recording, by the test's name.
 
         Raises:
-            ExperimentStoppedError: it tripped, was stopped, or a test crashed.
+            ExperimentStoppedError: the rig tripped, the campaign was stopped, or a test crashed.
         """
         folder = self._directory / campaign.name
         outcome = run_campaign(
@@ -147,21 +147,24 @@ def _require_complete(outcome: CampaignOutcome) -> None:
 
 
 class _Undecided:
-    """A detector that holds nothing: the experiment looks for no leak."""
+    """A detector that always decides "inconclusive", as an experiment looks for no leak."""
 
     def __init__(self, model: Model) -> None:
         self._decision = Decision(Verdict.INCONCLUSIVE)
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take no note."""
+        """Do nothing with the samples."""
 
     def decide(self) -> Decision:
-        """Return that nothing can be said."""
+        """Return the decision "inconclusive"."""
         return self._decision
 
 
 class _Kept:
-    """A bench that is entered and left by someone else, so that several campaigns share it."""
+    """A bench whose context is entered and left by the caller, so that several campaigns share it.
+
+    It passes everything else on to the caller's bench.
+    """
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench

@@ -1,7 +1,7 @@
-"""Long computations in a process of their own, at low priority, while a rig is looked after.
+"""Runs long computations in a process of their own, at low priority, beside an armed rig.
 
-A rig that is armed wants its supervisor's attention many times a second, and its loop wants a
-processor in time; neither would get it from a process that computes for a minute.
+The supervisor of an armed rig must act many times a second, and the loop needs a processor in time.
+A computation of a minute in the supervisor's own process would prevent both.
 """
 
 import contextlib
@@ -23,22 +23,25 @@ T = TypeVar("T")
 
 
 class ApartError(Exception):
-    """The computation did not end in a result; the message is what its process said last."""
+    """A computation that gave no result; the message is the last line that its process printed."""
 
 
 class Worker(Protocol):
-    """Computes something, here or elsewhere."""
+    """A function that calls another function, in this process or in one of its own."""
 
     def __call__(
         self, waits: Callable[[], None], function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
     ) -> T:
-        """Return what a function returns; `waits` is called every 50 ms until then."""
+        """Return the result of `function(*args, **kwargs)`.
+
+        `waits` is called at least once; a worker with a process of its own calls it every 50 ms.
+        """
 
 
 def at_once(
     waits: Callable[[], None], function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
-    """Return what a function returns, computed here: nobody else needs looking after."""
+    """Return the result of a function that is called in this process, after one call of `waits`."""
     waits()
     return function(*args, **kwargs)
 
@@ -46,23 +49,24 @@ def at_once(
 def apart(
     waits: Callable[[], None], function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
-    """Return what a function of a module returns, computed in a process of its own.
+    """Return the result of a function that is called in a process of its own.
 
     Args:
-        waits: called every 50 ms meanwhile; what it raises ends the process, and is raised.
-        function: is found by its name, as pickle does.
-        args: of it.
-        kwargs: of it.
+        waits: is called every 50 ms meanwhile; if it raises an exception, the process is killed and
+            the exception is raised on.
+        function: a function at the top level of a module, so that it can be pickled.
+        args: arguments of the function.
+        kwargs: keyword arguments of the function.
 
     Raises:
-        ApartError: it raised, or the process ended otherwise.
+        ApartError: the function raised an exception, or the process ended without a result.
     """
     with tempfile.TemporaryDirectory(prefix="rig-apart-") as folder:
         asked, answered, said = (Path(folder, name) for name in ("asked", "answered", "said"))
         asked.write_bytes(pickle.dumps((function, args, kwargs)))
         command = [sys.executable, "-m", __name__, str(asked), str(answered)]
         with said.open("wb") as log:
-            # In a session of its own: Ctrl-C is for who looks after the rig.
+            # In a session of its own, so that Ctrl-C reaches only the process that supervises.
             process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -81,13 +85,13 @@ def apart(
         if process.returncode != 0 or not answered.is_file():
             lines = said.read_text(errors="replace").strip().splitlines()
             raise ApartError(lines[-1] if lines else f"ended with {process.returncode}")
-        # Written by the process just ended, in a folder that is nobody else's.
+        # Safe to unpickle: the process that just ended wrote it, in a folder of this user alone.
         result: T = pickle.loads(answered.read_bytes())
         return result
 
 
 def main() -> None:
-    """Compute what the first file asks for, and write the result to the second."""
+    """Call the function that is pickled in the first file, and write its result to the second."""
     asked, answered = map(Path, sys.argv[1:3])
     with contextlib.suppress(OSError):
         os.nice(_NICE)

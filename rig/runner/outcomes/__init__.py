@@ -1,4 +1,4 @@
-"""What comes of tests: outcomes, figures, decisions, and how they are recorded."""
+"""Defines the outcomes of tests with their figures and decisions, and how they are recorded."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Turns a test's decisions into the rows that the loop takes."""
+"""Turns a test's decisions into the rows of numbers that the loop takes."""
 
 from typing import Final
 
@@ -15,7 +15,7 @@ _NO_FAULT: Final = (Verdict.HEALTHY, Verdict.INCONCLUSIVE)
 
 
 class DecisionRows:
-    """The decisions of one test, given in their order."""
+    """Turns the decisions of one test into rows; they must be given in the order of their times."""
 
     def __init__(self) -> None:
         self._verdict = ""
@@ -24,15 +24,15 @@ class DecisionRows:
     def row(self, time_s: float, decision: Decision) -> Array:
         """Return a decision as a row, float64 (len(`rig.loop.decided.DECIDED`),), SI.
 
-        A fault is confirmed while the detector says that a leak is there now, and once the same
-        verdict of a fault has been held for 5 s, after which the detector itself withdraws none.
+        The row says that a fault is confirmed if the decision lists a leak as present now, or if
+        the verdict has been the same fault for 5 s; the detector itself withdraws none after that.
 
         Args:
-            time_s: time of the newest sample it rests on.
-            decision: what was decided then.
+            time_s: time of the newest sample that the decision rests on, s.
+            decision: the decision.
 
         Raises:
-            ValueError: its verdict is none of `VERDICT_CODES`.
+            ValueError: the verdict is none of `VERDICT_CODES`.
         """
         if decision.verdict != self._verdict:
             self._verdict, self._held_since_s = decision.verdict, time_s

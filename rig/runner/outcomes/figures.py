@@ -1,4 +1,4 @@
-"""Figures of a test to follow from run to run, each with its standard error where it has one."""
+"""Computes the figures of a test that are followed from run to run, with their standard errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ from rig.plant import TICK
 Array = NDArray[np.float64]
 
 _BLOCK: Final = round(1.0 / TICK)
-"""Ticks after which innovations count as independent: 1 s, many times the filter's memory."""
+"""Ticks of a block of innovations; blocks of 1 s, many times the filter's memory, count as
+independent of each other."""
 _TIMED: Final = {
     "loop_wakeup_p50": ("wakeup", "p50_s"),
     "loop_wakeup_p99": ("wakeup", "p99_s"),
@@ -28,9 +29,9 @@ class Figure:
     """A figure of a test.
 
     Attributes:
-        value: in its unit.
-        standard_error: None where it is not known.
-        unit: as printed; empty for a plain number.
+        value: the value, in `unit`.
+        standard_error: in the same unit; None if it is not known.
+        unit: as it is printed; empty for a plain number.
     """
 
     value: float
@@ -44,18 +45,19 @@ def figures_of(
     friction: FrictionCurve | None,
     timing: Mapping[str, Any] | None,
 ) -> dict[str, Figure]:
-    """Return all that is known, by name; what is not known has no entry.
+    """Return the figures of a test by name; a figure that is not known or not finite is left out.
 
-    `leak` (L/min), `residual_pressure_1` and `_2` (mean absolute innovation, Pa), `friction_NAME`
-    (SI; said once in `friction_asymmetry`) for each parameter that was identified, `bulk_modulus`
-    (Pa) where a detector estimates it, and on hardware `loop_wakeup_p50`, `loop_wakeup_p99`,
-    `loop_command_p99` (s), `loop_missed` (share).
+    The names are `leak` (L/min); `residual_pressure_1` and `_2` (mean absolute innovation, Pa);
+    `friction_NAME` (SI) for each friction parameter that was identified, where a NAME that begins
+    with `friction_` gets no second prefix; `bulk_modulus` (Pa) if the detector estimates it; and on
+    hardware `loop_wakeup_p50`, `loop_wakeup_p99`, `loop_command_p99` (s) and `loop_missed` (the
+    share of ticks that were missed).
 
     Args:
-        decision: the last one.
-        innovations: of pressures 1 and 2, Pa, float64 (n, 2).
-        friction: what the motion showed of it.
-        timing: `rig.loop.timing.Timing.summary`.
+        decision: the detector's last decision; None if there is none.
+        innovations: innovations of pressures 1 and 2, Pa, float64 (n, 2).
+        friction: the identified friction; None if there is none.
+        timing: the summary of `rig.loop.timing.Timing`; None on a simulated rig.
     """
     found: dict[str, Figure] = {}
     if decision is not None:
@@ -74,10 +76,13 @@ def figures_of(
 
 
 def residual_level(innovation: Array) -> Figure | None:
-    """Return the mean absolute innovation (n,) in Pa, its error by blocks of 1 s; None if short.
+    """Return the mean absolute innovation, with its standard error from blocks of 1 s.
 
-    Rows without one (NaN: the first, and those of ticks that were missed) are left out, and blocks
-    of which more than half are.
+    The result is None if fewer than two blocks can be used. NaN (the first row, and rows of missed
+    ticks) is left out, and so are blocks that are NaN for half of their rows or more.
+
+    Args:
+        innovation: in Pa, float64 (n,).
     """
     count = len(innovation) // _BLOCK
     sizes = np.abs(innovation[: count * _BLOCK]).reshape(count, _BLOCK)

@@ -1,4 +1,4 @@
-"""Watches the friction of a test while its detector is fed, and writes it to `results.json`."""
+"""Identifies friction from the samples of a test, and converts it for `results.json`."""
 
 from typing import Any
 
@@ -17,12 +17,12 @@ from rig.plant import Model, SensorParameters
 
 
 class FrictionWatch:
-    """A detector that hands everything on to another and keeps what friction is identified from.
+    """A detector that passes all samples on to another one, and identifies friction from them.
 
     Args:
-        detector: the other one.
-        test: its load is the spring.
-        model: what the filter assumes.
+        detector: the other detector, which makes the decisions.
+        test: the test, whose load gives the spring; if it has none, the model's spring is used.
+        model: the model that the filter assumes.
         sensors: data sheet of the transducers.
     """
 
@@ -39,7 +39,7 @@ class FrictionWatch:
         self._watching = False
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take the next samples."""
+        """Process the next samples with the filter's estimates of them."""
         self._detector.update(samples, run)
         self._watching = run.filter.name == DEFAULT_FILTER
         if self._watching:
@@ -51,7 +51,7 @@ class FrictionWatch:
 
     @property
     def curve(self) -> FrictionCurve | None:
-        """What has been seen of friction; None where the filter does not estimate the load."""
+        """The friction identified so far; None if the filter does not estimate the load."""
         if not self._watching:
             return None
         lag = load_lag(self._model, self._sensors)
@@ -60,12 +60,12 @@ class FrictionWatch:
 
 
 def model_spring(model: Model) -> Spring:
-    """Return the spring that a model has."""
+    """Return the spring that a model's parameters describe."""
     return Spring(model.parameters.spring_stiffness, model.parameters.spring_contact)
 
 
 def friction_figures(curve: FrictionCurve) -> dict[str, Any]:
-    """Return a friction curve as JSON holds it, SI; other programs rely on the keys."""
+    """Return a friction curve as JSON-able values in SI; other programs rely on the keys."""
     return {
         **{
             name: {
@@ -95,7 +95,10 @@ def friction_figures(curve: FrictionCurve) -> dict[str, Any]:
 
 
 def change_figures(first: FrictionCurve, last: FrictionCurve) -> dict[str, Any]:
-    """Return by how much two curves' parameters differ, as JSON holds it, SI."""
+    """Return by how much each parameter of two friction curves differs, as JSON-able values in SI.
+
+    The key `z` has the difference over its standard error.
+    """
     return {
         change.name: {
             "difference": change.difference,

@@ -1,4 +1,4 @@
-"""Says of an outcome, for screen and page alike, how probable it is and what was done about it."""
+"""Puts parts of an outcome into words, for screen and page: probability, other faults, reaction."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,24 +9,26 @@ from .outcome import TestOutcome
 
 
 def chance(decision: Decision) -> str:
-    """Return how probable the verdict is; empty where the detector does not say, or names none."""
+    """Return the verdict's probability in percent; empty if the detector gives none for it."""
     share = decision.probabilities.get(decision.verdict)
     return "" if share is None else percent(share)
 
 
 def percent(share: float) -> str:
-    """Return a probability in percent; rounding makes no certainty of it."""
+    """Return a probability, 0 to 1, as text in percent; above 0.999 the text is "> 99.9 %"."""
     if share > 0.999:
         return "> 99.9 %"
     return f"{100.0 * share:.1f} %" if share > 0.9 else f"{100.0 * share:.0f} %"
 
 
 def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
-    """Return what the final verdict does not say: that its fault has gone, and confirmed others.
+    """Return clauses on what the final verdict alone does not show, for a reader.
+
+    They say that the verdict's fault has ended, and which other faults were confirmed, with times.
 
     Args:
-        decision: the final one.
-        found: all that was named.
+        decision: the final decision.
+        found: all faults that the verdicts named during the test.
     """
     clauses = []
     if decision.ended_s is not None:
@@ -42,7 +44,7 @@ def in_passing(decision: Decision, found: Sequence[Found]) -> list[str]:
 
 
 def reaction(test: TestOutcome) -> str:
-    """Return what the loop did about a fault, and since when; empty if it did nothing."""
+    """Return in words what the loop did about a fault, and when; empty if it did nothing."""
     if not test.actions:
         return ""
     first, last = test.actions[0], test.actions[-1]

@@ -1,4 +1,4 @@
-"""What a run reports to whoever watches it."""
+"""Defines the methods by which a run reports its progress to an observer."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,41 +15,46 @@ Array = NDArray[np.float64]
 
 
 class Observer:
-    """Is called as a run goes on, and does nothing. Derive from it and override what you need.
+    """A base class for observers of a run, whose methods the run calls and which do nothing here.
 
-    Calls come from the run itself, which waits for them to return.
+    A derived class overrides the methods that it needs. The run waits for each call to return.
     """
 
     def campaign_begins(
         self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
     ) -> None:
-        """Take note of a campaign that begins, or goes on.
+        """Handle the begin of a campaign, or of its continuation after a stop or a kill.
 
         Args:
             campaign: the campaign.
-            directory: the folder its results go to.
-            finished: outcomes of the tests that are not run again.
+            directory: the folder to which its results are written.
+            finished: outcomes of the tests that an earlier part of the run has finished.
         """
 
     def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
-        """Take note of what keeps the next test from beginning, when that changes; any thread.
+        """Handle a change of what keeps the next test from beginning; called from any thread.
 
         Args:
-            pausing: an operator has asked for a pause, and not to go on since.
-            held: conditions that are not met, in words.
+            pausing: whether an operator has asked for a pause, and not to go on since.
+            held: the conditions that are not met, a sentence each.
         """
 
     def campaign_ends(self, exit_code: int, reason: str) -> None:
-        """Take note that nothing more is run, and of what ended it; empty if it came to its end."""
+        """Handle the end of the campaign.
+
+        Args:
+            exit_code: exit code of the run.
+            reason: what stopped the campaign; empty if it ran to its end.
+        """
 
     def rig_tells(self, text: str) -> None:
-        """Take note of what the operator of a rig on hardware should know; from any thread."""
+        """Handle a line that the operator of the rig should read; called from any thread."""
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
-        """Take note of a test that begins, the `number`-th to run, from 1."""
+        """Handle the begin of a test, the `number`-th to run, counted from 1."""
 
     def test_runs(self, channels: tuple[str, ...], segment: int | None) -> None:
-        """Take note of the columns of a test's rows, before its first one.
+        """Handle the names of the columns of a test's rows, before the first row comes.
 
         Args:
             channels: names of the columns.
@@ -57,16 +62,21 @@ class Observer:
         """
 
     def test_rows(self, rows: Array) -> None:
-        """Take note of the next rows of a test, float64 (n, channels)."""
+        """Handle the next rows of a test, float64 (n, channels)."""
 
     def test_event(self, time_s: float, kind: str, text: str) -> None:
-        """Take note of what a test's recording notes, at a time (s) of the test."""
+        """Handle an event that is written to a test's recording; `time_s` is its time in s."""
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
-        """Take note of the time (s) a test has come to, and of what its detector holds by then."""
+        """Handle the progress of a test, after each batch of rows.
+
+        Args:
+            time_s: time of the last row, s of the test.
+            decision: the detector's latest decision; None before the first one.
+        """
 
     def test_ends(self, outcome: TestOutcome) -> None:
-        """Take note of a test that ended, in whatever way; a test that was not run never ends."""
+        """Handle the end of a test that was begun, however it ended."""
 
     def test_skipped(self, outcome: TestOutcome) -> None:
-        """Take note of a test that an operator does not want to be run."""
+        """Handle a test that is not begun because an operator has asked to skip it."""

@@ -1,4 +1,4 @@
-"""What came of a campaign: one outcome a test, and the whole, as written to `results.json`."""
+"""Defines the outcome of a test and of a campaign, as they are written to `results.json`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from .reactions import FaultAction
 
 
 class Status(StrEnum):
-    """How a test ended."""
+    """How a test ended; PASSED and FAILED say whether the verdict was the expected one."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -23,25 +23,25 @@ class Status(StrEnum):
     ABORTED = "aborted"
     TRIPPED = "tripped"
     SKIPPED = "skipped"
-    """An operator had it left out, or ended."""
+    """An operator had the test left out, or ended."""
     INTERRUPTED = "interrupted"
-    """A kill, a condition or an operator ended it; it is to be run again."""
+    """A kill, a condition or an operator ended the test; it will be run again."""
     NOT_RUN = "not_run"
 
 
 @dataclass(frozen=True)
 class InjectedFault:
-    """A fault as it was injected: what was asked of the rig, and the flow it really gave.
+    """A fault that was injected into a test, as it was requested, and the flow that resulted.
 
     Attributes:
         kind: one of the fault kinds.
-        at_s, until_s: when it acted.
-        coefficient: what was asked, SI (m^3/(s Pa^0.5), linear leaks m^3/(s Pa), return blockage
-            Pa/(m^3/s)^2).
-        linear: whether the coefficient is of the linear leak law.
-        mean_flow_m3_per_s: mean absolute flow recorded from 2 s after onset to the leak's end, or
-            the test's, less what a flow meter read before; None where the rig records none (supply
-            and return line).
+        at_s, until_s: begin and end, s of the test; `until_s` is None if it lasted to the end.
+        coefficient: the requested size, SI (m^3/(s Pa^0.5), linear leaks m^3/(s Pa), return
+            blockage Pa/(m^3/s)^2).
+        linear: whether the coefficient belongs to the linear leak law.
+        mean_flow_m3_per_s: mean absolute flow recorded from 2 s after the onset to the end of the
+            leak or of the test, less the flow meter's reading before the onset; None if the rig
+            records no flow of this fault (supply and return line).
     """
 
     kind: str
@@ -54,16 +54,15 @@ class InjectedFault:
 
 @dataclass(frozen=True)
 class Attempt:
-    """An earlier run of a test, that does not count.
+    """An earlier run of a test, which does not count because the test was run again.
 
     Attributes:
-        number: from 1 on.
+        number: of the attempt, counted from 1.
         status: how it ended.
-        phase: in which it ended, a `rig.runner.campaign.phases.Phase`; empty where it came to its
-            end.
-        message: why.
-        at: when it was begun, UTC.
-        recording: file name of what was recorded of it, if anything was.
+        phase: the `rig.runner.campaign.phases.Phase` in which it ended; empty if it ran to its end.
+        message: why it ended.
+        at: when it was begun, UTC, ISO 8601.
+        recording: file name of its recording; None if there is none.
     """
 
     number: int
@@ -76,12 +75,12 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Happening:
-    """What happened to a campaign beside its tests: to a report's reader.
+    """Something that happened in a campaign outside its tests, as a report shows it.
 
     Attributes:
-        at: when, UTC.
-        who: an operator, or `campaign`.
-        what: a sentence.
+        at: when it happened, UTC, ISO 8601.
+        who: name of the operator who asked for it; `campaign` if no operator did.
+        what: what happened, in words.
     """
 
     at: str
@@ -91,22 +90,26 @@ class Happening:
 
 @dataclass(frozen=True)
 class TestOutcome:
-    """One test: what was expected, injected and found.
+    """The outcome of one test: what was expected, what was injected, and what was found.
 
     Attributes:
         duration_s: how long the test was to last.
-        recorded_s: how long it lasted; less than `duration_s` if it did not come to its end.
-        injected: the faults that had begun by then.
-        decision: what the detector held in the end; None before its first sample.
-        detected_at_s: when it first held that, having read only the past; None if that is no fault.
-        recording: file name of the recording beside `results.json`, if there is one.
-        on_fault: what was asked to be done about a confirmed fault.
-        actions: what the loop did about one; a trip is the status.
-        thresholds_from: what the thresholds were learnt from, where the detector has to learn them.
-        friction: what the motion showed of it; None without a filter that estimates the load.
-        attempts: earlier runs of it that do not count.
-        figures: to follow from run to run (`rig.runner.outcomes.figures`).
-        found: all faults that were named on the way, those that went again among them.
+        recorded_s: how long it lasted; less than `duration_s` if it was ended early.
+        injected: the faults that had begun by the end of the recording.
+        decision: the detector's last decision; None if it made none.
+        detected_at_s: when the detector first had this verdict, in s of the test; None if the
+            verdict names no fault.
+        recording: file name of the recording beside `results.json`; None if there is none.
+        wall_s: how long running the test took, s.
+        on_fault: what the loop was to do about a confirmed fault.
+        actions: what the loop did about confirmed faults; a trip is in `status` instead.
+        thresholds_from: in words, what the detector's thresholds were learnt from; empty if it
+            learns none.
+        friction: the friction identified from the motion; None if the filter does not estimate the
+            load.
+        attempts: earlier runs of the test, which do not count.
+        figures: the figures to follow from run to run, by name (`rig.runner.outcomes.figures`).
+        found: all faults that the verdicts named during the test, also those that ended again.
     """
 
     __test__ = False  # not a pytest class, whatever its name
@@ -133,9 +136,9 @@ class TestOutcome:
 
     @property
     def is_finished(self) -> bool:
-        """Whether it is not to be run again when its campaign is resumed.
+        """Whether the test counts, so that it is not run again when its campaign is resumed.
 
-        A test that asks to trip on a fault did what it was to do.
+        A tripped test is finished if it was configured to trip on a fault.
         """
         if self.status is Status.TRIPPED:
             return self.on_fault is OnFault.TRIP
@@ -143,14 +146,14 @@ class TestOutcome:
 
     @property
     def truth(self) -> InjectedFault | None:
-        """The injected leak that was expected to be found; None if none was, or it is no leak."""
+        """The injected leak that the test expects to be found; None if it expects or has none."""
         if self.expect not in LEAKS:
             return None
         return next((fault for fault in self.injected if fault.kind == self.expect), None)
 
     @property
     def onset_error_s(self) -> float | None:
-        """Onset found less onset injected; None unless the expected leak was found."""
+        """Estimated onset less injected onset, s; None unless the expected leak was found."""
         found = self._found
         if found is None or found.onset_s is None or self.truth is None:
             return None
@@ -158,7 +161,10 @@ class TestOutcome:
 
     @property
     def leak_error_m3_per_s(self) -> float | None:
-        """Mean leak flow found less that recorded; None unless the expected leak was found."""
+        """Estimated less recorded mean leak flow, m^3/s; None unless the expected leak was found.
+
+        It is also None if the rig does not record the leak's flow.
+        """
         found, truth = self._found, self.truth
         if found is None or truth is None:
             return None
@@ -168,7 +174,7 @@ class TestOutcome:
 
     @property
     def latency_s(self) -> float | None:
-        """Time from the first injection to the verdict; None if nothing was injected or found."""
+        """Time from the first injected fault to the verdict, s; None if one of them is missing."""
         if self.detected_at_s is None or not self.injected:
             return None
         return self.detected_at_s - min(fault.at_s for fault in self.injected)
@@ -187,7 +193,12 @@ EXIT_STOPPED: Final = 3
 
 @dataclass(frozen=True)
 class CampaignOutcome:
-    """A campaign's outcomes with what is needed to run it again."""
+    """The outcomes of a campaign's tests, and the facts that are needed to run it again.
+
+    Attributes:
+        started: when the run began, UTC, ISO 8601; empty before.
+        tests: one outcome for each test, in the campaign's order.
+    """
 
     name: str
     description: str
@@ -198,17 +209,19 @@ class CampaignOutcome:
     started: str
     tests: tuple[TestOutcome, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    """Versions, git state, hashes of every file read."""
+    """Versions of the software, git state, and hashes of all files that were read."""
     history: tuple[Happening, ...] = ()
-    """What happened beside the tests: holds, interruptions, what operators asked and noted."""
+    """What happened outside the tests: holds, interruptions, requests and notes of operators."""
     ended_with: int | None = None
-    """Exit code of what ended it outside of its tests, such as a trip; None if nothing did."""
+    """Exit code of an event that ended the run outside its tests, such as a trip; None if none."""
 
     @property
     def exit_code(self) -> int:
-        """0 all as expected, 1 a test failed, crashed or was skipped, 3 tripped or stopped.
+        """The exit code of `rig run`.
 
-        2 where a device of the rig was not there, or not what was configured: nothing moved.
+        It is 0 if all tests passed; 1 if a test failed, crashed or was skipped; 3 if the run
+        tripped or was stopped, so that tests were not run; 2 if a device of the rig was missing or
+        was not the configured one, so that nothing moved.
         """
         if self.ended_with is not None:
             return self.ended_with
@@ -221,6 +234,6 @@ class CampaignOutcome:
 
     @property
     def counts(self) -> dict[Status, int]:
-        """How many tests ended in which way, those that occur only."""
+        """The number of tests with each status; a status that no test has is left out."""
         found = [test.status for test in self.tests]
         return {status: found.count(status) for status in Status if status in found}

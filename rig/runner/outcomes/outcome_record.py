@@ -1,4 +1,4 @@
-"""An outcome as the journal keeps it: JSON from which the very same outcome is made again."""
+"""Converts an outcome to the JSON of the journal, and back to exactly the same outcome."""
 
 import types
 from collections.abc import Mapping
@@ -14,16 +14,16 @@ from .outcome import TestOutcome
 
 
 def record_of(outcome: TestOutcome) -> dict[str, Any]:
-    """Return an outcome as JSON holds it, every float bit for bit; NaN and infinity as text."""
+    """Return an outcome as JSON-able values; floats stay exact, NaN and infinity become text."""
     content: dict[str, Any] = _plain(outcome)
     return content
 
 
 def outcome_of(record: Mapping[str, Any]) -> TestOutcome:
-    """Return the outcome that `record_of` was given.
+    """Return the outcome from which `record_of` made a record.
 
     Raises:
-        ValueError, TypeError, KeyError: it is none.
+        ValueError, TypeError, KeyError: the record is not that of an outcome.
     """
     outcome: TestOutcome = _made(TestOutcome, record)
     return outcome
@@ -51,7 +51,10 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _made(kind: Any, value: Any) -> Any:
-    """Return a plain value as an object of a type, or of a tuple, mapping or union of types."""
+    """Return a JSON value as an object of the type `kind`; the values in it are converted, too.
+
+    A union has one type and None: None stays None, and another value is converted to the type.
+    """
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         if value is None:

@@ -1,4 +1,4 @@
-"""What the loop did about faults, read from the rows it wrote."""
+"""Finds in the loop's rows what the loop did about confirmed faults."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,10 +20,11 @@ _HOLDING: Final = "holding the ram"
 
 @dataclass(frozen=True)
 class FaultAction:
-    """What the loop did about a fault, and when.
+    """One action of the loop about a fault.
 
     Attributes:
-        until_s: None if it did so to the end.
+        at_s: when it began, s of the test.
+        until_s: when it ended, s of the test; None if it lasted to the end.
         what: in words, as an event of the recording: "tolerating external_leakage_1 0.42 L/min".
     """
 
@@ -33,16 +34,16 @@ class FaultAction:
 
     @property
     def holds(self) -> bool:
-        """Whether it held the ram, rather than make up for a leak."""
+        """Whether the loop held the ram; if not, it compensated for a leak."""
         return self.what == _HOLDING
 
 
 class Reactions:
-    """The actions of one test, as its rows come.
+    """Follows the rows of one test, and collects the loop's actions about faults.
 
     Args:
         channels: names of the rows' columns.
-        assumed: the parameters that leak flows are quoted with.
+        assumed: the parameters with which a leak's coefficient is converted to a flow.
     """
 
     def __init__(self, channels: tuple[str, ...], assumed: Parameters) -> None:
@@ -54,14 +55,17 @@ class Reactions:
 
     @property
     def actions(self) -> tuple[FaultAction, ...]:
-        """What was done so far."""
+        """The loop's actions so far, in their order."""
         return tuple(self._actions)
 
     def take(self, rows: Array) -> Iterator[tuple[float, str, str]]:
-        """Take the next rows; yield what changed in them as (time in s, kind of event, text)."""
+        """Process the next rows, and yield each change of action in them as an event.
+
+        An event is (time in s, kind of event, text).
+        """
         action, present = rows[:, self._action], rows[:, self._present] > 0.0
         tolerates = action == Reaction.TOLERATE
-        # The action, and which leaks are tolerated, as one number.
+        # One number encodes the action and which leaks are tolerated.
         doing = (8 * np.nan_to_num(action) + tolerates * (present @ (1, 2, 4))).astype(np.int64)
         for k in np.flatnonzero(np.diff(doing, prepend=self._doing)):
             yield float(rows[k, 0]), EVENT, self._change(rows[k])

@@ -1,7 +1,8 @@
-"""The metadata of a test's recording: all that a replay, or a reader in ten years, needs to know.
+"""Makes the metadata of a test's recording, and reads from it what a replay needs.
 
-Values are plain and SI. What a replay takes from it stands at the end of this module: transducers
-and learnt thresholds, so that it comes to the decisions of the run.
+The metadata holds all that a replay, or a reader in ten years, needs to know, as plain values in
+SI. A replay takes transducers, spring, baseline and learnt thresholds from it, so that it comes to
+the same decisions as the run.
 """
 
 from collections.abc import Mapping
@@ -40,15 +41,15 @@ def metadata_of(
     channels: tuple[str, ...],
     provenance: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return the metadata of the recording of one test.
+    """Return the metadata of the recording of one test, as plain values.
 
     Args:
-        campaign: as configured.
-        rig: as configured; holds the truth of a simulated rig.
-        test: as configured.
+        campaign: the campaign as configured.
+        rig: the rig as configured; for a simulated rig this includes its true model.
+        test: the test as configured.
         learning: what the detector was given about the healthy rig.
         channels: names of the recording's channels.
-        provenance: `rig.runner.outcomes.software_state.provenance` of the campaign.
+        provenance: result of `rig.runner.outcomes.software_state.provenance` for the campaign.
     """
     return {
         "metadata_version": METADATA_VERSION,
@@ -74,7 +75,10 @@ def metadata_of(
 
 
 def sensors_of(recording: Recording) -> SensorParameters:
-    """Return the transducers that a recording names, else those of the thesis's rig."""
+    """Return the data sheet of the transducers in a recording's metadata.
+
+    If it has none that can be read, those of the thesis's rig are returned.
+    """
     saved = recording.metadata.get("sensors")
     try:
         return SensorParameters(**{name: float(value) for name, value in dict(saved or {}).items()})
@@ -83,7 +87,7 @@ def sensors_of(recording: Recording) -> SensorParameters:
 
 
 def spring_of(recording: Recording) -> Spring | None:
-    """Return the spring of a recorded test; None if the recording names none."""
+    """Return the spring load of a recorded test; None if the metadata names none."""
     try:
         load = recording.metadata["test"]["load"]
         return Spring(float(load["stiffness"]), float(load["contact"]))
@@ -94,14 +98,15 @@ def spring_of(recording: Recording) -> Spring | None:
 def account_detector_of(
     recording: Recording, model: Model, false_alarms_per_day: float
 ) -> OilAccountDetector | None:
-    """Return a new default detector as the one that judged a recorded test, baseline and all.
+    """Return a new default detector with the baseline that was used for a recorded test.
 
-    None where a baseline was used that cannot be read any more.
+    It has no baseline if none was used. The result is None if a baseline was used that cannot be
+    read from the metadata.
 
     Args:
-        recording: of a campaign's test.
-        model: the one that the recording says was assumed.
-        false_alarms_per_day: of the campaign.
+        recording: the recording of a campaign's test.
+        model: the model that was assumed, according to the recording.
+        false_alarms_per_day: the rate that the campaign allowed.
     """
     saved = recording.metadata.get("detector")
     baseline = saved.get("baseline") if isinstance(saved, Mapping) else None
@@ -118,10 +123,11 @@ def account_detector_of(
 def detector_of(
     recording: Recording, model: Model, filter_name: str, false_alarms_per_day: float
 ) -> Detector | None:
-    """Return a detector that knows of the healthy rig what the recorded one knew.
+    """Return a new detector with the baseline or the learnt thresholds of a recorded test.
 
-    None if the recording does not say it, or if it was learnt with another model; thresholds that
-    were learnt from other tests hold for the same filter and false-alarm rate only.
+    The result is None if the metadata holds neither, or if they were learnt with another model.
+    Learnt thresholds are also used only for the same filter, which must not be the default one,
+    and the same rate of false alarms.
     """
     metadata = recording.metadata
     try:

@@ -1,4 +1,4 @@
-"""What a result came from: software and its versions, git state, model, and the files read."""
+"""Collects what a result depends on: software versions, git state, model, and files read."""
 
 import hashlib
 import json
@@ -18,11 +18,11 @@ _GIT_TIMEOUT_S: Final = 5.0
 
 
 def provenance(campaign: Campaign, command: Sequence[str] = ()) -> dict[str, Any]:
-    """Return what it takes to run a campaign again, as JSON holds it: versions, git, hashes.
+    """Return the versions, git state and hashes that a campaign's results depend on, JSON-able.
 
     Args:
         campaign: the campaign.
-        command: the command line that runs it, if it was one.
+        command: the command line that runs the campaign; if empty, the key `command` is left out.
     """
     known = {"command": list(command)} if command else {}
     return known | {
@@ -34,22 +34,22 @@ def provenance(campaign: Campaign, command: Sequence[str] = ()) -> dict[str, Any
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of this package, of Python, and of what the figures depend on."""
+    """Return by name the versions of this package, Python, and the libraries that compute."""
     found = {"rig": rig.__version__, "python": platform.python_version()}
     return found | {package: version(package) for package in _PACKAGES}
 
 
 def model_sha256(model: Model) -> str:
-    """Return the SHA-256 (hex) of a model's parameters and effects, whatever its name."""
+    """Return the SHA-256 (hex) of a model's parameters and effects; its name does not count."""
     content = {"parameters": model.parameters._asdict(), "effects": sorted(model.effects)}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def git_state(folder: Path) -> Mapping[str, Any] | None:
-    """Return the commit of the repository that holds a folder, and whether it was changed since.
+    """Return the commit of a folder's git repository, and whether its files have changed since.
 
-    None where git is missing, nothing was committed yet, or the repository around the folder does
-    not keep it (an installed package below somebody's checkout).
+    The keys are `commit` and `dirty`. The result is None if git is missing, if there is no commit,
+    or if the repository does not track the folder, as for an installed package below a checkout.
     """
     commit = _git(folder, "rev-parse", "--verify", "--quiet", "HEAD")
     kept = _git(folder, "ls-files", "--error-unmatch", "__init__.py")
@@ -60,7 +60,7 @@ def git_state(folder: Path) -> Mapping[str, Any] | None:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    # Optional locks would let a mere look write to the repository.
+    # With optional locks, even reading the state would write to the repository.
     command = ["git", "--no-optional-locks", "-C", str(folder), *arguments]
     try:
         done = subprocess.run(

@@ -1,8 +1,8 @@
-"""Thresholds of the thesis's detector, learnt from the campaign's own healthy tests.
+"""Learns the thresholds of the thesis's detector from the campaign's own healthy tests.
 
-A moving average of innovations depends on the motion and the load: a healthy test says what is
-normal for the tests with the same setpoint and load. Where there is none, the detector learns from
-the first 15 s of the test itself.
+The detector compares a moving average of innovations, which depends on motion and load, with its
+thresholds. These are learnt from healthy tests with the same setpoint and load; if there are none,
+the detector learns from the first 15 s of the test itself.
 """
 
 from collections.abc import Iterable
@@ -29,10 +29,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Learning:
-    """What a detector is given about the healthy rig, and where that comes from.
+    """What a detector is given about the healthy rig from other tests, and its source.
 
-    `baseline` is None where the detector learns by itself, or has nothing to learn; what the
-    campaign's own baseline says is not in it.
+    Attributes:
+        baseline: what was learnt from other tests; None if the detector learns by itself, need not
+            learn, or has the campaign's own baseline, which is not in here.
+        source: in words, what the thresholds come from; empty if the detector needs none.
     """
 
     baseline: PatternBaseline | None
@@ -40,14 +42,18 @@ class Learning:
 
 
 class HealthyInnovations:
-    """A detector that hands everything on to another and keeps the pressures' innovations."""
+    """A detector that passes all samples on to another one, and keeps the pressures' innovations.
+
+    Args:
+        detector: the other detector, which makes the decisions.
+    """
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
         self._pieces: list[Array] = []
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take the next samples."""
+        """Process the next samples with the filter's estimates of them."""
         self._detector.update(samples, run)
         self._pieces.append(run.innovation[samples.time_s > STARTED_S, 1:3].copy())
 
@@ -57,34 +63,42 @@ class HealthyInnovations:
 
     @property
     def innovations(self) -> Array:
-        """Innovations of pressures 1 and 2 since the filter has started, float64 (n, 2) in Pa."""
+        """Innovations of pressures 1 and 2, without the filter's start, float64 (n, 2) in Pa."""
         return np.concatenate([*self._pieces, np.empty((0, 2))])
 
 
 @dataclass
 class HealthyReferences:
-    """What the healthy tests of a campaign say about its others."""
+    """Collects innovations of a campaign's healthy tests, from which its other tests learn."""
 
     campaign: Campaign
     _kept: list[tuple[CampaignTest, Array]] = field(default_factory=list, init=False)
 
     @property
     def running_order(self) -> list[int]:
-        """Indices of the campaign's tests, those that others learn from first."""
+        """Indices of the campaign's tests in running order; tests to learn from come first."""
         tests = self.campaign.tests
         return sorted(range(len(tests)), key=lambda index: not self.is_reference(tests[index]))
 
     def is_reference(self, test: CampaignTest) -> bool:
-        """Return whether other tests may learn from a test."""
+        """Return whether other tests may learn from a test, as it is healthy and learning is on."""
         return self._learns and not test.faults and test.expect == Verdict.HEALTHY
 
     def add(self, test: CampaignTest, innovations: Array) -> None:
-        """Keep a healthy test's innovations, float64 (n, 2) in Pa, if they are of use."""
+        """Keep a healthy test's innovations, unless they are too few or not all finite.
+
+        Args:
+            test: the test.
+            innovations: of pressures 1 and 2 in Pa, float64 (n, 2).
+        """
         if len(innovations) >= THESIS_WINDOW and np.isfinite(innovations).all():
             self._kept.append((test, innovations))
 
     def learning(self, test: CampaignTest) -> Learning:
-        """Return what a test learns from healthy tests with the same setpoint and load."""
+        """Return what a test's detector learns from healthy tests with the same setpoint and load.
+
+        Only healthy tests that were added before count.
+        """
         if self.campaign.baseline is not None:
             return Learning(None, f"baseline {self.campaign.baseline_file}")
         if not self._learns:
@@ -106,7 +120,7 @@ def _are_alike(one: CampaignTest, other: CampaignTest) -> bool:
 
 
 def _unseeded(setpoint: Setpoint) -> Setpoint:
-    """Return a setpoint without its own seed: others of its kind are the same motion."""
+    """Return a setpoint with its seed set to zero, so that setpoints with other seeds are equal."""
     if isinstance(setpoint, Pseudorandom):
         return replace(setpoint, seed=0)
     if isinstance(setpoint, Multisine) and setpoint.seed is not None:

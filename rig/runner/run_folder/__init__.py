@@ -1,4 +1,4 @@
-"""The folder of a run: journal, results, resuming, comparing, trends, archive, pruning."""
+"""Handles folders of runs: journal, results, resuming, comparing, trends, archive, pruning."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Past runs: nothing but their folders, found by what their results and journals say."""
+"""Finds and reads past runs, each by its folder with results and journal; there is no database."""
 
 import json
 import os
@@ -12,16 +12,16 @@ from .directory import RESULTS, SCHEMA, files_of_run
 from .journal import JOURNAL, JournalError, is_written, read_journal
 
 RUNS: Final = Path("runs")
-"""Where runs are looked for, and made, unless another folder is given."""
+"""Folder in which runs are made, and looked for, unless another one is given."""
 LARGEST_RESULTS: Final = 1 << 28
-"""Bytes: what is larger is no `results.json` of ours."""
+"""Largest `results.json` that is read, bytes; a larger file was not written by this software."""
 
 
 class RunError(ValueError):
-    """A run that cannot be read, or is not there.
+    """A run that is missing or cannot be read.
 
     Attributes:
-        problems: why, one line each.
+        problems: the reasons, one line each.
     """
 
     def __init__(self, problem: str) -> None:
@@ -34,9 +34,9 @@ class Run:
     """A run on disk.
 
     Attributes:
-        folder: of the run.
-        results: `results.json`.
-        state: `ended`, `running` or `unfinished`: of the last `rig run --resume` makes the rest.
+        folder: the run's folder.
+        results: the content of its `results.json`.
+        state: `ended`, `running`, or `unfinished` if `rig run --resume` can run the rest.
     """
 
     folder: Path
@@ -55,33 +55,33 @@ class Run:
 
     @property
     def started(self) -> datetime:
-        """When it was begun, UTC."""
+        """When the run was begun, UTC."""
         return datetime.fromisoformat(str(self.results["started"])).astimezone(UTC)
 
     @property
     def tests(self) -> list[Mapping[str, Any]]:
-        """Its tests, as in `results.json`."""
+        """The run's tests, as in `results.json`."""
         return list(self.results["tests"])
 
     @property
     def verdicts(self) -> set[str]:
-        """The verdicts that any of its tests came to."""
+        """The verdicts of all its tests, each once."""
         return {str(test["found"]["verdict"]) for test in self.tests if test["found"]}
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """How many tests ended in which way."""
+        """The number of tests with each status, by the status."""
         return dict(self.results["counts"])
 
     @property
     def recordings(self) -> list[Path]:
-        """Recordings of its tests that are there."""
+        """Paths of the recordings of its tests, without missing files."""
         names = [test["recording"] for test in self.tests if test["recording"]]
         return [path for path in (self.folder / str(name) for name in names) if path.is_file()]
 
     @property
     def size(self) -> int:
-        """Bytes of its files."""
+        """Size of all files that the run wrote, bytes."""
         return sum(file.stat().st_size for file in files_of_run(self.folder))
 
 
@@ -89,7 +89,8 @@ def read_run(folder: Path) -> Run:
     """Return the run in a folder.
 
     Raises:
-        RunError: there is none, or its results are damaged or name files outside of the folder.
+        RunError: the folder holds no run, or the run's results are damaged or name a file outside
+            the folder.
     """
     path = folder / RESULTS
     try:
@@ -111,7 +112,12 @@ def read_run(folder: Path) -> Run:
 
 
 def _check(run: Run) -> None:
-    """Look whether all is there that is asked for later, and names nothing outside."""
+    """Check that all parts of a run's results can be read, and name no file outside its folder.
+
+    Raises:
+        RunError: a recording's name leads out of the folder.
+        ValueError, KeyError, TypeError, AttributeError: something is missing or malformed.
+    """
     _ = run.campaign, run.rig, run.started, run.verdicts, run.counts
     for test in run.tests:
         name, recording = test["name"], test["recording"]
@@ -135,15 +141,19 @@ def _state_of(folder: Path, run: Run) -> str:
 
 
 def is_plain(name: str) -> bool:
-    """Return whether a name is that of a file or folder, and does not lead to another place."""
+    """Return whether a name is that of an entry of a folder, without any path in it."""
     return name not in ("", ".", "..") and not set(name) & {"/", "\\", "\0"}
 
 
 def run_named(name: str, below: Path = RUNS) -> Run:
-    """Return a run by the name of its folder; for names that come from elsewhere, as a browser.
+    """Return the run whose folder has a name; the name need not be trusted, as from a browser.
+
+    Args:
+        name: name of the run's folder.
+        below: the folder that holds it.
 
     Raises:
-        RunError: the name is a path, or there is no such run.
+        RunError: the name is a path or that of a link, or there is no such run.
     """
     if not is_plain(name):
         raise RunError(f"{name!r}: is not the name of a run")
@@ -153,7 +163,7 @@ def run_named(name: str, below: Path = RUNS) -> Run:
 
 
 def runs_below(folder: Path) -> Iterator[Run]:
-    """Yield the readable runs in the folders below one, at any depth, oldest first."""
+    """Yield all readable runs in a folder and in the folders below it, oldest first."""
     found = []
     for path, folders, files in os.walk(folder):
         if RESULTS in files:

@@ -1,4 +1,4 @@
-"""Compares two runs figure by figure: what moved beyond its tolerance, and what is gone."""
+"""Compares two runs figure by figure: which moved beyond its tolerance, and which is missing."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -11,12 +11,13 @@ from .archive import Run
 
 @dataclass(frozen=True)
 class Tolerance:
-    """By how much a figure may differ: the sum of the three.
+    """The tolerance of a figure: it may differ by the sum of three parts.
 
     Attributes:
-        absolute: in the figure's unit.
-        relative: of the reference's value.
-        sigmas: of the standard error of the difference, where both are known.
+        absolute: first part, in the figure's unit.
+        relative: second part, as a share of the reference's absolute value.
+        sigmas: third part, as a multiple of the standard error of the difference; the part is zero
+            if a figure's standard error is not known.
     """
 
     absolute: float = 0.0
@@ -24,7 +25,12 @@ class Tolerance:
     sigmas: float = 0.0
 
     def of(self, reference: float, error: float) -> float:
-        """Return the greatest difference that is tolerated."""
+        """Return the greatest tolerated difference, in the figure's unit.
+
+        Args:
+            reference: value of the reference.
+            error: standard error of the difference; 0 if it is not known.
+        """
         return self.absolute + self.relative * abs(reference) + self.sigmas * error
 
 
@@ -38,37 +44,39 @@ TOLERANCES: Final[Mapping[str, Tolerance]] = {
     "loop_missed": Tolerance(absolute=1e-3),
     "loop": Tolerance(absolute=1e-4, relative=1.0),
 }
-"""Tolerances where none is given, by the figure's name or the beginning of it (the longest counts).
+"""Default tolerances, by a figure's name or the beginning of it; the longest fitting one is used.
 
-Leaks (L/min) may differ by their 99.7 % interval and 5 %; residuals by 10 %; friction, of which a
-run sees some twenty strokes, by 4 standard errors; times of the loop by a factor of two, as
+Leaks (L/min) may differ by their 99.7 % interval and 5 %; residuals by 10 %; friction, which is
+identified from some twenty strokes, by 4 standard errors; times of the loop by a factor of two, as
 machines stall."""
 
 ANYTHING: Final = Tolerance(absolute=inf)
+"""Tolerance of a figure that may differ by any amount, or be missing."""
 
 
 class Change(StrEnum):
-    """What came of comparing a figure."""
+    """The result of comparing a figure of two runs."""
 
     SAME = "same"
     MOVED = "moved"
-    """It differs by more than its tolerance, or is not there any more."""
+    """The figure differs by more than its tolerance, or the candidate lacks it."""
     NEW = "new"
-    """Only the candidate has it."""
+    """Only the candidate has the figure."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A figure of a test in two runs; None where one lacks it.
+    """A figure of a test, compared in two runs.
 
     Attributes:
-        test: its name.
-        figure: its name.
-        reference: value, or a word (a status, a verdict).
-        candidate: likewise.
-        standing: what came of comparing them.
-        tolerated: greatest difference, None of words.
-        unit: as printed.
+        test: name of the test.
+        figure: name of the figure.
+        reference: its value in the reference, a text if it is a status or a verdict; None if the
+            reference lacks it.
+        candidate: its value in the candidate, likewise.
+        standing: the result of the comparison.
+        tolerated: greatest tolerated difference; None for texts, or if a run lacks the figure.
+        unit: unit of the values, as it is printed.
     """
 
     test: str
@@ -81,7 +89,7 @@ class Compared:
 
     @property
     def difference(self) -> float | None:
-        """Candidate less reference; None unless both are numbers."""
+        """Value of the candidate less that of the reference; None unless both are numbers."""
         if isinstance(self.reference, str) or isinstance(self.candidate, str):
             return None
         if self.reference is None or self.candidate is None:
@@ -91,11 +99,13 @@ class Compared:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two runs, compared.
+    """The result of comparing two runs.
 
     Attributes:
-        figures: all of them, in the order of the reference's tests.
-        changed: software, rig, model and files that are not the same, in words.
+        reference: the run that is taken as right.
+        candidate: the run that is compared with it.
+        figures: all compared figures, in the order of the reference's tests.
+        changed: differences of campaign, rig, model, filter and software, in words.
     """
 
     reference: Run
@@ -105,12 +115,15 @@ class Comparison:
 
     @property
     def moved(self) -> list[Compared]:
-        """What moved beyond its tolerance."""
+        """The figures that moved beyond their tolerance, or that the candidate lacks."""
         return [each for each in self.figures if each.standing is Change.MOVED]
 
 
 def tolerance_of(figure: str, tolerances: Mapping[str, Tolerance]) -> Tolerance:
-    """Return a figure's tolerance: that of the longest name that it begins with, else none."""
+    """Return the tolerance under a figure's name, or under the longest beginning of it.
+
+    A name is a beginning if `_` follows it. Without any, the tolerance is zero.
+    """
     fitting = [name for name in tolerances if figure == name or figure.startswith(f"{name}_")]
     return tolerances[max(fitting, key=len)] if fitting else Tolerance()
 
@@ -118,12 +131,12 @@ def tolerance_of(figure: str, tolerances: Mapping[str, Tolerance]) -> Tolerance:
 def compare(
     reference: Run, candidate: Run, tolerances: Mapping[str, Tolerance] | None = None
 ) -> Comparison:
-    """Compare a run with one that is taken as right.
+    """Return the comparison of a run with another that is taken as right.
 
     Args:
-        reference: taken as right.
-        candidate: compared with it.
-        tolerances: by figure, on top of `TOLERANCES`.
+        reference: the run that is taken as right.
+        candidate: the run that is compared with it.
+        tolerances: by the name of a figure; they take precedence over `TOLERANCES`.
     """
     known = {**TOLERANCES, **(tolerances or {})}
     ours = {str(test["name"]): test for test in candidate.tests}
@@ -187,7 +200,7 @@ def _verdict(test: Mapping[str, Any]) -> str:
 
 
 def _numbers(test: Mapping[str, Any]) -> dict[str, tuple[float, float | None, str]]:
-    """Return a test's figures by name: value, standard error and unit."""
+    """Return the value, standard error (None if unknown) and unit of a test's figures, by name."""
     found: dict[str, tuple[float, float | None, str]] = {}
     for figure, key in (("onset", "onset_s"), ("latency", "latency_s")):
         value = test["found"][key] if test["found"] else None

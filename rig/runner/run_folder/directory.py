@@ -1,4 +1,4 @@
-"""The folder of a run: new, empty, or that of an earlier run, which alone is replaced."""
+"""Makes the folder of a run, and knows its files; only files of an earlier run are replaced."""
 
 import json
 import re
@@ -18,24 +18,24 @@ JUNIT: Final = "junit.xml"
 REPORT: Final = "report.html"
 ERRORS: Final = "errors.log"
 SCHEMA: Final = "rig-results"
-"""What `results.json` says it is."""
+"""Value of the key `schema`, by which `results.json` of a run is recognized."""
 
 _OTHERS: Final = (SOCKET, JUNIT, REPORT, ERRORS, RESULTS)
 _SESSION_FILES: Final = ("session.log", "trip-[0-9]*.json", "trip-[0-9]*.txt", "trip-[0-9]*.csv")
-"""What a session with a rig on hardware leaves besides (`rig.supervisor`)."""
+"""Further files that a session with a rig on hardware writes (`rig.supervisor`), as patterns."""
 _LIBRARY: Final = b"rig.recording "
-"""Text in the header of every recording that `McapWriter` wrote, by which it is known."""
+"""Text in the header of every recording that `McapWriter` writes, by which one is recognized."""
 ATTEMPT: Final = "~"
-"""Character before the number of an earlier attempt in its recording's name; no other name has
-it."""
+"""Character before the number of an earlier attempt in its recording's name; no other file's name
+has it."""
 _LONGEST_NAME: Final = 100
 
 
 class DirectoryError(ValueError):
-    """A folder that the results of a run cannot be written to.
+    """A folder to which the results of a run cannot be written.
 
     Attributes:
-        problems: every reason, one line each.
+        problems: the reasons, one line each.
     """
 
     def __init__(self, problems: Iterable[str]) -> None:
@@ -44,7 +44,10 @@ class DirectoryError(ValueError):
 
 
 def default_directory(name: str, started: datetime) -> Path:
-    """Return a folder below `runs` that does not exist: the campaign's name and the time (UTC)."""
+    """Return the path of a new folder below `runs`, named by the campaign and the time (UTC).
+
+    The folder is not made. A number is added to the name if that folder exists.
+    """
     stem = f"{file_stem(name)}-{started:%Y%m%dT%H%M%SZ}"
     path = Path("runs") / stem
     number = 2
@@ -55,14 +58,15 @@ def default_directory(name: str, started: datetime) -> Path:
 
 
 def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
-    """Make a run's folder, with nothing of an earlier run left in it.
+    """Make a run's folder, and delete all files of an earlier run in it.
 
     Args:
-        path: the folder; its parents are made too.
-        recordings: file names that the run is going to write.
+        path: the folder; missing parents are made, too.
+        recordings: file names of the recordings that the run will write.
 
     Raises:
-        DirectoryError: it is no folder, holds what no run has written, or cannot be written to.
+        DirectoryError: the path is not a folder; a campaign is running in it; it cannot be written
+            to; or it holds files but no earlier run, or other files with names that the run needs.
     """
     try:
         if is_written(path):
@@ -82,10 +86,10 @@ def prepare_directory(path: Path, recordings: Iterable[str]) -> None:
 
 
 def make_empty(directory: Path) -> None:
-    """Make a folder for what an experiment writes; one that is there must be empty.
+    """Make a folder for the files of an experiment; if it exists, it must be empty.
 
     Raises:
-        DirectoryError: it is a file, holds something, or cannot be made.
+        DirectoryError: the path is a file, the folder is not empty, or it cannot be made.
     """
     if directory.exists() and not directory.is_dir():
         raise DirectoryError([f"{directory}: is a file; give --out a folder"])
@@ -100,7 +104,12 @@ def make_empty(directory: Path) -> None:
 
 
 def log_error(directory: Path, what: str) -> Path:
-    """Add the traceback of the exception being handled to a run's log; return the log's path."""
+    """Append the traceback of the present exception to a run's log, and return the log's path.
+
+    Args:
+        directory: folder of the run.
+        what: what failed, as a line above the traceback.
+    """
     path = directory / ERRORS
     with path.open("a", encoding="utf-8") as log:
         log.write(f"{what}\n{traceback.format_exc()}\n")
@@ -108,7 +117,10 @@ def log_error(directory: Path, what: str) -> Path:
 
 
 def recording_names(tests: Iterable[str]) -> list[str]:
-    """Return a file name for each test, by the tests' names, each only once on any file system."""
+    """Return a file name of a recording for each test's name, in their order.
+
+    The names differ from each other by more than upper and lower case.
+    """
     names: list[str] = []
     taken: set[str] = set()
     for test in tests:
@@ -123,12 +135,16 @@ def recording_names(tests: Iterable[str]) -> list[str]:
 
 
 def attempt_path(recording: Path, number: int) -> Path:
-    """Return where the recording of an earlier attempt is kept."""
+    """Return the path to which the recording of an earlier attempt, counted from 1, is renamed."""
     return recording.with_name(f"{recording.stem}{ATTEMPT}{number}{recording.suffix}")
 
 
 def attempts_of(recordings: Iterable[Path]) -> list[Path]:
-    """Return the recordings of earlier attempts that are there, of recordings in one folder."""
+    """Return the existing recordings of earlier attempts, sorted.
+
+    Args:
+        recordings: paths of the tests' recordings, all in one folder.
+    """
     stems = {recording.stem: recording.parent for recording in recordings}
     found = []
     for folder in {*stems.values()}:
@@ -140,7 +156,10 @@ def attempts_of(recordings: Iterable[Path]) -> list[Path]:
 
 
 def file_stem(name: str) -> str:
-    """Return a name as the stem of a file: letters, digits, `.`, `_` and `-`, no hidden file."""
+    """Return a name as the stem of a file name, with at most 100 characters.
+
+    It has only ASCII letters, digits, `.`, `_` and `-`, and does not begin with a dot.
+    """
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:_LONGEST_NAME].strip("._-")
     return stem or "test"
 
@@ -167,16 +186,17 @@ def _refuse_others(path: Path, earlier: list[Path], recordings: Iterable[str]) -
 
 
 def files_of_run(path: Path) -> list[Path]:
-    """Return what a run wrote to its folder, by its results; an empty list if there was no run.
+    """Return the existing files that a run wrote to its folder; empty if it holds no run.
 
-    Recordings alone are no run: a folder of them may be somebody's collection.
+    The names of the tests in results or journal say which recordings belong to the run. Without
+    these two files there is no run: recordings alone may be a user's collection.
     """
     tests = _tests_of(path / RESULTS)
     if tests is None:
         tests = _tests_begun(path)
     if tests is None:
         return []
-    # Also of a run that was killed before it could list its last recording.
+    # The tests' names also lead to recordings that a killed run could not list in its results.
     recordings = [path / name for name in recording_names(tests)]
     attempts = attempts_of(recordings)
     found = [path / JOURNAL] if (path / JOURNAL).is_file() else []
@@ -186,7 +206,7 @@ def files_of_run(path: Path) -> list[Path]:
 
 
 def _tests_of(results: Path) -> list[str] | None:
-    """Return the names of the tests in `results.json`; None if the file is missing or not ours."""
+    """Return the names of the tests in `results.json`; None if it is missing or not a run's."""
     try:
         content = json.loads(results.read_bytes())
         names = [str(test["name"]) for test in content["tests"]]
@@ -196,7 +216,10 @@ def _tests_of(results: Path) -> list[str] | None:
 
 
 def _tests_begun(folder: Path) -> list[str] | None:
-    """Return the names of the tests in a journal, none where it was only begun; None without."""
+    """Return the names of the tests in a folder's journal; None if there is no usable journal.
+
+    The list is empty if the journal has no entry yet.
+    """
     try:
         entries = read_journal(folder / JOURNAL)
         return [str(test) for test in entries[0]["tests"]] if entries else []

@@ -1,7 +1,8 @@
-"""The journal of a campaign: a line of JSON for all that happens, on disk before it counts.
+"""Reads and writes the journal of a campaign: one line of JSON for each thing that happens.
 
-Only ever appended to. A line ends with a checksum of the rest of it, so that whatever a kill or a
-power cut leaves of the last line is known for what it is; all lines before it stand.
+Lines are only appended, each before the program acts on what it reports. Each line ends with a
+checksum, so that a last line that a kill or a power cut has left incomplete is recognized; all
+lines before it stay valid.
 """
 
 import fcntl
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 JOURNAL: Final = "journal.jsonl"
-"""Its name in a run's folder."""
+"""Name of the journal in a run's folder."""
 JOURNAL_SCHEMA: Final = 1
 
 _CHECKED: Final = b', "crc": "'
@@ -26,7 +27,7 @@ class JournalError(ValueError):
     """A journal that cannot be used.
 
     Attributes:
-        problems: every reason, one line each.
+        problems: the reasons, one line each.
     """
 
     def __init__(self, problem: str) -> None:
@@ -39,8 +40,8 @@ class Entry:
     """A line of the journal.
 
     Attributes:
-        number: from 0 on, without a gap.
-        at: UTC, ISO 8601.
+        number: number of the line, from 0 on, without a gap.
+        at: when it was written, UTC, ISO 8601.
         kind: what happened: `begin`, `resume`, `phase`, `outcome`, `operator`, `held`, `released`,
             `driven`, `overdue` or `end`.
         details: the rest of the entry, by name.
@@ -52,22 +53,26 @@ class Entry:
     details: Mapping[str, Any]
 
     def __getitem__(self, name: str) -> Any:
-        """Return a detail by its name; None if the entry has none of this name."""
+        """Return a detail by its name; None if the entry has no such detail."""
         return self.details.get(name)
 
 
 def read_journal(path: Path) -> list[Entry]:
-    """Return the whole lines of a journal; what a kill left of the last one is passed over.
+    """Return the entries of a journal, without a last line that a kill has left incomplete.
 
     Raises:
-        JournalError: there is none, or it is damaged before its last line.
+        JournalError: there is no journal, or a line before the last one is damaged.
     """
     entries, _ = _read(path)
     return entries
 
 
 def _read(path: Path) -> tuple[list[Entry], int]:
-    """Return the whole lines, and how many bytes they take."""
+    """Return the entries of all complete lines, and how many bytes these lines take.
+
+    Raises:
+        JournalError: the file cannot be read, or a line before the last one is damaged.
+    """
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -91,7 +96,7 @@ def _read(path: Path) -> tuple[list[Entry], int]:
 
 
 def _entry(line: bytes) -> Entry | None:
-    """Return a line as an entry; None if it is not whole."""
+    """Return a line as an entry; None if it is incomplete or its checksum is wrong."""
     text = line.rstrip(b"\n")
     if not line.endswith(b"\n") or text[-_TAIL:-10] != _CHECKED:
         return None
@@ -109,21 +114,23 @@ def _utc_now() -> datetime:
 
 
 class Journal:
-    """A journal that is written; a context manager, which holds its lock meanwhile.
+    """Writes a journal.
+
+    It is a context manager: while it is entered, the file is locked against other processes.
 
     Args:
-        folder: of the run; it exists.
-        resume: go on with the journal that is there, instead of beginning one.
-        now: the wall clock, UTC.
-        name: of the file.
-        busy: what is said where another process writes it.
+        folder: folder of the run, which exists.
+        resume: whether to append to the journal in the folder; if not, the file is emptied.
+        now: returns the time of the wall clock, UTC.
+        name: file name of the journal.
+        busy: message of the error if another process writes the journal; a default if empty.
 
     Attributes:
-        entries: what was in it, with `resume`.
+        entries: the entries that the journal had when it was entered, with `resume`; else empty.
 
     Raises:
-        JournalError: on entering: another process writes it, or it is damaged.
-        OSError: on entering: it cannot be written.
+        JournalError: on entering, if another process writes the journal, or if it is damaged.
+        OSError: on entering, if the journal cannot be written.
     """
 
     def __init__(
@@ -166,17 +173,21 @@ class Journal:
         os.close(self._file)
 
     def write(self, kind: str, *, durable: bool = True, **details: Any) -> Entry:
-        """Add a line; a `durable` one is on disk when this returns, whatever happens then.
+        """Append an entry to the journal, and return it.
 
-        Any other outlives a kill of this process, and is on disk with the next durable one.
+        Args:
+            kind: what happened; see `Entry`.
+            durable: whether to wait until the line is on disk, so that it survives a power cut. If
+                not, it survives a kill of this process, and is on disk after the next durable line.
+            details: the rest of the entry, JSON-able.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the line cannot be written.
         """
         at = self._now().isoformat(timespec="milliseconds")
         content = {"n": self._number, "at": at, "kind": kind, **details}
         written = json.dumps(content, allow_nan=False, ensure_ascii=False)
-        # Half a character, as in the name of a folder, becomes the escape that JSON has for it.
+        # A lone surrogate, which a folder's name may have, is written as the JSON escape for it.
         text = written.encode(errors="backslashreplace")
         line = text[:-1] + _CHECKED + b'%08x"}\n' % zlib.crc32(text)
         if os.write(self._file, line) != len(line):
@@ -188,7 +199,7 @@ class Journal:
 
 
 def is_written(folder: Path) -> bool:
-    """Return whether a process writes the journal of a folder at present."""
+    """Return whether a process has locked the journal of a folder to write it."""
     try:
         file = os.open(folder / JOURNAL, os.O_RDONLY)
     except OSError:
@@ -203,7 +214,10 @@ def is_written(folder: Path) -> bool:
 
 
 def sync(path: Path) -> None:
-    """Have a file, or the names in a folder, on disk; what cannot be synced (a FUSE) is not."""
+    """Wait until a file, or a folder's list of names, is on disk.
+
+    On a file system that cannot do this, such as some FUSE ones, the function does nothing.
+    """
     file = os.open(path, os.O_RDONLY)
     try:
         os.fsync(file)

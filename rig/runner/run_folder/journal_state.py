@@ -1,4 +1,4 @@
-"""Where a campaign stands by its journal: what was finished, interrupted, and asked for."""
+"""Derives the state of a campaign from its journal: finished tests, attempts, and requests."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,20 +9,20 @@ from rig.runner.outcomes import Attempt, Happening, Status, TestOutcome, outcome
 from .journal import Entry
 
 CAMPAIGN: Final = "campaign"
-"""Who did what nobody asked for."""
+"""Name in place of an operator's for events that no operator asked for."""
 
 
 @dataclass
 class JournalState:
-    """What a journal says; changed by `take`, entry by entry, while a campaign goes on.
+    """The state of a campaign according to its journal; `take` updates it entry by entry.
 
     Attributes:
         tests: names of the campaign's tests.
         begun: the entry `begin`; None before it.
-        finished: outcomes that count, by the test's index.
-        attempts: runs that do not count, by the test's index, in their order.
-        skipped: tests that an operator does not want to be run.
-        history: what happened beside the tests.
+        finished: outcomes of the tests that are finished, by the test's index.
+        attempts: earlier runs of a test that was run again, by the test's index, oldest first.
+        skipped: indices of the tests that an operator has asked to skip.
+        history: what happened outside the tests.
     """
 
     tests: Sequence[str] = ()
@@ -32,19 +32,19 @@ class JournalState:
     skipped: set[int] = field(default_factory=set)
     history: list[Happening] = field(default_factory=list)
     _open: dict[int, Attempt] = field(default_factory=dict)
-    """Last attempts that did not come to count; a new one makes them earlier ones."""
+    """Latest attempt of each test that is not finished; moved to `attempts` when it runs again."""
     _partial: dict[int, TestOutcome] = field(default_factory=dict)
-    """What is known of those."""
+    """Outcomes of the attempts in `_open`; there is none after a kill."""
     _present: int | None = None
     _phase: str = ""
     _at: str = ""
     _recording: str | None = None
 
     def take(self, entry: Entry) -> None:
-        """Take the next entry.
+        """Update the state by the next entry of the journal.
 
         Raises:
-            KeyError, TypeError, ValueError: it is not one of a campaign's journal.
+            KeyError, TypeError, ValueError: the entry does not belong to a campaign's journal.
         """
         match entry.kind:
             case "begin":
@@ -74,12 +74,12 @@ class JournalState:
 
     @property
     def where(self) -> str:
-        """Name and phase of the test that runs; empty between two."""
+        """Name and phase of the test that runs, "NAME, PHASE"; empty if none runs."""
         return "" if self._present is None else f"{self.tests[self._present]}, {self._phase}"
 
     @property
     def recording(self) -> str | None:
-        """File name of the recording of the test that runs; None if there is none yet."""
+        """File name of the recording of the test that runs; None if there is no recording yet."""
         return None if self._present is None else self._recording
 
     def number_of(self, index: int) -> int:
@@ -87,7 +87,12 @@ class JournalState:
         return len(self.attempts.get(index, [])) + (index in self._open) + 1
 
     def outcome(self, index: int, not_run: TestOutcome) -> TestOutcome:
-        """Return a test's outcome, with its earlier attempts, whether it counts or not."""
+        """Return the outcome of a test's latest attempt, even an unfinished one, with earlier ones.
+
+        Args:
+            index: of the test.
+            not_run: the outcome to return if the test was not begun.
+        """
         known = self.finished.get(index) or self._partial.get(index)
         if known is None and index in self._open:
             last = self._open[index]
@@ -125,7 +130,7 @@ class JournalState:
         self._open[index] = Attempt(number, status, phase, message, self._at, recording)
 
     def _interrupted(self, entry: Entry) -> None:
-        """Take note that whoever ran the campaign was killed, or stopped, and that it goes on."""
+        """Note that the campaign is resumed; a test without an outcome counts as killed."""
         what = "resumed"
         if self._present is not None:
             index, phase = self._present, self._phase
@@ -157,10 +162,10 @@ class JournalState:
 
 
 def standing_of(entries: Sequence[Entry]) -> JournalState:
-    """Return where a campaign stands by its journal.
+    """Return the state of a campaign after all entries of its journal.
 
     Raises:
-        KeyError, TypeError, ValueError: it is no campaign's journal.
+        KeyError, TypeError, ValueError: the entries are not those of a campaign's journal.
     """
     standing = JournalState()
     for entry in entries:
@@ -169,12 +174,12 @@ def standing_of(entries: Sequence[Entry]) -> JournalState:
 
 
 def stands_unfinished(standing: JournalState) -> bool:
-    """Return whether a campaign was begun and has tests that are still to be run."""
+    """Return whether a campaign was begun and has tests that are not finished."""
     return standing.begun is not None and len(standing.finished) < len(standing.tests)
 
 
 def changes_of(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Return the versions that are not the same, in words; empty if all are."""
+    """Return the versions that differ, as "NAME OLD -> NEW, ..."; empty if none does."""
     return ", ".join(
         f"{name} {old.get(name)} -> {version}"
         for name, version in new.items()

@@ -1,4 +1,4 @@
-"""Writes `junit.xml`, by which CI servers show a campaign: one case a test."""
+"""Writes `junit.xml`, from which CI servers show a campaign, with one case for each test."""
 
 import re
 from pathlib import Path
@@ -18,7 +18,7 @@ _NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010f
 
 
 def write_junit(outcome: CampaignOutcome, path: Path) -> None:
-    """Write the outcome of a campaign, as far as it has come, in one step."""
+    """Write the outcome of a campaign so far as `junit.xml`, replacing the file in one step."""
     suite = TestSuite(_text(outcome.name))
     suite.timestamp = outcome.started
     for name in ("rig", "model", "filter", "false_alarms_per_day"):

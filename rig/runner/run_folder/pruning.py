@@ -1,4 +1,4 @@
-"""Which past runs may go, and their removal: files that a run wrote, and nothing else."""
+"""Selects past runs that may be removed, and removes the files that they wrote, and no others."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -13,10 +13,15 @@ from .journal import is_written
 def prunable(
     runs: Iterable[Run], *, keep: int, older_than: timedelta | None, now: datetime
 ) -> list[Run]:
-    """Return the runs that may go, oldest first.
+    """Return the runs that may be removed, oldest first.
 
-    The newest `keep` of each campaign on each rig stay, and whatever is younger than `older_than`,
-    runs at present, or has tests that `--resume` would still run.
+    A run that is running or unfinished is never returned.
+
+    Args:
+        runs: all runs.
+        keep: how many of the newest runs of each campaign on each rig stay.
+        older_than: a run stays unless it began longer ago than this; None for no limit.
+        now: the present time, UTC.
     """
     by_kind: dict[tuple[str, str], list[Run]] = defaultdict(list)
     for run in sorted(runs, key=lambda run: run.started):
@@ -30,10 +35,15 @@ def prunable(
 
 
 def remove(run: Run) -> list[str]:
-    """Remove a run's files, and its folder if nothing else is in it; return what else is.
+    """Remove the files that a run wrote, and its folder if it is empty then.
+
+    A run that is running is not removed; a message that says so is returned.
+
+    Returns:
+        The names of other files in the folder, which stay; empty if the folder was removed.
 
     Raises:
-        OSError: a file cannot be removed; those before it are gone.
+        OSError: a file cannot be removed; some files may have been removed before.
     """
     if is_written(run.folder):
         return [f"{run.folder}: is running"]

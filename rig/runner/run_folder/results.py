@@ -1,4 +1,4 @@
-"""Writes `results.json`: all that came of a campaign, each figure with its unit in its key."""
+"""Writes `results.json`, the outcome of a campaign; the key of each figure names its unit."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -19,14 +19,14 @@ SCHEMA_VERSION: Final = 1
 
 
 def write_results(outcome: CampaignOutcome, path: Path) -> None:
-    """Write the outcome of a campaign, as far as it has come, in one step."""
+    """Write the outcome of a campaign so far as `results.json`, replacing the file in one step."""
     text = json.dumps(results(outcome), indent=1, allow_nan=False, ensure_ascii=False)
     with replacing(path) as partial:
         partial.write_text(text + "\n", encoding="utf-8")
 
 
 def results(outcome: CampaignOutcome) -> dict[str, Any]:
-    """Return the outcome of a campaign as JSON holds it: no NaN or infinity, which become None."""
+    """Return the outcome of a campaign as JSON-able values; NaN and infinity become None."""
     content = {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
@@ -101,7 +101,11 @@ def _decision(test: TestOutcome, decision: Decision) -> dict[str, Any]:
 
 
 def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
-    """Return all faults that were named, in the order in which they were: what, when, how large."""
+    """Return the faults that were found as JSON-able values, with times and sizes, in their order.
+
+    Args:
+        found: all faults that the verdicts named, in the order in which they were first named.
+    """
     return [
         {
             "verdict": str(each.decision.verdict),
@@ -119,7 +123,11 @@ def findings(found: Sequence[Found]) -> list[dict[str, Any]]:
 
 
 def leak_figures(decision: Decision) -> dict[str, Any]:
-    """Return a leak's mean flow, standard error and 95 % interval (L/min), and coefficient (SI)."""
+    """Return the mean flow of a decision's leak, and its coefficient, as JSON-able values.
+
+    Flow, standard error and 95 % interval are in L/min, the coefficient is in SI; None where the
+    decision has no value.
+    """
     interval = decision.interval_m3_per_s
     return {
         "leak_L_per_min": litres_per_minute(decision.leak_m3_per_s),
@@ -130,12 +138,12 @@ def leak_figures(decision: Decision) -> dict[str, Any]:
 
 
 def litres_per_minute(flow: float | None) -> float | None:
-    """Return a flow in m^3/s as L/min, None as None."""
+    """Return a flow in L/min that is given in m^3/s; None if it is None."""
     return None if flow is None else to_litres_per_minute(flow)
 
 
 def coefficient_unit(fault: InjectedFault) -> str:
-    """Return the unit of a fault's coefficient."""
+    """Return the SI unit of a fault's coefficient, which depends on kind and leak law."""
     if fault.kind == "return_blockage":
         return "Pa/(m^3/s)^2"
     return "m^3/(s Pa)" if fault.linear else "m^3/(s Pa^0.5)"

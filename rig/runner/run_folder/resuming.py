@@ -1,6 +1,7 @@
-"""Going on with a campaign that was stopped or killed: by its journal, if nothing has changed.
+"""Resumes a campaign that was stopped or killed, by its journal.
 
-Tests, rig and model must be the same as in the run before, by their fingerprints.
+Fingerprints show that campaign, rig and model are the same as when the run began; if not, it cannot
+be resumed.
 """
 
 import hashlib
@@ -26,10 +27,10 @@ _YAML: Final = (".yaml", ".yml")
 
 
 def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
-    """Return the SHA-256 (hex) of campaign, rig and model, by these names.
+    """Return the SHA-256 (hex) of campaign, rig and model, under these three keys.
 
-    A YAML file counts by its meaning, so that a comment in it may change; any other file
-    (setpoints, baselines, calibrations) counts by its content.
+    YAML files are hashed by the values read from them, so that a change of a comment does not
+    matter; other files (setpoints, baselines, calibrations) are hashed by their content.
     """
     files = {
         path: digest
@@ -52,7 +53,7 @@ def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
 
 
 def changed(kept: Mapping[str, Any], found: Mapping[str, str]) -> list[str]:
-    """Return what is not the same any more, by name."""
+    """Return the keys of two fingerprints, the kept and the present one, whose hashes differ."""
     return [part for part, digest in found.items() if kept.get(part) != digest]
 
 
@@ -62,10 +63,10 @@ def _sha256(content: Any) -> str:
 
 
 def begun_in(folder: Path) -> Entry:
-    """Return what a run's journal says of the campaign it is of.
+    """Return the entry `begin` of the journal in a run's folder.
 
     Raises:
-        JournalError: nothing was begun there.
+        JournalError: the journal cannot be read, or no campaign was begun in the folder.
     """
     entries = read_journal(folder / JOURNAL)
     if not entries or entries[0].kind != "begin":
@@ -74,10 +75,14 @@ def begun_in(folder: Path) -> Entry:
 
 
 def unfinished_run(campaign: str, below: Path) -> Path:
-    """Return the newest run of a campaign in the folders below one that has not come to its end.
+    """Return the folder of the newest unfinished run of a campaign, directly below another folder.
+
+    Args:
+        campaign: name of the campaign.
+        below: the folder whose folders are searched.
 
     Raises:
-        JournalError: there is none.
+        JournalError: there is no unfinished run of the campaign.
     """
     found = []
     for journal in below.glob(f"*/{JOURNAL}"):
@@ -95,16 +100,17 @@ def unfinished_run(campaign: str, below: Path) -> Path:
 
 
 def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: Rig) -> JournalState:
-    """Return where a campaign stands, to go on with it.
+    """Return the state from which a campaign can be resumed.
 
     Args:
-        entries: of its journal, at least one.
-        folder: of the run.
-        campaign: as it is now.
-        rig: as it is now.
+        entries: the entries of its journal, at least one.
+        folder: folder of the run, for messages.
+        campaign: the campaign as it is configured now.
+        rig: the rig as it is configured now.
 
     Raises:
-        JournalError: the journal is not this campaign's, or something has changed since.
+        JournalError: the journal is not that of this campaign, or campaign, rig or model have
+            changed since the run began.
     """
     try:
         standing = standing_of(entries)
@@ -132,7 +138,17 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
 def learn_again(
     references: HealthyReferences, standing: JournalState, folder: Path, recordings: Sequence[str]
 ) -> None:
-    """Learn again from the recordings of finished healthy tests, for the tests that follow."""
+    """Add the innovations in the recordings of finished healthy tests to `references`.
+
+    Tests that are run after a resumption then learn from the same tests as without a stop. A
+    recording that cannot be read is passed over.
+
+    Args:
+        references: is updated in place.
+        standing: state of the campaign.
+        folder: folder of the run.
+        recordings: file name of each test's recording, by the test's index.
+    """
     tests = references.campaign.tests
     for index in references.running_order:
         outcome = standing.finished.get(index)
@@ -150,9 +166,14 @@ def learn_again(
 
 
 def keep_attempt(recording: Path, number: int) -> str | None:
-    """Put the recording of an earlier attempt aside, whole; return its name, None without one.
+    """Rename the recording of an earlier attempt, and return its new name; None if there is none.
 
-    One that a kill has cut is completed as far as it goes.
+    If a kill has cut the recording, it is replaced by a repaired copy with all its complete data;
+    if it cannot be repaired, it is renamed as it is.
+
+    Args:
+        recording: path of the recording.
+        number: number of the attempt, from 1.
     """
     kept = attempt_path(recording, number)
     if not recording.exists():

@@ -1,4 +1,4 @@
-"""Trends of figures over runs: the slope with its interval, so that wear is seen coming."""
+"""Computes trends of figures over runs, as slopes with intervals, so that wear shows early."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,15 +13,23 @@ from estimator.accounts import student_quantile
 from .archive import Run
 
 FEWEST: Final = 4
-"""Runs from which on a slope has an interval that means something."""
+"""Fewest runs for which a slope is computed, so that its interval is meaningful."""
 SURE: Final = 0.01
-"""Chance that a figure which does not change is said to; a page shows many figures."""
+"""Probability that a figure which does not change is reported to change; it is small because a
+page shows many figures."""
 _DAY_S: Final = 86400.0
 
 
 @dataclass(frozen=True)
 class Point:
-    """A figure in one run."""
+    """The value of a figure in one run.
+
+    Attributes:
+        run: name of the run's folder.
+        at: when the run was begun, UTC.
+        value: the figure, in its unit.
+        standard_error: in the same unit; None if it is not known.
+    """
 
     run: str
     at: datetime
@@ -31,12 +39,13 @@ class Point:
 
 @dataclass(frozen=True)
 class Trend:
-    """A figure of a test over runs.
+    """The course of a figure of a test over several runs.
 
     Attributes:
-        points: oldest first.
-        slope: per day; None with fewer than `FEWEST` runs, or all at once.
-        half: of the slope's 99 % interval, by the scatter of the runs about the line.
+        points: the values of the runs, oldest first.
+        slope: change per day; None if there are fewer than `FEWEST` runs, or all began at once.
+        half: half the width of the slope's 99 % interval, which follows from the scatter of the
+            values about the fitted line; None without a slope.
     """
 
     campaign: str
@@ -49,12 +58,12 @@ class Trend:
 
     @property
     def changes(self) -> bool:
-        """Whether the slope's interval leaves out zero."""
+        """Whether the figure changes significantly: the slope's interval does not hold zero."""
         return self.slope is not None and self.half is not None and abs(self.slope) > self.half
 
     @property
     def in_words(self) -> str:
-        """The slope in words."""
+        """The slope with its interval in words, or that there are too few runs."""
         if self.slope is None or self.half is None:
             return f"{FEWEST} runs or more tell a trend"
         mean = float(np.mean([point.value for point in self.points]))
@@ -65,7 +74,7 @@ class Trend:
 
 
 def trends_of(runs: Iterable[Run]) -> list[Trend]:
-    """Return the trend of every figure of every test of every campaign on each rig."""
+    """Return the trend of every figure, for each test of each campaign on each rig."""
     points: dict[tuple[str, str, str, str], list[Point]] = {}
     for run in sorted(runs, key=lambda run: run.started):
         for test in run.tests:
@@ -81,7 +90,7 @@ def trends_of(runs: Iterable[Run]) -> list[Trend]:
 
 
 def _fitted(trend: Trend) -> Trend:
-    """Return a trend with its slope, by least squares (Student's t)."""
+    """Return a trend with its slope by least squares, and the interval by Student's t."""
     first = trend.points[0].at
     days = np.array([(point.at - first).total_seconds() / _DAY_S for point in trend.points])
     values = np.array([point.value for point in trend.points])

@@ -1,4 +1,4 @@
-"""Campaigns at times or intervals, unattended."""
+"""Runs campaigns unattended, at set times or intervals."""
 
 from lazy_loader import attach_stub
 

@@ -1,6 +1,7 @@
-"""What is asked of a schedule from outside: runs to be added, and to go on after a halt.
+"""Passes requests of other processes to a schedule: to add a run, or to go on after a halt.
 
-A file of JSON lines beside the schedule's journal: whoever may write there may ask.
+They are lines of JSON in a file beside the schedule's journal. Every user who may write to that
+file may make requests.
 """
 
 import fcntl
@@ -16,10 +17,14 @@ _LONGEST_LINE: Final = 65_536
 
 
 def add(folder: Path, **asked: Any) -> str:
-    """Ask something of the schedule whose runs are in a folder; return the request's id.
+    """Write a request for the schedule whose runs are in a folder, and return the request's id.
+
+    Args:
+        folder: the schedule's folder; it is made if it is missing.
+        asked: the request by its keys: `campaign` with or without `rig` and `name`, or `resume`.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the request cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     request = uuid.uuid4().hex
@@ -39,7 +44,7 @@ def add(folder: Path, **asked: Any) -> str:
 
 
 def asked_of(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield all that was ever asked of the schedule; what is no request is passed over."""
+    """Yield all requests ever written for the schedule of a folder, without unreadable lines."""
     try:
         lines = (folder / ADDITIONS).read_bytes().splitlines()
     except FileNotFoundError:

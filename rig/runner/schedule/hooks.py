@@ -1,22 +1,25 @@
-"""What follows a run of a schedule: the hook command, an argument list that no shell ever sees."""
+"""Runs the hook of a schedule after a run: a command given as an argument list, without a shell."""
 
 import subprocess
 from collections.abc import Mapping, Sequence
 from typing import Final
 
 HOOK_S: Final = 60.0
-"""How long a hook may take."""
+"""How long a hook may take, s."""
 PLACES: Final = ("schedule", "entry", "campaign", "run", "exit_code", "verdicts", "report", "trend")
-"""What may stand in braces in a hook's words."""
+"""Names that may stand in braces in a hook's arguments, to be replaced by values of the run."""
 
 
 def filled(words: Sequence[str], values: Mapping[str, str]) -> list[str]:
-    """Return a hook's words with `{name}` replaced, once, by its value; other words stay."""
+    """Return a hook's arguments with each known `{name}` replaced by its value.
+
+    Values are not searched for names, and unknown names in braces stay as they are.
+    """
     return [_filled(word, values) for word in words]
 
 
 def _filled(word: str, values: Mapping[str, str]) -> str:
-    # In one pass: what is put in is never looked at again.
+    # One pass over the text, so that a value that holds braces is not replaced again.
     found, rest = "", word
     while "{" in rest:
         before, _, after = rest.partition("{")
@@ -29,7 +32,13 @@ def _filled(word: str, values: Mapping[str, str]) -> str:
 
 
 def run_hook(words: Sequence[str], values: Mapping[str, str], timeout_s: float = HOOK_S) -> str:
-    """Run a hook; return what went wrong, empty if nothing did."""
+    """Run a hook, and return a sentence on what went wrong; empty if nothing did.
+
+    Args:
+        words: the command and its arguments, with names in braces.
+        values: the value of each name.
+        timeout_s: the hook is ended after this time, s.
+    """
     command = filled(words, values)
     try:
         done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Runs a schedule: one campaign after another at their times, durable over crashes of its own."""
+"""Runs a schedule: one campaign after another at their times; a restart goes on by the journal."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,40 +13,49 @@ from .additions import asked_of
 from .state import Job, ScheduleState, details_of, state_of
 
 POLL_S: Final = 5.0
+"""Longest time between two looks for requests while nothing runs, s."""
 MOST_RESUMES: Final = 3
-"""How often a run whose process was killed is gone on with."""
+"""How often a run is resumed at most after its process was killed."""
 
 
 class Hands(Protocol):
-    """What acts for the scheduler, which only decides; tests give it hands of their own."""
+    """The actions of the scheduler, which itself only decides; tests replace them by their own."""
 
     def now(self) -> datetime:
-        """Return the time, UTC."""
+        """Return the present time, UTC."""
 
     def sleep(self, seconds: float) -> None:
-        """Wait, or less if there is something new."""
+        """Wait for some seconds, or less if something new has happened."""
 
     def run(self, job: Job, entry: Entry | None) -> int:
-        """Run a job in its folder, or go on with it there; return the exit code of `rig run`.
+        """Run a job in its folder, or resume it if it was begun there, and return its exit code.
 
-        It is negative if the process was killed by a signal.
+        Args:
+            job: the job, whose folder is known.
+            entry: the schedule's entry that it comes from; None if the schedule has none.
+
+        Returns:
+            The exit code of `rig run`; negative if a signal killed the process.
         """
 
     def after(self, job: Job, exit_code: int) -> str:
-        """Do what follows a run: trend page and hook; return what went wrong, empty if nothing."""
+        """Write the trend page and run the hook after a run; return what went wrong, else empty."""
 
     def say(self, text: str) -> None:
-        """Show a line to whoever watches."""
+        """Show a line to the user."""
 
 
 class Scheduler:
-    """A schedule while it is run.
+    """Runs a schedule, and keeps its state in a journal.
 
     Args:
-        schedule: to be run.
-        journal: entered, of the schedule's folder.
-        hands: what it has done for it.
-        poll_s: how often additions are looked for while nothing runs.
+        schedule: the schedule to run.
+        journal: the journal of the schedule's folder; its context has been entered.
+        hands: carries out the scheduler's actions.
+        poll_s: longest time between two looks for requests while nothing runs, s.
+
+    Attributes:
+        state: the schedule's state by its journal.
     """
 
     def __init__(
@@ -61,7 +70,10 @@ class Scheduler:
         self.state: ScheduleState = state_of(journal.entries)
 
     def run(self, stopped: Callable[[], bool], *, until_idle: bool = False) -> None:
-        """Run until `stopped` returns True or, with `until_idle`, until nothing waits any more."""
+        """Run the schedule until `stopped` returns True.
+
+        With `until_idle` it also returns as soon as no job waits in the queue.
+        """
         while not stopped():
             wait_s = self.step(stopped)
             if wait_s is None:
@@ -71,7 +83,14 @@ class Scheduler:
             self._hands.sleep(wait_s)
 
     def step(self, stopped: Callable[[], bool] = lambda: False) -> float | None:
-        """Do what is due; return how long there is nothing, s, or None if something was done."""
+        """Run the next job that is due, if any.
+
+        Args:
+            stopped: says whether the scheduler was asked to end.
+
+        Returns:
+            None if a job was run; else how long to wait for the next one, s, at most `poll_s`.
+        """
         self._collect()
         self._take_additions()
         job = self._next()
@@ -88,7 +107,7 @@ class Scheduler:
         self.state.take(self._journal.write(kind, **details))
 
     def _collect(self) -> None:
-        """Put what has become due into the queue."""
+        """Put the jobs that have become due since the last call into the queue."""
         now = self._hands.now()
         first, self._started = not self._started, True
         if self.state.collected is None:
@@ -108,16 +127,22 @@ class Scheduler:
                 missed[entry.name] = lost
                 self._hands.say(f"{entry.name}: missed {lost}; policy {entry.missed}")
         if found:
-            # In one line: a kill between two would have a time run twice, or never.
+            # One entry holds time and jobs: a kill between two entries would repeat or lose a job.
             self._keep("collected", upto=now.isoformat(), due=due, missed=missed)
 
     def _chosen(
         self, entry: Entry, times: list[datetime], restarted: datetime | None
     ) -> tuple[list[datetime], int]:
-        """Return which of an entry's times are run, and how many are not.
+        """Return those of an entry's due times that are to be run, and how many are missed.
 
-        While the scheduler lives, a time that comes as the rig is busy waits, one of each entry at
-        most; after a restart those beyond grace were missed. `run_all` keeps all of them.
+        With the policy `run_all` all of them are run. Otherwise only the last one is, and none if a
+        job of this entry waits already. With the policy `skip`, a time that passed while the
+        scheduler did not run is missed if it is longer ago than the schedule's `grace_s`.
+
+        Args:
+            entry: the schedule's entry.
+            times: its times since the last call, in their order.
+            restarted: the present time in the first call after a restart; None later.
         """
         if entry.missed is Missed.RUN_ALL or not times:
             return times, 0
@@ -146,7 +171,7 @@ class Scheduler:
             self._keep("added", **details_of(job))
 
     def _next(self) -> Job | None:
-        """Return what is to be run now: what was begun comes first."""
+        """Return the job to run now: first one that was begun and has not ended; None if none."""
         if self.state.halted:
             return None
         if self.state.present is not None:
@@ -164,12 +189,12 @@ class Scheduler:
         present = self.state.present
         exit_code = self._hands.run(present, self._entries.get(job.entry))
         if stopped():
-            # What ended the run is what ends the scheduler: it goes on with it when it is back.
+            # The stop of the scheduler also ended the run, which is resumed after a restart.
             return
         if exit_code < 0 and present.resumes < MOST_RESUMES:
             self._hands.say(f"{job.entry}: killed by signal {-exit_code}; goes on")
             return
-        # In one line: a kill between two would lose a retry, or worse, a halt.
+        # One entry holds all three: a kill between two entries would lose a retry or a halt.
         retry, halted = self._retry(job, exit_code), self._halt(job, exit_code)
         self._keep("ended", id=job.id, exit_code=exit_code, retry=retry, halted=halted)
         self._hands.say(f"{job.entry}: ended with exit code {exit_code}")
@@ -181,7 +206,7 @@ class Scheduler:
             self._hands.say(f"halted: {halted}; look at the rig, then rig schedule resume")
 
     def _retry(self, job: Job, exit_code: int) -> dict[str, Any] | None:
-        """Return the job that retries a run that failed; None if it is not retried."""
+        """Return the job that repeats a failed run, as in the journal; None if there is none."""
         entry = self._entries.get(job.entry)
         if exit_code != EXIT_FAILED or entry is None or job.attempt > entry.retries:
             return None
@@ -192,7 +217,11 @@ class Scheduler:
         )
 
     def _halt(self, job: Job, exit_code: int) -> str:
-        """Return why nothing more is run: after a run that was stopped the rig needs a look."""
+        """Return why the schedule halts after a run; empty if it goes on.
+
+        It halts after a run that tripped, was stopped or was killed, unless the schedule's `halt`
+        is off, because somebody should look at the rig first.
+        """
         if not self._schedule.halt or (exit_code != EXIT_STOPPED and exit_code >= 0):
             return ""
         return f"{job.entry} tripped or was stopped (exit code {exit_code})"

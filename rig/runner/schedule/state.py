@@ -1,4 +1,4 @@
-"""Where a schedule stands by its journal: what waits, what ran, and whether it is halted."""
+"""Derives the state of a schedule from its journal: jobs that wait, runs that ended, and a halt."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -12,18 +12,18 @@ JOURNAL: Final = "schedule.jsonl"
 
 @dataclass(frozen=True)
 class Job:
-    """A run that is due.
+    """A run of a campaign that is due.
 
     Attributes:
         id: distinguishes the job from all others.
-        entry: name of the schedule's entry, or of what was added.
-        campaign: as `rig run` takes it.
-        rig: likewise; None for the campaign's own.
+        entry: name of the schedule's entry, or of the request that added the job.
+        campaign: the campaign, as an argument of `rig run`.
+        rig: the rig, as an argument of `rig run`; None for the campaign's own.
         due: when it was to begin.
-        attempt: from 1 on.
-        not_before: when a retry may begin.
-        folder: of its run, once it has begun.
-        resumes: how often its run was begun again after a crash.
+        attempt: number of the attempt, from 1; retries of a failed run count up.
+        not_before: earliest time at which it may begin; None for at once.
+        folder: folder of its run; None before it has begun.
+        resumes: how often the run was resumed after its process had ended early.
     """
 
     id: str
@@ -39,7 +39,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that has ended."""
+    """A run that has ended.
+
+    Attributes:
+        job: the job.
+        exit_code: exit code of `rig run`; negative if a signal killed it.
+        at: when it ended, UTC.
+    """
 
     job: Job
     exit_code: int
@@ -48,16 +54,17 @@ class Ended:
 
 @dataclass
 class ScheduleState:
-    """What a schedule's journal says; `take` goes on with it entry by entry.
+    """The state of a schedule according to its journal; `take` updates it entry by entry.
 
     Attributes:
-        collected: up to when the entries' times are in the queue; None before the first start.
-        queue: what waits, in its order.
-        present: what was begun and has not ended.
-        history: what has ended, oldest first.
-        missed: how many times were missed, by the entry's name.
-        taken: what was taken from the file of additions, by its id.
-        halted: why nothing is begun; empty if something is.
+        collected: time up to which all due times have been put into the queue; None before the
+            first start.
+        queue: jobs that wait, in the order in which they will run.
+        present: the job that was begun and has not ended; None if there is none.
+        history: runs that have ended, oldest first.
+        missed: number of missed times of each entry, by the entry's name.
+        taken: ids of the requests that were taken from the file of additions.
+        halted: why no job is begun; empty if the schedule is not halted.
     """
 
     collected: datetime | None = None
@@ -69,7 +76,7 @@ class ScheduleState:
     halted: str = ""
 
     def take(self, entry: Entry) -> None:
-        """Take the next entry of the journal."""
+        """Update the state by the next entry of the journal."""
         details = entry.details
         match entry.kind:
             case "collected":
@@ -103,7 +110,7 @@ class ScheduleState:
 
 
 def details_of(job: Job) -> dict[str, Any]:
-    """Return a job as a journal's entry holds it."""
+    """Return a job as the details of a journal's entry, JSON-able, without folder and resumes."""
     return {
         "id": job.id,
         "entry": job.entry,
@@ -129,7 +136,7 @@ def _job(details: Any) -> Job:
 
 
 def state_of(entries: Iterable[Entry]) -> ScheduleState:
-    """Return where a schedule stands by its journal."""
+    """Return the state of a schedule after all entries of its journal."""
     state = ScheduleState()
     for entry in entries:
         state.take(entry)
