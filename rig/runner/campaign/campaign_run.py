@@ -125,9 +125,9 @@ def run_campaign(
     if not (resume and (directory / JOURNAL).is_file()):
         prepare_directory(directory, names)
     with Journal(directory, resume=resume) as journal:
-        standing = JournalState()
+        state = JournalState()
         if journal.entries:
-            standing = resumable(journal.entries, directory, campaign, rig)
+            state = resumable(journal.entries, directory, campaign, rig)
         bench = bench or bench_of(
             campaign, rig, directory, observer, stop,
             lambda text: desk.record("driven", what=text),
@@ -146,7 +146,7 @@ def run_campaign(
             desk=desk,
             suspenders=Suspenders(campaign.conditions, bench.reading),
         )
-        run = _CampaignRun(setting, names, standing, journal, overdue or (lambda: None))
+        run = _CampaignRun(setting, names, state, journal, overdue or (lambda: None))
         try:
             run.run(started, given or {})
         finally:
@@ -200,13 +200,13 @@ class _CampaignRun:
         self,
         setting: Setting,
         recordings: list[str],
-        standing: JournalState,
+        state: JournalState,
         journal: Journal,
         overdue: Callable[[], None],
     ) -> None:
         self._setting = setting
         self._recordings = recordings
-        self._standing = standing
+        self._standing = state
         self._journal = journal
         self._overdue = overdue
         self._written_at = 0.0
@@ -403,8 +403,8 @@ class _CampaignRun:
     @property
     def outcome(self) -> CampaignOutcome:
         """The campaign's outcome so far; tests that have not been run have the status `not_run`."""
-        campaign, standing = self._setting.campaign, self._standing
-        begun = standing.begun
+        campaign, state = self._setting.campaign, self._standing
+        begun = state.begun
         return CampaignOutcome(
             name=campaign.name,
             description=campaign.description,
@@ -414,10 +414,10 @@ class _CampaignRun:
             false_alarms_per_day=campaign.false_alarms_per_day,
             started=begun["started"] if begun else "",
             tests=tuple(
-                standing.outcome(index, _not_run(test)) for index, test in enumerate(campaign.tests)
+                state.outcome(index, _not_run(test)) for index, test in enumerate(campaign.tests)
             ),
             provenance=self._setting.provenance,
-            history=tuple(standing.history),
+            history=tuple(state.history),
             ended_with=self._ended_with,
         )
 

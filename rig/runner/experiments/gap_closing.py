@@ -244,8 +244,8 @@ class _Closing:
                 break
             experiment = self._experiment(found)
             if experiment is not None and number < rounds:
-                apart = " from ".join(name.replace("_", " ") for name in experiment.effects)
-                why = f"to tell {apart}"
+                effects = " from ".join(name.replace("_", " ") for name in experiment.effects)
+                why = f"to tell {effects}"
                 motions = ((_motion_of(experiment), self._plan.experiment_s),)
                 continue
             check, found = self._check(found, number)

@@ -181,18 +181,18 @@ def _compared(
         known = reference or candidate
         assert known is not None
         gone = candidate is None and tolerance != ANYTHING
-        standing = Change.NEW if reference is None else Change.SAME
+        change = Change.NEW if reference is None else Change.SAME
         return Compared(
             test, figure, reference and reference[0], candidate and candidate[0],
-            Change.MOVED if gone else standing, None, known[2],
+            Change.MOVED if gone else change, None, known[2],
         )  # fmt: skip
     error = 0.0
     if reference[1] is not None and candidate[1] is not None:
         error = hypot(reference[1], candidate[1])
     tolerated = tolerance.of(reference[0], error)
     moved = not abs(candidate[0] - reference[0]) <= tolerated
-    standing = Change.MOVED if moved else Change.SAME
-    return Compared(test, figure, reference[0], candidate[0], standing, tolerated, reference[2])
+    change = Change.MOVED if moved else Change.SAME
+    return Compared(test, figure, reference[0], candidate[0], change, tolerated, reference[2])
 
 
 def _verdict(test: Mapping[str, Any]) -> str:

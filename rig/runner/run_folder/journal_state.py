@@ -167,10 +167,10 @@ def standing_of(entries: Sequence[Entry]) -> JournalState:
     Raises:
         KeyError, TypeError, ValueError: the entries are not those of a campaign's journal.
     """
-    standing = JournalState()
+    state = JournalState()
     for entry in entries:
-        standing.take(entry)
-    return standing
+        state.take(entry)
+    return state
 
 
 def stands_unfinished(standing: JournalState) -> bool:

@@ -87,11 +87,11 @@ def unfinished_run(campaign: str, below: Path) -> Path:
     found = []
     for journal in below.glob(f"*/{JOURNAL}"):
         try:
-            standing = standing_of(read_journal(journal))
+            state = standing_of(read_journal(journal))
         except (JournalError, KeyError, TypeError, ValueError, AttributeError):
             continue
-        begun = standing.begun
-        if begun is not None and begun["campaign"] == campaign and stands_unfinished(standing):
+        begun = state.begun
+        if begun is not None and begun["campaign"] == campaign and stands_unfinished(state):
             found.append((begun.at, journal.parent))
     if not found:
         remedy = "give its folder: --out DIR"
@@ -113,15 +113,15 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
             changed since the run began.
     """
     try:
-        standing = standing_of(entries)
-        begun = standing.begun
+        state = standing_of(entries)
+        begun = state.begun
         if begun is None:
             raise ValueError("no begin")
         other = changed(begun["fingerprint"], fingerprint(campaign, rig))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise JournalError(f"{folder / JOURNAL}: is not a campaign's journal ({error})") from None
     names = [test.name for test in campaign.tests]
-    if begun["campaign"] != campaign.name or (not other and list(standing.tests) != names):
+    if begun["campaign"] != campaign.name or (not other and list(state.tests) != names):
         raise JournalError(
             f"{folder}: holds a run of the campaign {begun['campaign']}, not of {campaign.name}; "
             "give another --out"
@@ -132,7 +132,7 @@ def resumable(entries: Sequence[Entry], folder: Path, campaign: Campaign, rig: R
             "its tests would not belong together; put back what it was, or run anew with "
             "another --out"
         )
-    return standing
+    return state
 
 
 def learn_again(
