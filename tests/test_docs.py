@@ -14,7 +14,8 @@ from rig.plant import Model
 from rig.plant.simulation import simulate
 from rig.recording import Recording, export
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 EXAMPLES = re.findall(
     r"## ([^\n]+)\n(?:(?!\n## ).)*?```python\n(.*?)```", (DOCS / "api.md").read_text(), re.DOTALL
 )
@@ -90,3 +91,12 @@ def test_every_attack_that_is_told_of_has_its_test() -> None:
     }
     assert len(named) > 40
     assert named - written == set()
+
+
+@pytest.mark.parametrize(
+    "page", [*ROOT.glob("*.md"), *DOCS.rglob("*.md")], ids=lambda page: page.name
+)
+def test_every_link_to_a_file_leads_to_one(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    linked = re.findall(r"\]\((?!https?:)([^)#\s]+)", text)
+    assert [link for link in linked if not (page.parent / link).exists()] == []

@@ -111,7 +111,6 @@ class Found:
     named: list[Named]
     floor: float = 0.0
     samples: int = 0
-    errors: dict[str, float] = field(default_factory=dict)
     rejected: list[Screened] = field(default_factory=list)
 
     @property
