@@ -1,7 +1,8 @@
-"""What a developer runs, a room for each purpose.
+"""Programs for developers of the software, with one package for each purpose.
 
-`bench` tells how fast it is, `studies` how right; `pages` writes what pages have of the code, and
-`chaos` lets everything fail. `simulated` has the rigs of studies, `hidden_effects` those that share
-no code with the product. `thesis_tables`, `detection_limits`, `tolerant_control` and
-`worked_gap_example` make one page each.
+`bench` measures how fast the software is, `studies` how often its verdicts are right. `chaos` makes
+every part of a running rig fail in turn. `pages` writes those tables of the documentation that
+follow from the code. `simulated` draws the rigs that studies run on; `hidden_effects` has a rig of
+its own, which shares no code with the product. `thesis_tables`, `detection_limits`,
+`tolerant_control` and `worked_gap_example` each compute the tables of one page.
 """

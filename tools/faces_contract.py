@@ -1,8 +1,9 @@
-"""A contract of import-linter: a package is used through its face, its `__init__`, and not past it.
+"""A contract of import-linter: modules import other packages by their face, the `__init__`, alone.
 
-It is what the built-in `protected` contract says of one package, said of every package at once. A
-module may import its neighbours in its own packages; of a package that it is not in, it imports the
-outermost one alone. A corridor is a package that has rooms and no face: its rooms have theirs.
+The contract checks for every package what the built-in `protected` contract checks for one. A
+module may import any module of the packages that it lies in. Of a package that it does not lie in,
+it may import only the outermost package by name. A corridor is a package without a face: there, the
+packages (rooms) inside it are imported by name instead.
 """
 
 from typing import Any
@@ -12,11 +13,11 @@ from importlinter import Contract, ContractCheck, fields, output
 
 
 class FacesContract(Contract):
-    """Every package is imported by its name alone.
+    """The contract that modules import another package by its name, not a module inside it.
 
     Options:
-        packages: top-level packages.
-        corridors: packages of them whose rooms are imported by name.
+        packages: names of the top-level packages to check.
+        corridors: names of packages that have no face; their rooms are imported by name.
     """
 
     type_name = "faces"
@@ -25,7 +26,16 @@ class FacesContract(Contract):
     corridors = fields.ListField(subfield=fields.StringField())
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        """Return the imports that go past a face."""
+        """Return the check's result; its metadata lists each import that goes past a face.
+
+        Args:
+            graph: all imports among the modules.
+            verbose: not used.
+
+        Returns:
+            A result that is kept if no import goes past a face. `metadata["past"]` holds importer,
+            imported module, the face to import from, and the line number of the import.
+        """
         packages, corridors = _names(self.packages), set(_names(self.corridors))
         modules = {m for m in graph.modules if m.split(".")[0] in packages}
         rooms = {m for m in modules if graph.find_children(m)} - corridors
@@ -39,7 +49,7 @@ class FacesContract(Contract):
         return ContractCheck(kept=not past, metadata={"past": past})
 
     def render_broken_contract(self, check: ContractCheck) -> None:
-        """Print the imports that go past a face, and what to import instead."""
+        """Print each import that goes past a face, and the package to import from instead."""
         for importer, imported, face, line in check.metadata["past"]:
             where = f"{importer} (l.{line}) reaches past a face for {imported}"
             output.print_error(f"{where}: import the name from {face}")
@@ -50,7 +60,7 @@ def _names(field: Any) -> list[str]:
 
 
 def _outermost(rooms: set[str], importer: str, imported: str) -> str:
-    """Return the first package on the way to a module that does not hold its importer."""
+    """Return the outermost package of `rooms` that holds `imported` but not `importer`, or ""."""
     parts = imported.split(".")
     for length in range(1, len(parts) + 1):
         package = ".".join(parts[:length])

@@ -1,9 +1,9 @@
-"""Write `estimator/filters/covariance.py`: straight-line code for the thesis filters' covariance.
+"""Writes `estimator/filters/covariance.py`: straight-line code for the thesis filters' covariance.
 
-Which entries of the transition Jacobian may differ from zero is fixed by the model (eqs. 4.19 and
-6.20), so the products of eqs. 4.17 and 4.18 are written out once, without the zeros, on the upper
-triangle of the symmetric covariance. Run `python -m tools.generate_covariance` after changing a
-pattern; `--check` only says whether the committed file is in step.
+The model fixes which entries of the transition Jacobian may differ from zero (eqs. 4.19 and 6.20).
+Therefore this program writes the products of eqs. 4.17 and 4.18 out once, without the zeros, for
+the upper triangle of the symmetric covariance. Run `python -m tools.generate_covariance` after you
+changed a pattern; with `--check` it only compares the committed file with what it would write.
 """
 
 import argparse
@@ -18,10 +18,14 @@ MEASUREMENTS: Final = ("position", "p1", "p2")
 
 @dataclass(frozen=True)
 class Pattern:
-    """Sparsity of one filter: per state the columns of its Jacobian row, and the states measured.
+    """The sparsity of one filter: which Jacobian entries are not zero, which states are measured.
 
-    A row maps a column to `ONE` or to the name of the entry standing there; `measured` holds the
-    state each row of H picks (eq. 4.23: position, p1, p2).
+    Attributes:
+        name: of the filter, with which the generated names begin.
+        source: equation of the Jacobian.
+        rows: for each state, its row of the Jacobian. A row maps the column of each entry that is
+            not zero to the entry's name, or to `ONE` where the entry is 1.
+        measured: for each row of H (position, p1, p2; eq. 4.23), the index of the measured state.
     """
 
     name: str
@@ -31,7 +35,7 @@ class Pattern:
 
     @property
     def size(self) -> int:
-        """Number of states."""
+        """The number of states."""
         return len(self.rows)
 
     @property
@@ -87,7 +91,12 @@ def _p(i: int, j: int) -> str:
 
 
 def sum_of_products(terms: list[tuple[str, str]], constant: str | None = None) -> str:
-    """Nest fused multiply-adds over the terms; factors of one come first, as plain additions."""
+    """Return an expression, as source text, for the sum of products in nested fused multiply-adds.
+
+    Args:
+        terms: the two factors of each product; where the first is `ONE`, the second is added.
+        constant: a further summand, which comes first.
+    """
     plain = [factor for name, factor in terms if name == ONE]
     products = [(name, factor) for name, factor in terms if name != ONE]
     total = " + ".join(([constant] if constant else []) + plain)
@@ -115,9 +124,9 @@ def _signature(pattern: Pattern) -> list[str]:
 
 
 def _propagation(pattern: Pattern) -> list[str]:
-    """Emit P = A P A' + Q (eq. 4.17), upper triangle only."""
+    """Return the source lines of P = A P A' + Q (eq. 4.17) for the upper triangle of P."""
     n = pattern.size
-    # Rows with many entries go first: the short rows then serve as the right factor.
+    # Rows with many entries come first, so that the short rows serve as the right factor.
     order = sorted(range(n), key=lambda i: -len(pattern.rows[i]))
     lines: list[str] = []
     updated: list[str] = []
@@ -134,7 +143,10 @@ def _propagation(pattern: Pattern) -> list[str]:
 
 
 def _correction(pattern: Pattern) -> list[str]:
-    """Emit the three scalar updates (eq. 4.18 with a diagonal R), each skipped if z is NaN."""
+    """Return the source lines of the three scalar updates (eq. 4.18 with a diagonal R).
+
+    The written code skips the update by a measurement that is NaN.
+    """
     n = pattern.size
     lines: list[str] = []
     for row, (name, s) in enumerate(zip(MEASUREMENTS, pattern.measured, strict=True)):
@@ -152,7 +164,7 @@ def _correction(pattern: Pattern) -> list[str]:
             for j in others
             if j >= i
         ]
-        # 1 - K = R/S, free of the cancellation of P - K P.
+        # 1 - K is computed as R/S, which avoids the cancellation in P - K P.
         lines += [f"    kept = measurement_noise[{row}] * inverse"]
         lines += [f"    {_p(i, s)} = {_p(i, s)} * kept" for i in range(n)]
     return lines
@@ -227,7 +239,7 @@ def source() -> str:
 
 
 def main() -> int:
-    """Write the module, or with `--check` report whether the committed one is in step."""
+    """Write the module; with `--check`, return 1 if the committed one differs from it, else 0."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true", help="compare only, exit 1 if stale")
     if parser.parse_args().check:

@@ -1,4 +1,8 @@
-"""Trials that take hours are kept as each ends: a study that was cut off goes on from there."""
+"""Runs the trials of a study and keeps each in a file as it ends.
+
+A study takes hours. If it is interrupted, its next run does only the trials that are not in the
+file yet.
+"""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +18,10 @@ Found = TypeVar("Found")
 
 
 def kept_trials(file: Path) -> Iterator[dict[str, Any]]:
-    """Yield the fields of each trial that a file holds; a line cut off at its end is none."""
+    """Yield the fields of each trial that `file` holds, in the order of its lines.
+
+    A line that is no JSON, because a kill cut it off, is skipped. A missing file holds no trials.
+    """
     for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
         try:
             yield json.loads(line)
@@ -25,17 +32,17 @@ def kept_trials(file: Path) -> Iterator[dict[str, Any]]:
 def run_and_keep(
     file: Path, title: str, run: Callable[..., Found], left: Sequence[tuple[Any, ...]], jobs: int
 ) -> Iterator[Found]:
-    """Yield what each trial found as it ends, once it is kept in a file as a line of JSON.
+    """Run trials and yield the result of each as it ends, after appending it to `file`.
 
     Args:
-        file: is appended to.
-        title: stands beside the bar that shows progress.
-        run: runs a trial; returns a dataclass. Another process must be able to import it.
-        left: its arguments, for each trial that is not kept yet.
-        jobs: processes; 1 runs all in this one.
+        file: each result is appended to it as a line of JSON.
+        title: text beside the bar that shows progress.
+        run: runs one trial and returns a dataclass. Another process must be able to import it.
+        left: the arguments of `run`, for each trial that is not kept yet.
+        jobs: number of processes; with 1, all trials run in this process.
     """
     with file.open("a", encoding="utf-8") as lines:
-        # A line that was cut off must not swallow the next one.
+        # Without a new line here, a line that a kill cut off would swallow the next one.
         lines.write("\n" if lines.tell() else "")
         for found in track(
             _run_all(run, left, jobs), description=title, total=len(left), transient=True

@@ -1,6 +1,6 @@
-"""Keeps the results of a run as the reference of `make gate`, without what tells of a machine.
+"""Stores the results of a run as the reference that `make gate` compares with.
 
-Run as `python -m tools.reference_run RUN FOLDER`.
+What depends on the machine is left out. Run as `python -m tools.reference_run RUN FOLDER`.
 """
 
 import json
@@ -13,7 +13,11 @@ _OF_A_MACHINE = ("source_files", "command", "git")
 
 
 def main(run: Path, folder: Path) -> None:
-    """Write `results.json` of a run to a folder."""
+    """Write a run's `results.json` to `folder`, without what depends on the machine.
+
+    Three entries of the provenance are left out (source files, command, git), the wall time of
+    every test is set to 0, and its friction to None. The folder is created if it is missing.
+    """
     results = dict(read_run(run).results)
     told = results["provenance"].items()
     results["provenance"] = {key: value for key, value in told if key not in _OF_A_MACHINE}

@@ -1,1 +1,1 @@
-"""How fast it is: `python -m tools.bench`, or one of the modules alone."""
+"""Benchmarks of the software; run all by `python -m tools.bench`, or one module alone."""

@@ -1,4 +1,4 @@
-"""All benchmarks in one run: filters, plant, campaigns, lanes and start-up, as ratios or rates."""
+"""Runs the benchmarks of filters, plant, campaigns (with start-up) and lanes, one after another."""
 
 import sys
 

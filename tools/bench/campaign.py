@@ -1,8 +1,9 @@
-"""Time campaigns: rig-seconds per wall-second on one core, by filter, and the start of a run.
+"""Times campaigns, as simulated seconds per wall-second on one core, and the start of a run.
 
-`python -m tools.bench.campaign` runs the same closed-loop test with each filter in turn, round
-after round: plant with bristle friction, sensor noise, controller and filter in the compiled loop;
-then the quickstart campaign as a user runs it, with detector and recordings, without its report.
+`python -m tools.bench.campaign` runs one closed-loop test with each filter in turn, and repeats
+that for several rounds. The compiled loop consists of plant with bristle friction, sensor noise,
+controller and filter. Each round also runs the quickstart campaign as a user does, with detector
+and recordings but without its report.
 """
 
 import argparse
@@ -30,7 +31,7 @@ RIG_SECONDS: Final = 40.0
 
 
 def loop_alone(filter_name: str) -> None:
-    """Run one test's ticks with a filter, without detector or recording."""
+    """Run the ticks of one test of 40 s in the loop with a filter, but no detector or recording."""
     model = Model()
     time_s = np.arange(round(RIG_SECONDS / TICK)) * TICK
     setpoint = 0.3 + 0.2 * np.sin(np.pi * time_s + 0.1)
@@ -56,7 +57,7 @@ def _timed(run: Callable[[], object]) -> float:
 
 
 def start_up() -> tuple[float, float]:
-    """Return the wall time in s of `rig --help`, and of a process up to its first compiled tick."""
+    """Return the wall times (s) of `rig --help`, and of a process that runs one tick and ends."""
     command = [str(Path(sys.executable).with_name("rig")), "--help"]
     help_s = _timed(lambda: subprocess.run(command, check=True, capture_output=True))
     code = "import tools.bench.campaign as b; b.first_sample()"
@@ -76,7 +77,7 @@ def first_sample() -> None:
 
 
 def measure(rounds: int) -> Table:
-    """Time every stage in turn, round after round, and return the table of medians."""
+    """Time every stage once in each round, and return the table of medians over the rounds."""
     quickstart_s = load_campaign("quickstart")[0].rig_time_s
     stages: dict[str, tuple[Callable[[], None], float]] = {
         f"loop with {name}": (lambda name=name: loop_alone(name), RIG_SECONDS)  # type: ignore[misc]
@@ -100,7 +101,7 @@ def measure(rounds: int) -> Table:
 
 
 def main() -> None:
-    """Print throughput and start-up times."""
+    """Run the benchmark, and print throughput and start-up times."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=7, help="how often each stage is timed")
     rounds = parser.parse_args().rounds

@@ -1,9 +1,10 @@
-"""Time the filters against C references compiled on the spot, the thesis's against filterpy too.
+"""Times the filters and compares them with references in C; the thesis's also with filterpy.
 
-`python -m tools.bench.filters` runs all contestants in turn, round after round, over the same
-simulated record, and prints medians and the ratio of each round's times: processor time of the
-thread, so that other programs count as little as they can. The filters and the C references loop
-over the whole record in one compiled call. Without gcc the references are left out with a word.
+`python -m tools.bench.filters` runs all implementations in turn over the same simulated record, for
+several rounds. It prints the median times, and the ratios of the times within a round. Times are
+processor times of the thread, so that other programs disturb them little. The filters and the C
+references loop over the whole record in one compiled call. The C code is compiled by gcc; without
+gcc, a message says that the references are left out.
 """
 
 import argparse
@@ -60,7 +61,7 @@ PARAMETER_FIELDS: Final = (
     "viscous",
     "stick_velocity",
 )
-"""Order of `struct parameters` in the C reference."""
+"""Names of the parameters in the order of `struct parameters` in the C reference."""
 
 SAMPLES: Final = 20_000
 FILTERPY_SAMPLES: Final = 1_000
@@ -69,7 +70,16 @@ H: Final = np.eye(7)[[3, 1, 2]]
 
 @njit(cache=True, error_model="numpy")
 def run_thesis6(x, P, command, measured, parameters, out):
-    """Run thesis-6 over a record: `out` (9,) keeps the last sample, (n, 9) all of them."""
+    """Run the filter thesis-6 over a record of n samples.
+
+    Args:
+        x: (6,) states; updated in place.
+        P: (6, 6) covariance; updated in place.
+        command: (n,) V, before each sample.
+        measured: (n, 3) position, p1 and p2, SI.
+        parameters: of the model.
+        out: (9,) receives the outputs of the last sample.
+    """
     for k in range(command.size):
         thesis.thesis6_step(
             x, P, command[k], measured[k, 0], measured[k, 1], measured[k, 2], parameters, out
@@ -78,7 +88,7 @@ def run_thesis6(x, P, command, measured, parameters, out):
 
 @njit(cache=True, error_model="numpy")
 def run_thesis7(x, P, command, measured, parameters, out):
-    """Run thesis-7 over a record, as `run_thesis6`."""
+    """Run the filter thesis-7 over a record; see `run_thesis6`, with 7 states instead of 6."""
     for k in range(command.size):
         thesis.thesis7_step(
             x, P, command[k], measured[k, 0], measured[k, 1], measured[k, 2], parameters, out
@@ -87,7 +97,16 @@ def run_thesis7(x, P, command, measured, parameters, out):
 
 @dataclass(frozen=True)
 class Contest:
-    """One of the thesis's filters in every implementation compared."""
+    """One of the thesis's filters, with its implementations that are compared.
+
+    Attributes:
+        name: of the filter.
+        with_load: whether the load is a state.
+        compiled: our implementation, which runs over a whole record.
+        reference: name of the C function that does the same.
+        predict, jacobian: our compiled prediction and Jacobian, which filterpy's filter uses.
+        process_noise, measurement_noise: variances.
+    """
 
     name: str
     with_load: bool
@@ -100,7 +119,7 @@ class Contest:
 
     @property
     def size(self) -> int:
-        """Number of states."""
+        """The number of states."""
         return 7 if self.with_load else 6
 
 
@@ -130,7 +149,13 @@ CONTESTS: Final = (
 
 @dataclass(frozen=True)
 class Record:
-    """A simulated run: command before each sample (n,), measurements (n, 3), true states (n, 7)."""
+    """A simulated run over which the filters are run.
+
+    Attributes:
+        command: (n,) V, before each sample.
+        measured: (n, 3) position, p1 and p2, SI.
+        truth: (n + 1, 7) true states, SI; row 0 is before the first sample.
+    """
 
     command: Array
     measured: Array
@@ -138,7 +163,7 @@ class Record:
 
 
 def simulated_record(samples: int = SAMPLES) -> Record:
-    """Return a healthy 1 Hz open-loop sine at mid stroke, with the transducers' noise (SI)."""
+    """Return a record of a healthy rig in an open-loop sine of 3 V and 1 Hz, with sensor noise."""
     command = 3.0 * np.sin(2.0 * np.pi * 1e-3 * np.arange(samples + 1))
     states = simulate(Model(), command, position=0.3)
     p1, p2 = states["pressure_1"], states["pressure_2"]
@@ -157,7 +182,7 @@ def c_parameters(parameters: Parameters = NOMINAL) -> Array:
 
 
 def compile_reference(folder: Path) -> ctypes.CDLL | None:
-    """Compile the C references into `folder` and load them; None if there is no gcc."""
+    """Compile the C references into `folder` and return the library; None if there is no gcc."""
     gcc = shutil.which("gcc")
     if gcc is None:
         return None
@@ -170,7 +195,10 @@ def compile_reference(folder: Path) -> ctypes.CDLL | None:
 def run_reference(
     library: ctypes.CDLL, contest: Contest, x: Array, P: Array, record: Record, out: Array
 ) -> None:
-    """Run the C reference over a record in one call; `out` (9,) is that of the last sample."""
+    """Run the C reference over a record in one call.
+
+    `x` and `P` are updated in place; `out` (9,) receives the outputs of the last sample.
+    """
     run = getattr(library, contest.reference)
     constants = c_parameters()
     arrays = (x, P, record.command, record.measured, constants, out)
@@ -180,8 +208,9 @@ def run_reference(
 def disagreement(library: ctypes.CDLL, contest: Contest, record: Record, length: int = 5) -> float:
     """Return the largest relative difference of x, P and outputs between ours and the C reference.
 
-    Where a value is near zero, its standard deviation counts. Both restart from the true state
-    every `length` samples: left alone the printed filters run away, and rounding with them.
+    Differences are relative to the value plus its standard deviation, or to the latter alone. Both
+    filters start anew from the true state every `length` samples, because over longer times the
+    thesis's filters, as printed, diverge and rounding errors grow with them.
     """
     n = contest.size
     sigma = np.array([1e-7, 1e3, 1e3, 1e-3, 1e-2, 1e-4, 1e2])[:n]
@@ -205,7 +234,7 @@ def disagreement(library: ctypes.CDLL, contest: Contest, record: Record, length:
 
 
 def filterpy_filter(contest: Contest) -> Any:
-    """Return filterpy's EKF with the contest's tuning, our compiled prediction and Jacobian."""
+    """Return filterpy's EKF with the filter's tuning and our compiled prediction and Jacobian."""
     ekf = ExtendedKalmanFilter(dim_x=contest.size, dim_z=3)
     ekf.x, ekf.P = thesis.initial_state(contest.with_load)
     ekf.Q, ekf.R = np.diag(contest.process_noise), np.diag(contest.measurement_noise)
@@ -219,7 +248,7 @@ def filterpy_filter(contest: Contest) -> Any:
 
 
 def run_filterpy(contest: Contest, record: Record, samples: int) -> None:
-    """Run filterpy's EKF over the first samples of a record."""
+    """Run filterpy's EKF over the first `samples` samples of a record."""
     ekf, rows = filterpy_filter(contest), H[:, : contest.size]
     with warnings.catch_warnings():
         # The printed P0 (a spool known to 100 m) makes the first innovation covariances singular.
@@ -230,7 +259,7 @@ def run_filterpy(contest: Contest, record: Record, samples: int) -> None:
 
 
 def _timed(run: Callable[[], None], samples: int) -> float:
-    """Return nanoseconds a sample."""
+    """Run a function, and return the thread's processor time for each of its samples, ns."""
     start = time.thread_time_ns()
     run()
     return (time.thread_time_ns() - start) / samples
@@ -239,7 +268,10 @@ def _timed(run: Callable[[], None], samples: int) -> float:
 def _contestants(
     contest: Contest, record: Record, library: ctypes.CDLL | None
 ) -> dict[str, Callable[[], float]]:
-    """Return one timing per implementation, each from the printed x0 and P0."""
+    """Return, by implementation, a function that runs it once and returns its time, ns a sample.
+
+    Each run begins with the x0 and P0 that the thesis prints.
+    """
 
     def ours() -> float:
         x, P = thesis.initial_state(contest.with_load)
@@ -269,7 +301,10 @@ def _contestants(
 def measure(
     rounds: int, record: Record, library: ctypes.CDLL | None
 ) -> dict[str, dict[str, Array]]:
-    """Return ns a step by filter and implementation, (rounds,) each, all interleaved."""
+    """Return the times by filter and implementation, (rounds,) each, in ns a sample.
+
+    In every round, each implementation of each filter runs once.
+    """
     runs = {contest.name: _contestants(contest, record, library) for contest in CONTESTS}
     product = product_record(record.command, record.measured, record.truth)
     runs["product"] = product_bench.contestants(product, library)
@@ -294,7 +329,7 @@ def _spread(ratio: Array) -> str:
 
 
 def table(times: dict[str, dict[str, Array]]) -> Table:
-    """Return medians in ns a step, and ratios as median (quartiles of the rounds)."""
+    """Return the table of median times in ns a sample, and of ratios with their quartiles."""
     result = Table("filter", "ours ns", "C ns", "filterpy ns", "ours / C", "filterpy / ours")
     for name, by_who in times.items():
         ours, reference, textbook = by_who["ours"], by_who.get("C"), by_who.get("filterpy")
@@ -310,7 +345,7 @@ def table(times: dict[str, dict[str, Array]]) -> Table:
 
 
 def main() -> None:
-    """Print the table, and how far the C reference and ours are apart."""
+    """Run the benchmark; print its table, and how much the C references differ from ours."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=51, help="interleaved rounds (default 51)")
     rounds = parser.parse_args().rounds

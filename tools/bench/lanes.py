@@ -1,9 +1,10 @@
-"""Time rigs in lanes: rig-seconds per second of one core, beside the loop that runs one at a time.
+"""Times rigs in lanes, as simulated seconds per second of one core, and the loop of a single rig.
 
-`python -m tools.bench.lanes` runs in turn, round after round, the closed-loop test of
-`tools.bench.campaign` in all lanes, each with a seed, a leak and an onset of its own: simulation
-alone, then with the product filter; rigs drawn at random in mixed motion; and the compiled loop
-with the same filter. Times are of the processor, for a busy machine's sake.
+`python -m tools.bench.lanes` runs the following in turn, for several rounds: the closed-loop test
+of `tools.bench.campaign` in all lanes, where each rig has its own seed, leak and onset; rigs drawn
+at random in mixed motion; and the compiled loop of one rig with the product filter. The first two
+run without a filter and with the product filter. Processor times are measured, which a busy machine
+disturbs little.
 """
 
 import argparse
@@ -32,7 +33,11 @@ _BATCH: Final = 500
 
 
 def campaign() -> tuple[SimulatedLanes, Array, Array]:
-    """Return rigs with leaks of several sizes, places and onsets in the same closed-loop test."""
+    """Return rigs with leaks of several sizes, places and onsets, for one closed-loop test.
+
+    Returns:
+        The rigs, their setpoint (ticks, LANES) in m, and (ticks, LANES) zeros: no open loop.
+    """
     time_s = np.arange(round(RIG_SECONDS / TICK)) * TICK
     setpoint = np.repeat((0.3 + 0.2 * np.sin(np.pi * time_s + 0.1))[:, None], LANES, axis=1)
     faults = [NO_FAULT._replace(**{LEAKS[i % 3]: 1e-9 * i}) for i in range(LANES)]
@@ -44,7 +49,11 @@ def campaign() -> tuple[SimulatedLanes, Array, Array]:
 
 
 def mixed() -> tuple[SimulatedLanes, Array, Array]:
-    """Return rigs drawn at random, each in a mixed motion of its own."""
+    """Return rigs drawn at random, each with a mixed motion of its own.
+
+    Returns:
+        The rigs, their setpoint (ticks, LANES) in m or V, and (ticks, LANES), 1 in open loop.
+    """
     generators = [np.random.default_rng(i) for i in range(LANES)]
     drawn: list[Parameters] = [drawn_rig(generator) for generator in generators]
     motions = [mixed_motion(generator, round(RIG_SECONDS / TICK)) for generator in generators]
@@ -55,7 +64,10 @@ def mixed() -> tuple[SimulatedLanes, Array, Array]:
 
 
 def in_lanes(setting: Callable[[], tuple[SimulatedLanes, Array, Array]], filtered: bool) -> float:
-    """Run a setting, with the product filter or without; return the processor's time in s."""
+    """Run the rigs that `setting` returns, and return the processor time (s).
+
+    If `filtered`, the product filter runs over their readings.
+    """
     rigs, setpoint, is_open = setting()
     filters = ProductLanes(Model()) if filtered else None
     start = time.process_time()
@@ -68,14 +80,14 @@ def in_lanes(setting: Callable[[], tuple[SimulatedLanes, Array, Array]], filtere
 
 
 def alone() -> float:
-    """Run the compiled loop with the product filter, one rig; return the processor's time in s."""
+    """Run the compiled loop of one rig with the product filter; return the processor time (s)."""
     start = time.process_time()
     loop_alone("product")
     return time.process_time() - start
 
 
 def measure(rounds: int) -> Table:
-    """Time every stage in turn, round after round, and return the table of medians."""
+    """Time every stage once in each round, and return the table of medians over the rounds."""
     stages: dict[str, tuple[Callable[[], float], int]] = {}
     for title, setting in (("campaign", campaign), ("mixed motion", mixed)):
         for filtered in (False, True):
@@ -98,7 +110,7 @@ def measure(rounds: int) -> Table:
 
 
 def main() -> None:
-    """Print the table."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=7, help="how often each stage is timed")
     Console(width=110).print(measure(parser.parse_args().rounds))

@@ -1,9 +1,9 @@
-"""Time the loop against cyclictest: idle, and with the whole chain on an emulated rig.
+"""Times the loop, idle and with the whole chain on an emulated rig, and compares with cyclictest.
 
-`python -m tools.bench.loop` runs, round after round: cyclictest (rt-tests) where it is installed;
-the loop with nothing to exchange; the loop with Modbus exchanges, filter, interlock and ring, while
-the recorder writes them to disk and a subscriber turns every row into JSON as fast as it can.
-`--page FILE` also writes the table into a page, between its marks.
+`python -m tools.bench.loop` runs three things in each round: cyclictest (of rt-tests), if it is
+installed; the loop with nothing to exchange; and the loop with Modbus exchanges, filter, interlock
+and ring. During the third, the recorder writes all rows to disk, and a subscriber turns every row
+into JSON as fast as it can. `--page FILE` also writes the table into a page, between two marks.
 """
 
 import argparse
@@ -40,12 +40,19 @@ Array = NDArray[np.float64]
 BEGIN_MARK: Final = "<!-- table by make bench-loop: begin -->"
 END_MARK: Final = "<!-- table by make bench-loop: end -->"
 SPARE_S: Final = 60.0
-"""For which the motion goes on after what is measured of it."""
+"""s for which the motion is longer than the measurement."""
 
 
 @dataclasses.dataclass(eq=False)
 class Measured:
-    """Times in s of one thing measured, from all rounds."""
+    """The measured times of one quantity over all rounds.
+
+    Attributes:
+        name: of the quantity, for the table.
+        times: an array of times for each round, s.
+        ticks: number of ticks of all rounds; 0 where ticks are not counted.
+        missed: number of ticks that were missed.
+    """
 
     name: str
     times: list[Array] = dataclasses.field(default_factory=list)
@@ -53,7 +60,11 @@ class Measured:
     missed: int = 0
 
     def row(self, reference: Array | None) -> tuple[str, ...]:
-        """Return the table's row: p50, p99 and p99.9 in us, ratios to a reference, missed ticks."""
+        """Return the cells of the table's row on the quantity.
+
+        They are the name, p50, p99 and p99.9 in us, the ratios of p50 and p99 to `reference` (2,)
+        in s, which are empty if it is None, and the share of missed ticks.
+        """
         times = np.concatenate(self.times)
         percentiles = np.percentile(times, (50.0, 99.0, 99.9))
         ratios = ("", "") if reference is None else tuple(
@@ -64,7 +75,7 @@ class Measured:
 
 
 def cyclictest(seconds: float) -> Array:
-    """Return the wake-up lateness that cyclictest measures, s, to the microsecond."""
+    """Return how late cyclictest woke up at each tick, s, with a resolution of 1 us."""
     command = ["cyclictest", "-m", "-q", "-t1", f"-a{CPU}", f"-p{PRIORITY}", "-i1000",
                f"-l{round(seconds / TICK)}", "-h20000"]  # fmt: skip
     ran = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -72,7 +83,10 @@ def cyclictest(seconds: float) -> Array:
 
 
 def histogram_times(text: str) -> Array:
-    """Return the times in s that a cyclictest histogram counts: lines of whole us, and count."""
+    """Return the times (s) that are counted in a histogram by cyclictest.
+
+    Each line of the histogram has a whole number of us and a count; the middle of the us is taken.
+    """
     pairs = [line.split() for line in text.splitlines() if line and line[0].isdigit()]
     micros = np.array([int(pair[0]) for pair in pairs], dtype=np.float64)
     counts = np.array([int(pair[1]) for pair in pairs])
@@ -80,12 +94,12 @@ def histogram_times(text: str) -> Array:
 
 
 def idle(rig: Rig, seconds: float) -> Array:
-    """Return the rows of the loop with nothing to exchange."""
+    """Run the loop without a device to exchange samples with, for a time, and return its rows."""
     board = Board.create(len(CHANNELS))
     board.words[Word.SWITCH] = 1
     spec = fast(rig)
     memory = start_memory("product", MODEL)
-    # Another plan's type would be another compilation.
+    # A plan of another type would make numba compile the loop once more.
     driver = spec.create_fast()
 
     def run(number: int) -> None:
@@ -110,7 +124,12 @@ def idle(rig: Rig, seconds: float) -> Array:
 
 
 def whole_chain(rig: Rig, seconds: float) -> Array:
-    """Return the rows of the loop on an emulated rig, with recorder and subscriber."""
+    """Run the loop on an emulated rig with recorder and subscriber, and return its rows.
+
+    Raises:
+        RuntimeError: rows are missing in the recording.
+        TrippedError: the loop tripped.
+    """
     with Chain(rig, seconds + SPARE_S) as chain:
         fd = chain.board.fd
         subscriber = subprocess.Popen(
@@ -127,7 +146,7 @@ def whole_chain(rig: Rig, seconds: float) -> Array:
 
 
 def subscribe(fd: int) -> None:
-    """Turn every row of a board into JSON, for ever: a reader that is never done."""
+    """Turn every row of the board with file descriptor `fd` into JSON; this never returns."""
     reader = RingReader(Board.attach(fd))
     while True:
         for row in reader.take():
@@ -135,7 +154,12 @@ def subscribe(fd: int) -> None:
 
 
 def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
-    """Return the table's rows, and whether there was a cyclictest to compare with."""
+    """Run all rounds; return the table's rows, and whether cyclictest is installed.
+
+    Args:
+        rounds: number of rounds.
+        seconds: for how long each thing is measured in a round.
+    """
     rig = load_rig("emulated")
     theirs = Measured("cyclictest: wake-up")
     alone, woken = Measured("loop idle: wake-up"), Measured("whole chain: wake-up")
@@ -162,7 +186,7 @@ def measure(rounds: int, seconds: float) -> tuple[list[tuple[str, ...]], bool]:
 
 
 def table(rows: list[tuple[str, ...]], rounds: int, seconds: float) -> str:
-    """Return the measurement as Markdown."""
+    """Return a sentence on the measurement and its table, in Markdown."""
     heads = ("", "p50, us", "p99, us", "p99.9, us", "p50 ratio", "p99 ratio", "missed")
     lines = [heads, tuple("---" if i == 0 else "---:" for i in range(len(heads))), *rows]
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
@@ -175,13 +199,13 @@ def table(rows: list[tuple[str, ...]], rounds: int, seconds: float) -> str:
 
 
 def _processor() -> str:
-    """Return the processor's model as the kernel knows it."""
+    """Return the name of the processor from /proc/cpuinfo; "unknown" if it has none."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     return next((line.split(": ")[1] for line in lines if line.startswith("model name")), "unknown")
 
 
 def write_page(page: Path, text: str) -> None:
-    """Put a table between the marks of a page."""
+    """Replace the text between the two marks of a page by `text`."""
     before, _, rest = page.read_text().partition(BEGIN_MARK)
     _, _, after = rest.partition(END_MARK)
     page.write_text(f"{before}{BEGIN_MARK}\n{text}{END_MARK}{after}")
@@ -195,7 +219,7 @@ def _add(measured: Measured, rows: Array, *channels: str) -> None:
 
 
 def main() -> None:
-    """Print the table; put it into a page if asked."""
+    """Run the benchmark and print its table; with `--page`, write it into that page too."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=3, help="how often each is measured")
     parser.add_argument("--seconds", type=float, default=10.0, help="how long, each time")

@@ -1,4 +1,4 @@
-"""The whole chain of a loop, for benchmarks: an emulated rig, the loop on it, and the recorder."""
+"""Runs the whole chain of a loop for benchmarks: emulated rig, loop process and recorder."""
 
 import dataclasses
 import json
@@ -41,23 +41,23 @@ TEST: Final = 3
 """Number of the segment that is recorded."""
 
 _PATIENCE_S: Final = 180.0
-"""How long the loop may take to start: it may have to be compiled."""
+"""s that the loop may take to start; it may have to be compiled first."""
 _POLL_S: Final = 0.01
 
 
 class TrippedError(Exception):
-    """The loop tripped; says why."""
+    """The loop tripped, or this benchmark was too late to read a row; the message says which."""
 
 
 class Chain:
-    """A loop that follows a sine on an emulated rig and is recorded; a context manager.
+    """A context manager in which a loop follows a sine on an emulated rig and is recorded.
 
     Args:
         rig: the emulated rig, as configured.
-        seconds: for how long it moves, at most.
+        seconds: length of the motion, s.
 
     Attributes:
-        board: shared by loop and recorder.
+        board: the board that loop and recorder share.
         recording: file of the recording.
     """
 
@@ -95,12 +95,16 @@ class Chain:
 
     @property
     def ticks(self) -> int:
-        """Ticks of the motion so far."""
+        """The number of ticks of the motion so far; 0 before it has begun."""
         words = self.board.words
         return int(words[Word.TICK]) if words[Word.SEGMENT] == TEST else 0
 
     def rows(self, count: int) -> Array:
-        """Return the next rows as they come, (count, columns)."""
+        """Wait for the next rows and return them, (count, columns) as in `CHANNELS`.
+
+        Raises:
+            TrippedError: the loop tripped, or rows were written over before they could be read.
+        """
         reader = RingReader(self.board)
         found: list[Array] = []
         while sum(map(len, found)) < count:
@@ -112,17 +116,21 @@ class Chain:
         return np.concatenate(found)[:count]
 
     def check(self) -> None:
-        """Look whether the loop goes on.
+        """Raise unless the loop goes on.
 
         Raises:
-            TrippedError: it does not.
+            TrippedError: the loop has tripped.
         """
         trip = int(self.board.words[Word.LOOP_TRIP])
         if trip:
             raise TrippedError(explain(Cause(trip)).sentence)
 
     def finish(self) -> int:
-        """Have everything recorded so far, and end; return how many rows the recording lacks."""
+        """End recording and loop; return how many rows are missing in the recording.
+
+        It is the largest of four counts: rows that were not recorded, recorded rows that are not in
+        the file, holes in its time, and losses that the recorder reported.
+        """
         due = int(self.board.words[Word.ROWS]) - self._begun
         self._recorder.send(FinishRecording(due))
         recorded = int(self._recorder.answer(_PATIENCE_S))
@@ -130,13 +138,13 @@ class Chain:
         self._loop.answer(_PATIENCE_S)
         table = read_mcap(str(self.recording))
         lost = [event.text for event in table.events if event.kind == "lost"]
-        # Rows that are in the file twice would hide others that are not.
+        # The number of rows alone could hide a missing row behind one that is there twice.
         ticks = np.round(table.columns["time_s"] / TICK)
         holes = int(np.count_nonzero(np.diff(ticks) != 1.0))
         return max(due - recorded, recorded - len(table), holes, len(lost))
 
     def _drive(self, port: int) -> None:
-        """Open the device, enable the valve, and begin to move and to record."""
+        """Open the device at `port`, enable the valve, and begin the recording and the motion."""
         rig, board, words, loop = self._rig, self.board, self.board.words, self._loop
         spec = fast(rig)
         spec = dataclasses.replace(spec, options=dataclasses.replace(spec.options, port=port))
@@ -160,7 +168,7 @@ class Chain:
         self._recorder.answer(_PATIENCE_S)
         self._switch(test)
         self._wait(lambda: self.ticks > 0)
-        # Rows of the segment before are not recorded.
+        # Rows of earlier segments are not recorded, so the first row of the test is looked for.
         end = int(words[Word.ROWS])
         known = np.arange(max(end - RING_ROWS // 2, 0), end)
         segments = board.ring[known % RING_ROWS, CHANNELS.index("segment")]
@@ -181,12 +189,12 @@ class Chain:
 
 
 def fast(rig: Rig) -> DriverSpec:
-    """Return the driver that exchanges samples with the loop."""
+    """Return the specification of the rig's fast driver, which exchanges samples in the loop."""
     return next(spec for spec in rig.drivers if spec.kind == "fast")
 
 
 def wire_tolerances(rig: Rig, spec: DriverSpec) -> Tolerances:
-    """Return the tolerances of the plausibility checks at 1 kHz."""
+    """Return the tolerances of the plausibility checks at 1 kHz, for a rig and its fast driver."""
     return tolerances(
         MODEL.parameters, rig.sensors, frozenset(spec.inputs), TICK, rig.loop.stale_limit,
         rig.homing or HomingSettings(),
@@ -195,7 +203,7 @@ def wire_tolerances(rig: Rig, spec: DriverSpec) -> Tolerances:
 
 @contextmanager
 def _emulated() -> Iterator[int]:
-    """Serve the emulated rig in a process of its own; yield its DAQ's port."""
+    """Start the emulated rig in a process of its own, yield the port of its DAQ, and end it."""
     command = [str(Path(sys.executable).with_name("rig")), "emulate", "emulated", "--json"]
     for driver in ("daq", "bypass"):
         command += ["--set-port", f"{driver}=0"]

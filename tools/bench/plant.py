@@ -1,9 +1,10 @@
-"""Time the plant's step against scipy's LSODA on the same rates, at equal accuracy.
+"""Times the plant's integrator, and scipy's LSODA on the same equations at the same accuracy.
 
-`python -m tools.bench.plant` lets both integrate the same motions in turn, round after round, and
-prints medians in ns for a tick of 1 ms, and their ratio. LSODA calls the compiled rates and is
-started anew at each tick, where the command jumps. Its tolerance is the loosest at which its
-pressures come as close to a tight reference as ours do, over horizons of 20 ms.
+`python -m tools.bench.plant` lets both integrate the same motions in turn, for several rounds, and
+prints the median times in ns for a tick of 1 ms, and their ratio. LSODA calls the compiled time
+derivatives and starts anew at each tick, because the command jumps there. Its tolerance is the
+loosest one with which its pressures come as close to a precise reference as ours do, in short runs
+of 20 ms.
 """
 
 import argparse
@@ -31,13 +32,19 @@ HORIZON: Final = 20
 HORIZONS: Final = 12
 TOLERANCES: Final = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 REFERENCE_TOLERANCE: Final = 1e-11
-# One per state, in the order of `PlantState`: what each is about, for an absolute tolerance.
+# Typical size (SI) of each state, in the order of `PlantState`, for LSODA's absolute tolerance.
 SCALE: Final = np.array([1e-4, 0.1, 1e7, 1e7, 0.1, 0.1, 1e-4, 1e7, 1e6])
 
 
 @dataclass(frozen=True)
 class Course:
-    """A command in V (ticks,) and the states (ticks, 9) it takes the nominal rig through."""
+    """A motion of the nominal rig.
+
+    Attributes:
+        name: of the motion, for the table.
+        command: (ticks,) V.
+        along: (ticks, 9) states by our integrator, in the order of `PlantState`.
+    """
 
     name: str
     command: Array
@@ -45,18 +52,18 @@ class Course:
 
     @property
     def starts(self) -> list[int]:
-        """First ticks of the horizons that are compared and that LSODA is timed over."""
+        """The first ticks of the short runs in which LSODA is compared and timed."""
         return np.linspace(500, self.command.size - HORIZON - 1, HORIZONS).astype(int).tolist()
 
 
 def course(name: str, command: Array) -> Course:
-    """Run the nominal rig, bristle friction, from mid stroke."""
+    """Return the motion of the nominal rig, with bristle friction and from mid stroke, in V."""
     run = simulate(Model(), command)
     return Course(name, command, np.stack([run[key] for key in PlantState._fields], axis=1))
 
 
 def courses(ticks: int = TICKS) -> list[Course]:
-    """Return the motions compared: at rest, sliding, and sticking and slipping."""
+    """Return the motions that are compared: at rest, sliding, and with stick-slip."""
     seconds = np.arange(ticks) * TICK
     return [
         course("at rest", 0.01 * np.sin(seconds)),
@@ -66,7 +73,7 @@ def courses(ticks: int = TICKS) -> list[Course]:
 
 
 def right_hand_side() -> Callable[[Array, float, float], Array]:
-    """Return the nominal rig's rates as odeint calls them: y (9,), t, command in V."""
+    """Return a compiled function for odeint: time derivatives (9,) of y (9,), t and command (V)."""
     parameters, fault = NOMINAL, NO_FAULT
 
     @njit(error_model="numpy")
@@ -80,7 +87,14 @@ def right_hand_side() -> Callable[[Array, float, float], Array]:
 
 
 def lsoda(derivative: Any, start: Array, command: Array, tolerance: float) -> Array:
-    """Return the states (ticks, 9) before each tick and after the last but one, by LSODA."""
+    """Return the states (ticks, 9) at the beginning of each tick, by LSODA.
+
+    Args:
+        derivative: see `right_hand_side`.
+        start: (9,) states at the first tick.
+        command: (ticks,) V.
+        tolerance: relative tolerance; times `SCALE`, it is the absolute one.
+    """
     states = np.empty((command.size, start.size))
     states[0] = start
     span = np.array([0.0, TICK])
@@ -92,12 +106,16 @@ def lsoda(derivative: Any, start: Array, command: Array, tolerance: float) -> Ar
 
 
 def pressure_error(found: Array, reference: Array) -> float:
-    """Return the largest pressure difference in Pa of two runs, (ticks, 9) each."""
+    """Return the largest difference (Pa) of the chamber pressures of two runs, (ticks, 9) each."""
     return float(np.abs(found - reference)[:, 2:4].max())
 
 
 def accuracies(derivative: Any, motion: Course) -> tuple[float, float, float]:
-    """Return (our error, LSODA's error in Pa, LSODA's tolerance), medians over the horizons."""
+    """Return our error (Pa), LSODA's error (Pa) and the tolerance with which LSODA has it.
+
+    Errors are medians over the short runs. If no tolerance makes LSODA's error as small as ours,
+    the tightest one is returned.
+    """
     pieces = [(motion.along[k], motion.command[k : k + HORIZON]) for k in motion.starts]
     reference = [lsoda(derivative, *piece, REFERENCE_TOLERANCE) for piece in pieces]
     own = [
@@ -123,7 +141,7 @@ def _ns(run: Callable[[], object], ticks: int) -> float:
 
 
 def measure(motions: list[Course], rounds: int) -> Table:
-    """Time both on every motion in turn, `rounds` times, and return the table."""
+    """Time both integrators on every motion once in each round, and return the table of medians."""
     derivative = right_hand_side()
     known = {motion.name: accuracies(derivative, motion) for motion in motions}
     ours: dict[str, list[float]] = {motion.name: [] for motion in motions}
@@ -161,7 +179,7 @@ def measure(motions: list[Course], rounds: int) -> Table:
 
 
 def main() -> None:
-    """Print the table."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=9, help="interleaved rounds (default 9)")
     rounds = parser.parse_args().rounds

@@ -1,4 +1,4 @@
-"""The product filter and its C reference over one record, for `tools.bench.filters`."""
+"""Runs the product filter and its C reference over a record, for `tools.bench.filters`."""
 
 import ctypes
 import time
@@ -51,13 +51,19 @@ _NOISES: Final = (
     "leakage",
     "null_bias",
 )
-"""With `Ranges` behind them the order of `struct constants` in the C reference."""
+"""`struct constants` of the C reference has `_PARAMETERS`, then these, then the ranges."""
 
 NOISE: Final = product_noise(DATA_SHEET, NOMINAL)
 
 
 class ProductRecord(NamedTuple):
-    """Command before each sample (n,), measurements (n, 5) in SI, and the state to start from."""
+    """A simulated run over which the product filter is run.
+
+    Attributes:
+        command: (n,) V, before each sample.
+        measured: (n, 5) position, p1, p2, spool and supply pressure, SI.
+        start: the filter's states before the first sample.
+    """
 
     command: Array
     measured: Array
@@ -75,7 +81,11 @@ def run_product(
     work: Array,
     out: Array,
 ) -> None:
-    """Run the product filter over a record; `out` (10,) is that of the last sample."""
+    """Run the product filter over a record of n samples.
+
+    `x`, `factors` and `work` are updated in place; `out` (10,) receives the outputs of the last
+    sample.
+    """
     for k in range(command.size):
         z = measured[k]
         reading = (z[0], z[1], z[2], z[3], z[4])
@@ -83,23 +93,23 @@ def run_product(
 
 
 def c_constants() -> Array:
-    """Return parameters, noise and ranges in the order of the C reference's struct."""
+    """Return parameters, noise and ranges in the order of `struct constants` of the C reference."""
     parameters = [getattr(NOMINAL, name) for name in _PARAMETERS]
     return np.array([*parameters, *(getattr(NOISE, name) for name in _NOISES), *NOISE.ranges])
 
 
 def start(record: ProductRecord) -> tuple[Array, Array, Array, Array]:
-    """Return state, factors, work and output before a record's first sample."""
+    """Return the filter's state, factors, work and output arrays before a record's first sample."""
     work = np.zeros(WORK_SHAPE)
     work[0, SUPPLY] = NOMINAL.supply_pressure
     return record.start.copy(), np.diag(np.array(NOISE.initial) ** 2), work, np.empty(10)
 
 
 def run_ours(record: ProductRecord) -> tuple[Array, Array, Array]:
-    """Return state, factors and the last output of ours.
+    """Run our filter over a record; return its state, factors and output after the last sample.
 
     Raises:
-        RuntimeError: the filter was lost on the way, which the C reference does not follow.
+        RuntimeError: the filter was lost and started anew, which the C reference cannot do.
     """
     x, factors, work, out = start(record)
     run_product(x, factors, record.command, record.measured, NOMINAL, NOISE, work, out)
@@ -109,10 +119,10 @@ def run_ours(record: ProductRecord) -> tuple[Array, Array, Array]:
 
 
 def run_reference(library: ctypes.CDLL, record: ProductRecord) -> tuple[Array, Array, Array]:
-    """Return state, factors and the last output of the C reference.
+    """Run the C reference over a record; return its state, factors and output at the end.
 
     Raises:
-        RuntimeError: the filter was lost on the way.
+        RuntimeError: the filter was lost at a sample, where the C reference stops.
     """
     x, factors, _, out = start(record)
     arrays = (x, factors, record.command, record.measured, c_constants(), out)
@@ -126,7 +136,10 @@ def run_reference(library: ctypes.CDLL, record: ProductRecord) -> tuple[Array, A
 
 
 def disagreement(library: ctypes.CDLL, record: ProductRecord) -> float:
-    """Return the largest difference of x and P in standard deviations at the end of the record."""
+    """Return the largest difference of x and P between ours and the C reference at the end.
+
+    Differences are in standard deviations, or in products of two of them for P.
+    """
     x, factors, _ = run_ours(record)
     other, other_factors, _ = run_reference(library, record)
     P = dense_covariance(factors)
@@ -138,7 +151,7 @@ def disagreement(library: ctypes.CDLL, record: ProductRecord) -> float:
 def contestants(
     record: ProductRecord, library: ctypes.CDLL | None
 ) -> dict[str, Callable[[], float]]:
-    """Return one timing per implementation, ns a step."""
+    """Return, by implementation, a function that runs it once and returns its time, ns a sample."""
     found: dict[str, Callable[[], float]] = {
         "ours": lambda: _timed(lambda: run_ours(record), record)
     }
@@ -154,12 +167,12 @@ def _timed(run: Callable[[], object], record: ProductRecord) -> float:
 
 
 def product_record(command: Array, measured: Array, truth: Array) -> ProductRecord:
-    """Return a record with a spool transducer beside what the thesis filters measure.
+    """Return a record for the product filter, with readings of spool and supply pressure added.
 
     Args:
         command: (n,) V, before each sample.
-        measured: (n, 3) position, p1, p2.
-        truth: (n + 1, 7) true states in the thesis's order.
+        measured: (n, 3) position, p1 and p2, SI, which the thesis's filters use.
+        truth: (n + 1, 7) true states in the thesis's order, SI.
     """
     noise = np.random.default_rng(2).normal(size=(command.size, 2))
     spool = truth[1:, 0] + DATA_SHEET.spool_noise * noise[:, 0]

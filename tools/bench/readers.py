@@ -1,9 +1,10 @@
-"""Measure what readers of the live stream cost the loop: stalled, slow, hostile ones, and fifty.
+"""Measures how much readers of the live stream delay the loop.
 
-`python -m tools.bench.readers` lets the whole chain run (`tools.bench.loop_chain`) with a
-publisher, and has readers come and go, a few seconds each: every stretch with them is compared with
-the one before or after it without, so that a busy moment of the machine meets both. `--page FILE`
-also writes the table into a page, between its marks.
+`python -m tools.bench.readers` runs the whole chain (`tools.bench.loop_chain`) with a publisher.
+Readers come for a few seconds and leave again: one, one that is stalled, a slow one, a hostile one,
+and fifty. Each stretch with readers is compared with the stretch without them just before or after
+it, so that a busy machine disturbs both. `--page FILE` also writes the table into a page, between
+two marks.
 """
 
 import argparse
@@ -40,24 +41,25 @@ BEGIN_MARK: Final = "<!-- table by tools.bench.readers: begin -->"
 END_MARK: Final = "<!-- table by tools.bench.readers: end -->"
 RIG: Final = "bench"
 PROCESSES: Final = 5
-"""That fifty readers are shared out to: so many programs may run on two processors."""
+"""Number of processes that fifty readers share."""
 SETTLE_S: Final = 1.0
-"""After readers came or went: the programs that they are begin and end."""
+"""s that are not measured after readers came or left, because their programs start or end then."""
 SLOW_S: Final = 0.2
-"""What a slow reader does for each message."""
+"""s that a slow reader takes for each message."""
 MOST_TRIES: Final = 4
+"""A run whose loop trips is repeated until this many runs have tripped."""
 TIMES: Final = ("wakeup_s", "sent_s", "compute_s")
 
 
 @dataclass(frozen=True)
 class Readers:
-    """Readers of the stream.
+    """A group of readers of the stream, all of one kind.
 
     Attributes:
-        name: for the table.
-        what: they do, one of `BEHAVIOURS`.
-        count: how many.
-        stopped: whether they are stopped (SIGSTOP) once they follow.
+        name: of the group, for the table.
+        what: their behaviour, a key of `BEHAVIOURS`.
+        count: number of readers.
+        stopped: whether their processes are stopped (SIGSTOP) once they follow the stream.
     """
 
     name: str
@@ -77,14 +79,14 @@ READERS: Final = (
 
 @dataclass
 class Pairs:
-    """Percentiles of stretches with readers, and of those beside them without.
+    """The percentiles of pairs of stretches, one with readers and one without.
 
     Attributes:
-        with_: (pairs, times, 2): p50 and p99 of each of `TIMES`, s.
-        without: the same.
-        missed: (pairs, 2): share of ticks missed, with and without.
-        lacking: rows that recordings lacked.
-        trips: runs that were given up because the loop tripped, with the time within a stretch.
+        with_: for each pair, (times, 2): p50 and p99 of each of `TIMES` with readers, s.
+        without: the same without readers.
+        missed: for each pair, the shares of ticks missed with and without readers.
+        lacking: number of rows that are missing in the recordings.
+        trips: why the loop tripped, for each run that was repeated because of it.
     """
 
     with_: list[Array] = field(default_factory=list)
@@ -94,7 +96,7 @@ class Pairs:
     trips: list[str] = field(default_factory=list)
 
     def row(self, name: str) -> tuple[str, ...]:
-        """Return the table's row: medians over the pairs."""
+        """Return the cells of the table's row on these pairs, with medians over the pairs."""
         ratios = np.median(np.array(self.with_) / np.array(self.without), axis=0)
         before, after = (np.median(each, axis=0) for each in (self.without, self.with_))
         missed = np.median(np.array(self.missed), axis=0)
@@ -107,18 +109,18 @@ class Pairs:
         )
 
 
-# -- readers, in processes of their own ------------------------------------------------------------
+# -- readers, which run in processes of their own --------------------------------------------------
 
 
 def read(endpoint: Endpoint) -> None:
-    """Follow everything, and do nothing with it."""
+    """Start to follow all messages, and do nothing with them; return at once."""
     session = subscriber_session(StreamSettings(), (endpoint,))
     _KEPT.append(session)
     _KEPT.append(session.declare_subscriber(key("*", "*"), lambda sample: None))
 
 
 def dawdle(endpoint: Endpoint) -> None:
-    """Follow everything, and take long for each message."""
+    """Start to follow all messages, and take `SLOW_S` for each; return at once."""
     session = subscriber_session(StreamSettings(), (endpoint,))
     _KEPT.append(session)
     dawdling = session.declare_subscriber(key("*", "*"), lambda sample: time.sleep(SLOW_S))
@@ -126,7 +128,10 @@ def dawdle(endpoint: Endpoint) -> None:
 
 
 def assail(endpoint: Endpoint) -> None:
-    """Send nonsense, questions and forgeries, large and small, as fast as it goes."""
+    """Start to follow, and to send nonsense, queries and forged commands as fast as possible.
+
+    The messages are of several sizes. A thread sends them; the function returns at once.
+    """
     read(endpoint)
     session = subscriber_session(StreamSettings(), (endpoint,))
     _KEPT.append(session)
@@ -152,7 +157,10 @@ _KEPT: Final[list[object]] = []
 
 
 def be(what: str, endpoint: str, count: int) -> None:
-    """Be so many readers, for ever."""
+    """Run `count` readers with the behaviour `what` in this process; this never returns.
+
+    The line "follows" is printed once they follow.
+    """
     for _ in range(count):
         BEHAVIOURS[what](Endpoint.parse(endpoint))
     time.sleep(0.5)
@@ -162,7 +170,7 @@ def be(what: str, endpoint: str, count: int) -> None:
 
 @contextmanager
 def present(readers: Readers, endpoint: Endpoint) -> Iterator[None]:
-    """Have readers there."""
+    """Start processes with readers, enter the context once all follow, and kill them at its end."""
     shares = [readers.count // PROCESSES] * PROCESSES if readers.count > PROCESSES else [1]
     command = [sys.executable, "-m", "tools.bench.readers", "--be", readers.what, str(endpoint)]
     processes = [
@@ -186,12 +194,18 @@ def present(readers: Readers, endpoint: Endpoint) -> Iterator[None]:
 
 
 def compare(rig: Rig, readers: Readers, pairs: int, seconds: float) -> Pairs:
-    """Return stretches with readers, and beside them without, of one run of the chain.
+    """Measure pairs of stretches, with readers and without, in one run of the chain.
 
-    A run in which the loop trips, as it should where the machine stops it for long, is repeated.
+    If the loop trips, as it should when the machine stops it for long, the run is repeated.
+
+    Args:
+        rig: the emulated rig.
+        readers: the readers that come and leave.
+        pairs: number of pairs.
+        seconds: length of each stretch, s.
 
     Raises:
-        TrippedError: it trips again and again.
+        TrippedError: the loop tripped in `MOST_TRIES` runs.
     """
     trips: list[str] = []
     while True:
@@ -213,7 +227,7 @@ def _run(rig: Rig, readers: Readers, pairs: int, seconds: float) -> Pairs:
     with Chain(rig, lasts) as chain, _published(chain) as endpoint:
         for number in range(pairs):
             stretches: dict[bool, Array] = {}
-            # Turn about, so that whatever drifts meets both.
+            # The order alternates, so that a slow change of the machine affects both alike.
             for is_with in (False, True) if number % 2 == 0 else (True, False):
                 if is_with:
                     with present(readers, endpoint):
@@ -234,7 +248,7 @@ def _stretch(chain: Chain, count: int) -> Array:
 
 @contextmanager
 def _published(chain: Chain) -> Iterator[Endpoint]:
-    """Publish a chain's rows; yield where."""
+    """Publish the rows of a chain on the live stream, and yield the endpoint."""
     with TemporaryDirectory() as folder, socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         endpoint = Endpoint("tcp", "127.0.0.1", free.getsockname()[1])
@@ -250,7 +264,7 @@ def _published(chain: Chain) -> Iterator[Endpoint]:
 
 
 def _ignore(text: str) -> None:
-    """Take no note of what a publisher tells: forgeries make it tell much."""
+    """Ignore a message of the publisher, which reports every forged command."""
 
 
 def _percentiles(rows: Array) -> Array:
@@ -264,7 +278,7 @@ def _missed(rows: Array) -> float:
 
 
 def table(rows: list[tuple[str, ...]], pairs: int, seconds: float, trips: list[str]) -> str:
-    """Return the measurement as Markdown."""
+    """Return a sentence on the measurement and its table, in Markdown."""
     heads = (
         "readers", "wake-up p50, us", "wake-up p99, us", "wake-up p50", "p99",
         "tick to command p50", "p99", "computing p50", "p99", "ticks missed", "rows not recorded",
@@ -284,7 +298,7 @@ def table(rows: list[tuple[str, ...]], pairs: int, seconds: float, trips: list[s
 
 
 def main() -> None:
-    """Print the table; put it into a page if asked."""
+    """Run the benchmark and print its table; with `--page`, write it into that page too."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=5, help="how often each is measured")
     parser.add_argument("--seconds", type=float, default=5.0, help="how long, each time")

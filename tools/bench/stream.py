@@ -1,8 +1,8 @@
-"""Measure the live stream: latency and loss, and a hundred rigs on one router.
+"""Measures latency and loss of the live stream, for one rig and for hundreds behind one router.
 
 `python -m tools.bench.stream` publishes rows at 1 kHz through a publisher process to readers in
-processes of their own, and then 100 streams by one router to one reader. `--page FILE` writes the
-tables into a page, between its marks.
+processes of their own. Then it publishes the streams of 100 to 400 rigs through one router to one
+reader. `--page FILE` also writes the tables into a page, between two marks.
 """
 
 import argparse
@@ -27,20 +27,26 @@ from rig.stream.settings import Endpoint, StreamSettings
 from rig.supervisor.processes.streaming import Stream
 
 COLUMNS: Final = 75
-"""As many as a rig on hardware has."""
+"""Number of columns of a row; a rig on hardware has about as many."""
 NAMES: Final = ("time_s", *(f"channel_{k}_m" for k in range(COLUMNS - 2)), "segment")
 FLEETS: Final = ((100, 20), (100, 100), (200, 100), (400, 100))
-"""Rigs, and samples in a message; the profile `fleet` has 100."""
+"""(number of rigs, samples in a message); in the profile `fleet`, a message has 100 samples."""
 FLEET_CHANNELS: Final = 8
 BATCH: Final = 20
 PUBLISHERS: Final = 4
-"""Processes that a fleet's rigs share."""
+"""Number of processes that the rigs of a fleet share."""
 BEGIN_MARK: Final = "<!-- table by tools.bench.stream: begin -->"
 END_MARK: Final = "<!-- table by tools.bench.stream: end -->"
 
 
 def follow(endpoint: str, mode: str, seconds: float) -> None:
-    """Follow all rigs for a while, and print latency and loss as JSON."""
+    """Follow all rigs at an endpoint for a time, and print latency and loss as JSON.
+
+    Args:
+        endpoint: as text.
+        mode: of the session, `peer` or `client`.
+        seconds: for how long is measured, after 2 s that are not.
+    """
     sent: list[float] = []
     taken: list[float] = []
 
@@ -75,7 +81,7 @@ def follow(endpoint: str, mode: str, seconds: float) -> None:
 
 
 def follower(endpoint: str, mode: str, seconds: float) -> "subprocess.Popen[str]":
-    """Return a process that follows; see `follow`."""
+    """Start a process that runs `follow`, and return it."""
     command = [sys.executable, "-m", "tools.bench.stream", "--follow", endpoint, mode]
     return subprocess.Popen(
         [*command, "--seconds", str(seconds)], stdout=subprocess.PIPE, text=True
@@ -83,7 +89,7 @@ def follower(endpoint: str, mode: str, seconds: float) -> "subprocess.Popen[str]
 
 
 def one_rig(readers: int, seconds: float, port: int) -> list[dict[str, Any]]:
-    """Return what readers of one rig at 1 kHz measured."""
+    """Publish rows of one rig at 1 kHz, and return what each reader printed (see `follow`)."""
     endpoint = f"tcp/127.0.0.1:{port}"
     board = Board.create(COLUMNS)
     with tempfile.TemporaryDirectory() as folder:
@@ -99,7 +105,10 @@ def one_rig(readers: int, seconds: float, port: int) -> list[dict[str, Any]]:
 
 
 def _write_rows(board: Board, going_on: Any) -> None:
-    """Write a row a millisecond, as the loop does, but for its precision."""
+    """Write a row to the board each millisecond, until `going_on()` is False.
+
+    The loop does the same, with better precision in time.
+    """
     words, ring = board.words, board.ring
     due = time.monotonic()
     row = np.zeros(COLUMNS)
@@ -116,7 +125,10 @@ def _write_rows(board: Board, going_on: Any) -> None:
 
 
 def publish_fleet(endpoint: str, count: int, batch: int) -> None:
-    """Be `count` rigs, each with a session and stream of its own, until stdin is closed."""
+    """Publish the streams of `count` rigs, each with a session of its own, until stdin is closed.
+
+    At the end, the delay behind the schedule is printed as JSON, and the process ends.
+    """
     settings = StreamSettings(mode="client", listen=(), connect=(Endpoint.parse(endpoint),))
     rigs: list[tuple[object, StreamSender]] = []
     for _ in range(count):
@@ -138,7 +150,7 @@ def publish_fleet(endpoint: str, count: int, batch: int) -> None:
     period = batch * 1e-3
     while not ended.is_set():
         for number, (_, sender) in enumerate(rigs):
-            # Rigs know nothing of each other: they are spread over the period.
+            # Real rigs are not synchronised, so messages are spread evenly over the period.
             wait = due + period * number / count - time.monotonic()
             if wait > 0.0:
                 time.sleep(wait)
@@ -154,7 +166,18 @@ def publish_fleet(endpoint: str, count: int, batch: int) -> None:
 
 
 def fleet(seconds: float, port: int, count: int, batch: int) -> dict[str, Any]:
-    """Return what one reader of many rigs by one router measured."""
+    """Publish the streams of many rigs through one router; return what one reader measured.
+
+    Args:
+        seconds: for how long is measured.
+        port: of the router.
+        count: number of rigs.
+        batch: samples in a message.
+
+    Returns:
+        What `follow` printed; `router_cpu`, the processors that the router used; `late_s`, how much
+        the latest publisher was behind its schedule.
+    """
     endpoint = f"tcp/127.0.0.1:{port}"
     router = subprocess.Popen(
         [sys.executable, "-m", "tools.bench.stream", "--route", endpoint],
@@ -188,7 +211,7 @@ def _cpu_s(pid: int) -> float:
 
 
 def route(endpoint: str) -> None:
-    """Be a router until stdin is closed."""
+    """Run a router of the stream until stdin is closed."""
     settings = StreamSettings(mode="router", listen=(Endpoint.parse(endpoint),))
     with publisher_session(settings):
         print("routes", flush=True)
@@ -196,7 +219,7 @@ def route(endpoint: str) -> None:
 
 
 def measured(seconds: float) -> str:
-    """Return the tables as Markdown."""
+    """Run all measurements, and return their table in Markdown with sentences before and after."""
     lines = [
         f"{COLUMNS - 1} channels at 1 kHz in batches of {BATCH}, {seconds:g} s each, all on one "
         f"machine of {os.cpu_count()} processors; load average at the end LOAD.",
@@ -237,7 +260,7 @@ def _ms(pair: Any) -> str:
 
 
 def main() -> None:
-    """Print the tables; put them into a page if asked."""
+    """Run the benchmark and print its tables; with `--page`, write them into that page too."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="how long, each time")
     parser.add_argument("--page", type=Path, help="page to put the tables into")

@@ -1,14 +1,15 @@
-"""Time `rig sweep`: rig-seconds per second of one core from end to end, start-up apart.
+"""Times `rig sweep`, as simulated seconds per second of one core, with and without start-up.
 
 `python -m tools.bench.sweep` runs the shipped sweep of a thousand minutes on all cores, as a user
-does, and between its rounds the closed-loop test of `tools.bench.lanes`, whose rate tells how fast
-the machine is just then. `--cluster` runs it on a Dask cluster of as many worker processes on
-loopback as well, and says whether its table is the same. `--against FOLDER` runs another checkout
-of this program in turn with this one, and tells by how much this one is faster; run it once before,
-so that what it compiles is there.
+does. Before each round it runs the closed-loop test of `tools.bench.lanes`, whose rate shows how
+fast the machine is at that time. `--cluster` runs the sweep also on a Dask cluster with the same
+number of worker processes on loopback, and prints whether the tables are equal. `--against FOLDER`
+runs another checkout of this program in turn with this one, and prints the ratio of their rates.
+Run that checkout once before, so that its code is compiled.
 
-A rate of the wall clock counts the time from the first case to the last, times the processes; one
-of the processor counts what the processes used of it, whatever else the machine does.
+A rate by the wall clock divides by the time from the first case to the last, times the number of
+processes. A rate by the processor divides by the processor time that the processes used, which
+other programs hardly change.
 """
 
 import argparse
@@ -33,15 +34,22 @@ from .campaign import RIG_SECONDS
 from .lanes import campaign, in_lanes
 
 WANTED: Final = 8000.0
-"""Rig-seconds per wall-second and core that are asked for, on a machine with nothing else to do."""
+"""The rate that is required on an idle machine, in simulated seconds per wall-second and core."""
 _RATES: Final = ("of_process_after_start", "of_process", "of_processor")
 
 
 def sweep(reference: str, out: Path, *options: str, checkout: Path | None = None) -> dict[str, Any]:
-    """Run a sweep as a user does, by this program or another checkout; return its summary."""
+    """Run `rig sweep` as a user does, and return the summary that it prints.
+
+    Args:
+        reference: name or path of the sweep.
+        out: folder for its results.
+        options: further options of the command.
+        checkout: folder of another checkout that is run; None runs this one.
+    """
     environment = dict(os.environ)
     if checkout is not None:
-        # Each has a folder of its own for what it compiles.
+        # Each checkout must keep its compiled code in its own folder.
         environment.pop("NUMBA_CACHE_DIR", None)
         environment["PYTHONPATH"] = str(checkout)
     command = [sys.executable, "-m", "rig.cli", "sweep", reference, "--out", str(out), "--json"]
@@ -60,7 +68,7 @@ def sweep(reference: str, out: Path, *options: str, checkout: Path | None = None
 
 @contextmanager
 def cluster(workers: int, folder: Path) -> Iterator[str]:
-    """Start a scheduler and workers on loopback; give its address."""
+    """Start a Dask scheduler and workers on loopback, yield its address, and end them."""
     file = folder / "scheduler.json"
     quiet = subprocess.DEVNULL
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
@@ -81,12 +89,12 @@ def cluster(workers: int, folder: Path) -> Iterator[str]:
 
 
 def lanes_alone() -> float:
-    """Return the rate of rigs simulated in lanes, without a filter, by the processor."""
+    """Return the rate of rigs in lanes without a filter: simulated s per s of processor time."""
     return LANES * RIG_SECONDS / in_lanes(campaign, filtered=False)
 
 
 def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: Console) -> None:
-    """Run the rounds and print their table."""
+    """Run a sweep in several rounds, and on a cluster if `on_cluster`; print the table of rates."""
     found: list[dict[str, Any]] = []
     alone = []
     with tempfile.TemporaryDirectory() as name:
@@ -128,7 +136,7 @@ def measure(reference: str, jobs: int, rounds: int, on_cluster: bool, console: C
 
 
 def compare(reference: str, jobs: int, rounds: int, other: Path, console: Console) -> None:
-    """Run another checkout and this one in turn; print both rates of each round, and ratios."""
+    """Run another checkout and this one in each round; print both rates, and their ratios."""
     this = Path(__file__).resolve().parents[2]
     table = Table(title=f"rig sweep {reference}: rig-seconds per second, another checkout to this")
     for column in ("round", "wall, start-up apart", "ratio", "processor", "ratio"):
@@ -153,7 +161,7 @@ def compare(reference: str, jobs: int, rounds: int, other: Path, console: Consol
 
 
 def main() -> None:
-    """Print the table."""
+    """Run the benchmark that the command line asks for, and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sweep", default="leaks", help="which one (default leaks)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")

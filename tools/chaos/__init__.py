@@ -1,1 +1,4 @@
-"""The chaos suite: what follows when a part of a running rig fails, by the emulator's record."""
+"""The chaos suite: makes a part of a running emulated rig fail and checks what follows.
+
+What the devices did is read from the record that the emulator writes.
+"""

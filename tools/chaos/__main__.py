@@ -1,6 +1,7 @@
-"""Plays all scenarios and writes the table of docs/safety.md; or those named, and writes nothing.
+"""Plays the scenarios of the chaos suite, and writes their table into docs/safety.md.
 
-Run as `python -m tools.chaos [TEXT ...]`; those are played whose names contain one of the texts.
+Run as `python -m tools.chaos [TEXT ...]`. With texts, only the scenarios whose names contain one of
+the texts are played, and no table is written.
 """
 
 import re
@@ -32,8 +33,14 @@ _COLUMNS: Final = (
 
 
 def main(wanted: list[str]) -> int:
-    """Play scenarios; return how many went otherwise than claimed."""
-    # In the background, or by nohup, they are ignored, and would be so in what is started here.
+    """Play scenarios, print the outcome of each, and return how many did not end as claimed.
+
+    Args:
+        wanted: texts, one of which a scenario's name must contain; empty plays all scenarios. The
+            table is written only if all were played and ended as claimed.
+    """
+    # In the background, or under nohup, this process ignores both signals, and so would all
+    # processes that it starts.
     for ignored in (signal.SIGINT, signal.SIGHUP):
         signal.signal(ignored, signal.default_int_handler)
     chosen = [s for s in SCENARIOS if not wanted or any(text in s.name for text in wanted)]
@@ -60,13 +67,13 @@ def main(wanted: list[str]) -> int:
 
 
 def with_table(page: str, lines: Iterable[str]) -> str:
-    """Return the page with another table of the chaos suite."""
+    """Return the text of `page` with the table of the chaos suite replaced by `lines`."""
     text = "\n".join(lines)
     return _TABLE.sub(lambda match: f"{match[1]}{text}\n{match[2]}", page)
 
 
 def table(played: Iterable[tuple[Scenario, Outcome]]) -> Iterator[str]:
-    """Yield the lines of the table."""
+    """Yield the lines of the table in Markdown: two for its head, and one for each scenario."""
     yield f"| {' | '.join(_COLUMNS)} |"
     yield "|---" * len(_COLUMNS) + "|"
     for scenario, outcome in played:
@@ -74,7 +81,7 @@ def table(played: Iterable[tuple[Scenario, Outcome]]) -> Iterator[str]:
 
 
 def row(scenario: Scenario, outcome: Outcome) -> str:
-    """Return a line of the table."""
+    """Return the line of the table, in Markdown, that states the outcome of a scenario."""
     lost = "all" if outcome.lost_s is None else f"{outcome.lost_s:.1f} s"
     if not scenario.causes:
         return f"| {scenario.name} | none: the run goes on | | | | {lost} | {outcome.exit_code} |"

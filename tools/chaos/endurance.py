@@ -1,8 +1,8 @@
-"""Kills parts of campaigns at random points, goes on with them, and looks at what is on record.
+"""Kills parts of campaigns at random times, resumes the campaigns, and checks their records.
 
-Run as `python -m tools.chaos.endurance [--points N] [--seed N] [PART ...]`. Without parts named,
-all are killed on the emulated rig and on the simulated one, and the table of docs/safety.md is
-written.
+Run as `python -m tools.chaos.endurance [--points N] [--seed N] [PART ...]`. If no PART is given,
+all parts are killed, on the emulated rig and on the simulated one, and the table of docs/safety.md
+is written.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from tools.pages.safety import PAGE
 from .relay import OUTLIVED, PARTS, Record, relay
 
 RIGS: Final = {"emulated": tuple(PARTS), "simulated": ("supervisor", "publisher", "everything")}
-"""What is killed on each rig: on the simulated one the supervisor itself records."""
+"""The parts that are killed on each rig; on the simulated one the supervisor itself records."""
 _HEAD: Final = (
     "rig, what is killed", "kills: in which phase", "tests finished", "lost or repeated",
     "attempts", "valve null, s", "bypass shut, s", "pump unloaded, s", "end of recordings lost, s",
@@ -31,14 +31,14 @@ _HEAD: Final = (
 
 
 def told(rig: str, part: str, record: Record, wall_s: float) -> str:
-    """Return a line for what came of the kills of a part."""
+    """Return a line of text that states the outcome and the duration of the kills of a part."""
     cells = row(rig, part, record)
     found = "FAILED: " + "; ".join(record.problems) if record.problems else "as claimed"
     return f"{found} in {wall_s:.0f} s: {' | '.join(cells)}"
 
 
 def row(rig: str, part: str, record: Record) -> tuple[str, ...]:
-    """Return a line of the table."""
+    """Return the cells, in the order of `_HEAD`, of the table's row on one part of one rig."""
     phases = Counter(kill.rpartition(", ")[2] or "between tests" for kill in record.kills)
     where = ", ".join(f"{phase} {count}" for phase, count in phases.most_common())
     stalls = ", ".join(f"`{cause}` {n}" for cause, n in Counter(record.stalls).most_common())
@@ -65,7 +65,7 @@ def _most(values: Iterable[float | None]) -> str:
 
 
 def main() -> int:
-    """Kill each part at random points; return how many of them went wrong."""
+    """Kill each part at random times; return for how many parts something was not as claimed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=10, help="kills of each part")
     parser.add_argument("--seed", type=int, default=1)
@@ -75,7 +75,8 @@ def main() -> int:
     unknown = set(given.parts) - set(PARTS)
     if unknown:
         parser.error(f"no such part: {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    # In the background, or by nohup, they are ignored, and would be so in what is started here.
+    # In the background, or under nohup, this process ignores these signals, and so would all
+    # processes that it starts.
     for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(ignored, signal.default_int_handler)
     rows, failures = [], 0

@@ -1,4 +1,7 @@
-"""What came of a scenario: by the emulator's record, what is on disk, and how `rig run` ended."""
+"""Works out the outcome of a scenario, and compares it with what the scenario claims.
+
+It reads the emulator's record and trace, the files of the run, and how `rig run` ended.
+"""
 
 import json
 import re
@@ -20,27 +23,29 @@ from .stage import Stage
 Array = NDArray[np.float64]
 
 LOST_S: Final = 5.0
-"""Of data that may be lost, with a machine that stalls while it flushes each second."""
+"""s of data that may be lost: the recorder flushes each second, but the machine may stall."""
 TICK_NS: Final = 1e6
 _BLOCK: Final = 20
-"""Commands in a row by which a row on disk is found among those that the emulator received."""
+"""How many successive commands of a recording are looked for together in the emulator's trace."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a scenario; times in s after the last step, None for never.
+    """The outcome of a scenario. Times are in s after the scenario's last step.
 
     Attributes:
-        exit_code: of `rig run`.
-        cause: first-out cause of the trip report; of the recording or what was printed, where
-            nobody wrote one; or why the run was stopped; empty if it came to its end.
-        valve_s: valve disabled, its output at 0 V.
-        bypass_s: all balls shut.
-        pump_s: pump unloaded.
-        lost_s: what is not on disk of the time before the last step.
-        report: the trip report as text.
-        printed: by `rig run`, and by its processes to their log.
-        unfinished: files that were half written.
+        exit_code: exit code of `rig run`.
+        cause: first-out cause in the trip report. If there is no report, the cause in the recording
+            or in what was printed; if there is none either, why the run was stopped. Empty if the
+            run came to its end.
+        valve_s: when the valve was disabled with its output at 0 V; None if it was not.
+        bypass_s: when all balls of the bypass valves were shut; None if they were not.
+        pump_s: when the pump was unloaded; None if it was not.
+        lost_s: how much of the time before the last step is missing on disk, s; None if no row is
+            readable or none can be found in the emulator's trace.
+        report: the trip report as text; empty if there is none.
+        printed: what `rig run` printed, followed by the log of its processes.
+        unfinished: names of the files that were left half written.
     """
 
     exit_code: int
@@ -55,12 +60,12 @@ class Outcome:
 
     @property
     def times(self) -> dict[str, float | None]:
-        """When each device was safe, in the order of a trip."""
+        """When each device was safe (s, None if never), in the order in which a trip does it."""
         return {"valve": self.valve_s, "bypass": self.bypass_s, "pump": self.pump_s}
 
 
 def judge(stage: Stage) -> Outcome:
-    """Return what came of a scenario whose processes have all ended."""
+    """Return the outcome of a scenario whose processes have all ended."""
     events = [json.loads(line) for line in stage.record.read_text().splitlines()]
     log = stage.out / "session.log"
     report = stage.out / "trip-1.txt"
@@ -77,7 +82,7 @@ def judge(stage: Stage) -> Outcome:
 
 
 def problems(scenario: Scenario, outcome: Outcome) -> list[str]:
-    """Return what is not as claimed."""
+    """Return a message for each point in which the outcome differs from the scenario's claims."""
     found = []
     if outcome.cause not in (scenario.causes or ("",)):
         found.append(
@@ -105,7 +110,11 @@ def problems(scenario: Scenario, outcome: Outcome) -> list[str]:
 
 
 def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
-    """Return since when (ns) each device has been safe to the record's end; None: it is not."""
+    """Return since when (ns) each device has been safe without a break; None if it is not safe.
+
+    Args:
+        events: the emulator's record, of which `at_ns` is the time.
+    """
     valve = pump = None
     balls: dict[str, int | None] = {}
     opened: set[str] = set()
@@ -119,7 +128,7 @@ def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
             case "ball_ordered" if event["opened"]:
                 balls[bypass] = None
             case "ball_ordered" if bypass not in opened:
-                # It has no way to go; one that was under way arrives yet.
+                # This ball was not open and need not move; one on its way will still arrive.
                 balls[bypass] = balls.get(bypass) or event["at_ns"]
             case "ball_arrived" if event["opened"]:
                 opened.add(bypass)
@@ -132,7 +141,7 @@ def safe_at(events: list[dict[str, Any]]) -> dict[str, int | None]:
 
 
 def driven(events: list[dict[str, Any]]) -> list[str]:
-    """Return the devices that were not safe at the end of a record."""
+    """Return the devices that had been moved and were not safe at the end of a record."""
     moved = {
         "valve": any(event["event"] == "valve_enabled" for event in events),
         "bypass": any(event["event"] == "ball_ordered" and event["opened"] for event in events),
@@ -160,7 +169,10 @@ def _cause(out: Path, recording: Table | None, printed: str) -> str:
 
 
 def readable(path: Path, saved: Path) -> Table | None:
-    """Return a recording's rows, recovered to `saved` if it was cut; None if none is readable."""
+    """Return the rows of the recording at `path`; None if none is readable.
+
+    If the file was cut off, its rows are recovered to the file `saved` first.
+    """
     try:
         return read_mcap(str(path))
     except RecordingError:
@@ -173,13 +185,22 @@ def readable(path: Path, saved: Path) -> Table | None:
 
 
 def lost_s(trace: Path, at_ns: int, recording: Table) -> float | None:
-    """Return the time from the last row on disk to a moment: 0 if there are later rows.
+    """Return how long (s) before a moment the last row of a recording was made.
 
-    The emulator's trace tells when it received the commands that the rows bear; None if it received
-    none of them.
+    Rows have no time of the emulator's clock, so the commands in them are looked for in the
+    emulator's trace, which states when it received each command.
+
+    Args:
+        trace: CSV file with the time (ns) and value (V) of each command received.
+        at_ns: the moment, CLOCK_MONOTONIC.
+        recording: the rows on disk.
+
+    Returns:
+        The time in s, 0 if the last row is later than `at_ns`; None if no stretch of the
+        recording's commands occurs exactly once in the trace.
     """
     commands = recording.columns["command_V"].astype(np.float32)
-    # A kill of the emulator leaves half a line.
+    # If the emulator was killed, the last line of its trace may be cut off.
     whole = trace.read_text().rpartition("\n")[0].splitlines()
     received = np.loadtxt(whole, delimiter=",", skiprows=1, usecols=(0, 1), ndmin=2)
     times_ns, traced = received[_BLOCK - 1 :, 0], received[:, 1].astype(np.float32)
@@ -187,7 +208,7 @@ def lost_s(trace: Path, at_ns: int, recording: Table) -> float | None:
     for end in range(len(commands), _BLOCK, -_BLOCK):
         block = commands[end - _BLOCK : end]
         found = np.flatnonzero((stretches == block).all(axis=1))
-        # A valve that is kept at 0 V is found everywhere.
+        # A stretch of constant 0 V occurs at many places and says nothing about the time.
         if len(found) == 1:
             last_ns = float(times_ns[found[0]]) + (len(commands) - end) * TICK_NS
             return max(0.0, 1e-9 * (at_ns - last_ns))

@@ -1,4 +1,4 @@
-"""Plays one scenario from beginning to end."""
+"""Plays one scenario of the chaos suite from beginning to end."""
 
 from pathlib import Path
 
@@ -7,14 +7,16 @@ from .scenario import Scenario
 from .stage import NotBegunError, Stage
 
 _STAGES = 3
-"""Set up until one comes to its test: a machine that stalls trips the rig before that."""
+"""How often a scenario is set up: on a machine that stalls, the rig may trip before its test."""
 
 
 def play(scenario: Scenario, folder: Path) -> Outcome:
-    """Play a scenario in an empty folder and return what came of it.
+    """Play a scenario in an empty folder and return its outcome.
+
+    If the run ends before its test, the scenario is set up again, up to `_STAGES` times in all.
 
     Raises:
-        StageError: the test did not come to run, or the run did not end, or left processes behind.
+        StageError: the test never began, or the run did not end or left processes behind.
     """
     for number in range(1, _STAGES):
         place = folder / str(number)

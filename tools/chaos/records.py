@@ -1,4 +1,4 @@
-"""What must hold of a run's folder, however often its campaign was killed and gone on with."""
+"""Checks the folder of a run whose campaign was killed and resumed, any number of times."""
 
 import html
 import json
@@ -19,7 +19,7 @@ TICK_S = 1e-3
 
 
 def finished_in(folder: Path) -> dict[int, Any]:
-    """Return the records of the tests that are finished, by their index; none without a journal."""
+    """Return the outcomes of the finished tests, by index, from the journal; {} without one."""
     try:
         entries = read_journal(folder / JOURNAL)
     except JournalError:
@@ -32,7 +32,7 @@ def finished_in(folder: Path) -> dict[int, Any]:
 
 
 def repeated(folder: Path) -> Iterator[str]:
-    """Yield the tests that were begun again after they had finished."""
+    """Yield a message for each test that was begun again although it had finished."""
     done: set[int] = set()
     for entry in read_journal(folder / JOURNAL):
         if entry.kind == "phase" and entry["phase"] == "setup" and entry["test"] in done:
@@ -42,12 +42,15 @@ def repeated(folder: Path) -> Iterator[str]:
 
 
 def record_problems(folder: Path, before: list[dict[int, Any]], tests: int) -> list[str]:
-    """Return what is wrong with a run that was killed, and gone on with to its end.
+    """Return messages on what is wrong in the folder of a run that was killed, resumed and ended.
+
+    Every test must be finished once, keep its outcome, and have a recording of its full length; the
+    recordings of interrupted attempts must be readable.
 
     Args:
-        folder: of the run.
-        before: `finished_in` at each kill.
-        tests: how many the campaign has.
+        folder: folder of the run.
+        before: what `finished_in` returned after each kill.
+        tests: number of tests in the campaign.
     """
     found = list(repeated(folder))
     last = finished_in(folder)
@@ -64,7 +67,7 @@ def record_problems(folder: Path, before: list[dict[int, Any]], tests: int) -> l
             found.append(f"{test['name']}: no recording")
             continue
         try:
-            # Rows of a device that did not answer have no readings.
+            # If a device did not answer, rows lack its readings; only the time is required.
             samples = len(read_recording(folder / test["recording"], required=("time_s",)))
         except RecordingError as error:
             found.append(f"{test['name']}: {error}")
@@ -85,7 +88,10 @@ def record_problems(folder: Path, before: list[dict[int, Any]], tests: int) -> l
 
 
 def _has_samples(path: Path) -> bool:
-    """Tell whether a cut recording has any: one that had hardly begun has nothing to be kept."""
+    """Return whether samples can be recovered from a recording; True also if it is missing.
+
+    A recording that had hardly begun when it was cut off holds no samples yet.
+    """
     with TemporaryDirectory() as folder:
         try:
             recover(path, Path(folder) / "recovered.mcap")
@@ -95,11 +101,11 @@ def _has_samples(path: Path) -> bool:
 
 
 def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
-    """Return what results and report do not tell of a run that was killed, and gone on with.
+    """Return messages on what results and report leave out about the kills of a run.
 
     Args:
-        folder: of the run.
-        killed: test and phase of each kill (`JournalState.where`); empty between two tests.
+        folder: folder of the run, which was resumed to its end.
+        killed: test and phase at each kill (`JournalState.where`); "" for a kill between two tests.
     """
     results = json.loads((folder / "results.json").read_text())
     page = html.unescape((folder / "report.html").read_text())
@@ -118,7 +124,7 @@ def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
 
 
 def standing_in(folder: Path) -> JournalState:
-    """Return where a run stands; nothing begun without a journal."""
+    """Return how far a run has come, by its journal; without a journal, nothing has begun."""
     try:
         return standing_of(read_journal(folder / JOURNAL))
     except JournalError:
@@ -126,7 +132,7 @@ def standing_in(folder: Path) -> JournalState:
 
 
 def main_s(folder: Path) -> float:
-    """Return for how long a run has been in its test's main phase, s; 0 if it is in another."""
+    """Return how long (s) a run has been in the main phase of its test; 0 in any other phase."""
     try:
         entries = read_journal(folder / JOURNAL)
     except JournalError:

@@ -1,4 +1,4 @@
-"""A campaign one of whose parts is killed again and again, and that is gone on with each time."""
+"""Kills one part of a campaign's run again and again, and resumes the campaign after each kill."""
 
 import json
 import random
@@ -25,30 +25,32 @@ PARTS: Final = {
     "console": ("console",),
     "everything": RIG,
 }
-"""What is killed by each name. The console is a process beside the run, which follows it."""
+"""The processes that are killed for each part. The console is none of the run's: it follows it."""
 OUTLIVED: Final = ("publisher", "console")
-"""Parts whose end the run does not notice, but for saying so."""
+"""Parts without which a run goes on; it only reports their end."""
 CAUSED: Final = {"recorder": "RECORDER_LOST"}
-"""Why the run ends by itself after a kill."""
+"""Cause of the trip by which a run ends itself after a part was killed."""
 STALLS: Final = (
     "OVERRUN", "STALE_SAMPLE", "WATCHDOG_TRIPPED", "LOOP_LOST", "FIELD_LOST", "RECORDER_LOST",
     "SUPERVISOR_LOST", "BYPASS_LOST", "DRIVE_LOST", "PUMP_LOST", "EXCHANGE_LOST",
 )  # fmt: skip
-"""Causes by which the rig is right to trip when the machine holds it or its emulated devices up."""
+"""Causes of trips that are no fault of the rig: the machine stalled it or its emulated devices."""
 MOST_STALLS: Final = 30
+"""Number of trips by such causes that are allowed; each further one is a problem."""
 CONNECTING: Final = 0.2
-"""Share of kills that come while a run connects, arms and positions; the others come later."""
+"""Share of kills while a run connects, arms and positions; the other kills come in a test."""
 CONNECTING_S: Final = 5.0
+"""A kill of the first sort comes within this time after the run has begun or resumed, s."""
 TESTING_S: Final = 12.0
-"""Within which a run is killed from its first test on: in one of its first two."""
+"""A kill in a test comes within this time after the run's first test began, s."""
 AGAIN_S: Final = 4.0
-"""Within which a part that is started again is killed again."""
+"""A part that the run does without is killed again within this time, s."""
 LOST_S: Final = 1.5
-"""Of a recording: the last second, and half of one for a machine that stalls."""
+"""At most this much of a recording's end may be lost, s: one second, and half of one for stalls."""
 SETTLED_S: Final = 1.2
-"""After which the emulator's trace, written each second, holds the kill."""
+"""After this time, s, the emulator's trace covers the kill; the trace is written each second."""
 DURATION_S: Final = 5.0
-"""The shortest that a test may be."""
+"""Duration of a test, s: the shortest that is allowed."""
 TESTS: Final = tuple(
     {
         "name": f"test {number}",
@@ -64,17 +66,18 @@ _GONE_S: Final = 20.0
 
 @dataclass
 class Record:
-    """What came of the kills of a part.
+    """The outcome of the kills of one part of a run.
 
     Attributes:
-        kills: where each was, as test and phase; empty if in no test.
-        campaigns: how many were run to their end.
-        tests: that they finished.
-        attempts: runs of tests that did not count.
-        stalls: causes of trips that the machine made.
-        lost_s: what was missing at the end of each recording that was cut.
-        safe_s: how long after each kill valve, bypass and pump were safe, those that were not then.
-        problems: what was wrong.
+        kills: test and phase at each kill; "" for a kill outside any test.
+        campaigns: number of campaigns that were run to their end.
+        tests: number of tests that these finished.
+        attempts: number of runs of tests that were interrupted and did not count.
+        stalls: causes of the trips that the machine brought about by stalling.
+        lost_s: for each recording that was cut off, how much was missing at its end, s.
+        safe_s: for each kill, after how many s each device was safe; devices that were safe already
+            are left out.
+        problems: messages on what was wrong.
     """
 
     kills: list[str] = field(default_factory=list)
@@ -88,15 +91,15 @@ class Record:
 
 
 class Relay:
-    """Runs campaigns on one rig until a part was killed often enough, and all are finished.
+    """Runs campaigns on one rig until a part was killed often enough and all are finished.
 
     Args:
-        stage: entered.
-        part: what is killed, one of `PARTS`.
-        kills: how often.
-        random_: when.
+        stage: the stage, which must have been entered.
+        part: the part to kill, a key of `PARTS`.
+        kills: number of kills.
+        random_: draws the times of the kills.
         emulated: whether the stage has an emulator.
-        tell: is called with a line for each kill.
+        tell: is called with a line of text for each kill.
     """
 
     def __init__(
@@ -123,7 +126,9 @@ class Relay:
         self.record = Record()
 
     def run(self) -> Record:
-        """Kill and go on until done.
+        """Run campaigns with kills until there were enough; return the outcome.
+
+        The first problem ends it earlier.
 
         Raises:
             StageError: the rig did not become safe, or a run did not come to its end.
@@ -136,7 +141,7 @@ class Relay:
         return self.record
 
     def _campaign(self) -> None:
-        """Run a campaign to its end, with kills on the way."""
+        """Run one campaign with kills, resume it until it ends, and add to the record."""
         stage, record = self._stage, self.record
         before: list[dict[int, Any]] = []
         told: list[str] = []
@@ -164,7 +169,14 @@ class Relay:
         record.attempts += sum(map(len, standing.attempts.values()))
 
     def _session(self, number: int) -> bool:
-        """Let a run go on until its part is killed, or to its end; tell whether it was killed."""
+        """Follow a run until the part is killed or the run ends; return whether a kill ended it.
+
+        A part that the run does without is killed several times while the run goes on; the answer
+        is then False.
+
+        Args:
+            number: 1 for the campaign's first run, and one more for each time it was resumed.
+        """
         self._await_entries(number, "begin", "resume")
         span = CONNECTING_S
         if self._random.random() > CONNECTING:
@@ -183,13 +195,13 @@ class Relay:
         return False
 
     def _entries(self, *kinds: str) -> list[Entry]:
-        """Return the journal's entries of some kinds; none where it is not there yet."""
+        """Return the journal's entries of the given kinds; none while there is no journal."""
         path = self._stage.out / JOURNAL
         read = read_journal(path) if path.exists() else []
         return [entry for entry in read if entry.kind in kinds]
 
     def _await_entries(self, count: int, *kinds: str) -> None:
-        """Wait until the journal has so many entries, or the run has ended."""
+        """Wait until the journal has `count` entries of the given kinds, or the run has ended."""
         run = self._stage.run
         self._stage.wait(
             lambda: len(self._entries(*kinds)) >= count or run.poll() is not None,
@@ -198,14 +210,14 @@ class Relay:
         )
 
     def _pause(self, seconds: float) -> bool:
-        """Wait; tell whether the run still goes on."""
+        """Wait for a time, or until the run ends; return whether the run still goes on."""
         until = time.monotonic() + seconds
         while time.monotonic() < until and self._stage.run.poll() is None:
             time.sleep(0.005)
         return self._stage.run.poll() is None
 
     def _can_be_killed(self) -> bool:
-        """Wait until the part is there; False if the run ends before."""
+        """Wait until a process of the part runs; return False if the run ends before that."""
         while self._stage.run.poll() is None:
             self._stage.find_children()
             living = self._stage.living()
@@ -237,12 +249,24 @@ class Relay:
             self._reader = self._stage.follow()
 
     def _gone(self) -> None:
-        """Wait until no process of the run is left."""
+        """Wait until no process of the run is left.
+
+        Raises:
+            StageError: there still is one after `_GONE_S`.
+        """
         stage = self._stage
         stage.wait(lambda: not stage.living(), "its processes to end", _GONE_S)
 
     def _interrupted(self, code: int, killed: bool) -> None:
-        """Look at what a run left that did not come to its end."""
+        """Check how a run ended that did not come to its end, and what it left on disk.
+
+        Exit code and cause must fit the kill, or be those of a stall. The outcome is added to the
+        record.
+
+        Args:
+            code: exit code of the run.
+            killed: whether its part was killed.
+        """
         stage, record = self._stage, self.record
         expected = code == -SIGKILL if "supervisor" in PARTS[self._part] else code == 3
         cause = self._cause()
@@ -269,7 +293,7 @@ class Relay:
         return ", ".join(str(entry["phase"] or entry.kind) for entry in entries[-4:])
 
     def _cause(self) -> str:
-        """Return the cause of the run's trip, as its trip report has it."""
+        """Return the cause in the run's newest trip report, or "no trip" if there is no new one."""
         for report in self._stage.out.glob("trip-*.json"):
             if report not in self._reports:
                 self._reports.add(report)
@@ -277,7 +301,7 @@ class Relay:
         return "no trip"
 
     def _look_at_devices(self) -> None:
-        """Note when the devices were safe, by the emulator's own record."""
+        """Add to the record after which time each device was safe, by the emulator's record."""
         events = [json.loads(line) for line in self._stage.record.read_text().splitlines()]
         at_ns = self._stage.injected_ns
         before = [event for event in events if event["at_ns"] <= at_ns]
@@ -292,7 +316,10 @@ class Relay:
         self._told += f", safe after: {times}" if times else ", which was safe"
 
     def _look_at_recording(self) -> None:
-        """Note what is missing at the end of the recording that was being written."""
+        """Add to the record how much is missing at the end of the recording that was cut off.
+
+        Nothing is added if there is no such recording, or if its motion had hardly begun.
+        """
         stage, name = self._stage, self._recording
         if name is None or not (stage.out / name).exists():
             return
@@ -308,7 +335,7 @@ class Relay:
         else:
             found = lost_s(stage.trace, stage.injected_ns, recording)
             if found is None:
-                # The motion had hardly begun.
+                # The motion had hardly begun, so the commands cannot be found in the trace.
                 return
             missing = found
         self.record.lost_s.append(missing)
@@ -326,7 +353,16 @@ def relay(
     emulated: bool,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Record:
-    """Kill a part of campaigns on a rig, in an empty folder; return what came of it."""
+    """Kill one part of campaigns on one rig again and again, and return the outcome.
+
+    Args:
+        folder: an empty folder for all files.
+        part: the part to kill, a key of `PARTS`.
+        kills: number of kills.
+        seed: draws the times of the kills.
+        emulated: whether the rig is the emulated one; otherwise it is the simulated one.
+        tell: is called with a line of text for each kill.
+    """
     when = random.Random(f"{part} {seed}")
     with Stage(folder, tests=TESTS, emulated=emulated) as stage:
         runs = Relay(stage, part, kills, when, emulated=emulated, tell=tell)

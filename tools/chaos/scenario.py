@@ -1,4 +1,4 @@
-"""A scenario of the chaos suite: what is done to a running rig, and what is claimed to follow."""
+"""A scenario of the chaos suite: what is done to a running rig, and what should follow."""
 
 import os
 import signal
@@ -14,26 +14,29 @@ Step = Callable[[Stage], None]
 UNPRIVILEGED: Final = (
     ("setpriv", "--bounding-set=-all", "--inh-caps=-all") if os.geteuid() == 0 else ()
 )
-"""Command before another that then lacks what root may do: real-time priority, locked memory."""
+"""Prefix of a command that takes root's privileges from it (real-time priority, locked memory).
+
+It is empty for any other user, who has none of them.
+"""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One thing that fails while a test runs, and what is claimed of it.
+    """Something that fails while a test runs, and the claims about what follows.
 
     Attributes:
-        name: what fails, for the table.
-        steps: what is done to the rig.
-        causes: the first-out cause; several if it depends on the moment which is first; none if the
-            run goes on to its end.
-        null_ms: how soon after the last step the valve is claimed to be at null and disabled. For
-            the table: a machine that stalls is late, and no test shall fail for it.
-        exit_code: of `rig run`.
+        name: what fails, as the table calls it.
+        steps: what is done to the rig, in this order.
+        causes: possible first-out causes, of which the moment decides; empty if the run goes on to
+            its end.
+        null_ms: claimed time from the last step until the valve is at null and disabled. It is only
+            printed in the table, because a machine that stalls would make a test of it fail.
+        exit_code: exit code of `rig run`.
         then: what is done once the rig is safe.
-        mentions: what the trip report says besides.
-        unsafe: devices that are not seen to become safe: they are what fails.
-        ordered: whether the devices become safe in the order of a trip, whoever brings them there.
-        prefix: of the command that runs the campaign.
+        mentions: texts that the trip report must contain.
+        unsafe: devices that do not become safe, because they themselves fail.
+        ordered: whether the devices become safe in the order of a trip.
+        prefix: prefix of the command that runs the campaign.
     """
 
     name: str
@@ -49,7 +52,13 @@ class Scenario:
 
 
 def wire(fault: str, target: str | None = None, **options: Any) -> Step:
-    """Return a step that lets a fault of the emulator begin; see docs/emulator.md."""
+    """Return a step that starts a fault of the emulator (docs/emulator.md).
+
+    Args:
+        fault: name of the fault.
+        target: device or signal that has the fault, if the fault needs one.
+        options: further fields of the fault; `lasts` stands for the field `for`.
+    """
     given = {"fault": fault, **({"target": target} if target else {}), **options}
     if "lasts" in given:
         given["for"] = given.pop("lasts")
@@ -57,18 +66,19 @@ def wire(fault: str, target: str | None = None, **options: Any) -> Step:
 
 
 def kill(number: signal.Signals, *parts: str) -> Step:
-    """Return a step that sends a signal to processes, all at the same time."""
+    """Return a step that sends a signal to all the processes `parts`, one right after another."""
     return lambda stage: stage.send(number, *parts)
 
 
 def full_disk(*parts: str) -> Step:
-    """Return a step after which no file of these processes can grow.
+    """Return a step after which no file that the processes `parts` write can grow.
 
-    The system refuses their writes as those of a user beyond his quota, which needs no privilege.
+    The step lowers their limit on file sizes to 0, so that the system refuses their writes; this
+    needs no privilege.
     """
     return lambda stage: stage.limit_files(*parts)
 
 
 def pause(seconds: float) -> Step:
-    """Return a step in which nothing is done."""
+    """Return a step that waits."""
     return lambda stage: time.sleep(seconds)

@@ -1,4 +1,4 @@
-"""What is made to fail in the chaos suite, and what is claimed of it."""
+"""All scenarios of the chaos suite, by what fails in them: wires, sensors, devices or processes."""
 
 from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGSTOP, SIGTERM, SIGUSR1, SIGUSR2
 from typing import Any, Final
@@ -6,7 +6,7 @@ from typing import Any, Final
 from .scenario import UNPRIVILEGED, Scenario, Step, full_disk, kill, pause, wire
 
 STEP_CLOCK, HANG = SIGUSR1, SIGUSR2
-"""What the signals do in a process of the stage; see hooks/sitecustomize.py."""
+"""Signals, by what they do in a process of the stage; see hooks/sitecustomize.py."""
 
 ALL: Final = ("supervisor", "loop", "field", "recorder")
 KILLED: Final = -int(SIGKILL)

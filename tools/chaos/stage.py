@@ -1,4 +1,4 @@
-"""A stage for one scenario: an emulated rig and a `rig run` on it, each as its own process."""
+"""The stage of a scenario: an emulated rig, and `rig run` on it, as processes of their own."""
 
 import json
 import os
@@ -18,10 +18,11 @@ import yaml
 
 ROOT: Final = Path(__file__).parents[2]
 PATIENCE_S: Final = 60.0
-"""How long anything may take that is to happen; only a failure takes as long."""
+"""s: how long is waited for anything; only a failure takes so long."""
 COMPILE_S: Final = 300.0
-"""How long a session may take to begin: its loop may have to be compiled first."""
+"""s: how long a session may take to begin; its loop may have to be compiled first."""
 POLL_S: Final = 0.02
+"""s between two looks at a condition that is waited for."""
 
 MODULES: Final = {
     "loop": "rig.supervisor.processes.loop_process",
@@ -29,10 +30,13 @@ MODULES: Final = {
     "recorder": "rig.supervisor.processes.recorder",
     "publisher": "rig.supervisor.processes.publisher",
 }
-"""Modules of the processes that `rig run`, the supervisor, starts."""
+"""Modules of the processes that `rig run`, which is the supervisor, starts."""
 
 MID_STROKE_COUNTS: Final = 10_116
-"""Of 0.03 mm: where the ram stands, and the encoder counts from, when the emulator starts."""
+"""Encoder counts of 0.03 mm from the stroke's end to the ram when the emulator starts.
+
+The encoder starts counting from there.
+"""
 
 FIRST_LEAK: Final = "internal_leakage"
 SECOND_LEAK: Final = "external_leakage_1"
@@ -52,26 +56,26 @@ TEST: Final = {
 
 
 class StageError(Exception):
-    """The scenario could not be played; says why."""
+    """The scenario could not be played; the message says why."""
 
 
 class NotBegunError(StageError):
-    """The run ended before its test, as when the machine stalls: nothing has been tried yet."""
+    """The run ended before its test began, for example because the machine stalled."""
 
 
 class Stage:
-    """An emulator, and runs of a campaign on it; a context manager.
+    """An emulator and the runs of one campaign on it, as a context manager.
 
     Args:
-        folder: empty; gets the rig file, the campaign, the emulator's record and the runs' folders.
-        prefix: of the command that runs the campaign, such as `setpriv ...`.
-        tests: of the campaign, as in its file.
-        emulated: or else on the simulated rig, and no emulator.
+        folder: an empty folder, for the rig file, the campaign, the emulator's record and the runs.
+        prefix: prefix of the command that runs the campaign, such as `setpriv ...`.
+        tests: tests of the campaign, as in its file.
+        emulated: whether there is an emulator; without it, the campaign runs on the simulated rig.
 
     Attributes:
         out: folder of the run.
-        injected_ns: when the last thing was done to it, CLOCK_MONOTONIC.
-        children: process ids by part, of the run that was last looked at.
+        injected_ns: when a fault was last started or a signal sent, CLOCK_MONOTONIC.
+        children: process ids of the run's processes by part, as `find_children` last found them.
     """
 
     def __init__(
@@ -96,10 +100,10 @@ class Stage:
         self._ends = ExitStack()
 
     def __enter__(self) -> Self:
-        """Start the emulator.
+        """Write the files of the stage and start the emulator.
 
         Raises:
-            StageError: it does not start.
+            StageError: the emulator does not start.
         """
         _write_rig(self.folder, emulated=self._emulated)
         _write_stream(self.stream)
@@ -116,7 +120,7 @@ class Stage:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End whatever is left."""
+        """End all processes of the stage that are left."""
         self._ends.close()
 
     def _start_emulator(self) -> None:
@@ -131,23 +135,23 @@ class Stage:
         address = ("127.0.0.1", int(json.loads(ready)["ports"]["control"]))
         line = self._ends.enter_context(socket.create_connection(address, timeout=PATIENCE_S))
         self._control = self._ends.enter_context(line.makefile("rw"))
-        # As an encoder that knows where it is: without a homing run, which takes its time.
+        # This makes the encoder read the true position, so that no homing run is needed.
         self.ask(do="inject", fault="lost_counts", counts=-MID_STROKE_COUNTS)
 
     def begin(self) -> None:
-        """Run the campaign; return when its first leak is open.
+        """Start the campaign's run, and return once the first leak of its test is open.
 
         Raises:
             NotBegunError: the run ended before that.
-            StageError: it did not come to that in time.
+            StageError: the leak was not open in time.
         """
         self.start()
         self.wait(self._is_leaking, "the test to run", COMPILE_S)
         self.find_children()
 
     def start(self, *options: str) -> None:
-        """Start `rig run`, with options."""
-        # What it prints goes through a pipe, as to a terminal: a full disk must not silence it.
+        """Start `rig run` on the campaign, with further options of the command."""
+        # What it prints goes through a pipe, so that a limit on its file sizes does not silence it.
         with self._printed.open("w") as file:
             copy = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=file, text=True)
         self._ends.callback(copy.wait)
@@ -163,7 +167,7 @@ class Stage:
         """Start a console that follows the run; return its process once it serves its page.
 
         Raises:
-            StageError: it does not.
+            StageError: the console does not start.
         """
         (port,) = _free_ports(1)
         given = ("--listen", f"127.0.0.1:{port}", "--profile", self.stream.name)
@@ -191,10 +195,10 @@ class Stage:
         )
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Return the answer of the emulator's control port.
+        """Send a request to the emulator's control port and return the answer.
 
         Raises:
-            StageError: the emulator refuses.
+            StageError: the emulator refuses the request.
         """
         self._control.write(json.dumps(request) + "\n")
         self._control.flush()
@@ -204,32 +208,39 @@ class Stage:
         return reply
 
     def inject(self, **fault: Any) -> None:
-        """Let a fault of the emulator begin."""
+        """Start a fault of the emulator, given by its fields, and note the time."""
         self.injected_ns = time.monotonic_ns()
         self.ask(do="inject", **fault)
 
     def send(self, number: signal.Signals, *parts: str) -> None:
-        """Send a signal to parts: supervisor, loop, field, recorder, publisher, emulator."""
+        """Send a signal to parts, and note the time unless the signal is SIGCONT.
+
+        Parts are supervisor, loop, field, recorder, publisher and emulator.
+        """
         if number != signal.SIGCONT:
             self.injected_ns = time.monotonic_ns()
         for part in parts:
             os.kill(self.pid(part), number)
 
     def limit_files(self, *parts: str) -> None:
-        """Let no file of these parts grow any more."""
+        """Set the limit on file sizes of these parts to 0, and note the time."""
         self.injected_ns = time.monotonic_ns()
         for part in parts:
             resource.prlimit(self.pid(part), resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
 
     def pid(self, part: str) -> int:
-        """Return the process id of a part."""
+        """Return the process id of a part.
+
+        Raises:
+            KeyError: `find_children` has found no such process.
+        """
         if part == "emulator":
             return self._emulator.pid
         return self.run.pid if part == "supervisor" else self.children[part]
 
     @property
     def emulator_lives(self) -> bool:
-        """Whether the emulated devices are still there."""
+        """Whether the emulator's process still runs."""
         return self._emulator.poll() is None
 
     @property
@@ -238,10 +249,15 @@ class Stage:
         return self._printed.read_text()
 
     def wait(self, done: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
-        """Wait until something holds.
+        """Wait until `done()` returns True.
+
+        Args:
+            done: the condition to wait for.
+            what: what is waited for, for the message.
+            patience_s: how long to wait, s.
 
         Raises:
-            StageError: it did not in time.
+            StageError: `done()` was not True in time.
         """
         until = time.monotonic() + patience_s
         while not done():
@@ -250,7 +266,10 @@ class Stage:
             time.sleep(POLL_S)
 
     def is_safe(self) -> bool:
-        """Return whether the devices are: valve at null and disabled, balls shut, pump unloaded."""
+        """Return whether valve is at null and disabled, balls are shut and pump is unloaded.
+
+        On the simulated rig, which has no devices, this is always True.
+        """
         if not self._emulated:
             return True
         status = self.ask(do="status")
@@ -259,7 +278,7 @@ class Stage:
         return null and not any(balls.values()) and not status["can"]["pump_loaded"]
 
     def living(self) -> list[str]:
-        """Return the parts of the run that are still there."""
+        """Return the parts of the run whose processes have not ended."""
         parts = {"supervisor": self.run.pid, **self.children}
         self.run.poll()
         return [part for part, pid in parts.items() if _lives(pid)]
@@ -274,10 +293,10 @@ class Stage:
         return {bypass: ball for bypass, (ball, _) in positions if bypass != "return_blockage"}
 
     def find_children(self) -> None:
-        """Find the processes that `rig run` has at present."""
+        """Add the processes that `rig run` has at present to `children`, by their part."""
         if self.run.poll() is not None:
             return
-        # Each thread lists those that it started.
+        # The system lists, for each thread, the processes that it started.
         threads = Path(f"/proc/{self.run.pid}/task").glob("*/children")
         pids = [int(pid) for thread in threads for pid in _text_of(thread).split()]
         commands = {pid: _text_of(Path(f"/proc/{pid}/cmdline")) for pid in pids}
@@ -294,7 +313,7 @@ class Stage:
 
 
 def _text_of(path: Path) -> str:
-    """Return what the system tells of a process, nothing of one that has ended."""
+    """Return the text of a file under /proc; "" if its process has ended."""
     try:
         return path.read_text()
     except (FileNotFoundError, ProcessLookupError):
@@ -310,7 +329,7 @@ def _lives(pid: int) -> bool:
 
 
 def _end(process: subprocess.Popen[str], number: signal.Signals) -> None:
-    """End a process, even if it is stopped."""
+    """End a process by a signal, or by SIGKILL if it does not end in time, for example stopped."""
     process.send_signal(number)
     try:
         process.wait(PATIENCE_S)
@@ -322,7 +341,7 @@ def _end(process: subprocess.Popen[str], number: signal.Signals) -> None:
 
 
 def _write_rig(folder: Path, *, emulated: bool) -> None:
-    """Write the shipped rig, at addresses that nobody has, without a homing run."""
+    """Write the file of the shipped rig, with free addresses and, if emulated, without homing."""
     name = "emulated" if emulated else "simulated"
     rig = yaml.safe_load((ROOT / "config" / "rigs" / f"{name}.yaml").read_text())
     if emulated:
@@ -337,7 +356,7 @@ def _write_rig(folder: Path, *, emulated: bool) -> None:
 
 
 def _write_stream(path: Path) -> None:
-    """Write the shipped profile of this machine, at a port that nobody has."""
+    """Write the shipped profile of the live stream, `loopback`, with a free port."""
     profile = yaml.safe_load((ROOT / "config" / "stream" / "loopback.yaml").read_text())
     (port,) = _free_ports(1)
     path.write_text(yaml.safe_dump({**profile, "listen": [f"tcp/127.0.0.1:{port}"]}))

@@ -1,4 +1,4 @@
-"""What limits detection: the Cramer-Rao bound on a leak's flow beside what detectors achieve.
+"""Compares the smallest leaks that detectors find with the Cramer-Rao bound on a leak's flow.
 
-`python -m tools.detection_limits` measures both and writes them into docs/detection.md.
+`python -m tools.detection_limits` computes both and writes them into docs/detection.md.
 """

@@ -1,8 +1,8 @@
-"""Measure what limits detection and write it into docs/detection.md and the README.
+"""Computes the limits of leak detection, and writes them into docs/detection.md and the README.
 
-`python -m tools.detection_limits --runs 500 --jobs 2` runs as many leaking and as many healthy
-rigs, a tenth as many for the check of the bound, and draws three figures. What was run is kept, so
-that it may be interrupted.
+`python -m tools.detection_limits --runs 500 --jobs 2` simulates 500 leaking and 500 healthy rigs,
+and 50 more for the check of the bound, and draws three figures. The trials of the first two are
+kept, so that an interrupted study goes on where it stopped.
 """
 
 import argparse
@@ -24,7 +24,7 @@ WINDOWS_S: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 60.0)
 
 
 def bounds() -> tuple[dict[str, Bound], dict[str, Bound]]:
-    """Return the bound by motion, with the model exactly right, and with its budget."""
+    """Return the bounds by name of motion: if the model is exact, and with its budget of errors."""
     exact, budgeted = {}, {}
     for course in courses(round((ONSET_S + WINDOWS_S[-1]) / TICK) + 2):
         exact[course.name] = flow_bound(course, exact_noise(course), ONSET_S, WINDOWS_S)
@@ -33,7 +33,7 @@ def bounds() -> tuple[dict[str, Bound], dict[str, Bound]]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run what is not kept from before; write figures and tables."""
+    """Compute the bounds, run the trials that are missing, and write figures and tables."""
     parser = argparse.ArgumentParser(prog="python -m tools.detection_limits", description=__doc__)
     parser.add_argument("--runs", type=int, default=500, help="leaks; default 500")
     parser.add_argument("--jobs", type=int, default=2, help="processes; default 2")

@@ -1,10 +1,11 @@
-"""The posterior Cramer-Rao bound on a leak's flow, along a known motion of the rig.
+"""Computes the posterior Cramer-Rao bound on a leak's flow, along a known motion of the rig.
 
-The information that samples carry about states and constants follows the recursion of Tichavsky,
-Muravchik and Nehorai 1998 (IEEE Transactions on Signal Processing 46), which bounds the error of
-any estimator in the sense of van Trees 1968. For a linearised model with additive Gaussian noise
-its inverse is the Kalman filter's covariance along the true trajectory, and in that form it also
-holds where states have no noise of their own.
+No estimator can have a smaller error than the bound (in the sense of van Trees 1968). It follows
+from the information that samples give about states and constants, by the recursion of Tichavsky,
+Muravchik and Nehorai 1998 (IEEE Transactions on Signal Processing 46). For a linearised model with
+additive Gaussian noise, the inverse of this information is the covariance of the Kalman filter
+along the true trajectory. The covariance form is used here; it also holds for states that have no
+process noise.
 """
 
 from collections.abc import Collection, Sequence
@@ -40,16 +41,16 @@ Array = NDArray[np.float64]
 _LEAKS: Final = (7, 8, 9)
 _NULL: Final = 10
 _LOOSE: Final = np.array([1e-4, 1e6, 1e6, 1e-2, 1.0, 0.1, 1e4])
-"""Standard deviations of the first states before any sample: wider than the rig."""
+"""Standard deviations (SI) of the first 7 states before any sample, wider than any rig's states."""
 _WIDE: Final = 10.0 * LITRE_PER_MINUTE
-"""Leak, m^3/s at its mean drop, that is believed possible beforehand: as good as any."""
+"""Standard deviation of a leak's flow before any sample, m^3/s at its mean drop; any size fits."""
 DAY_S: Final = 86400.0
 
 
 def exact_noise(course: Course) -> ProductNoise:
-    """Return the noise of a rig that the model describes exactly, but for its load.
+    """Return the noise of sensors and load alone, for a model that is exact but for the load.
 
-    What the sensors' data sheets say, and the filter's random walk of the load.
+    The sensors' noise is that of their data sheet; the load follows the filter's random walk.
     """
     noise = product_noise(DATA_SHEET, course.parameters)
     return noise._replace(
@@ -58,18 +59,18 @@ def exact_noise(course: Course) -> ProductNoise:
 
 
 def budgeted_noise(course: Course) -> ProductNoise:
-    """Return the same with the filter's stated budget for what its model is wrong by."""
+    """Return the noise of sensors and load, and the filter's budget for errors of its model."""
     return product_noise(DATA_SHEET, course.parameters)._replace(leakage=0.0)
 
 
 @dataclass(frozen=True)
 class Bound:
-    """The least standard error of a leak's flow, by window.
+    """The smallest possible standard error of a leak's flow, by the time since its onset.
 
     Attributes:
-        windows_s: float64 (n,), time from the leak's onset.
-        flow: float64 (3, n), m^3/s: leaks of chamber 1, of chamber 2 and between them, each where
-            the others are known not to be there.
+        windows_s: float64 (n,), times since the onset, s.
+        flow: float64 (3, n), standard errors in m^3/s, for leaks of chamber 1, of chamber 2 and
+            between them. For each, the other leaks are known to be absent.
     """
 
     windows_s: Array
@@ -78,8 +79,12 @@ class Bound:
     def smallest(self, false_alarms_per_day: float, power: float) -> Array:
         """Return the smallest leak that any test can find at these rates, float64 (3, n), m^3/s.
 
-        The most powerful test (Neyman and Pearson) of the leak's place and onset, one a window:
-        its threshold lies where the stated number of a day's windows exceed it.
+        The most powerful test (Neyman and Pearson) for a known place and onset is made once in each
+        window. Its threshold is such that a healthy rig exceeds it as often as stated.
+
+        Args:
+            false_alarms_per_day: rate of false alarms, if windows follow one another all day.
+            power: probability that the leak is found.
         """
         normal = NormalDist()
         alarms = np.minimum(false_alarms_per_day * self.windows_s / DAY_S, 0.5)
@@ -97,19 +102,20 @@ def flow_bound(
     spool_sensor: bool = True,
     supply_sensor: bool = True,
 ) -> Bound:
-    """Return the bound for a leak that begins at a known time after healthy running.
+    """Return the bound for a leak that begins at a known time, after a healthy run.
 
     Args:
-        course: the motion; its chambers must hold pressure throughout.
-        noise: of sensors and model.
-        onset_s: time of the onset since the first sample.
-        windows_s: ascending.
-        weaknesses: constants that are unknown within their tolerances; by default all there are.
+        course: the motion; both chamber pressures must stay 1e5 Pa above return pressure.
+        noise: noise of sensors and model.
+        onset_s: time from the first sample to the onset, s.
+        windows_s: times since the onset for which the bound is computed, ascending, s.
+        weaknesses: names of the constants that are unknown within their tolerances; None means all
+            of `known`.
         spool_sensor: whether the spool is measured.
-        supply_sensor: whether the supply pressure is, by a transducer like the chambers'.
+        supply_sensor: whether the supply pressure is measured, by a transducer like the chambers'.
 
     Raises:
-        ValueError: the course is too short, or a chamber runs dry, where the model is not linear.
+        ValueError: the course is too short, or a chamber pressure is too low for a linear model.
     """
     onset = round(onset_s / TICK)
     reports = onset + np.round(np.asarray(windows_s) / TICK).astype(np.int64)
@@ -132,14 +138,14 @@ def flow_bound(
         spool_sensor, onset, reports, blocks,
     )  # fmt: skip
     information = np.linalg.inv(blocks)
-    # The inverse's diagonal: each leak beside the others known, whatever was believed of these.
+    # The information's diagonal gives each leak's error if the other leaks are known.
     coefficients = 1.0 / np.sqrt(np.diagonal(information, axis1=1, axis2=2)).T
     sizes = np.cumsum(roots, axis=1)[:, reports - onset] / (reports - onset + 1)
     return Bound(np.asarray(windows_s, dtype=np.float64), coefficients * sizes)
 
 
 class _Constants(NamedTuple):
-    """What is constant and unknown, as `leak_covariances` takes it."""
+    """Arguments of `leak_covariances` that describe the unknown constants."""
 
     lower: tuple[Parameters, ...]
     upper: tuple[Parameters, ...]
@@ -150,7 +156,10 @@ class _Constants(NamedTuple):
 
 
 def _constants(course: Course, names: tuple[str, ...], sizes: Array) -> _Constants:
-    """Return the weaknesses of some names; `sizes` are the leaks' mean roots (3,) in Pa^0.5."""
+    """Return the unknown constants for the weaknesses with the given names.
+
+    `sizes` are the mean roots (3,) of the pressure drops across the leaks, in Pa^0.5.
+    """
     par = course.parameters
     of_parameters = [name for name in names if name in OF_PARAMETERS]
     of_transducers = [name for name in names if name in OF_TRANSDUCERS]
@@ -167,7 +176,7 @@ def _constants(course: Course, names: tuple[str, ...], sizes: Array) -> _Constan
         covariance[first + i, first + i] = TOLERANCE[name] ** 2
     none = np.empty((course.command.size - 1, 0, 2))
     flows = np.stack([TOLERANCE[n] * entering[n] for n in of_flows], axis=1) if of_flows else none
-    # Compiled code cannot index an empty tuple; without columns these are not used.
+    # Compiled code cannot index an empty tuple; if there are no columns, (par,) is not used.
     lower = tuple(shifted(par, name, -STEP) for name in of_parameters) or (par,)
     upper = tuple(shifted(par, name, STEP) for name in of_parameters) or (par,)
     return _Constants(
@@ -181,7 +190,10 @@ def _constants(course: Course, names: tuple[str, ...], sizes: Array) -> _Constan
 
 
 def _product_states(course: Course) -> Array:
-    """Return the product model's states along a course, float64 (ticks, 11); no leak, no bias."""
+    """Return the product model's states along a course, float64 (ticks, 11).
+
+    The leaks and the null bias among them are 0.
+    """
     par = course.parameters
     spool, rate, p1, p2, position, velocity = course.states.T[:6]
     states = np.zeros((course.command.size, STATE_COUNT))
@@ -192,6 +204,9 @@ def _product_states(course: Course) -> Array:
 
 
 def _leak_roots(pressures: Array) -> Array:
-    """Return the roots (3, n) in Pa^0.5 of the drops across the leaks; pressures above return's."""
+    """Return the square roots (3, n), in Pa^0.5, of the pressure drops across the three leaks.
+
+    `pressures` (n, 2) are those of the chambers, in Pa above return pressure.
+    """
     p1, p2 = pressures.T
     return np.sqrt(np.abs(np.stack([p1, p2, p1 - p2])))

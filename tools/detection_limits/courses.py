@@ -1,4 +1,4 @@
-"""The motions that the bound is computed for: the nominal rig's true states along each."""
+"""Simulates the motions that the bound is computed for, with the nominal rig's true states."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tools.simulated.drawn_rigs import MIDDLE, multisine
 Array = NDArray[np.float64]
 
 SPRING: Final = 2e4
-"""N/m. The thesis's soft spring (section 6.1), which the ram reaches at 0.22 m."""
+"""Stiffness of the thesis's soft spring (section 6.1), N/m; the ram meets it at 0.22 m."""
 _STEP_S: Final = 2.0
 _SEED: Final = 1
 
@@ -26,8 +26,8 @@ class Course:
     """A motion of the nominal rig.
 
     Attributes:
-        name: the motion, and what loads the ram.
-        parameters: of the rig.
+        name: names of the motion and of the load.
+        parameters: parameters of the rig.
         command: float64 (ticks,), V, held from each tick to the next.
         states: float64 (ticks, 9), true states in the order of `PlantState`, at each tick.
     """
@@ -51,7 +51,7 @@ def setpoints(ticks: int) -> dict[str, Array]:
 
 
 def courses(ticks: int) -> Iterator[Course]:
-    """Yield every motion, unloaded and against a spring."""
+    """Yield the course of every motion in `setpoints`, first unloaded, then against a spring."""
     for load, stiffness in (("unloaded", 0.0), ("spring load", SPRING)):
         for name, setpoint in setpoints(ticks).items():
             rig = NOMINAL._replace(spring_stiffness=stiffness)
@@ -59,7 +59,10 @@ def courses(ticks: int) -> Iterator[Course]:
 
 
 def follow(name: str, parameters: Parameters, setpoint: Array) -> Course:
-    """Run the position loop on true positions along a setpoint (m), from rest at its start."""
+    """Return the course of a rig whose position loop follows a setpoint (ticks,) in m.
+
+    The ram begins at rest at the first setpoint. The loop gets the true position.
+    """
     state = rest_state(parameters, float(setpoint[0]))
     command = np.empty(setpoint.size)
     states = np.empty((setpoint.size, len(PlantState._fields)))

@@ -1,7 +1,8 @@
-"""The default detector's errors beside the bound, on rigs as unlike the model as it allows.
+"""Compares the default detector's errors with the bound, on rigs that differ from the model.
 
-Along one motion the rig's parameters are drawn from the very tolerances that the bound has as
-unknown constants: on average over them no estimator may do better.
+All rigs run the same motion. Their parameters are drawn from the same tolerances within which the
+bound takes these constants for unknown. On average over such rigs, no estimator can have smaller
+errors than the bound.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,48 +33,55 @@ Array = NDArray[np.float64]
 
 MOTION: Final = "sine, 0.1 m at 0.5 Hz"
 LEAK: Final = 0.3
-"""L/min, which is named in every run: errors of those found only would be too small."""
+"""Size of the leak, L/min.
+
+It is so large that every run names it. If some runs did not, the errors of the others would be too
+small.
+"""
 WINDOWS_S: Final = (2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 60.0)
 DRAWN: Final = (
     NULL_BIAS, "discharge_coefficient", "bulk_modulus", "supply_pressure", *OF_TRANSDUCERS,
 )  # fmt: skip
-"""Weaknesses that the simulated rig can have either way round."""
+"""Weaknesses of the model that the simulated rig can have with either sign."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of the detector's flow, by window.
+    """The errors of the detector's flow, by the time since the onset.
 
     Attributes:
-        windows_s: float64 (n,).
-        flow: float64 (runs, n), estimate less truth in L/min; NaN where the leak was not named.
+        windows_s: float64 (n,), times since the onset, s.
+        flow: float64 (runs, n), estimate less truth, L/min; NaN where the leak was not named.
     """
 
     windows_s: Array
     flow: Array
 
     def rms(self) -> tuple[Array, Array]:
-        """Return the root of the mean square (n,), and its relative standard error (n,)."""
+        """Return the rms error (n,), L/min, over the runs, and its relative standard error (n,)."""
         count = np.isfinite(self.flow).sum(axis=0)
         return np.sqrt(np.nanmean(self.flow**2, axis=0)), 1.0 / np.sqrt(2.0 * count)
 
 
 def errors(runs: int, jobs: int) -> Errors:
-    """Run rigs with a leak, in each place in turn, and return the detector's errors."""
+    """Run `runs` rigs with a leak, in each place in turn, and return the detector's errors.
+
+    `jobs` is the number of processes.
+    """
     with ProcessPoolExecutor(jobs) as pool:
         rows = list(pool.map(partial(_errors_of, windows_s=WINDOWS_S), range(runs)))
     return Errors(np.array(WINDOWS_S), np.array(rows))
 
 
 def bound_beside() -> Bound:
-    """Return the bound for the same motion and unknowns."""
+    """Return the bound for the motion and the unknown constants of `errors`."""
     ticks = round((ONSET_S + WINDOWS_S[-1]) / TICK) + 2
     course = follow(MOTION, NOMINAL, setpoints(ticks)[MOTION])
     return flow_bound(course, exact_noise(course), ONSET_S, WINDOWS_S, weaknesses=DRAWN)
 
 
 def _drawn(rng: np.random.Generator) -> tuple[Parameters, dict[str, float]]:
-    """Return a rig, and the biases of its pressure transducers in Pa by weakness."""
+    """Draw a rig; return its parameters, and its transducers' biases (Pa) by name of weakness."""
     shifts = {name: TOLERANCE[name] * rng.standard_normal() for name in DRAWN}
     changed = {
         name: getattr(NOMINAL, name) * (1.0 + shifts[name]) if relative

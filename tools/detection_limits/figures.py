@@ -1,4 +1,4 @@
-"""The figures of docs/detection.md on limits."""
+"""Draws the figures of docs/detection.md on the limits of detection."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,11 +21,11 @@ PUBLISHED: Final = (
     (0.154, "--", "thesis on its rig, unloaded"),
     (0.069, ":", "best published, internal (ASME FPMC 2014)"),
 )
-"""Smallest leaks in L/min that others found on such an actuator."""
+"""Smallest leaks that others found on such an actuator: L/min, line style, source."""
 WINDOWS_S: Final = (2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 60.0)
 ROC_WINDOW_S: Final = 10.0
 ROC_SIZES: Final = ((0.02, 0.04), (0.04, 0.08), (0.08, 0.16))
-"""L/min: leaks pooled in one curve."""
+"""Smallest and largest leak that are taken together for one curve, L/min."""
 LATENCY_SIZES: Final = ((0.03, 0.06), (0.06, 0.1), (0.1, 0.5))
 _COLOURS: Final = {"product": "tab:blue", "thesis-6": "tab:orange"}
 _BINS: Final = np.geomspace(*SIZES, 11)
@@ -34,14 +34,14 @@ _BUDGETED: Final = "bound, model wrong within its budget"
 
 
 def _save(figure: Figure, file: Path) -> None:
-    """Write a figure as PNG, the same from the same data."""
+    """Write a figure as PNG; the same figure always gives the same file."""
     figure.savefig(file, dpi=110, metadata={"Software": None})
 
 
 def limits(
     leaks: Sequence[Trial], exact: Mapping[str, Bound], budgeted: Mapping[str, Bound], file: Path
 ) -> None:
-    """Draw the smallest leak named against the window, and the chance to be named against size."""
+    """Draw the smallest leak named over time since onset, and the chance to be named over size."""
     figure = Figure(figsize=(11.0, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     for bounds, colour, name in ((exact, "0.75", _EXACT), (budgeted, "0.45", _BUDGETED)):
@@ -103,7 +103,7 @@ def _draw_power(axes: Any, leaks: Sequence[Trial], judge: str, window: float, st
 
 
 def outcomes(healthy: Sequence[Trial], leaks: Sequence[Trial], file: Path) -> None:
-    """Draw alarms against false alarms, and how long leaks of some sizes stay unnamed."""
+    """Draw alarms over false alarms as the threshold varies, and the share named over time."""
     figure = Figure(figsize=(11.0, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     styles = (":", "--", "-")
@@ -143,7 +143,7 @@ def outcomes(healthy: Sequence[Trial], leaks: Sequence[Trial], file: Path) -> No
 
 
 def error_check(found: Errors, bound: Bound, file: Path) -> None:
-    """Draw the detector's rms error beside the bound, along the same motion."""
+    """Draw the detector's rms error and the bound, both over the time since onset."""
     figure = Figure(figsize=(5.5, 4.0), layout="constrained")
     axes = figure.subplots()
     rms, relative = found.rms()

@@ -1,4 +1,4 @@
-"""How much is known of states and constants from sample to sample: the compiled recursion."""
+"""The compiled recursion of the bound: the covariance of states and constants by sample."""
 
 from math import sqrt
 from typing import Final
@@ -9,17 +9,17 @@ from estimator.filters.product_model import DYNAMIC, STATE_COUNT, predict_produc
 from rig.jit import njit
 
 STEP: Final = 1e-3
-"""Part of a tolerance over which a parameter's effect is taken by central differences."""
+"""Step of the central differences by a parameter, as a share of the parameter's tolerance."""
 
 
 @njit(cache=True, error_model="numpy")
 def advance_covariance(covariance, rows, product):
-    """Replace P by F P F^T, where F is the identity but for its first rows.
+    """Replace P by F P F^T, where F is the identity except for its first m rows.
 
     Args:
-        covariance: symmetric P (n, n), in place.
-        rows: those rows of F (m, n).
-        product: scratch (m, n).
+        covariance: symmetric P (n, n); replaced in place.
+        rows: the first rows of F (m, n).
+        product: scratch array (m, n).
     """
     m, n = rows.shape
     for i in range(m):
@@ -40,14 +40,14 @@ def advance_covariance(covariance, rows, product):
 
 @njit(cache=True, error_model="numpy")
 def observe(covariance, state, bias, variance, gain):
-    """Take in a reading of a state, and of a constant bias (index, or -1) that the reading has.
+    """Update P by a reading, which is the sum of a state, a constant bias and noise.
 
     Args:
-        covariance: symmetric P (n, n), in place.
+        covariance: symmetric P (n, n); updated in place.
         state: index of the state.
-        bias: index of the bias, or -1.
-        variance: of the reading's noise.
-        gain: scratch (n,).
+        bias: index of the bias; -1 if the reading has none.
+        variance: variance of the reading's noise.
+        gain: scratch array (n,).
     """
     n = covariance.shape[0]
     for i in range(n):
@@ -65,25 +65,31 @@ def leak_covariances(
     x, command, par, lower, upper, columns, flows, biases, supply, covariance, noise, spool, onset,
     reports, blocks,
 ):  # fmt: skip
-    """Run the recursion over a course; write the leaks' covariance (3, 3) at the ticks asked for.
+    """Run the recursion over a course; write the leaks' covariance (3, 3) at the ticks `reports`.
+
+    The unknowns are the 11 states of the product model, followed by the constants: first those that
+    are parameters, then the biases of transducers, and last those that are inflows. Each constant
+    is in units of its tolerance, except the biases.
 
     Args:
-        x: states of the product model (ticks, 11).
+        x: true states of the product model (ticks, 11).
         command: (ticks,), V.
-        par: `Parameters`.
-        lower: for each weakness of a parameter, the parameters with a little less of it.
-        upper: the same with a little more.
-        columns: where these weaknesses' constants stand.
-        flows: (ticks - 1, weaknesses, 2), inflows of the others, whose constants come last.
-        biases: of the readings of spool, position and pressures 1 and 2, or -1.
-        supply: constant that a supply-pressure transducer reads, or -1, and the variance of its
-            noise in the constant's unit.
-        covariance: of all that is unknown beforehand (n, n).
+        par: `Parameters` of the rig.
+        lower: for each constant that is a parameter, the parameters with `STEP` tolerances less.
+        upper: the same with `STEP` tolerances more.
+        columns: indices of these constants among the unknowns.
+        flows: (ticks - 1, constants, 2), oil that the constants of the last kind let into the two
+            chambers, m^3/s for one tolerance.
+        biases: indices of the biases of the readings of spool, position and pressures 1 and 2; -1
+            where there is none.
+        supply: index of the constant that a supply-pressure transducer measures, or -1; and the
+            variance of its noise in units of that constant.
+        covariance: covariance (n, n) of all unknowns before any sample; updated in place.
         noise: `ProductNoise`.
         spool: whether the spool is measured.
-        onset: tick from which a leak may be there.
-        reports: ticks asked for, in ascending order.
-        blocks: (reports, 3, 3), what is found.
+        onset: tick from which on a leak may be present.
+        reports: ticks at which the covariance is written, ascending.
+        blocks: (reports, 3, 3), receives the leaks' covariances.
     """
     n = covariance.shape[0]
     first_flow = n - flows.shape[1]
@@ -106,7 +112,7 @@ def leak_covariances(
                 predict_product(high, command[k - 1], above.supply_pressure, above, unused)
                 for i in range(DYNAMIC):
                     rows[i, columns[j]] = (high[i] - low[i]) / (2.0 * STEP)
-            # What flows out by a leak of unit root is what a unit of inflow is not.
+            # A leak's column is the effect of an outflow of one root; an inflow has its negative.
             root_1 = sqrt(x[k - 1, 1] - par.return_pressure)
             root_2 = sqrt(x[k - 1, 2] - par.return_pressure)
             for j in range(flows.shape[1]):

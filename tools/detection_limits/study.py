@@ -1,4 +1,4 @@
-"""Detectors on rigs and motions drawn at random: how small a leak they name, and how soon."""
+"""Evaluates how small leaks detectors name, and how soon, on rigs and motions drawn at random."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ from tools.studies.leak_trials import SETTINGS, Plan, Trial
 Array = NDArray[np.float64]
 
 ONSET_S: Final = 20.0
-"""After the thesis's pattern has learnt what is healthy, 15 s."""
+"""When leaks open, s: after the 15 s in which the thesis's pattern learns what is healthy."""
 SECONDS: Final = 80.0
 SIZES: Final = (0.005, 0.5)
-"""L/min, log-uniform."""
+"""Smallest and largest leak, L/min at its reference drop; sizes are drawn log-uniformly."""
 POWER: Final = 0.95
 NAMES: Final = {"product": "this detector", "thesis-6": "thesis's pattern"}
-"""Judges set to one false alarm a day, as they are called in figures and tables."""
+"""Judges that are set to one false alarm a day, with their names in figures and tables."""
 _RIDGE: Final = 1e-4
-"""Of the fit's slope: keeps it finite where the data are separable."""
+"""Ridge penalty of the logistic fit, which keeps the slope finite where the data are separable."""
 _ITERATIONS: Final = 100
 _RESAMPLES: Final = 200
 
 
 def plans(runs: int) -> Iterator[Plan]:
-    """Yield as many leaks as healthy rigs, each judged by all judges."""
+    """Yield the plans of `runs` leaks and of as many healthy rigs; all judges judge each."""
     for i in range(runs):
         size = float(np.exp(np.random.default_rng([i, 2]).uniform(*np.log(SIZES))))
         yield Plan(2_000_000 + i, LEAKS[i % 3], size, ONSET_S, SECONDS, judges=tuple(SETTINGS))
@@ -36,7 +36,10 @@ def plans(runs: int) -> Iterator[Plan]:
 
 
 def named_after(trial: Trial, judge: str) -> float:
-    """Return the time in s from onset to name; inf if never named, or after an earlier alarm."""
+    """Return the time (s) from the onset until a judge named the leak.
+
+    It is inf if the judge never named it, or raised any alarm before the onset.
+    """
     judgement, onset_s = trial.judged[judge], trial.plan.onset_s
     alarm_s = judgement.alarm_s()
     named_s = judgement.first_s(trial.plan.fault or "")
@@ -46,7 +49,7 @@ def named_after(trial: Trial, judge: str) -> float:
 
 
 def peak(trial: Trial, judge: str, window_s: float) -> float:
-    """Return the greatest ratio of statistic to threshold within a window after the onset."""
+    """Return the greatest ratio of statistic to threshold within `window_s` of the onset."""
     ratios = np.array(trial.judged[judge].ratios)
     times = (np.arange(ratios.size) + 1) * trial.plan.seconds / ratios.size
     onset_s = trial.plan.onset_s
@@ -55,21 +58,24 @@ def peak(trial: Trial, judge: str, window_s: float) -> float:
 
 @dataclass(frozen=True)
 class PowerCurve:
-    """Chance that a leak is named, logistic in the logarithm of its flow.
+    """The chance that a leak is named, as a logistic function of the logarithm of its flow.
 
     Attributes:
-        offset, slope: of the log odds over the flow's natural logarithm (L/min).
+        offset, slope: the log odds are offset + slope * ln(flow in L/min).
     """
 
     offset: float
     slope: float
 
     def at(self, flow: Array) -> Array:
-        """Return the chance (n,) at some flows (n,), L/min."""
+        """Return the chances (n,) that leaks of given flows (n,), L/min, are named."""
         return np.asarray(1.0 / (1.0 + np.exp(-(self.offset + self.slope * np.log(flow)))))
 
     def smallest(self, power: float = POWER) -> float:
-        """Return the flow in L/min that is named at a given power; inf if none is."""
+        """Return the flow (L/min) that is named with probability `power`.
+
+        It is inf if the chance does not rise with the flow.
+        """
         if self.slope <= 0.0:
             return float("inf")
         with np.errstate(over="ignore"):
@@ -77,11 +83,11 @@ class PowerCurve:
 
 
 def power_curve(flows: Array, named: NDArray[np.bool_]) -> PowerCurve:
-    """Fit the chance of being named to what was (maximum likelihood, damped Newton steps).
+    """Fit the chance of being named to trials (maximum likelihood by damped Newton steps).
 
     Args:
-        flows: float64 (n,), L/min.
-        named: bool (n,).
+        flows: flow of each leak, float64 (n,), L/min.
+        named: whether each leak was named, bool (n,).
     """
     logarithms = np.log(flows)
     middle = logarithms.mean() if flows.size else 0.0
@@ -103,9 +109,11 @@ def power_curve(flows: Array, named: NDArray[np.bool_]) -> PowerCurve:
 def smallest_named(
     leaks: Sequence[Trial], judge: str, window_s: float, power: float = POWER
 ) -> tuple[float, float, float]:
-    """Return the flow named within a window at a given power, and its 95 % interval, L/min.
+    """Return the smallest flow that a judge names in time, and its 95 % interval, in L/min.
 
-    The interval is that of resampled trials (Efron 1979). inf where no flow that was tried is.
+    In time means within `window_s` of the onset with probability `power`. The interval (low, high)
+    comes from resampled trials (Efron 1979). A value above the largest leak that was tried is
+    returned as inf.
     """
     flows = np.array([trial.flow for trial in leaks])
     named = np.array([named_after(trial, judge) <= window_s for trial in leaks])
@@ -120,10 +128,11 @@ def smallest_named(
 def operating_curve(
     healthy: Sequence[Trial], leaks: Sequence[Trial], judge: str, window_s: float
 ) -> tuple[Array, Array]:
-    """Return chances of a false alarm and of an alarm within a window, as the threshold falls.
+    """Return the chances of a false and of a true alarm as the threshold falls (ROC curve).
 
     Returns:
-        Both float64 (n,): parts of the healthy trials and of the leaking ones.
+        Two arrays, float64 (n,): the shares of the healthy and of the leaking trials whose
+        statistic exceeds a threshold within `window_s` of the onset.
     """
     quiet = np.array([peak(trial, judge, window_s) for trial in healthy])
     loud = np.array([peak(trial, judge, window_s) for trial in leaks])

@@ -1,4 +1,4 @@
-"""The tables on limits: the bound by motion, alarms and power by detector, the README's table."""
+"""Writes the tables on the limits of detection, for docs/detection.md and the README."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -25,11 +25,15 @@ PUBLISHED: Final = (
     ("wavelets, Goharrizi and Sepehri, IJFP", "0.20 to 0.25 internal, 0.3 external"),
     ("unscented Kalman filter, Nurmi and Mattila", "0.7 external"),
 )  # fmt: skip
-"""Smallest leaks found, by others, all on real rigs; L/min."""
+"""Smallest leaks that others found, all on real rigs: source and leak in L/min."""
 
 
 def bounds(exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]) -> str:
-    """Return the smallest leak that any test could find, by motion; worst place."""
+    """Return a table of the smallest leak that any test could find, in 1e-3 L/min.
+
+    It has a row for each motion and a column for each time since onset; the place of the leak is
+    the one that is hardest to find.
+    """
     windows = next(iter(exact.values())).windows_s
     head = ["motion", *(f"{window:g} s" for window in windows)]
     rows = []
@@ -43,7 +47,10 @@ def bounds(exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]) -> str:
 
 
 def power(healthy: Sequence[Trial], leaks: Sequence[Trial]) -> str:
-    """Return by detector: false alarms, and the smallest leaks named, by load and place."""
+    """Return a table with a row for each detector: false alarms, and smallest leaks named.
+
+    The leaks are grouped by place (external or internal) and load.
+    """
     hours = len(healthy) * SECONDS / 3600.0
     head = ["", "healthy rigs alarmed", *(f"{name}, {within:g} s" for name, _ in _groups(leaks)
                                           for within in WITHIN_S)]  # fmt: skip
@@ -58,7 +65,7 @@ def power(healthy: Sequence[Trial], leaks: Sequence[Trial]) -> str:
 
 
 def outcomes(leaks: Sequence[Trial]) -> str:
-    """Return by detector and size: named right, wrongly, and how soon."""
+    """Return a table by size of leak: how many each detector named right, and how soon."""
     head = ["leak, L/min", "leaks", *(f"{name}: {what}" for name in NAMES.values() for what in (
         "right within 10 s", "right at the end", "latency, median / 95 %"))]  # fmt: skip
     edges = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.2, SIZES[1])
@@ -78,7 +85,7 @@ def outcomes(leaks: Sequence[Trial]) -> str:
 
 
 def error_check(found: Errors, bound: Bound) -> str:
-    """Return the detector's rms error beside the bound, by window."""
+    """Return a table of the detector's rms error and the bound, by time since onset."""
     rms, relative = found.rms()
     least = np.sqrt((bound.flow**2).mean(axis=0)) / LITRE_PER_MINUTE
     named = np.isfinite(found.flow).sum(axis=0)
@@ -95,7 +102,10 @@ def error_check(found: Errors, bound: Bound) -> str:
 def smallest(
     leaks: Sequence[Trial], exact: Mapping[str, Bound], budgeted: Mapping[str, Bound]
 ) -> str:
-    """Return the README's table: the smallest leaks found by others, by this detector, by any."""
+    """Return the README's table of the smallest leaks found, by others and by this detector.
+
+    Its last rows are the bounds, which hold for any detector.
+    """
     rows = [[name, found] for name, found in PUBLISHED]
     for name, group in _groups(leaks):
         found = [smallest_named(group, "product", within) for within in WITHIN_S]
@@ -126,7 +136,7 @@ def _interval(found: tuple[float, float, float]) -> str:
 
 
 def _range(which: Mapping[str, Bound], within: float) -> str:
-    """Return least and greatest over motions and places, L/min."""
+    """Return the text "least to greatest" of a bound over all motions and places, L/min."""
     values = np.concatenate([
         bound.smallest(1.0, POWER)[:, np.isclose(bound.windows_s, within)].ravel()
         for bound in which.values()

@@ -1,7 +1,8 @@
-"""What each known weakness of the model does to the rig, as the bound needs it: to first order.
+"""The first-order effect of each known weakness of the model on the rig, for the bound.
 
-The list and its tolerances are the detector's (`estimator.accounts.flow.NUISANCES`). The null bias
-is a state of the product model; the others are constants beside its states.
+The weaknesses and their tolerances are the detector's (`estimator.accounts.nuisances.NUISANCES`).
+The null bias is a state of the product model; the other weaknesses are constants besides its
+states.
 """
 
 from typing import Final
@@ -28,22 +29,24 @@ OF_PARAMETERS: Final = {
     SUPPLY: False,
     "return_pressure": False,
 }
-"""Weaknesses that are a parameter of the model, and whether their tolerance is a part of it."""
+"""Weaknesses that are parameters of the model. True means that the tolerance is a share of the
+parameter's value; False means that it is in the parameter's unit."""
 OF_TRANSDUCERS: Final = {"pressure_1_bias": 1, "pressure_2_bias": 2}
-"""Weaknesses that a reading shows in full, and the state of the product model that it reads."""
+"""Weaknesses that are biases of a reading, with the index of the state that it reads."""
 
 
 def shifted(parameters: Parameters, name: str, sigmas: float) -> Parameters:
-    """Return the parameters with a weakness of `OF_PARAMETERS`, in units of its tolerance."""
+    """Return the parameters with one of `OF_PARAMETERS` shifted by `sigmas` tolerances."""
     value = getattr(parameters, name)
     shift = sigmas * TOLERANCE[name] * (value if OF_PARAMETERS[name] else 1.0)
     return parameters._replace(**{name: value + shift})
 
 
 def inflows(course: Course) -> dict[str, Array]:
-    """Return the oil that other weaknesses let into the chambers, m^3/s per unit (SI), by name.
+    """Return, by name, the inflow into the chambers by each weakness that acts as an inflow.
 
-    Each is float64 (ticks - 1, 2): chambers 1 and 2, averages from one tick to the next.
+    Each array is float64 (ticks - 1, 2), in m^3/s per unit (SI) of the weakness. Its columns are
+    chambers 1 and 2, and each row is the average from one tick to the next.
     """
     par = course.parameters
     middle = 0.5 * (course.states[1:] + course.states[:-1])
@@ -52,7 +55,7 @@ def inflows(course: Course) -> dict[str, Array]:
     extending = spool >= 0.0
     drop_1 = np.where(extending, par.supply_pressure - p1, p1 - par.return_pressure)
     drop_2 = np.where(extending, p2 - par.return_pressure, par.supply_pressure - p2)
-    # Flow per opening into chamber 1 and out of chamber 2 (eqs. 2.1 and 2.2).
+    # The flow per opening into chamber 1, and out of chamber 2 (eqs. 2.1 and 2.2), is g1 and g2.
     g1, g2 = valve_conductance(par) * np.array([signed_roots(drop_1), signed_roots(drop_2)])
     q1, q2 = g1 * spool, g2 * spool
     lost_1, lost_2 = 0.5 * q1**3 / drop_1, 0.5 * q2**3 / drop_2
@@ -94,11 +97,11 @@ def inflows(course: Course) -> dict[str, Array]:
 
 
 def aeration_of(pressures: Array, parameters: Parameters) -> Array:
-    """Return `aeration_compliance` at each pressure, 1/Pa."""
+    """Return `aeration_compliance` (n,) at each pressure (n,), 1/Pa."""
     return np.array([aeration_compliance(pressure, parameters) for pressure in pressures])
 
 
 def known(course: Course) -> tuple[str, ...]:
-    """Return the weaknesses of the detector's list that the bound has."""
+    """Return the names of the detector's weaknesses that the bound can take into account."""
     have = {NULL_BIAS, *OF_PARAMETERS, *OF_TRANSDUCERS, *inflows(course)}
     return tuple(name for name in TOLERANCE if name in have)

@@ -1,5 +1,6 @@
-"""A servo-hydraulic rig that shares no code with `rig.plant`, with effects to hide in it.
+"""Trials of the gap workflow on a simulated rig that shares no code with `rig.plant`.
 
-Recordings made here judge the gap workflow: nothing in `rig`, `control`, `estimator` or `faults` is
-imported by the simulator, so that an error of the model cannot hide itself.
+Effects are hidden in the rig, and the gap workflow has to find them from recordings. The simulator
+imports no physics from `rig`, `control`, `estimator` or `faults`: an error of the product's model
+would otherwise be in the recordings too and could not be noticed.
 """

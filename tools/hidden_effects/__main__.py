@@ -1,9 +1,10 @@
-"""Tries the gap workflow on rigs with hidden effects, blind, and says how often it was right.
+"""Runs the gap workflow on rigs with hidden effects and prints how often it named them right.
 
     python -m tools.hidden_effects --trials 200 --seed 1 --jobs 2 --out runs/hidden_effects
 
-The rigs are those of `tools.hidden_effects`, which shares no code with the model. Every trial is
-kept as a line of JSON; the same command goes on where it was stopped.
+The workflow gets recordings only, never what is hidden. The rigs are those of
+`tools.hidden_effects`, whose simulator shares no code with the model. Every trial is kept as a line
+of JSON; after an interruption the same command runs the trials that are missing.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from tools.pages.marked_tables import fill
 
 
 def main(arguments: Sequence[str] | None = None, workflow: Workflow = rig_gap) -> None:
-    """Run what is not kept from before and print the tables."""
+    """Run the trials that are not kept from an earlier run, and print the tables of all."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.hidden_effects",
         description=__doc__,

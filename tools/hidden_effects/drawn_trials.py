@@ -1,4 +1,8 @@
-"""What a trial hides, drawn from its seed and number alone; its recordings; its envelope."""
+"""Draws what a trial hides and how it moves, and records it.
+
+All of it follows from the trial's kind, seed and number alone. What is hidden is called the
+envelope: the workflow does not get it, and it is opened when the answer is scored.
+"""
 
 import json
 from collections.abc import Collection, Mapping
@@ -16,7 +20,8 @@ from tools.hidden_effects.rig_values import TABLE, RigValues
 from tools.hidden_effects.sizes import NUISANCES, OFF_MENU_SIZES, SIZES, Sizes
 
 KINDS: Final = ("single", "double", "none", "off_menu", "unexcited")
-"""One effect, two, none, one that the catalogue has not, one that the motions do not show."""
+"""Kinds of trials: one effect is hidden; two are; none is; one that is not in the catalogue; one
+that the motions hardly show."""
 RECORDINGS: Final = ("identify_1", "identify_2", "holdout")
 SECONDS: Final = 30.0
 
@@ -34,9 +39,9 @@ _NEUTRAL: Final[Mapping[str, float]] = {
     "pressure_2_gain": 1.0,
     "position_gain": 1.0,
 }
-"""Values of the effects that are not neutral at zero."""
+"""Neutral values of those effects that are not neutral at zero, SI."""
 THE_SMALLER: Final = ("valve_rate_limit",)
-"""Effects that are the larger, the smaller their value."""
+"""Effects that act the more, the smaller their value is."""
 _ONE_KNOB: Final = (
     {"command_delay", "valve_bandwidth"},
     {"constant_force", "friction_asymmetry"},
@@ -46,9 +51,9 @@ _ONE_KNOB: Final = (
     {"pressure_1_bias", "pressure_1_gain"},
     {"pressure_2_bias", "pressure_2_gain"},
 )
-"""Pairs that recordings hardly tell apart: not hidden together."""
+"""Pairs of effects that recordings hardly distinguish; they are not hidden together."""
 _SIZED: Final = ("value", "stiffness", "amplitude")
-"""The parameter that is an effect's size."""
+"""Names of the parameter that states an effect's size; an effect has one of them."""
 _SHIFTED_BY: Final[Mapping[str, str]] = {
     "bulk_modulus": "oil_stiffness",
     "viscous_friction": "drag",
@@ -58,18 +63,18 @@ _SHIFTED_BY: Final[Mapping[str, str]] = {
 
 @dataclass(frozen=True)
 class Envelope:
-    """What is hidden.
+    """Everything that is drawn for a trial and not shown to the workflow.
 
     Attributes:
-        seed, number: what it was drawn from.
+        seed, number: seed of the study and number of the trial, from which all is drawn.
         kind: one of `KINDS`.
-        effects: on the menu, by name, with their parameters in SI as the catalogue has them.
-        off_menu: the same of effects that the catalogue has not.
-        nuisances: values of the rig, within the tolerances of healthy ones.
+        effects: hidden effects of the catalogue by name, with their parameters in SI.
+        off_menu: hidden effects that are not in the catalogue, likewise.
+        nuisances: those values of the rig that differ between healthy rigs, by name, SI.
         motions: kind of motion, by recording.
         seconds: length of each recording.
-        shown: of the hidden effects, the smallest size that the motions to identify with would
-            show, where it was computed (`shown.smallest_shown`).
+        shown: for hidden effects, the smallest size that the recordings to identify with would show
+            (`shown.smallest_shown`); empty if it was not computed.
     """
 
     seed: int
@@ -83,16 +88,20 @@ class Envelope:
     shown: Mapping[str, float] = field(default_factory=dict)
 
     def values(self) -> RigValues:
-        """Return the rig that this describes."""
+        """Return the values of the trial's rig, with all hidden effects in them."""
         rig = TABLE._replace(**self.nuisances)
         return with_effects(rig, {**self.effects, **self.off_menu})
 
     def without_effects(self) -> "Envelope":
-        """Return the same rig with nothing hidden in it."""
+        """Return an envelope of the same rig with nothing hidden in it."""
         return replace(self, effects={}, off_menu={})
 
     def shows(self, times: float) -> bool:
-        """Tell whether every hidden effect is so many times as large as the motions would show."""
+        """Return whether each effect has at least `times` the smallest size that would show.
+
+        Only the effects in `shown` are looked at. For `valve_rate_limit` the value must be at most
+        the limit divided by `times`.
+        """
         for name, limit in self.shown.items():
             size = distance(name, self.effects[name])
             if size * times > limit if name in THE_SMALLER else size < times * limit:
@@ -100,26 +109,26 @@ class Envelope:
         return True
 
     def write(self, file: Path) -> None:
-        """Write it as JSON."""
+        """Write the envelope to `file` as JSON; create the folder if it is missing."""
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
 
 
 def read_envelope(fields: Mapping[str, Any]) -> Envelope:
-    """Return the envelope that `Envelope.write` wrote, from its JSON fields."""
+    """Return the envelope that has the given fields, as `Envelope.write` wrote them to JSON."""
     return Envelope(**fields)
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A trial before it is run: what is hidden, and the motions by recording."""
+    """A trial before it is run: what is hidden, and the motion of each recording by its name."""
 
     envelope: Envelope
     motions: Mapping[str, Motion]
 
 
 def _turn(number: int, seed: int, names: list[str]) -> str:
-    """Return one of the names; each comes once before any comes again."""
+    """Return the name for trial `number`: each name comes once before any comes again."""
     order = np.random.default_rng([seed, 7, number // len(names)]).permutation(len(names))
     return names[int(order[number % len(names)])]
 
@@ -134,7 +143,7 @@ def _parameters(
         if name in limits and parameter in _SIZED:
             bounded = _from_limit(name, sizes, limits[name])
         found[parameter] = bounded.drawn(rng)
-    # Places are of use where the ram gets to.
+    # An effect at a place acts only if the ram gets there, so places lie within the ram's reach.
     low, high = np.quantile(first.setpoint, (0.1, 0.9))
     reach = low + (high - low) * np.array([0.15, 0.35, 0.65, 0.85])
     if name == "spring_load":
@@ -153,7 +162,7 @@ def _from_limit(name: str, sizes: Sizes, limit: float) -> Sizes:
     try:
         return sizes.below(limit) if name in THE_SMALLER else sizes.beyond(limit, neutral)
     except ValueError:
-        # No plausible size is so large: the effect can't be found, and is hidden at its most.
+        # No plausible size is so large. The effect cannot be found, and has its greatest size.
         ends = [end for interval in sizes.intervals for end in interval]
         by_size = sorted(ends, key=lambda end: abs(end - neutral))
         most = by_size[0] if name in THE_SMALLER else by_size[-1]
@@ -161,7 +170,7 @@ def _from_limit(name: str, sizes: Sizes, limit: float) -> Sizes:
 
 
 def distance(name: str, parameters: Mapping[str, float]) -> float:
-    """Return how far an effect's size is from its neutral value; of a rate limit, its value."""
+    """Return how far an effect's size is from its neutral value; for a rate limit, its value."""
     key = next(key for key in _SIZED if key in parameters)
     return abs(parameters[key] - _NEUTRAL.get(name, 0.0))
 
@@ -192,7 +201,10 @@ def _motion_names(kind: str, rng: Generator) -> list[str]:
 
 
 def drawn_nuisances(rng: Generator, without: Collection[str] = ()) -> dict[str, float]:
-    """Return a rig's nuisances within healthy rigs' tolerances, by name; some may be left out."""
+    """Return nuisances of a rig, by name in SI, drawn within the tolerances of healthy rigs.
+
+    The nuisances named in `without` are left out.
+    """
     return {
         name: nominal * (1.0 + _SHARE_OF_TOLERANCE * tolerance * float(rng.uniform(-1.0, 1.0)))
         for name, (nominal, tolerance) in NUISANCES.items()
@@ -207,14 +219,14 @@ def drawn_trial(
     limits: Mapping[str, float] | None = None,
     seconds: float = SECONDS,
 ) -> Drawn:
-    """Draw a trial.
+    """Return a trial: the effects that are hidden, the values of its rig, and the motions.
 
     Args:
         kind: one of `KINDS`.
-        seed: of the study.
-        number: of the trial in it.
-        limits: smallest distance from the neutral value (of a rate limit the largest value), by
-            effect; absent ones go by `SIZES`.
+        seed: seed of the study.
+        number: number of the trial among those of its kind.
+        limits: by effect, the smallest distance of its size from the neutral value (for a rate
+            limit the largest value); effects that are not in it are drawn from `SIZES`.
         seconds: length of each recording.
 
     Raises:
@@ -242,18 +254,18 @@ def drawn_trial(
 
 
 def recordings(trial: Drawn) -> dict[str, Recorded]:
-    """Return what the trial's rig was recorded to do, by recording."""
+    """Run the trial's motions on its rig and return the recordings by name."""
     envelope = trial.envelope
     found = {}
     for place, (name, motion) in enumerate(trial.motions.items()):
-        # The noise hangs on nothing that was drawn before, so that a size may be changed alone.
+        # The noise has its own seed, so that it stays the same when only a size is changed.
         noise = [envelope.seed, KINDS.index(envelope.kind), envelope.number, place, 1]
         found[name] = record(envelope.values(), motion, np.random.default_rng(noise))
     return found
 
 
 def write_recordings(trial: Drawn, folder: Path) -> dict[str, Path]:
-    """Write the recordings of a trial as `*.csv.gz` into a folder; return them by name."""
+    """Write the recordings of a trial as `*.csv.gz` into `folder`; return the files by name."""
     files = {}
     for name, recorded in recordings(trial).items():
         files[name] = folder / f"{name}.csv.gz"

@@ -1,7 +1,8 @@
-"""The effects of the gap workflow's catalogue, each as this rig has it.
+"""The effects that can be hidden in the independent rig, on and off the gap workflow's catalogue.
 
-A function takes the rig's values and the effect's parameters, by the names that the catalogue has
-for them, and returns the values of a rig that has it.
+The menu is the catalogue of the gap workflow. For each effect of it, `MENU` has a function that
+takes the rig's values and the effect's parameters, by their names in the catalogue, and returns the
+values of the same rig with that effect.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,7 +15,7 @@ Hide = Callable[[RigValues, Parameters], RigValues]
 
 
 def _value(field: str) -> Hide:
-    """Return what sets one value of the rig to the effect's `value`."""
+    """Return a function that sets the rig's value `field` to the effect's parameter `value`."""
 
     def hide(rig: RigValues, effect: Parameters) -> RigValues:
         return rig._replace(**{field: effect["value"]})
@@ -103,14 +104,18 @@ OFF_MENU: Final[dict[str, tuple[str, ...]]] = {
     "jittering_command": ("dead_time_jitter",),
     "fading_valve": ("valve_heat",),
 }
-"""Effects that the catalogue has not: the rig's values that each of them sets."""
+"""Effects that are not in the catalogue, each with the names of the rig's values that it sets."""
 
 
 def with_effects(rig: RigValues, effects: Mapping[str, Parameters]) -> RigValues:
-    """Return a rig with effects on or off the menu.
+    """Return the values of `rig` with effects added.
+
+    Args:
+        rig: values of the rig; they are not changed.
+        effects: the parameters (SI) of each effect, by its name in `MENU` or `OFF_MENU`.
 
     Raises:
-        ValueError: an effect has no entry here.
+        ValueError: an effect is in neither of them.
     """
     for name, parameters in effects.items():
         if name in MENU:

@@ -1,4 +1,4 @@
-"""What an experimenter runs to identify a rig, and what shows nothing of it."""
+"""Draws the motions of trials: those that identify a rig, and those that show next to nothing."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from tools.hidden_effects.physics import TICK
 Array = NDArray[np.float64]
 
 _SPEED: Final = 0.25
-"""m/s, the greatest that smooth setpoints ask for."""
+"""m/s: the greatest speed of smooth setpoints."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What the rig is asked to do.
+    """One motion, with one row for each tick.
 
     Attributes:
-        setpoint: (n,) m; where `gain` is 0, the place it starts from.
-        feed: (n,) V, commanded beside the position loop.
-        gain: V/m of the position loop; 0: open loop.
+        setpoint: (n,) m; in open loop only the first value counts, as the place to start from.
+        feed: (n,) V, added to the command of the position loop.
+        gain: gain of the position loop, V/m; 0 means open loop.
     """
 
     setpoint: Array
@@ -49,7 +49,7 @@ def _middle(rng: Generator) -> float:
 
 
 def _tones(rng: Generator, n: int, low: float, high: float) -> Array:
-    """Return a sum of sines (n,) between two frequencies (Hz), at most 1 either way."""
+    """Return a sum of 6 to 12 sines (n,) with frequencies from `low` to `high` (Hz), at most ±1."""
     time = _time(n)
     frequencies = np.exp(rng.uniform(np.log(low), np.log(high), rng.integers(6, 13)))
     phases = rng.uniform(0.0, 2.0 * pi, len(frequencies))
@@ -59,7 +59,7 @@ def _tones(rng: Generator, n: int, low: float, high: float) -> Array:
 
 
 def _limited(wave: Array, amplitude: float) -> Array:
-    """Return a wave (n,) at an amplitude in m, or less where it would be too fast."""
+    """Return a wave (n,) multiplied by `amplitude` (m), or by less if it would exceed `_SPEED`."""
     speed = float(np.abs(np.diff(wave)).max()) / TICK
     return wave * min(amplitude, _SPEED / max(speed, 1e-9))
 
@@ -75,7 +75,10 @@ def _sines(rng: Generator, n: int) -> Motion:
 
 
 def _chirp(rng: Generator, n: int, low: float, high: float) -> tuple[Array, Array]:
-    """Return the phase (n,) in rad and frequency (n,) in Hz of an exponential sweep."""
+    """Return the phase (n,) in rad and frequency (n,) in Hz of an exponential sweep.
+
+    The frequency rises from `low` to `high`.
+    """
     time = _time(n)
     rate = np.log(high / low) / time[-1]
     return 2.0 * pi * low * np.expm1(rate * time) / rate, low * np.exp(rate * time)
@@ -88,20 +91,23 @@ def _sweep(rng: Generator, n: int) -> Motion:
 
 
 def _dwells(rng: Generator, n: int, shortest: float, longest: float) -> Array:
-    """Return the number (n,) of the dwell that each row is in; their lengths in s are drawn."""
+    """Return the number (n,) of the dwell that each row is in, counted from 0.
+
+    The length of each dwell is drawn between `shortest` and `longest` (s).
+    """
     lengths = rng.uniform(shortest, longest, int(n * TICK / shortest) + 1)
     return np.asarray(np.searchsorted(np.cumsum(lengths), _time(n), side="right"))
 
 
 def _steps(rng: Generator, n: int) -> Motion:
     dwell = _dwells(rng, n, 0.8, 3.0)
-    # One in eight asks for a place behind a stroke end.
+    # One motion in eight may ask for a place beyond a stroke end.
     ends = (-0.02, 0.63) if rng.random() < 0.125 else (0.08, 0.52)
     return _closed(rng, rng.uniform(*ends, dwell.max() + 1)[dwell])
 
 
 def _ramps(rng: Generator, n: int) -> Motion:
-    # Speeds between creeping and sliding, to and fro.
+    # The ram goes to and fro, at speeds from creeping to sliding.
     dwell = _dwells(rng, n, 1.5, 5.0)
     speeds = np.exp(rng.uniform(np.log(0.004), np.log(0.12), dwell.max() + 1))
     speeds *= np.where(np.arange(len(speeds)) % 2, -1.0, 1.0)
@@ -126,7 +132,7 @@ def _open_sweep(rng: Generator, n: int) -> Motion:
 
 
 def _open_steps(rng: Generator, n: int) -> Motion:
-    # To and fro for nearly the same time: it drifts, and now and then it meets an end.
+    # The ram goes to and fro, but drifts meanwhile and may meet a stroke end.
     dwell = _dwells(rng, n, 0.15, 0.6)
     levels = rng.uniform(0.3, 5.0, dwell.max() + 1) * np.where(
         np.arange(dwell.max() + 1) % 2, -1, 1
@@ -157,7 +163,7 @@ BRISK: Final[Mapping[str, Callable[[Generator, int], Motion]]] = {
     "pseudorandom": _pseudorandom,
     "steps": _steps,
 }
-"""One of the two identifying recordings is one of these."""
+"""Brisk motions by name; one of the two recordings to identify with is of one of these kinds."""
 MOTIONS: Final[Mapping[str, Callable[[Generator, int], Motion]]] = {
     **BRISK,
     "sines": _sines,
@@ -173,9 +179,9 @@ STILL: Final[Mapping[str, Callable[[Generator, int], Motion]]] = {
     "in_the_seals": _in_the_seals,
     "pressed_on_the_stop": _pressed_on_the_stop,
 }
-"""Motions that show next to nothing of a rig."""
+"""Motions, by name, that show next to nothing of a rig."""
 
 
 def drawn(name: str, rng: Generator, rows: int) -> Motion:
-    """Return a motion of a kind in `MOTIONS` or `STILL`."""
+    """Return a motion of `rows` rows, of the kind `name` in `MOTIONS` or `STILL`."""
     return {**MOTIONS, **STILL}[name](rng, rows)

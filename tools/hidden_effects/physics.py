@@ -1,7 +1,8 @@
-"""The equations of the independent rig, their integration and its sensors, in one compiled piece.
+"""The equations of the independent rig, their integration and its sensors, compiled.
 
-The steps are short and plain (Kutta's third order, 20 us), where the product's are long and clever.
-One file, because numba's cache notices changes of a function's own file only.
+The integrator is deliberately simpler than the product's: Kutta's third-order method with steps of
+20 us. All compiled functions are in this one file, because numba's cache recompiles a function only
+if the function's own file changed.
 """
 
 from math import exp, floor, pi, sin, sqrt
@@ -12,16 +13,16 @@ import numpy as np
 from rig.jit import njit
 
 TICK: Final = 1e-3
-"""s between samples."""
+"""s: time between two samples."""
 STEPS: Final = 50
-"""Steps in a tick, 20 us each."""
+"""Integration steps in a tick; each is 20 us long."""
 STATES: Final = (
     "spool", "spool_speed", "pilot", "pilot_speed", "position", "speed", "seal_bend",
     "pressure_1", "pressure_2", "supply", "tank",
 )  # fmt: skip
 SPOOL, SPOOL_SPEED, PILOT, PILOT_SPEED, POSITION, SPEED, BEND, P1, P2, SUPPLY, TANK = range(11)
 COUNT: Final = 3e-5
-"""m, one count of the encoder."""
+"""m: length of one encoder count."""
 READINGS: Final = ("command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa", "spool_m")
 
 _ATMOSPHERE: Final = 1.01325e5
@@ -30,20 +31,20 @@ _LONGEST_DELAY: Final = 64
 
 @njit(cache=True, error_model="numpy")
 def _root(pressure):
-    """Signed square root."""
+    """Return the square root of the magnitude of `pressure`, with the sign of `pressure`."""
     return sqrt(pressure) if pressure >= 0.0 else -sqrt(-pressure)
 
 
 @njit(cache=True, error_model="numpy")
 def _bump(place, middle, width):
-    """One at `middle`, fading over `width` on either side."""
+    """Return exp(-((place - middle) / width)^2): 1 at `middle`, and nearly 0 far from it."""
     distance = (place - middle) / width
     return exp(-distance * distance)
 
 
 @njit(cache=True, error_model="numpy")
 def _compliance(r, pressure, clock):
-    """Return the oil's compliance in 1/Pa (Merritt 1967, ch. 1): liquid, and bubbles in it."""
+    """Return the compliance of liquid and air bubbles together, 1/Pa (Merritt 1967, ch. 1)."""
     liquid = 1.0 / (r.oil_stiffness * (1.0 - r.oil_trend * clock))
     absolute = pressure + _ATMOSPHERE
     return liquid + r.air * _ATMOSPHERE / (absolute * absolute)
@@ -51,13 +52,13 @@ def _compliance(r, pressure, clock):
 
 @njit(cache=True, error_model="numpy")
 def _relief(r, pressure):
-    """Return the flow in m^3/s out of a chamber through a relief valve that seats badly."""
+    """Return the flow (m^3/s) out of a chamber through a relief valve that does not close."""
     return r.relief_leak * max(0.0, pressure - r.relief_pressure)
 
 
 @njit(cache=True, error_model="numpy")
 def slip_force(r, position, speed, pressure_1):
-    """Return the friction in N at which the seals slip: Stribeck's curve, with what acts on it."""
+    """Return the friction (N) at which the seals slip: Stribeck's curve with the hidden effects."""
     level = r.sliding + (r.break_away - r.sliding) * exp(-abs(speed) / r.stribeck)
     if speed > 0.0:
         level += r.direction_friction
@@ -70,7 +71,7 @@ def slip_force(r, position, speed, pressure_1):
 
 @njit(cache=True, error_model="numpy")
 def _outside_force(r, position, speed):
-    """Return the force in N against extension: spring, stroke ends, weight, cogging."""
+    """Return the external force (N) against extension: spring, stroke ends, weight, cogging."""
     force = r.push_back + r.spring * max(0.0, position - r.spring_contact)
     beyond = position - r.stroke_high
     if beyond > 0.0:
@@ -88,11 +89,11 @@ def slopes(r, clock, reference, y, out):
     """Write the time derivatives of the states `y` (see STATES) to `out`.
 
     Args:
-        r: RigValues.
+        r: RigValues of the rig.
         clock: s since the recording began.
-        reference: m, where the spool is asked to be.
-        y: (11,) states, SI.
-        out: (11,) their rates.
+        reference: commanded spool position, m.
+        y: (11,) states, SI; they are not changed.
+        out: (11,) time derivatives of the states, SI per s; overwritten.
     """
     position, speed, bend = y[POSITION], y[SPEED], y[BEND]
     p1, p2 = max(0.0, y[P1]), max(0.0, y[P2])
@@ -123,7 +124,7 @@ def slopes(r, clock, reference, y, out):
     out[SPOOL] = spool_speed
     out[SPOOL_SPEED] = push
 
-    # Four edges: two that open by moving the spool up, two by moving it down.
+    # The valve has four metering edges: two open as the spool moves up, two as it moves down.
     opening = y[SPOOL] + r.null_shift + r.null_trend * clock
     if opening > r.overlap:
         opening -= r.overlap
@@ -185,7 +186,14 @@ def slopes(r, clock, reference, y, out):
 
 @njit(cache=True, error_model="numpy")
 def _held(command, tick, begin, end):
-    """Return the mean command in V between two moments, in ticks from the first row."""
+    """Return the mean command (V) between two moments, if each command is held for one tick.
+
+    Args:
+        command: (n,) V by tick.
+        tick: the present tick; later commands are not used.
+        begin: first moment, in ticks from the first row; before that row the command is 0 V.
+        end: second moment, in the same unit, at most one tick later.
+    """
     first, last = floor(begin), min(floor(end), tick)
     early = command[first] if first >= 0 else 0.0
     if last <= first:
@@ -196,30 +204,36 @@ def _held(command, tick, begin, end):
 
 @njit(cache=True, error_model="numpy")
 def _follow(held, moved, slack):
-    """Return where a part with `slack` on each side is, once its partner has moved."""
+    """Return the new position of a part that another part moves with play (backlash).
+
+    Args:
+        held: position of the part before.
+        moved: new position of the part that moves it.
+        slack: play on each side.
+    """
     return min(max(held, moved - slack), moved + slack)
 
 
 @njit(cache=True, error_model="numpy")
 def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
-    """Run the rig and read its sensors once a tick.
+    """Simulate the rig with its position loop, and read its sensors once a tick.
 
     Args:
-        r: RigValues.
+        r: RigValues of the rig.
         setpoint: (n,) m.
-        feed: (n,) V, added to what the position loop asks for.
-        gain: (n,) V/m of the position loop; 0: open loop.
-        first: the row at which the run begins; of those before it only the commands are used,
-            `feed`, as far as they act later.
-        lead: rows before time zero, for effects that know the time.
-        noise: (n, 3) pressures 1 and 2 in Pa, spool in m.
-        lateness: (n,) numbers from 0 to 1, for what is late at random.
-        y: (11,) states at row `first`; left as they are after the last tick.
-        steps: in a tick.
+        feed: (n,) V, added to the command of the position loop.
+        gain: (n,) V/m of the position loop; 0 means open loop.
+        first: row at which the simulation begins. Of the earlier rows only `feed` is used, as
+            commands that a delay may bring to act later.
+        lead: row at which the clock of those effects that change with time is zero.
+        noise: (n, 3) noise of pressures 1 and 2 (Pa) and of the spool (m).
+        lateness: (n,) random numbers from 0 to 1, by which `dead_time_jitter` is multiplied.
+        y: (11,) states at row `first`; updated in place to those after the last tick.
+        steps: integration steps in a tick.
 
     Returns:
-        (n, 5) readings (see READINGS), and (n, 11) the states at the same moments; rows before
-        `first` hold no values.
+        The readings (n, 5), see READINGS, and the states (n, 11) at the same moments. Rows before
+        `first` are not filled.
     """
     n = setpoint.shape[0]
     readings, truth = np.empty((n, 5)), np.empty((n, 11))
@@ -245,7 +259,7 @@ def run(r, setpoint, feed, gain, first, lead, noise, lateness, y, steps):
         readings[tick, 4] = y[SPOOL] + noise[tick, 2]
         truth[tick] = y
 
-        # Position loop, in microvolts as recordings have it.
+        # The position loop rounds its command to microvolts, as recordings hold it.
         asked = gain[tick] * (setpoint[tick] - readings[tick, 1]) + feed[tick]
         command[tick] = np.rint(1e6 * min(max(asked, -r.volts), r.volts)) * 1e-6
         readings[tick, 0] = command[tick]

@@ -1,4 +1,4 @@
-"""Recordings of the independent rig: as arrays, and as files that the product reads."""
+"""Records motions of the independent rig as arrays, and writes them as files for the product."""
 
 import gzip
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from tools.hidden_effects.motions import Motion
 from tools.hidden_effects.rig_values import RigValues
 
 PRESSURE_NOISE: Final = 3e4
-"""Pa, standard deviation."""
+"""Standard deviation of a pressure reading, Pa."""
 SPOOL_NOISE: Final = 1e-6
-"""m, standard deviation."""
+"""Standard deviation of a spool reading, m."""
 COLUMNS: Final = ("time_s", *physics.READINGS)
 
 _SETTLING: Final = 1000
-"""Rows held in closed loop before the recording begins, as an experimenter would."""
+"""Rows for which the ram is held in closed loop before the recording begins."""
 _HOLD: Final = 30.0
-"""V/m of the position loop meanwhile."""
+"""Gain of the position loop in these rows, V/m."""
 _FORMATS: Final = ("%.3f", "%.6f", "%.6f", "%.1f", "%.1f", "%.4e")
 
 Array = NDArray[np.float64]
@@ -30,11 +30,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording and what its maker knows.
+    """A recording and the true states of the rig.
 
     Attributes:
-        table: (n, 6), columns as in `COLUMNS`.
-        truth: (n, 11) states, see `physics.STATES`.
+        table: (n, 6) time and readings, columns as in `COLUMNS`.
+        truth: (n, 11) states at the same moments, columns as in `physics.STATES`.
     """
 
     table: Array
@@ -42,12 +42,15 @@ class Recorded:
 
 
 def record(values: RigValues, motion: Motion, rng: Generator) -> Recorded:
-    """Run a motion on a rig that has settled, and record it.
+    """Let a rig settle at the motion's first setpoint, then run the motion and record it.
 
     Args:
-        values: of the rig.
-        motion: n rows.
-        rng: draws the noise.
+        values: values of the rig.
+        motion: what the rig is asked to do, of n rows.
+        rng: draws the noise of the sensors and the random delays of the command.
+
+    Returns:
+        The recording, of n rows; the settling is not in it.
     """
     n = len(motion.setpoint)
     rows = n + _SETTLING
@@ -65,7 +68,7 @@ def record(values: RigValues, motion: Motion, rng: Generator) -> Recorded:
 
 
 def at_rest(values: RigValues, position: float) -> Array:
-    """Return the states (11,) of a ram that stands at a position in m, chambers balanced."""
+    """Return the states (11,) of a ram at rest at `position` (m), with equal chamber pressures."""
     states = np.zeros(len(physics.STATES))
     states[physics.POSITION] = position
     states[[physics.P1, physics.P2]] = 0.5 * values.pump_pressure
@@ -74,7 +77,7 @@ def at_rest(values: RigValues, position: float) -> Array:
 
 
 def write(table: Array, file: Path) -> None:
-    """Write a table (n, 6) as CSV, gzip-compressed; the file is whole or absent."""
+    """Write a table (n, 6) as gzip-compressed CSV; if it is cut short, `file` does not change."""
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.name}.part")
     with gzip.open(part, "wt", compresslevel=3, encoding="ascii") as out:

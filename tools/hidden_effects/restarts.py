@@ -1,12 +1,13 @@
-"""How well the independent rig follows recordings made elsewhere, over short horizons.
+"""Compares the independent rig with recordings made elsewhere, over windows of 50 ms.
 
     python -m tools.hidden_effects.restarts FOLDER... [--effects JSON]   # each with *.csv.gz
 
-Free runs part in phase wherever the ram sticks, so the rig starts anew from the measurements every
-100 ms and is followed for 50: the states that begin a window are fitted to it, the equations and
-values are not. Where the ram slides at 0.03 to 0.1 m/s friction falls with speed and the least
-difference grows 25-fold in a millisecond, so that no fit of a start follows; hence medians, and the
-share of windows that are followed to within the noise.
+Two free runs come out of phase wherever the ram sticks. Therefore the simulation starts anew from
+the measurements every 100 ms and is compared with the recording for 50 ms. The states at the start
+of such a window are fitted to it; the equations and the rig's values are not. Where the ram slides
+at 0.03 to 0.1 m/s, friction falls with speed, and the smallest difference grows 25-fold in a
+millisecond, so that no start can be fitted. Therefore the program prints medians over the windows,
+and the share of windows whose residuals are within the noise.
 """
 
 import argparse
@@ -24,18 +25,18 @@ from tools.hidden_effects.menu import with_effects
 from tools.hidden_effects.rig_values import TABLE, RigValues
 
 EVERY: Final = 100
-"""Rows between restarts."""
+"""Rows from the start of one window to the next."""
 WINDOW: Final = 50
-"""Rows that are followed."""
+"""Rows of a window."""
 WITHIN: Final = 1.4
-"""Residual over noise, as root mean square, up to which a window counts as followed."""
+"""A window counts as followed if no channel's rms residual is above this, in units of its noise."""
 SENSOR_NOISE: Final = {
     "position_m": physics.COUNT / np.sqrt(12.0),
     "pressure_1_Pa": 3e4,
     "pressure_2_Pa": 3e4,
     "spool_m": 1e-6,
 }
-"""Standard deviations; an encoder's count is even between its edges."""
+"""Standard deviation of each reading, SI; an encoder's error is uniform over one count."""
 
 _HISTORY: Final = 40
 _FITTED: Final = (physics.POSITION, physics.SPEED, physics.BEND, physics.P1, physics.P2)
@@ -47,13 +48,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Following:
-    """What is left between a recording and the rig.
+    """The residuals between a recording and the simulated rig.
 
     Attributes:
-        median: by channel, root mean square of a window's residual over the sensor's noise, median
-            of all windows: 1 is perfect.
-        followed: share of the windows in which no channel has more than `WITHIN`.
-        windows: how many.
+        median: by channel, the median over all windows of the rms residual divided by the standard
+            deviation of the sensor; a perfect simulation would have 1.
+        followed: share of the windows in which this ratio is below `WITHIN` for all channels.
+        windows: number of windows.
     """
 
     median: Mapping[str, float]
@@ -81,7 +82,10 @@ def _simulated(values: RigValues, command: Array, first: int, lead: int, states:
 
 
 def _begun(rows: Array, at: int, free: Array, values: RigValues) -> Array:
-    """Return the states (11,) at a row, from smoothed measurements around it."""
+    """Return the states (11,) at row `at`, from cubics fitted to the 25 measurements around it.
+
+    The states of the spool and the lines are those of the free run, `free` (n, 11).
+    """
     span = slice(max(0, at - 12), at + 13)
     time = (np.arange(len(rows))[span] - at) * physics.TICK
     states = free[at].copy()
@@ -102,7 +106,10 @@ def _begun(rows: Array, at: int, free: Array, values: RigValues) -> Array:
 
 
 def _window(values: RigValues, rows: Array, at: int, free: Array) -> Array:
-    """Return the residuals (WINDOW, 4) over the noise, of the window from a row on."""
+    """Return the residuals (WINDOW, 4) of the window from row `at` on, divided by the noise.
+
+    The states at its start are fitted to position and pressures (Levenberg-Marquardt).
+    """
     begin = max(0, at - _HISTORY)
     command = rows[begin : at + WINDOW, 0]
     measured = rows[at : at + WINDOW, 1:]
@@ -138,19 +145,19 @@ def _window(values: RigValues, rows: Array, at: int, free: Array) -> Array:
 
 
 def following(values: RigValues, rows: Array, stride: int = 1) -> Following:
-    """Return how well a rig follows a recording.
+    """Simulate the windows of a recording and return the residuals.
 
     Args:
-        values: of the rig.
-        rows: (n, 5) readings, see `physics.READINGS`.
-        stride: restarts to take one of.
+        values: values of the simulated rig.
+        rows: (n, 5) readings of the recording, see `physics.READINGS`.
+        stride: only each `stride`-th window is simulated.
     """
     n = len(rows)
     states = np.zeros(len(physics.STATES))
     states[physics.POSITION] = rows[0, 1]
     states[physics.P1], states[physics.P2] = rows[0, 2], rows[0, 3]
     states[physics.SUPPLY] = values.pump_pressure
-    # The spool and the lines do not hang on the ram's phase: their states are those of a free run.
+    # Spool and lines hardly depend on the ram, so their states are taken from a free run.
     _, free = physics.run(
         values, np.zeros(n), rows[:, 0], np.zeros(n), 0, 0, np.zeros((n, 3)), np.zeros(n), states,
         physics.STEPS,
@@ -166,19 +173,19 @@ def following(values: RigValues, rows: Array, stride: int = 1) -> Following:
 
 
 def read(file: Path) -> Array:
-    """Return the readings (n, 5) of a recording in CSV, compressed or not."""
+    """Return the readings (n, 5) of a CSV file, compressed or not, as in `physics.READINGS`."""
     return np.loadtxt(file, delimiter=",", skiprows=1)[:, 1:]
 
 
 def line(name: str, values: RigValues, file: Path, stride: int = 1) -> str:
-    """Return what is left of a recording, in a line: medians by channel, share followed."""
+    """Return a line of text on a recording: windows, medians by channel, share followed."""
     found = following(values, read(file), stride)
     cells = "  ".join(f"{found.median[channel]:5.2f}" for channel in SENSOR_NOISE)
     return f"{name:28s} {found.windows:4d}   {cells}   {100.0 * found.followed:3.0f} %"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print what is left of recordings in the given folders, on a rig with given effects."""
+    """Print a line for each recording in the given folders, simulated with the given effects."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.hidden_effects.restarts",
         description=__doc__,

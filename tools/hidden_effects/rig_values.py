@@ -1,16 +1,16 @@
-"""Every value of the independent rig: table 2.1 as corrected, and what may be hidden."""
+"""All parameters of the independent rig: the corrected table 2.1, and those of hidden effects."""
 
 from math import pi
 from typing import NamedTuple
 
 
 class RigValues(NamedTuple):
-    """What the simulator reads, in SI; the defaults are a rig with nothing hidden.
+    """The parameters of one rig, in SI; the defaults describe a rig without any hidden effect.
 
     The first block is the thesis's table 2.1 with C_d = 0.6 and k_sp in m/V, and the bristle law
-    of the corrections to it. The second holds the effects that the workflow's catalogue has, the
-    third those that it has not, the last leaks that open while a recording is made; all are absent
-    at their defaults.
+    from the corrections to it. The second block holds the effects that are in the workflow's
+    catalogue, the third those that are not, and the last one leaks that open during a recording. At
+    its default, each effect is absent.
     """
 
     # The rig.
@@ -19,12 +19,12 @@ class RigValues(NamedTuple):
     stroke_low: float = 0.0
     stroke_high: float = 0.6069
     dead_volume: float = 2.14e-5
-    """m^3, on each side, line included."""
+    """m^3 on each side, including the line."""
     oil_stiffness: float = 689e6
     oil_density: float = 847.15
     pump_pressure: float = 13.8e6
     line_lag: float = 2e-3
-    """s, in which the lines at the valve fill."""
+    """s: time constant of the pressures in the lines at the valve."""
     edge_coefficient: float = 0.6
     edge_width: float = 2.075e-2
     spool_per_volt: float = 2.794e-5
@@ -39,9 +39,9 @@ class RigValues(NamedTuple):
     seal_damping_speed: float = 0.01
     stop_stiffness: float = 6e7
     stop_loss: float = 5.0
-    """s/m: share of the stop's force lost or gained for each m/s of approach."""
+    """s/m: share by which the stop's force grows for each m/s of approach, or falls in leaving."""
     volts: float = 10.0
-    """The greatest command either way."""
+    """V: the greatest command, in either direction."""
 
     # Effects on the menu.
     null_shift: float = 0.0
@@ -75,43 +75,43 @@ class RigValues(NamedTuple):
 
     # Effects off the menu.
     tight_spot: float = 0.0
-    """N of friction on top, at `tight_place` (m), over `tight_width` (m)."""
+    """N of additional friction at `tight_place` (m), fading over `tight_width` (m)."""
     tight_place: float = 0.0
     tight_width: float = 1.0
     pilot_frequency: float = 0.0
-    """rad/s of a second, hardly damped mode before the spool; 0: none."""
+    """rad/s: frequency of a weakly damped pilot stage ahead of the spool; 0 means no such stage."""
     pilot_damping: float = 0.1
     oil_trend: float = 0.0
-    """1/s: share of its stiffness that the oil loses each second as it warms."""
+    """1/s: share of the stiffness that the oil loses in each second while it warms."""
     cogging: float = 0.0
-    """N of a force that alternates along the stroke, once each `cogging_pitch` (m)."""
+    """N: amplitude of a force that alternates along the stroke with period `cogging_pitch` (m)."""
     cogging_pitch: float = 1.0
     squeeze: float = 0.0
-    """N of friction on top for each Pa^2 that chamber 1 presses its seal with."""
+    """N/Pa^2: additional friction for each Pa^2 of the squared pressure in chamber 1."""
     null_trend: float = 0.0
-    """m/s by which the spool's null drifts."""
+    """m/s: speed at which the spool's null drifts."""
     worn_leak: float = 0.0
-    """m^3/(s sqrt Pa) across the piston, at `worn_place` (m), over `worn_width` (m)."""
+    """m^3/(s sqrt Pa): leak across the piston at `worn_place` (m), fading over `worn_width` (m)."""
     worn_place: float = 0.0
     worn_width: float = 1.0
     relief_leak: float = 0.0
-    """m^3/(s Pa) out of each chamber for what its pressure exceeds `relief_pressure` (Pa)."""
+    """m^3/(s Pa): flow out of each chamber for each Pa of pressure above `relief_pressure` (Pa)."""
     relief_pressure: float = 0.0
     drag_square: float = 0.0
-    """N s^2/m^2."""
+    """N s^2/m^2: friction that grows with the square of the speed."""
     encoder_wave: float = 0.0
-    """m of an error of the encoder that repeats each `encoder_pitch` (m)."""
+    """m: amplitude of an encoder error that is periodic in position with `encoder_pitch` (m)."""
     encoder_pitch: float = 1.0
     dead_time_jitter: float = 0.0
-    """s up to which each command is late, at random."""
+    """s: each command is late by a random time between 0 and this, beside `dead_time`."""
     valve_heat: float = 0.0
-    """1/s: share by which each volt moves the spool less, each second."""
+    """1/s: share of the spool's travel per volt that is lost in each second."""
 
     # Leaks that open within a recording.
     opens_at: float = 1e9
-    """s since the recording began."""
+    """s from the recording's first row to the moment at which the leaks below open."""
     opening_leak_1: float = 0.0
-    """m^3/(s sqrt Pa), out of chamber 1."""
+    """m^3/(s sqrt Pa) out of chamber 1."""
     opening_leak_2: float = 0.0
     opening_leak_across: float = 0.0
 

@@ -1,4 +1,4 @@
-"""What a workflow's answer is worth, once the envelope is open."""
+"""Scores an answer of the gap workflow by comparing it with the effects that were hidden."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,25 +19,33 @@ OUTCOMES: Final = (
     "inconclusive",
     "failed",
 )
-"""`right`: every hidden effect is named or in an honest set, and nothing else is; where none can be
-named, the verdict says so. `right and more`: sets without a hidden effect beside. `half`: one of
-two. `wrong`: names, none of them hidden, or a set too large to be honest. `unknown`,
-`inconclusive`: that verdict where another was due. `missed`: adequate, though something is hidden.
-`failed`: no answer."""
+"""How an answer compares with what was hidden. A set is a named effect with those effects that the
+answer calls indistinguishable from it.
+
+- `right`: each hidden effect is in a set of its own, and every set holds a hidden effect. Where
+  none can be named (none is hidden or shows, or it is off the menu), the verdict says that.
+- `right and more`: each hidden effect is in a set of its own; another set holds no hidden effect.
+- `half`: only one of two hidden effects is in a set.
+- `wrong`: no set holds a hidden effect, or a set has more than `LARGEST_SET` names.
+- `unknown`, `inconclusive`: the answer has this verdict where another one would be right.
+- `missed`: the answer is adequate, although something is hidden.
+- `failed`: there is no answer.
+"""
 LARGEST_SET: Final = 3
+"""A set with more names than this says too little to count."""
 VISIBLE_GAP: Final = 0.05
-"""Held-out excess, in noise variances, from which it is asked whether it shrank."""
+"""Shrinkage is computed only for held-out excesses from this on, in noise variances."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter of a hidden effect that was named itself.
+    """The estimate of one parameter of a hidden effect that the answer names.
 
     Attributes:
-        effect, parameter: whose.
-        truth, value: SI.
-        interval: that of 95 %, None where the answer has none.
-        inside: whether the truth lies in it.
+        effect, parameter: names of the effect and of its parameter.
+        truth, value: true and estimated value, SI.
+        interval: ends of the 95 % interval; None where the answer has none.
+        inside: whether the true value lies in the interval; None without an interval.
     """
 
     effect: str
@@ -50,16 +58,18 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Score:
-    """What an answer is worth.
+    """The score of one answer.
 
     Attributes:
         outcome: one of `OUTCOMES`.
-        verdict: as answered; "" where it failed.
-        sets: the names that were answered, each with those it may be as well.
-        false_names: of sets without a hidden effect.
-        estimates: of what was named and is hidden.
-        gap: held-out excess in noise variances, before and after; None where not answered.
-        why: it failed.
+        verdict: the verdict of the answer; "" if the workflow failed.
+        sets: for each effect that the answer names, its name followed by the names of the effects
+            that the answer calls indistinguishable from it.
+        false_names: the first name of each set that holds no hidden effect.
+        estimates: one for each parameter of an effect that is both hidden and named.
+        gap: held-out excess in noise variances, before and after the effects were fitted; None
+            where the answer has none.
+        why: why the workflow failed; "" if it did not.
     """
 
     outcome: str
@@ -72,22 +82,25 @@ class Score:
 
     @property
     def shrinkage(self) -> float | None:
-        """Share of the held-out excess that is gone; None where there was none to see."""
+        """The share of the held-out excess that is gone; None if it was below `VISIBLE_GAP`."""
         if self.gap is None or self.gap[0] < VISIBLE_GAP:
             return None
         return 1.0 - max(self.gap[1], 0.0) / self.gap[0]
 
 
 def failed(why: str) -> Score:
-    """Return the score of a workflow that gave no answer."""
+    """Return the score of a workflow that gave no answer, for the reason `why`."""
     return Score("failed", "", why=why)
 
 
 def scored(envelope: Envelope, answer: Mapping[str, Any]) -> Score:
-    """Hold an answer, in the shape of `rig gap --json`, against what was hidden.
+    """Return the score of an answer, compared with what was hidden.
 
-    A parameter is a number, or an object with `value` and `interval` (two numbers), `low` and
-    `high`, or `lower` and `upper`.
+    Args:
+        envelope: what was hidden.
+        answer: the object that `rig gap --json` prints. A parameter in it is a number, or an object
+            with `value` and with `interval` (two numbers), `low` and `high`, or `lower` and
+            `upper`.
     """
     verdict = answer.get("verdict")
     if verdict not in VERDICTS:
@@ -131,7 +144,7 @@ def _among(verdict: str, outcomes: Mapping[str, str]) -> str:
 
 
 def _covered(hidden: Sequence[str], sets: Sequence[Sequence[str]]) -> int:
-    """Return how many hidden effects lie each in a set of its own."""
+    """Return how many hidden effects can be assigned to sets that hold them, one set for each."""
     slots = [*sets, *[()] * len(hidden)]
     return max(
         sum(name in names for name, names in zip(hidden, chosen, strict=True))

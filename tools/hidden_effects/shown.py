@@ -1,11 +1,12 @@
-"""The smallest size of each effect that a trial's own rig and motions would show the workflow.
+"""The detection limits of a trial: how large an effect must be for its recordings to show it.
 
-The rig of the trial is recorded with nothing hidden in it; what `rig gap` would say it could not
-have seen there (`estimator.gap.search.signatures`) are the limits that hidden sizes are counted in.
+The trial's rig is recorded with nothing hidden in it. From these recordings, `rig gap` computes the
+smallest size of each effect that it could have noticed (`estimator.gap.search.signatures`). The
+sizes of hidden effects are stated as multiples of these limits.
 
     python -m tools.hidden_effects.shown --page docs/hidden_effects.md
 
-lists them for each effect in motions of each kind.
+writes a table of the limits, for each effect in each kind of motion.
 """
 
 import argparse
@@ -39,18 +40,19 @@ _MODELLED: Final[Mapping[str, str]] = {
     "drag": "viscous",
     "pump_pressure": "supply_pressure",
 }
-"""The model's parameter, by the rig's value."""
+"""Name of the model's parameter, by the name of the same value in `RigValues`."""
 
 
 def smallest_shown(files: Sequence[Path], nuisances: Mapping[str, float]) -> dict[str, float]:
-    """Return the smallest distance from neutral that shows, SI, by effect.
+    """Return, by effect, the smallest distance from its neutral value that the recordings show, SI.
 
-    Of `valve_rate_limit` the largest rate that shows. Infinite (the rate: 0) where no plausible
-    size shows; without those effects whose size depends on where the motion goes.
+    For `valve_rate_limit` it is the largest rate that shows. The distance is infinite (the rate 0)
+    if no plausible size shows. Effects whose size depends on the places that the motion reaches are
+    left out.
 
     Args:
         files: recordings to identify with, of a rig in which nothing is hidden.
-        nuisances: values of that rig.
+        nuisances: those values of the rig that differ between healthy rigs, by name, SI.
     """
     plant = servo_actuator(Model())
     values = {**plant.nominal, **{_MODELLED[name]: value for name, value in nuisances.items()}}
@@ -62,7 +64,13 @@ def smallest_shown(files: Sequence[Path], nuisances: Mapping[str, float]) -> dic
 
 
 def in_motion(name: str, seed: int, seconds: float) -> dict[str, float]:
-    """Return what two motions of a kind in `MOTIONS`, drawn by a seed, would show."""
+    """Return `smallest_shown` for two recordings, of motions of one kind drawn by a seed.
+
+    Args:
+        name: kind of the motions, a key of `MOTIONS`.
+        seed: draws the motions, the rig's nuisances and the noise.
+        seconds: length of each recording.
+    """
     trial = drawn_trial("none", seed, 0, seconds=seconds)
     rng = np.random.default_rng([seed, list(MOTIONS).index(name)])
     rows = round(seconds / 1e-3)
@@ -73,7 +81,10 @@ def in_motion(name: str, seed: int, seconds: float) -> dict[str, float]:
 
 
 def table(seeds: Sequence[int], seconds: float) -> str:
-    """Return one row for each effect: what motions of each kind show, the median of some seeds."""
+    """Return the table of limits in Markdown: a row for each effect, a column for each motion.
+
+    Each cell is the median over the seeds; `seconds` is the length of each recording.
+    """
     rows = []
     found = {name: [in_motion(name, seed, seconds) for seed in seeds] for name in MOTIONS}
     for effect in MENU:
@@ -92,7 +103,7 @@ def _cell(effect: str, size: float) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, and bring a page's up to date."""
+    """Print the table of limits; with `--page`, write it into that page too."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.hidden_effects.shown",
         description=__doc__,

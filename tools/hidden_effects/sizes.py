@@ -1,8 +1,9 @@
-"""How large the hidden effects are: for each parameter, the intervals that it is drawn from.
+"""The sizes of the hidden effects: for each parameter, the intervals that it is drawn from.
 
-Where an effect shifts a value that every rig has, the intervals leave out what refitting the
-nuisances allows. `limits` of `drawn_trials.drawn_trial` puts the lower ends at so many detection
-limits instead.
+Some effects shift a value that differs between healthy rigs anyway. Their intervals leave out those
+values that refitting the nuisances would explain. The argument `limits` of
+`drawn_trials.drawn_trial` replaces the ends next to the neutral value by multiples of the detection
+limits.
 """
 
 from collections.abc import Mapping
@@ -18,18 +19,19 @@ from tools.hidden_effects.rig_values import TABLE
 
 @dataclass(frozen=True)
 class Sizes:
-    """Where a parameter is drawn from.
+    """The distribution that a parameter is drawn from.
 
     Attributes:
-        intervals: one of them is drawn, then a value within.
-        even: whether evenly; by its logarithm otherwise, which needs all ends of one sign.
+        intervals: each is (low, high); one of them is drawn first, then a value within it.
+        even: whether the value is uniform within its interval. Otherwise its logarithm is, and both
+            ends of the interval must have the same sign.
     """
 
     intervals: tuple[tuple[float, float], ...]
     even: bool = False
 
     def drawn(self, rng: Generator) -> float:
-        """Draw a value."""
+        """Return a value drawn from the distribution."""
         low, high = self.intervals[int(rng.integers(len(self.intervals)))]
         if self.even:
             return float(rng.uniform(low, high))
@@ -37,10 +39,12 @@ class Sizes:
         return float(sign * exp(rng.uniform(*sorted((log(abs(low)), log(abs(high)))))))
 
     def beyond(self, smallest: float, neutral: float = 0.0) -> "Sizes":
-        """Return what begins at `smallest` from the neutral value, and ends where this does.
+        """Return the sizes with intervals that begin at the distance `smallest` from neutral.
+
+        The ends that are far from the neutral value stay.
 
         Raises:
-            ValueError: nothing does.
+            ValueError: no interval reaches so far.
         """
         kept: list[tuple[float, float]] = []
         for low, high in self.intervals:
@@ -55,10 +59,12 @@ class Sizes:
         return Sizes(tuple(kept), self.even)
 
     def below(self, largest: float) -> "Sizes":
-        """Return what is at most `largest`, of values that hide the more the smaller they are.
+        """Return the sizes with intervals that end at `largest`; their lower ends stay.
+
+        This is meant for effects that are the larger, the smaller their value.
 
         Raises:
-            ValueError: nothing is.
+            ValueError: all intervals begin above `largest`.
         """
         kept = tuple((low, largest) for low, _ in self.intervals if low <= largest)
         if not kept:
@@ -121,7 +127,10 @@ SIZES: Final[Mapping[str, Mapping[str, Sizes]]] = {
     "position_delay": {"value": _up(1e-3, 0.02)},
     "position_backlash": {"value": _up(1.5e-4, 2e-3)},
 }
-"""Of the effects on the menu; `_REST` where the place depends on the motion."""
+"""Sizes by effect on the menu and by parameter, SI.
+
+`_REST` stands for parameters that `drawn_trials` draws later, because they depend on the motion.
+"""
 
 OFF_MENU_SIZES: Final[Mapping[str, Mapping[str, Sizes]]] = {
     "tight_spot": {
@@ -158,4 +167,4 @@ NUISANCES: Final[Mapping[str, tuple[float, float]]] = {
     "drag": (TABLE.drag, 0.30),
     "pump_pressure": (TABLE.pump_pressure, 0.05),
 }
-"""Value of the rig: its nominal value, and the share by which healthy rigs differ from it."""
+"""Values that differ between healthy rigs: nominal value (SI), greatest deviation as a share."""

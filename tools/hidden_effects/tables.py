@@ -1,4 +1,4 @@
-"""What trials of the gap workflow found, as tables in Markdown."""
+"""The results of trials of the gap workflow as tables in Markdown."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -10,7 +10,7 @@ from tools.pages.marked_tables import markdown
 
 
 def summary(trials: Sequence[Trial]) -> str:
-    """Return one row for each promise: how often it was held."""
+    """Return a table with one row for each promise of the workflow: how often it was kept."""
     small = [trial.score for trial in trials if not trial.envelope.shows(trial.plan.times)]
     kinds = {
         kind: [
@@ -45,7 +45,7 @@ def summary(trials: Sequence[Trial]) -> str:
 
 
 def by_effect(trials: Sequence[Trial]) -> str:
-    """Return one row for each hidden effect, of trials that hid no other."""
+    """Return a table with one row for each effect, over the trials in which it alone was hidden."""
     rows = []
     for kind in ("single", "off_menu"):
         of_kind = [trial for trial in trials if trial.plan.kind == kind]

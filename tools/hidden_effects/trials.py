@@ -1,4 +1,7 @@
-"""Trials of the gap workflow: planned, run on all cores, kept, gone on with after a kill."""
+"""Plans trials of the gap workflow, runs them on several cores and keeps each in a file.
+
+After an interruption, only the trials that are missing in the file are run.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -29,19 +32,19 @@ MIXTURE: Final = (
     "single", "none", "single", "double", "single", "off_menu", "single", "none", "single",
     "single", "double", "single", "unexcited", "single", "off_menu", "single", "none", "single",
 )  # fmt: skip
-"""Kinds of trials in turn, where none is asked for."""
+"""The kinds of successive trials if no single kind is asked for; they repeat from the start."""
 
 _ROOT: Final = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """One trial.
+    """The description of one trial, from which all of it follows.
 
     Attributes:
-        kind, seed, number, seconds: see `drawn_trial`.
-        times: smallest size of what is hidden, in what the trial's own motions would show of it;
-            0: sizes are those of `sizes.SIZES`.
+        kind, seed, number, seconds: arguments of `drawn_trial`.
+        times: smallest size of a hidden effect, as a multiple of the smallest size that the trial's
+            own motions would show; 0 means that sizes are drawn from `sizes.SIZES`.
     """
 
     kind: str
@@ -52,13 +55,21 @@ class Plan:
 
     @property
     def key(self) -> str:
-        """What tells this plan from others."""
+        """A text that differs between any two plans."""
         return json.dumps(asdict(self))
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A plan, what was hidden and what came of it; the answer as the workflow gave it."""
+    """The result of a trial.
+
+    Attributes:
+        plan: of the trial.
+        envelope: what was hidden.
+        score: how right the answer is.
+        answer: as the workflow gave it; empty if it failed.
+        took_s: how long the workflow took, s.
+    """
 
     plan: Plan
     envelope: Envelope
@@ -74,7 +85,15 @@ def plans(
     seconds: float = SECONDS,
     times: float = 0.0,
 ) -> list[Plan]:
-    """Return so many plans of one kind, or of all kinds in turn."""
+    """Return the plans of a number of trials.
+
+    Args:
+        trials: number of plans.
+        seed: of all of them; see `drawn_trial`.
+        kind: of all of them; None means the kinds of `MIXTURE` in turn.
+        seconds: length of each recording.
+        times: see `Plan`.
+    """
     counted: dict[str, int] = {}
     found = []
     for place in range(trials):
@@ -86,13 +105,14 @@ def plans(
 
 
 def trial(plan: Plan, folder: Path, keep: bool = False, workflow: Workflow = rig_gap) -> Trial:
-    """Draw and record a plan, let the workflow judge it blind, and open the envelope.
+    """Draw and record a trial, run the workflow on its recordings, and score the answer.
 
     Args:
         plan: of the trial.
-        folder: for its files; what it hides is written there once the workflow has answered.
-        keep: leave the recordings and what the workflow wrote; otherwise only where it failed.
-        workflow: to try.
+        folder: for the trial's files; what was there before is deleted. The envelope is written
+            to it only after the workflow has answered.
+        keep: whether to leave the files; if not, they stay only if the workflow failed.
+        workflow: the function to test.
     """
     rmtree(folder, ignore_errors=True)
     drawn = drawn_for(plan, folder / "shown")
@@ -117,7 +137,11 @@ def trial(plan: Plan, folder: Path, keep: bool = False, workflow: Workflow = rig
 
 
 def drawn_for(plan: Plan, folder: Path) -> Drawn:
-    """Return what a plan hides, of a size that shows if the plan says so."""
+    """Return the drawn trial of a plan, with sizes by the detection limits if `plan.times` is set.
+
+    This is done for the kinds `single` and `double`. The limits are computed from recordings of the
+    same rig with nothing hidden, which are written to `folder` and deleted afterwards.
+    """
     drawn = drawn_trial(plan.kind, plan.seed, plan.number, seconds=plan.seconds)
     if plan.times == 0.0 or plan.kind not in ("single", "double"):
         return drawn
@@ -136,7 +160,7 @@ def drawn_for(plan: Plan, folder: Path) -> Drawn:
 
 
 def kept_file(out: Path) -> Path:
-    """Return where trials with the present sources are kept: other states have other files."""
+    """Return the file in `out` that keeps trials; its name changes whenever the sources change."""
     digest = sha256(source_key(_ROOT).encode())
     for path in sorted((_ROOT / "tools/hidden_effects").glob("*.py")):
         digest.update(path.read_bytes())
@@ -150,20 +174,20 @@ def run_trials(
     keep: bool = False,
     workflow: Workflow = rig_gap,
 ) -> list[Trial]:
-    """Return the trials of all plans, running those that are not kept from before or failed.
+    """Return the trials of all plans, in their order; run those that are missing or had failed.
 
     Args:
-        planned: no two alike.
-        out: folder for what was found and, while they run, for the recordings.
-        jobs: processes; 1 runs them here.
-        keep: leave the recordings.
-        workflow: to try; with more than one process, one that another can import.
+        planned: plans, all different.
+        out: folder for the file of kept trials and, while trials run, for their recordings.
+        jobs: number of processes; with 1, the trials run in this process.
+        keep: whether to leave the recordings.
+        workflow: the function to test; with several processes, each must be able to import it.
     """
     out.mkdir(parents=True, exist_ok=True)
     file = kept_file(out)
     kept = read_trials(file)
     done = {key: found for key, found in kept.items() if found.score.outcome != "failed"}
-    # Named by their place in the plan: a folder's name must not tell what is hidden.
+    # Folders are numbered, because a folder's name must not show what is hidden.
     left = [
         (plan, out / f"trial-{place:04d}", keep, workflow)
         for place, plan in enumerate(planned)
@@ -175,7 +199,7 @@ def run_trials(
 
 
 def read_trials(file: Path) -> dict[str, Trial]:
-    """Return the trials kept in a file, by their plan's key."""
+    """Return the trials that `file` holds, by the key of their plan; none if it is missing."""
     return {found.plan.key: found for found in map(_trial_of, kept_trials(file))}
 
 

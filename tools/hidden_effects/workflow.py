@@ -1,4 +1,4 @@
-"""The one function by which trials run the gap workflow: recordings in, its JSON out."""
+"""Two ways in which trials run the gap workflow: as the command `rig gap`, or in this process."""
 
 import json
 import subprocess
@@ -9,11 +9,14 @@ from typing import Any, Final
 
 Result = Mapping[str, Any]
 Workflow = Callable[[Sequence[Path], Path, Path], Result]
-"""From the recordings to identify with, that to hold out, and a folder for what is written, to the
-object that `rig gap --json` prints."""
+"""A function that runs the workflow and returns the object that `rig gap --json` prints.
+
+Its arguments are the recordings to identify with, the held-out recording, and a folder for the
+files that the workflow writes.
+"""
 
 LONGEST_S: Final = 900.0
-"""A workflow that takes longer has failed."""
+"""s: a workflow that takes longer is ended and has failed."""
 
 _REFUSED: Final = 2
 
@@ -22,7 +25,7 @@ class WorkflowFailedError(Exception):
     """The workflow ended without a result; the message says how.
 
     Attributes:
-        refused: whether it would not have the recordings, for a reason it gave.
+        refused: whether the workflow rejected the recordings and gave a reason.
     """
 
     def __init__(self, message: str, refused: bool = False) -> None:
@@ -31,10 +34,11 @@ class WorkflowFailedError(Exception):
 
 
 def rig_gap(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
-    """Run `rig gap` on recordings with the nominal model and return what it printed.
+    """Run the command `rig gap` with the nominal model; return the JSON object that it printed.
 
     Raises:
-        WorkflowFailedError: it left with a status other than 0, printed no object or took too long.
+        WorkflowFailedError: the command ended with a status other than 0, printed no JSON object,
+            or took longer than `LONGEST_S`.
     """
     command = [
         sys.executable, "-m", "rig.cli", "gap", *map(str, identify), "--holdout", str(holdout),
@@ -62,10 +66,12 @@ def rig_gap(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
 
 
 def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
-    """Run the workflow behind `rig gap` here, without its report and files.
+    """Run the workflow of `rig gap` in this process and return what `rig gap --json` would print.
+
+    No report and no files are written; `out` is not used.
 
     Raises:
-        WorkflowFailedError: it raised an error, or a recording cannot be read.
+        WorkflowFailedError: the workflow raised an error, or a recording cannot be read.
     """
     from estimator.gap.servo.actuator import servo_actuator
     from estimator.gap.verdict.workflow import find_gap
@@ -78,7 +84,7 @@ def in_process(identify: Sequence[Path], holdout: Path, out: Path) -> Result:
         raise WorkflowFailedError(str(error), refused=True) from error
     try:
         found = find_gap(recordings[:-1], recordings[-1:], servo_actuator(Model()))
-    except Exception as error:  # whatever it is, this trial has failed and the next goes on
+    except Exception as error:  # any error fails this trial only; the next trial goes on
         raise WorkflowFailedError(f"{type(error).__name__}: {error}") from error
     effects = [
         {

@@ -1,1 +1,1 @@
-"""What pages have that follows from the code: tables and pictures."""
+"""Writes those tables and pictures of the documentation's pages that follow from the code."""

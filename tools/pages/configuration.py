@@ -1,6 +1,6 @@
-"""Writes the tables of keys in docs/configuration.md, from the classes that the keys are read into.
+"""Writes the tables of keys in docs/configuration.md, from the classes that hold the keys' values.
 
-Run as `python -m tools.pages.configuration`; the text between the tables is written by hand.
+Run as `python -m tools.pages.configuration`. The text between the tables is written by hand.
 """
 
 import inspect
@@ -25,12 +25,12 @@ _SECTIONS: Final = {"loop": LoopSettings, "homing": HomingSettings, "register_ma
 
 
 def main() -> None:
-    """Bring the page's tables up to date."""
+    """Write the tables of the page anew."""
     PAGE.write_text(updated(PAGE.read_text()))
 
 
 def updated(page: str) -> str:
-    """Return the page with its tables as the classes have it now."""
+    """Return the text of `page`, in which every table of keys is written anew from its class."""
 
     def table(match: re.Match[str]) -> str:
         return match[1] + "\n" + "\n".join(keys_table(match[2])) + "\n\n" + match[3]
@@ -39,7 +39,11 @@ def updated(page: str) -> str:
 
 
 def keys_table(section: str) -> Iterator[str]:
-    """Yield the lines of the table of a section (`loop`, `homing`) or of a type of driver."""
+    """Yield the lines of one table of keys in Markdown.
+
+    Args:
+        section: a section of the rig file (`loop`, `homing`), `register_map`, or a type of driver.
+    """
     options: type = _SECTIONS.get(section) or driver_class(section).Options
     meanings = _meanings(options)
     yield "| key | value | if not given | meaning |"
@@ -50,7 +54,10 @@ def keys_table(section: str) -> Iterator[str]:
 
 
 def _meanings(options: type) -> dict[str, str]:
-    """Return what the docstrings of a class and its bases say of each field."""
+    """Return the description of each field, by name, from the docstrings of a class and its bases.
+
+    Where several classes describe a field, the most derived one counts.
+    """
     found: dict[str, str] = {}
     for base in options.__mro__[-2::-1]:
         _, _, attributes = (inspect.getdoc(base) or "").partition("Attributes:\n")

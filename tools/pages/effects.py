@@ -1,4 +1,4 @@
-"""Write the table of effects in docs/model.md: `python -m tools.pages.effects`."""
+"""Writes the table of effects in docs/model.md; run as `python -m tools.pages.effects`."""
 
 from pathlib import Path
 from typing import Final
@@ -20,12 +20,18 @@ def _knob(knob: EffectParameter) -> str:
 
 
 def _in_lines(effect: PlantEffect, cell: str) -> str:
-    """Return a cell with a line for each parameter, which `cell` formats."""
+    """Return a table cell with one line for each parameter of an effect.
+
+    `cell` is the format of a line, in which `knob` stands for the parameter.
+    """
     return "<br>".join(cell.format(knob=knob) for knob in effect.parameters)
 
 
 def effects_table() -> str:
-    """Return every effect: equation, parameters, units, neutral value, plausible bounds, source."""
+    """Return the table of all effects in Markdown, one row for each.
+
+    Its columns are name, equation, parameters, units, neutral values, plausible bounds and source.
+    """
     rows = []
     for effect in CATALOGUE.values():
         neutral = "<br>".join(
@@ -47,7 +53,7 @@ def effects_table() -> str:
 
 
 def main() -> None:
-    """Bring the table up to date."""
+    """Write the table of the page anew."""
     fill(PAGE, {NAME: effects_table()})
 
 

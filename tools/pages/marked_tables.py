@@ -1,4 +1,4 @@
-"""Tables of a page that a tool writes: between a comment with their name and one that ends them."""
+"""Puts tables into a page, between a comment with the table's name and one that ends the table."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,10 +9,10 @@ _TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.D
 
 
 def filled(page: str, tables: Mapping[str, str]) -> str:
-    """Return a page with the given tables, by name; others stay as they are.
+    """Return the text of `page` with the given tables put in, by name; other tables stay.
 
     Raises:
-        ValueError: the page has no place for one of them.
+        ValueError: the page has no place for one of the tables.
     """
     missing = set(tables) - {match[2] for match in _TABLE.finditer(page)}
     if missing:
@@ -26,15 +26,15 @@ def filled(page: str, tables: Mapping[str, str]) -> str:
 
 
 def fill(page: Path, tables: Mapping[str, str]) -> None:
-    """Bring the given tables of a file up to date.
+    """Put the given tables, by name, into the file `page`; other tables stay.
 
     Raises:
-        ValueError: the page has no place for one of them.
+        ValueError: the page has no place for one of the tables.
     """
     page.write_text(filled(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown, first column to the left."""
+    """Return a table in Markdown; the first column is left-aligned, the others right-aligned."""
     ruler = [":--", *["--:"] * (len(head) - 1)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ruler, *rows))

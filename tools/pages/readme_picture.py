@@ -1,7 +1,7 @@
-"""Photograph the most telling part of a report: one leak test, from its motion to its leak flow.
+"""Makes a picture of one leak test from a run's report, with its plots from motion to leak flow.
 
-`python -m tools.pages.readme_picture RUN_DIR OUT.png` takes `RUN_DIR/report.html`, as `rig run`
-leaves it, and needs Chromium. Of the tests that found an injected leak it shows the first.
+`python -m tools.pages.readme_picture RUN_DIR OUT.png` reads `RUN_DIR/report.html`, as `rig run`
+writes it, and needs Chromium. The picture shows the first test that found an injected leak.
 """
 
 import argparse
@@ -39,14 +39,18 @@ _SCRIPT: Final = """
 
 
 class _LeakTests(HTMLParser):
-    """Collects the anchors of the tests that found an injected leak."""
+    """A parser of reports that collects the ids of the tests that found an injected leak.
+
+    Attributes:
+        found: the ids of their HTML elements, in the order of the report.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.found: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Take note of a test's section."""
+        """Add the element's id to `found` if it is such a test."""
         told = dict(attrs)
         leaking = "leakage" in (told.get("data-injected") or "")
         if tag == "details" and leaking and told.get("data-status") == "passed":
@@ -54,13 +58,13 @@ class _LeakTests(HTMLParser):
 
 
 def staged(report: str) -> str:
-    """Return a report's HTML changed to show one leak test and its most telling plots only.
+    """Return the HTML of a report, changed to show the first leak test and the plots in `PANELS`.
 
     Raises:
         ValueError: no test of the report found an injected leak.
     """
     parser = _LeakTests()
-    # What follows the last section is plotly, which takes long to parse and holds no test.
+    # After the last section there is only plotly's code, which takes long to parse.
     parser.feed(report[: report.index("<footer>")])
     if not parser.found:
         raise ValueError("no test of this report found an injected leak; run one that does")
@@ -76,7 +80,7 @@ def browser() -> str:
     """Return the path of Chromium.
 
     Raises:
-        ValueError: there is none.
+        ValueError: Chromium is not installed.
     """
     for name in BROWSERS:
         if path := shutil.which(name):
@@ -100,7 +104,7 @@ def photograph(page: Path, picture: Path) -> None:
             "--virtual-time-budget=10000", f"--screenshot={picture.resolve()}",
         ]  # fmt: skip
         if os.geteuid() == 0:
-            command.append("--no-sandbox")  # as root it does not start otherwise
+            command.append("--no-sandbox")  # Chromium does not start as root without this.
         picture.unlink(missing_ok=True)
         done = subprocess.run(
             [*command, page.resolve().as_uri()],
@@ -113,7 +117,7 @@ def photograph(page: Path, picture: Path) -> None:
 
 
 def main() -> None:
-    """Take the picture that the command line asks for."""
+    """Take the picture; end the program with a message if that is not possible."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "run", type=Path, metavar="RUN_DIR", help="folder of a run, with its report"

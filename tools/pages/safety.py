@@ -1,6 +1,6 @@
 """Writes the tables of docs/safety.md that follow from the code.
 
-Run as `python -m tools.pages.safety`; the text between the tables is written by hand.
+Run as `python -m tools.pages.safety`. The text between the tables is written by hand.
 """
 
 import re
@@ -24,12 +24,12 @@ _TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.D
 
 
 def main() -> None:
-    """Bring the page's tables up to date."""
+    """Write the tables of the page anew."""
     PAGE.write_text(updated(PAGE.read_text()))
 
 
 def updated(page: str) -> str:
-    """Return the page with its tables as the code has them now."""
+    """Return the text of `page`, in which every table in `TABLES` is written anew."""
 
     def table(match: re.Match[str]) -> str:
         lines = TABLES.get(match[2])
@@ -39,7 +39,10 @@ def updated(page: str) -> str:
 
 
 def transitions_table() -> Iterator[str]:
-    """Yield the lines of the state machine's table; what holds for many states has one line."""
+    """Yield the lines of the state machine's table in Markdown.
+
+    Transitions that differ in nothing but the state that they begin in share a line.
+    """
     yield "| state | event | goes to | if |"
     yield "|---|---|---|---|"
     rows: dict[Transition, list[State]] = {}
@@ -56,7 +59,7 @@ def _mark(state: State) -> str:
 
 
 def causes_table() -> Iterator[str]:
-    """Yield the lines of the table of causes."""
+    """Yield the lines of the table of causes in Markdown."""
     yield "| number | cause | the operator reads | remedy |"
     yield "|---|---|---|---|"
     for cause, (sentence, remedy) in EXPLANATIONS.items():
@@ -66,7 +69,7 @@ def causes_table() -> Iterator[str]:
 
 
 def thresholds_table() -> Iterator[str]:
-    """Yield the lines of the table of thresholds, for the shipped data sheets at 1 kHz."""
+    """Yield the lines of the table of plausibility thresholds, for shipped data sheets at 1 kHz."""
     tol = tolerances(
         NOMINAL, DATA_SHEET, frozenset(FAST_INPUTS), TICK, LoopSettings.stale_limit,
         HomingSettings(),
@@ -98,7 +101,7 @@ TABLES: Final[Mapping[str, Callable[[], Iterator[str]]]] = {
     "causes": causes_table,
     "thresholds": thresholds_table,
 }
-"""Tables that the page must have, by the name in their comment."""
+"""The functions that write the tables, by the name in the table's comment on the page."""
 
 
 if __name__ == "__main__":

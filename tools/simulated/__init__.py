@@ -1,1 +1,1 @@
-"""Simulated rigs for studies, benchmarks and tests: drawn at random, side by side, recorded."""
+"""Simulated rigs for studies, benchmarks and tests: drawn at random, run in lanes, recorded."""

@@ -1,4 +1,4 @@
-"""Rigs and motions drawn at random, for studies of the detector: no two runs are alike."""
+"""Draws rigs and motions at random, for studies of the detector."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,11 +13,14 @@ from rig.plant.integrator import TICK
 Array = NDArray[np.float64]
 
 MIDDLE: Final = 0.3
-"""m. Where sines are centred and open loops begin: half the stroke, in round figures."""
+"""Position around which sines swing and at which open loops begin, m; about half the stroke."""
 
 
 def drawn_rig(rng: np.random.Generator) -> Parameters:
-    """Return a rig unlike the model (spreads in docs/detection.md), four in ten with a spring."""
+    """Return a rig whose parameters spread around the model's as docs/detection.md states.
+
+    Four rigs in ten have a spring as their load.
+    """
     spread = rng.uniform
     return NOMINAL._replace(
         bulk_modulus=NOMINAL.bulk_modulus * spread(0.85, 1.15),
@@ -45,30 +48,33 @@ _BESIDE_THE_ACCOUNT: Final = (
     "friction_asymmetry",
     "spring_stiffness",
 )
-"""What no oil account depends on."""
+"""Parameters that the oil accounts do not depend on: friction and load."""
 
 
 def known_rig(rig: Parameters) -> Parameters:
-    """Return a rig that is exactly the model, but for friction and load, which are the rig's."""
+    """Return the nominal model with the friction and load of `rig`."""
     return NOMINAL._replace(**{name: getattr(rig, name) for name in _BESIDE_THE_ACCOUNT})
 
 
 def sine(rng: np.random.Generator, ticks: int) -> Array:
-    """Return a sine of 3 to 20 cm and 0.2 to 1 Hz, in m."""
+    """Return a sine (ticks,) in m, with an amplitude of 3 to 20 cm and 0.2 to 1 Hz."""
     time_s = np.arange(ticks) * TICK
     wave = np.sin(2.0 * np.pi * rng.uniform(0.2, 1.0) * time_s + rng.uniform(0.0, 6.0))
     return MIDDLE + rng.uniform(0.03, 0.2) * wave
 
 
 def steps(rng: np.random.Generator, ticks: int) -> Array:
-    """Return steps between levels within the stroke, one every 1 to 3 s throughout, in m."""
+    """Return steps (ticks,) in m between levels within the stroke; each level lasts 1 to 3 s.
+
+    The duration is drawn once for all levels.
+    """
     time_s = np.arange(ticks) * TICK
     levels = rng.uniform(0.1, 0.5, max(200, ticks // 1000 + 1))
     return levels[(time_s / rng.uniform(1.0, 3.0)).astype(int)]
 
 
 def multisine(rng: np.random.Generator, ticks: int) -> Array:
-    """Return six sines of 0.1 to 2 Hz that make 12 cm together, in m."""
+    """Return a sum of six sines (ticks,) in m, of 0.1 to 2 Hz, with an amplitude of 12 cm."""
     time_s = np.arange(ticks) * TICK
     waves = [np.sin(2.0 * np.pi * f * time_s + rng.uniform(0.0, 6.0)) / (1.0 + f)
              for f in rng.uniform(0.1, 2.0, 6)]  # fmt: skip
@@ -76,14 +82,17 @@ def multisine(rng: np.random.Generator, ticks: int) -> Array:
 
 
 def open_loop_sine(rng: np.random.Generator, ticks: int) -> Array:
-    """Return a sine of 1.5 to 3 V and 0.5 to 1 Hz, in V: the ram drifts with the null bias."""
+    """Return a sine (ticks,) of the command in V, with 1.5 to 3 V and 0.5 to 1 Hz.
+
+    The null bias makes the ram drift meanwhile.
+    """
     time_s = np.arange(ticks) * TICK
     frequency = rng.uniform(0.5, 1.0)
     return rng.uniform(1.5, 3.0) * np.sin(2.0 * np.pi * frequency * time_s + 0.1)
 
 
 def pseudorandom_holds(rng: np.random.Generator, ticks: int) -> Array:
-    """Return levels within the stroke, each held for 0.2 to 4 s, in m."""
+    """Return levels within the stroke (ticks,) in m, each of which lasts 0.2 to 4 s."""
     count = max(200, ticks // 200 + 1)
     changes = np.cumsum(rng.integers(200, 4000, count))
     levels = rng.uniform(0.1, 0.5, count + 1)
@@ -91,7 +100,7 @@ def pseudorandom_holds(rng: np.random.Generator, ticks: int) -> Array:
 
 
 def standstill(rng: np.random.Generator, ticks: int) -> Array:
-    """Return one level within the stroke, in m."""
+    """Return one constant level within the stroke (ticks,) in m."""
     return np.full(ticks, rng.uniform(0.1, 0.5))
 
 
@@ -103,12 +112,16 @@ MOTIONS: Final[Mapping[str, Draw]] = {
     "open_loop_sine": open_loop_sine,
     "pseudorandom_holds": pseudorandom_holds,
 }
-"""Motions that show a leak, by name."""
+"""Functions that draw a motion, by name; a leak can be noticed in each of these motions."""
 OPEN_LOOP: Final = ("open_loop_sine",)
+"""Names of the motions that are commands in V instead of positions in m."""
 
 
 def drawn_motion(rng: np.random.Generator, ticks: int) -> tuple[Array, bool]:
-    """Return one motion throughout (m, or V in open loop), and whether it is open loop."""
+    """Return one motion drawn from `MOTIONS` (ticks,), and whether it is in open loop.
+
+    It is in m, or in V in open loop.
+    """
     name = tuple(MOTIONS)[rng.integers(len(MOTIONS))]
     return MOTIONS[name](rng, ticks), name in OPEN_LOOP
 
@@ -118,10 +131,10 @@ class MixedMotion:
     """Stretches of different motions, one after the other.
 
     Attributes:
-        setpoint: float64 (ticks,), m, or V where `open_loop`.
-        open_loop: bool (ticks,).
+        setpoint: float64 (ticks,), m, or V where `open_loop` is True.
+        open_loop: bool (ticks,), True where the setpoint is the command.
         starts: first tick of each stretch.
-        kinds: its name, in `MOTIONS` or "standstill".
+        kinds: name of each stretch's motion, a key of `MOTIONS` or "standstill".
     """
 
     setpoint: Array
@@ -130,27 +143,34 @@ class MixedMotion:
     kinds: tuple[str, ...]
 
     def kind_at(self, tick: int) -> str:
-        """Return the name of the stretch that holds a tick."""
+        """Return the name of the motion at a tick."""
         return self.kinds[int(np.searchsorted(self.starts, tick, "right")) - 1]
 
 
 _STRETCH_S: Final = (30.0, 90.0)
 _OPEN_LOOP_TICKS: Final = 15_000
-"""A null bias of 3 um moves the ram by 8 mm/s: by 12 cm until it is brought back to the middle."""
+"""Ticks of open loop before the ram is brought back to the middle of the stroke.
+
+A null bias of 3 um moves the ram at 8 mm/s, by 12 cm in this time.
+"""
 _BACK_TICKS: Final = 3_000
+"""Ticks of closed loop in which the ram is brought back to the middle."""
 
 
 def _with_returns(setpoint: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return an open loop with a closed one in between, that brings the ram back to the middle."""
+    """Return setpoints (ticks,) that alternate between closed and open loop, and where it is open.
+
+    Each cycle begins with `_BACK_TICKS` of closed loop at the middle of the stroke.
+    """
     phase = np.arange(setpoint.size) % (_BACK_TICKS + _OPEN_LOOP_TICKS)
     is_open = phase >= _BACK_TICKS
     return np.where(is_open, setpoint, MIDDLE), is_open
 
 
 def mixed_motion(rng: np.random.Generator, ticks: int) -> MixedMotion:
-    """Return stretches of 30 to 90 s, each of a motion drawn from `MOTIONS` or a standstill.
+    """Return a motion of stretches of 30 to 90 s, each drawn from `MOTIONS` or a standstill.
 
-    Open loops start from the middle of the stroke and are taken back there every 18 s.
+    An open loop begins at the middle of the stroke, and is brought back there every 18 s.
     """
     draws = {**MOTIONS, "standstill": standstill}
     setpoint, open_loop = np.empty(ticks), np.zeros(ticks, dtype=np.bool_)

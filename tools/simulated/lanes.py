@@ -1,7 +1,8 @@
-"""Many independent simulated rigs at once, as samples: parameters, loads, motions, faults, noise.
+"""Simulates several independent rigs in lanes, for studies that need thousands of hours.
 
-The physics is that of `SimulatedLoop`, by the same source; each rig comes to the same samples, to
-rounding, whoever is beside it. Studies that need thousands of hours run here.
+Each rig has parameters, load, motion, faults and noise of its own. The physics is compiled from the
+same source as that of `SimulatedLoop`. Up to rounding, the samples of a rig do not depend on the
+rigs in the other lanes.
 """
 
 from collections.abc import Sequence
@@ -37,25 +38,25 @@ from rig.plant import (
 Array = NDArray[np.float64]
 
 _BATCH: Final = 500
-"""Ticks of one batch at most: its log stays in the cache of the processor."""
+"""Greatest number of ticks in a batch; its log then fits into the processor's cache."""
 
 
 class SimulatedLanes:
-    """Rigs at rest, one in each lane, advanced together any number of ticks at a time.
+    """Rigs that begin at rest, one in each lane, and are advanced together.
 
     Args:
-        rigs: true parameters of each rig, `LANES` of them, of one friction law.
-        seeds: of each rig's noise.
-        positions: where each ram rests at first, m.
-        faults: coefficients of each rig's faults; none if None.
-        onsets: tick from which on they act, of each rig; the first if None.
+        rigs: true parameters of each rig, (LANES,), all with the same friction law.
+        seeds: seed of each rig's noise, (LANES,).
+        positions: where each ram rests at first, (LANES,), m.
+        faults: coefficients of each rig's faults, (LANES,); None means no faults.
+        onsets: tick from which on each rig's faults act, (LANES,); None means the first tick.
         sensors: the transducers' data sheet.
-        gain: of the position loop, V/m.
+        gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
 
     Raises:
-        ValueError: there are not as many of something as lanes, or rigs differ in friction law,
-            or one has an effect with a memory outside the plant's state (`REMEMBERING`).
+        ValueError: an argument has not `LANES` items, the rigs differ in friction law, or a rig has
+            an effect with a memory outside the plant's state (`REMEMBERING`).
     """
 
     def __init__(
@@ -91,14 +92,17 @@ class SimulatedLanes:
         self._log = empty_lanes(_BATCH * MOST_STEPS * LOGGED).reshape((-1, LOGGED, LANES))
 
     def advance(self, setpoint: Array, open_loop: Array) -> Array:
-        """Run as many ticks as there are setpoints.
+        """Run all rigs for as many ticks as there are setpoints, and return their readings.
 
         Args:
             setpoint: float64 (ticks, LANES) in m, or in V in open loop.
             open_loop: float64 (ticks, LANES), 1 where the setpoint is the command, else 0.
 
         Returns:
-            What was measured, float64 (ticks, 6, LANES), as `LANE_READINGS`.
+            The readings, float64 (ticks, 6, LANES), in the order of `LANE_READINGS`.
+
+        Raises:
+            RuntimeError: a rig needed too many integration steps in a millisecond.
         """
         ticks = setpoint.shape[0]
         readings = empty_lanes(ticks * READING_COUNT).reshape((ticks, READING_COUNT, LANES))
@@ -137,5 +141,5 @@ def _require_no_memory(rigs: Sequence[Parameters]) -> None:
 
 
 def _by_lane(of_rigs: Sequence[Any]) -> Array:
-    """Return values (n,) of each rig as an array (n, LANES)."""
+    """Return an aligned array (n, LANES) from a sequence of `LANES` rigs with n values each."""
     return aligned(np.transpose(np.array(of_rigs, dtype=np.float64)))

@@ -1,4 +1,4 @@
-"""A motion of a simulated rig as it is recorded: what studies and tests of the detector replay."""
+"""Records motions of a simulated rig, for studies and tests that replay the recordings."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -18,19 +18,19 @@ from .drawn_rigs import MIDDLE
 Array = NDArray[np.float64]
 
 TRUE_LEAKS: Final[Mapping[str, str]] = dict(zip(LEAKS, TRUTH[-len(LEAKS) :], strict=True))
-"""Channel of the true flow of each leak, m^3/s."""
+"""Name of the channel with the true flow (m^3/s) of each leak, by the leak's name."""
 SETTLE_TICKS: Final = 2000
-"""That a ram may take to the start of its motion."""
+"""Ticks in which the ram goes to the start of its motion and settles there."""
 
 
 def recorded_healthy(truth: Parameters, setpoint: Array, open_loop: bool, seed: int) -> Recording:
     """Return the recording of a rig without faults in a motion that starts at mid stroke.
 
     Args:
-        truth: of the rig.
+        truth: true parameters of the rig.
         setpoint: float64 (ticks,), m, or V in open loop.
         open_loop: whether the setpoint is the command.
-        seed: of the transducers' noise.
+        seed: draws the transducers' noise.
     """
     faults = np.zeros((setpoint.size, len(FAULT_COLUMNS)))
     motion = Motion(setpoint, open_loop, faults, MIDDLE, SETTLE_TICKS)
@@ -38,9 +38,9 @@ def recorded_healthy(truth: Parameters, setpoint: Array, open_loop: bool, seed: 
 
 
 def recorded(rig: SimulatedRig, motion: Motion) -> Recording:
-    """Bring a rig to the start of a motion, run it with the product's filter, and return all of it.
+    """Bring a rig to the start of a motion, run the motion, and return its recording.
 
-    The filter assumes the nominal model.
+    The product filter runs along and assumes the nominal model.
     """
     model = Model()
     loop = SimulatedLoop(rig, motion, start_memory("product", model), model.parameters)

@@ -1,1 +1,1 @@
-"""How right it is: studies that are run for hours, and fill the tables of pages."""
+"""Studies of how often verdicts and estimates are right; they run for hours and write tables."""

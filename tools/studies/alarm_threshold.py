@@ -1,15 +1,17 @@
-"""The constants of the alarm threshold, by simulation of the leak test on made-up noise.
+"""Checks the constants of the alarm threshold by simulation of the leak test on artificial noise.
 
-`python -m tools.studies.alarm_threshold --groups 2` takes the nuisances' and faults' signatures
-from oil accounts of rigs that are the model (drawn motion, friction and load, half an hour each),
-and draws their missing flows as noise that is known: normal, of the sensors' size, independent from
-block to block, correlated by -0.9 between the chambers as spool and encoder make it. What the
-test's statistic, for an exact model, does there is compared with
+`python -m tools.studies.alarm_threshold --groups 2` draws up the oil accounts of rigs that are
+exactly the model (with drawn motion, friction and load, half an hour each). The signatures of the
+nuisances and faults are taken from these accounts; the missing flows are replaced by known noise.
+It is normal, has the size of the sensors' noise, is independent from block to block, and is
+correlated by -0.9 between the chambers, as spool and encoder make it. For several limits, the
+program counts how often the test's statistic, for an exact model, exceeds the limit, and compares
+the counts and their exact 95 % intervals with
 
     rate = DIRECTIONS * crossing_rate(limit),   statistic > t(limit) - LEFT_OUT
 
-(`estimator.accounts.crossings`), limit by limit, with the counts' exact 95 % intervals. A
-crossing counts once until the statistic has stayed below the limit for 8 s.
+(`estimator.accounts.crossings`). After a crossing, the next one counts only if the statistic was
+below the limit for 8 s.
 """
 
 import argparse
@@ -41,24 +43,29 @@ Array = NDArray[np.float64]
 
 LIMITS: Final = (3.3, 3.55, 3.8, 4.05, 4.3)
 _LOWEST: Final = 2.0
-"""Statistics below it are not looked at closely."""
+"""The threshold that the test uses here; it is below all limits that are studied."""
 
 
 class _Highest(LeakTest):
-    """Tells its highest statistic, as of every block."""
+    """A leak test whose highest statistic can be read after every block."""
 
     def threshold(self, freedom: float) -> float:
-        """Return a limit that is low enough for all that matters."""
+        """Return `_LOWEST`, which is below all limits that are studied."""
         return _LOWEST
 
     def highest(self) -> float:
-        """Return the statistic of the likeliest fault; -inf where none is likely."""
+        """Return the statistic of the likeliest fault; -inf if there is no candidate yet."""
         found = self.best() if self.blocks >= MINIMUM_BLOCKS else None
         return -np.inf if found is None else found.statistic
 
 
 class _NoiseWatcher:
-    """Tests the accounts of a rig with noise in the place of what is missing from them."""
+    """Tests the oil accounts of one rig, in which drawn noise replaces the missing flows.
+
+    Attributes:
+        verdicts: stays empty; `run_group` expects the attribute.
+        statistics: the highest statistic after each block.
+    """
 
     def __init__(self, seed: int) -> None:
         self.verdicts: Counter[str] = Counter()
@@ -68,7 +75,7 @@ class _NoiseWatcher:
         self.statistics: list[float] = []
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> None:
-        """Take the next block."""
+        """Draw up the accounts of the next samples, and add their highest statistics."""
         for block in draw_up(self._account, samples, run):
             missing = np.linalg.cholesky(sensor_noise(block)) @ self._noise.standard_normal(2)
             self._test.add(replace(block, missing=missing, doubts=np.zeros(2)))
@@ -76,7 +83,7 @@ class _NoiseWatcher:
 
 
 def crossings(statistics: Sequence[Array], limit: float) -> int:
-    """Count how often runs' statistics go over a limit, having been below it for 8 s."""
+    """Return how often the statistics of runs exceed `limit` after being below it for 8 s."""
     count = 0
     for series in statistics:
         above = np.flatnonzero(series > limit)
@@ -85,12 +92,18 @@ def crossings(statistics: Sequence[Array], limit: float) -> int:
 
 
 def expected(limit: float, blocks: int, run_blocks: int) -> float:
-    """Return how many crossings the constants in use make it in so many blocks."""
+    """Return the number of crossings that the constants in use predict.
+
+    Args:
+        limit: the limit, in standard deviations of a normal variable.
+        blocks: number of blocks of all runs together.
+        run_blocks: number of blocks of one run.
+    """
     return DIRECTIONS * crossing_rate(limit, WITNESSES, run_blocks) * blocks
 
 
 def main() -> None:
-    """Run the simulation and print crossings found and expected, limit by limit."""
+    """Run the simulation and print, for each limit, the crossings found and those expected."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--groups", type=int, default=1, help=f"of {LANES} rigs (default 1)")
     parser.add_argument("--seconds", type=float, default=RUN_S, help="of each (default 1800)")

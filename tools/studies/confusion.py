@@ -1,9 +1,9 @@
-"""What the default detector makes of faults drawn at random: the confusion matrix and the sizing.
+"""Computes how the default detector names and sizes faults drawn at random (confusion matrix).
 
-`python -m tools.studies.confusion --runs 500 --jobs 2` injects as many leaks, log-uniform from 0.03
-to 2 L/min, in all three places, and other faults besides, on rigs and in motions drawn anew for
-each, half of them without a spool sensor, and writes the tables into docs/detection.md. What was
-run is kept in runs/confusion, so that it may be interrupted.
+`python -m tools.studies.confusion --runs 500 --jobs 2` injects 500 leaks of log-uniform size, 0.03
+to 2 L/min, in all three places, and faults of the lines as well. Rig and motion are drawn anew for
+each, and half of the rigs have no spool sensor. The tables are written into docs/detection.md. Each
+trial is kept in runs/confusion, so that an interrupted study goes on where it stopped.
 """
 
 import argparse
@@ -28,20 +28,24 @@ PAGE: Final = Path(__file__).parents[2] / "docs" / "detection.md"
 SECONDS: Final = 40.0
 ONSETS_S: Final = (12.0, 25.0)
 SIZES: Final = (0.03, 2.0)
-"""L/min, log-uniform."""
+"""Smallest and largest leak, L/min at its reference drop; sizes are drawn log-uniformly."""
 SUPPLY_SIZES: Final = (5.0, 40.0)
-"""L/min at supply pressure; on supplies that droop by 1e12 to 3e12 Pa/(m^3/s)^2."""
+"""The same for supply leaks, L/min at supply pressure; their supplies droop by 1e12 to 3e12
+Pa/(m^3/s)^2."""
 BLOCKAGES: Final = (2e12, 3e13)
-"""Pa/(m^3/s)^2: 0.05 to 0.8 MPa at 10 L/min."""
+"""The same for blockages of the return line, Pa/(m^3/s)^2: 0.05 to 0.8 MPa at 10 L/min."""
 BINS: Final = (0.0, 0.03, 0.06, 0.1, 0.3, 1.0, float("inf"))
-"""L/min of true flow: that of an internal leak depends on the load."""
+"""Edges of the rows of the sizing table, L/min of true mean flow."""
 VERDICTS: Final = ("healthy", *FAULTS, "multiple", "unknown_fault", "inconclusive")
 _LINE_PART: Final = 5
-"""There is a fifth as many runs of each fault of the lines, with and without a sensor, as leaks."""
+"""For this many leaks, each fault of the lines has one run with a supply sensor and one without."""
 
 
 def plans(runs: int) -> Iterator[Plan]:
-    """Yield what is run: leaks, faults of the lines, and half as many healthy rigs as leaks."""
+    """Yield the plans of all trials: `runs` leaks, then faults of the lines, then healthy rigs.
+
+    There are half as many healthy rigs as leaks.
+    """
     for i in range(runs):
         yield _plan(i, LEAKS[i % 3], SIZES)
     for kind, (fault, sizes) in enumerate(
@@ -56,7 +60,7 @@ def plans(runs: int) -> Iterator[Plan]:
 def _plan(
     seed: int, fault: str | None, sizes: tuple[float, float], *, supply_sensor: bool = True
 ) -> Plan:
-    # A stream of its own: rig and motion are drawn from the seed itself.
+    # The fault is drawn from a random stream of its own; rig and motion use the plain seed.
     rng = np.random.default_rng([seed, 1])
     size = float(np.exp(rng.uniform(*np.log(sizes))))
     onset_s = float(np.round(rng.uniform(*ONSETS_S), 3))
@@ -75,7 +79,7 @@ def truth(trial: Trial) -> str:
 
 
 def confusion(found: Sequence[Trial]) -> str:
-    """Return the confusion matrix: what was there by row, the final verdict by column."""
+    """Return the confusion matrix in Markdown: injected fault by row, final verdict by column."""
     counts: dict[str, Counter[str]] = {}
     for each in found:
         counts.setdefault(truth(each), Counter())[each.judged["product"].verdict] += 1
@@ -88,7 +92,7 @@ def confusion(found: Sequence[Trial]) -> str:
 
 
 def sizing(found: Sequence[Trial]) -> str:
-    """Return how leaks were named and sized, by their true flow, and all together."""
+    """Return a table of how leaks were named and sized, by bin of true flow and for all leaks."""
     leaks = [each for each in found if each.plan.fault in LEAKS]
     head = ["true flow, L/min", "leaks", "named right", "other alarm", "latency, median / 95 %",
             "bias", "rms error", "relative", "true flow in 95 % interval"]  # fmt: skip
@@ -127,7 +131,7 @@ def _latency(trial: Trial) -> float:
 
 
 def covered(trial: Trial) -> bool:
-    """Whether the true mean flow lies in the 95 % interval."""
+    """Return whether the 95 % interval of the estimate holds the true mean flow."""
     judgement = trial.judged["product"]
     if judgement.flow is None or judgement.deviation is None:
         return False
@@ -135,7 +139,7 @@ def covered(trial: Trial) -> bool:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run what is not kept from before and write the tables."""
+    """Run the trials that are not kept from before, and write the tables into the page."""
     parser = argparse.ArgumentParser(prog="python -m tools.studies.confusion", description=__doc__)
     parser.add_argument("--runs", type=int, default=500, help="leaks; default 500")
     parser.add_argument("--jobs", type=int, default=2, help="processes; default 2")

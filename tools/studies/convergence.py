@@ -1,8 +1,8 @@
-"""Show how far the plant's integrator is converged: short runs at a step, its half and its quarter.
+"""Measures how far the plant's integrator has converged at its usual step, its half and quarter.
 
-`python -m tools.studies.convergence` starts horizons of 50 ms from states all along several runs
-and prints by how much they differ from runs with sixteenths of the step. Long runs would show chaos
-instead: stick and slip make two runs part in phase, whatever small thing sets them apart.
+`python -m tools.studies.convergence` starts short runs of 50 ms from many states along several long
+runs, and prints by how much they differ from the same runs with a sixteenth of the step. Long runs
+cannot be compared: with stick-slip, any small difference lets two runs come out of phase.
 """
 
 import argparse
@@ -27,7 +27,7 @@ REFERENCE: Final = 16
 
 
 def motions(seconds: float) -> dict[str, tuple[Array, dict[str, float]]]:
-    """Return commands in V (ticks,) and what the rig has besides, by the motion's name."""
+    """Return, by name of motion, the commands (ticks,) in V and the rig's additional parameters."""
     time = np.arange(round(seconds / TICK)) * TICK
     rng = np.random.default_rng(1)
     steps = np.repeat(rng.uniform(-6.0, 6.0, -(-time.size // 200)), 200)[: time.size]
@@ -47,12 +47,15 @@ def motions(seconds: float) -> dict[str, tuple[Array, dict[str, float]]]:
 
 
 def stacked(run: dict[str, Array]) -> Array:
-    """Return a run as (ticks, 9), in the order of `PlantState`."""
+    """Return the states of a run as (ticks, 9), with columns in the order of `PlantState`."""
     return np.stack([run[name] for name in PlantState._fields], axis=1)
 
 
 def differences(rig: Parameters, command: Array) -> Iterator[Array]:
-    """Yield each horizon's largest differences from the reference, (len(FINENESS), 9) in SI."""
+    """Yield, for each short run, its largest differences from the reference in each state.
+
+    Each yielded array is (len(FINENESS), 9), SI; columns are in the order of `PlantState`.
+    """
     model = Model(parameters=rig)
     along = stacked(simulate(model, command))
     for start in range(100, command.size - HORIZON, 47):
@@ -71,7 +74,7 @@ def _of(values: Array, *names: str) -> Array:
 
 
 def table(seconds: float) -> Table:
-    """Run everything and return the table: quantiles over all horizons, pressures and position."""
+    """Run everything and return the table of quantiles of the pressure and position differences."""
     result = Table(title=f"Differences within {HORIZON} ms from the run with {REFERENCE}ths of h")
     for column in ("friction", "motion", "horizons", "h (ms)"):
         result.add_column(column, no_wrap=True)
@@ -104,7 +107,7 @@ def _add_row(result: Table, law: str, motion: str, found: Array, index: int) -> 
 
 
 def main() -> None:
-    """Print the table."""
+    """Run the study and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=6.0, help="length of each run (default 6)")
     Console(width=140).print(table(parser.parse_args().seconds))

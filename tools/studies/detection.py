@@ -1,9 +1,10 @@
-"""How often the default detector is right, on rigs and motions drawn at random.
+"""Measures how often the default detector is right, on rigs and motions drawn at random.
 
-`python -m tools.studies.detection --runs 200` runs as many healthy rigs, and as many with each of
-three sizes of leak, on the simulated backend: parameters, loads, motions, places and onsets are
-drawn anew for each run. It prints alarms on healthy rigs, and by size what was named, how fast and
-how well sized. `--rates 1000 250` judges each run as recorded by devices of these rates.
+`python -m tools.studies.detection --runs 200` simulates 200 healthy rigs, and 200 rigs with a leak
+for each of three sizes. Parameters, loads, motions, places and onsets are drawn anew for each run.
+The program prints the alarms on healthy rigs and, for each size, how many leaks were named right,
+how fast, and how well they were sized. `--rates 1000 250` judges each run twice, as devices that
+sample at these rates (Hz) would have recorded it.
 """
 
 import argparse
@@ -28,13 +29,23 @@ from tools.simulated.recordings import SETTLE_TICKS, TRUE_LEAKS, recorded
 
 SECONDS: Final = 40.0
 SIZES: Final = (0.06, 0.1, 0.3)
-"""L/min at half supply pressure, internal leaks at 2.5 MPa."""
+"""Sizes of the leaks, L/min: at half the supply pressure, or for internal leaks at 2.5 MPa."""
 DROPS: Final = (6.9e6, 6.9e6, 2.5e6)
+"""Pressure drops at which the leaks in `LEAKS` have these flows, Pa."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run: what was done, what was found, and whether any fault was ever held."""
+    """One run and the detector's decision on it.
+
+    Attributes:
+        leak: name of the injected leak; None for a healthy rig.
+        onset_s: when the leak opened.
+        true_m3_per_s: mean magnitude of its true flow, once it had settled.
+        decision: the last decision of the detector.
+        detected_at_s: when the detector first came to its last verdict; None if it is no fault.
+        alarmed: whether any decision named a fault.
+    """
 
     leak: str | None
     onset_s: float
@@ -45,7 +56,7 @@ class Run:
 
 
 def sampled(recording: Recording, every: int) -> Recording:
-    """Return what a device records that has a sample at every n-th tick only."""
+    """Return the recording with readings at every `every`-th row only, and NaN in the others."""
     seldom = {name: values.copy() for name, values in recording.channels.items()}
     for name in READINGS:
         between = np.arange(recording.time_s.size) % every != 0
@@ -54,7 +65,14 @@ def sampled(recording: Recording, every: int) -> Recording:
 
 
 def runs_of(seed: int, size: float, spool_sensor: bool, rates: list[int]) -> list[Run]:
-    """Run one rig, judged at each rate in Hz; `size` in L/min, 0 for a healthy one."""
+    """Simulate one rig, let the detector judge it at each rate, and return one `Run` a rate.
+
+    Args:
+        seed: draws rig, motion, place and onset of the leak, and noise.
+        size: of the leak, L/min; 0 for a healthy rig.
+        spool_sensor: whether the rig has one.
+        rates: samples a second, divisors of 1000.
+    """
     rng = np.random.default_rng(seed)
     ticks = round(SECONDS / TICK)
     place = int(rng.integers(3))
@@ -77,7 +95,7 @@ def runs_of(seed: int, size: float, spool_sensor: bool, rates: list[int]) -> lis
 
 
 def leak_row(size: float, rate: int, runs: list[Run]) -> tuple[str, ...]:
-    """Return the table row of one size of leak at one rate."""
+    """Return the cells of the table's row on one size of leak at one rate."""
     right = [run for run in runs if run.decision.verdict == run.leak]
     wrong = [run for run in runs if run.alarmed and run not in right]
     latency = [run.detected_at_s - run.onset_s for run in right
@@ -104,7 +122,7 @@ def leak_row(size: float, rate: int, runs: list[Run]) -> tuple[str, ...]:
 
 
 def main() -> None:
-    """Print the study's tables."""
+    """Run the study and print the alarms on healthy rigs and the table on leaks."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100, help="runs of each kind")
     parser.add_argument("--no-spool", action="store_true", help="rigs without a spool sensor")

@@ -1,8 +1,9 @@
-"""How often intervals of friction parameters hold the truth.
+"""Measures how often the 95 % intervals of friction parameters hold the true values.
 
-`python -m tools.studies.friction_coverage`: rigs drawn at random (`tools.simulated.drawn_rigs`:
-parameters, friction, a spring in four of ten) are simulated with transducers over 40 s of each
-motion; friction is identified with the nominal model and compared with what was simulated.
+`python -m tools.studies.friction_coverage` simulates rigs with transducers over 40 s of each
+motion. Parameters, friction and load of the rigs are drawn at random
+(`tools.simulated.drawn_rigs`); four in ten have a spring. Friction is identified with the nominal
+model and compared with the simulated rig's.
 """
 
 import argparse
@@ -26,25 +27,33 @@ Array = NDArray[np.float64]
 
 SECONDS: Final = 40.0
 EXPERIMENT: Final = "experiment"
-"""The sine of the shipped campaign friction_3_1."""
+"""Name of a further motion: the sine of the shipped campaign friction_3_1."""
 
 
 class Case(NamedTuple):
-    """A simulated rig and what was identified of it."""
+    """The true parameters of a simulated rig, and the friction that was identified."""
 
     truth: Parameters
     found: FrictionCurve
 
 
 def setpoint_of(name: str, rng: np.random.Generator, ticks: int) -> Array:
-    """Return a motion by its name in `MOTIONS`, or the experiment's: m, V in open loop."""
+    """Return the setpoint (ticks,) of a motion in `MOTIONS` or of `EXPERIMENT`, m.
+
+    For a motion in open loop it is the command, V.
+    """
     if name in MOTIONS:
         return MOTIONS[name](rng, ticks)
     return MIDDLE + 0.2 * np.sin(np.pi * TICK * np.arange(ticks))
 
 
 def case(name: str, seed: int) -> Case:
-    """Return one rig in one motion."""
+    """Simulate one rig in one motion, and identify its friction.
+
+    Args:
+        name: of the motion, see `setpoint_of`.
+        seed: draws rig, motion and noise.
+    """
     rng = np.random.default_rng(seed)
     truth = drawn_rig(rng)
     setpoint = setpoint_of(name, rng, round(SECONDS / TICK))
@@ -54,7 +63,11 @@ def case(name: str, seed: int) -> Case:
 
 
 def row(cases: list[Case], parameter: str) -> tuple[str, ...]:
-    """Return share identified, coverage of the 95 % interval, and errors, as table cells."""
+    """Return the cells of the table's row on one parameter, over all cases.
+
+    The cells are: share of cases in which it was identified, coverage of the 95 % interval, mean
+    error, rms error, and median standard error.
+    """
     errors, widths = [], []
     for truth, found in cases:
         estimate = found.estimates[parameter]
@@ -74,7 +87,11 @@ def row(cases: list[Case], parameter: str) -> tuple[str, ...]:
 
 
 def false_changes(ones: list[Case], others: list[Case]) -> tuple[int, int]:
-    """Return how many pairs of the same rig in two motions are said to differ, of how many."""
+    """Return in how many pairs friction is said to have changed, and the number of pairs.
+
+    A pair is the same rig in two motions, so that any change is false. Pairs without a comparable
+    parameter are not counted.
+    """
     pairs = [
         friction_changes(one.found, other.found) for one, other in zip(ones, others, strict=True)
     ]
@@ -83,7 +100,7 @@ def false_changes(ones: list[Case], others: list[Case]) -> tuple[int, int]:
 
 
 def main() -> None:
-    """Print the table."""
+    """Run the study, and print the table and the number of false changes."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=40, help="rigs for each motion")
     parser.add_argument("--seed", type=int, default=1)

@@ -1,10 +1,10 @@
-"""How well `rig identify friction --rig` finds friction it does not know.
+"""Measures how well `rig identify friction --rig` finds friction that differs from the model's.
 
-`python -m tools.studies.friction_experiment --rigs 40 --page docs/friction.md`: rigs drawn at
-random (`tools.simulated.drawn_rigs`, without springs) whose friction differs from the model by up
-to 30 % in every parameter, and whose bristles are half to twice as stiff, go through the whole
-experiment, judged with the nominal model. The table says how often the 95 % intervals hold the
-truth, and how large errors are.
+`python -m tools.studies.friction_experiment --rigs 40 --page docs/friction.md` runs the whole
+experiment on rigs drawn at random (`tools.simulated.drawn_rigs`, without springs), and evaluates it
+with the nominal model. Every friction parameter of a rig differs from the model's by up to 30 %,
+and its bristles are half to twice as stiff. The table states how often the 95 % intervals hold the
+true values, and how large the errors are.
 """
 
 import argparse
@@ -29,18 +29,21 @@ from tools.simulated.drawn_rigs import drawn_rig
 SPREAD: Final = 0.3
 SOFTEST, STIFFEST = 0.5, 2.0
 MEASURED: Final = "stiction, measured"
-"""Of the break-aways alone."""
+"""Name of the row on the stiction that is measured from the break-aways alone."""
 
 
 class Case(NamedTuple):
-    """A rig and what the experiment found."""
+    """The true parameters of a rig, and the result of the experiment on it."""
 
     truth: Parameters
     found: FrictionExperiment
 
 
 def unknown_friction(seed: int) -> Parameters:
-    """Return a drawn rig with friction up to 30 % off the model's."""
+    """Return a rig drawn by a seed, whose friction differs from the model's by up to 30 %.
+
+    Its bristles are half to twice as stiff as the model's, and it has no spring.
+    """
     rng = np.random.default_rng(seed)
     names = ("stiction", "coulomb", "stribeck_velocity", "viscous")
     drawn = {name: getattr(NOMINAL, name) * rng.uniform(1 - SPREAD, 1 + SPREAD) for name in names}
@@ -49,7 +52,7 @@ def unknown_friction(seed: int) -> Parameters:
 
 
 def case(seed: int) -> Case:
-    """Return one rig's experiment."""
+    """Draw a rig by a seed, and run the whole friction experiment on it."""
     truth = unknown_friction(seed)
     rig = replace(load_rig("simulated"), plant=Model(parameters=truth))
     with tempfile.TemporaryDirectory() as folder:
@@ -58,7 +61,7 @@ def case(seed: int) -> Case:
 
 
 def rows(cases: Sequence[Case]) -> list[tuple[str, ...]]:
-    """Return, a parameter a row: name, cases, coverage, mean error, rms error, standard error."""
+    """Return the table's rows, one for each parameter, with cells as in `HEAD`."""
     fitted = [(truth, found.fit) for truth, found in cases if found.fit is not None]
     table: list[tuple[str, ...]] = []
     for name in (*PARAMETERS, MEASURED):
@@ -91,7 +94,7 @@ HEAD: Final = ("parameter", "found", "covered", "mean error", "rms error", "stan
 
 
 def main() -> None:
-    """Print the table."""
+    """Run the study and print its results; with `--page`, write the table into that page too."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=24)
     parser.add_argument("--seed", type=int, default=1, help="of the first rig, times 1000")

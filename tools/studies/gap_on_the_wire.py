@@ -1,8 +1,8 @@
-"""Hides an effect in an emulated rig and lets `rig gap --live` close its gap over the wire.
+"""Hides effects in an emulated rig and runs `rig gap --live` on it over the wire.
 
-The rig is an emulator in a process of its own, behind Modbus, CAN and a serial line; the command
-knows its address and the nominal model. In real time, with the default programme about four minutes
-of motion.
+The emulator is a process of its own, reached by Modbus, CAN and a serial line. The command gets the
+rig's addresses and the nominal model, but not the effects. It runs in real time; with the default
+programme the ram moves for about four minutes.
 
     python -m tools.studies.gap_on_the_wire command_delay="3 ms" --out runs/gap-on-the-wire
 """
@@ -29,16 +29,16 @@ _STOPPED: Final = {
     "supervisor_silence": "10 s",
     "recorder_silence": "30 s",
 }
-"""So long the whole machine may stop, as a virtual one does for a moment: rig and programs stop and
-go on together, and no ram has run away. A rig of metal does not wait."""
+"""Longer limits than on a real rig, because a virtual machine may stop for a moment. Emulator and
+programs then stop together, so that the ram has not moved meanwhile; a real ram would have."""
 
 
 def emulated_rig(effects: dict[str, str], folder: Path) -> dict[str, Any]:
-    """Return the shipped emulated rig with a nominal plant that hides effects, at free addresses.
+    """Return the shipped emulated rig, with effects added to its nominal plant and free addresses.
 
     Args:
-        effects: value with unit by name.
-        folder: for its serial line.
+        effects: size of each effect with its unit, by name.
+        folder: for the file that stands for the serial line.
     """
     rig: dict[str, Any] = yaml.safe_load((ROOT / "config" / "rigs" / "emulated.yaml").read_text())
     rig["plant"] = {"model": "nominal", "effects": effects}
@@ -55,15 +55,16 @@ def emulated_rig(effects: dict[str, str], folder: Path) -> dict[str, Any]:
 
 
 def close_on_wire(effects: dict[str, str], folder: Path, *options: str) -> dict[str, Any]:
-    """Run the emulator and `rig gap --live --json` on it; return what that found.
+    """Run the emulator, and `rig gap --live --json` on it; return the object that it prints.
 
     Args:
-        effects: hidden ones, value with unit by name.
-        folder: an existing one; gets the rig's file, and `found`, what the command writes.
-        options: more options of the command.
+        effects: size of each hidden effect with its unit, by name.
+        folder: an existing folder. The rig's file is written to it, and the command writes its
+            files to `found` in it.
+        options: further options of the command.
 
     Raises:
-        click.ClickException: either did not do its work.
+        click.ClickException: the emulator did not start, or the command failed.
     """
     rig = folder / "rig.yaml"
     rig.write_text(yaml.safe_dump(emulated_rig(effects, folder)))
@@ -108,7 +109,7 @@ def _free_ports(count: int) -> list[int]:
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR")
 @click.option("--rounds", default=4, show_default=True)
 def main(effects: tuple[str, ...], out: Path, rounds: int) -> None:
-    """Hide EFFECTs, such as command_delay="3 ms", and print what is found of them."""
+    """Hide EFFECTs, such as command_delay="3 ms", run `rig gap --live`, and print its answer."""
     out.mkdir(parents=True, exist_ok=True)
     hidden = dict(effect.split("=", 1) for effect in effects)
     found = close_on_wire(hidden, out, "--rounds", str(rounds))

@@ -1,13 +1,13 @@
-"""How often the detector accuses healthy rigs: a thousand hours of them, simulated in lanes.
+"""Measures how often the detector raises an alarm on healthy rigs, simulated in lanes.
 
 `python -m tools.studies.healthy_hours --hours 1000 --false-alarms-per-day 1 --jobs 2 --out DIR`
-runs rigs drawn at random, half an hour each, in mixed motion with standstills. An alarm is a
-verdict that turns from silent to a fault; after one the rig's detector starts afresh. It prints the
-rate of alarms with its exact 95 % interval beside the setting, and what was accused in which
-motion, and writes that to `DIR/summary-RATE.json`.
+simulates 1000 hours of rigs drawn at random, half an hour each, in mixed motion with standstills.
+An alarm is a verdict that names a fault; after an alarm, the rig's detector starts anew. The
+program prints the rate of alarms with its exact 95 % interval, the rate that the detectors are set
+to, and the alarms by verdict and by motion. It writes the same to `DIR/summary-RATE.json`.
 
-What is done is kept in `DIR`, one line for each group of rigs, in a file for each state of the
-sources: called again, it goes on where it was stopped.
+Each finished group of rigs is kept as a line of a file in `DIR`. An interrupted study goes on where
+it stopped, if it is started again with the same sources; other sources have another file.
 """
 
 import argparse
@@ -44,7 +44,7 @@ from tools.simulated.lanes import SimulatedLanes
 Array = NDArray[np.float64]
 
 _ASKED: Final = 20
-"""Blocks of half a second from one verdict of a silent detector that is counted to the next."""
+"""A detector that suspects nothing is asked for its verdict once in this many blocks of 0.5 s."""
 RUN_S: Final = 1800.0
 _DAY_S: Final = 86400.0
 _ROOT: Final = Path(__file__).parents[2]
@@ -52,12 +52,13 @@ _ROOT: Final = Path(__file__).parents[2]
 
 @dataclass(frozen=True)
 class Setting:
-    """What is asked of a study.
+    """The settings of a study.
 
     Attributes:
-        rate: false alarms a day that the detectors are set to.
-        model_error: factor on what they allow for errors of the model; 0: it is exact.
-        known: whether the rigs are exactly the model, but for friction and load.
+        rate: number of false alarms a day that the detectors are set to.
+        model_error: factor on what the detectors allow for errors of the model; 0 means that they
+            take the model for exact.
+        known: whether the rigs equal the model in everything but friction and load.
     """
 
     rate: float
@@ -66,14 +67,23 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """What files of a study at this setting are called."""
+        """The part of file names that stands for this setting."""
         allowed = "" if self.model_error == 1.0 else f"-model-error-{self.model_error:g}"
         return f"{self.rate:g}{allowed}{'-known' if self.known else ''}"
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """A healthy rig accused: which, when (s from its start), of what since when, and moving how."""
+    """An alarm on a healthy rig.
+
+    Attributes:
+        seed: of the rig.
+        time_s: time of the alarm from the start of the rig's run.
+        verdict: the fault that the detector named.
+        onset_s: when the fault began, as the detector estimated it; NaN if it did not.
+        motion: name of the motion at that time.
+        statistic, threshold: test statistic of the decision, and its threshold.
+    """
 
     seed: int
     time_s: float
@@ -86,14 +96,15 @@ class Alarm:
 
 @dataclass(frozen=True)
 class Group:
-    """What came of rigs that ran side by side.
+    """The result of a group of rigs that were simulated side by side in lanes.
 
     Attributes:
         number: of the group.
-        rig_s: rig-seconds run.
-        wall_s: seconds it took, by part: simulation, filter, detector.
-        verdicts: decisions by verdict, one each ten seconds and rig, and alarms.
-        alarms: raised.
+        rig_s: simulated time of all rigs together, s.
+        wall_s: wall time that each part took, s: simulation, filter, detector.
+        verdicts: number of decisions by verdict. Each rig has one decision in ten seconds, and more
+            while its detector suspects a fault.
+        alarms: the alarms on these rigs.
     """
 
     number: int
@@ -104,7 +115,11 @@ class Group:
 
 
 class Judge:
-    """The detector of one rig, started afresh after each alarm."""
+    """The detector of one rig, which starts anew after each alarm.
+
+    Attributes:
+        verdicts: number of decisions by verdict.
+    """
 
     def __init__(self, seed: int, rate: float, model_error: float = 1.0) -> None:
         self._seed, self._setting = seed, (Model(), rate, UNINFORMED, model_error)
@@ -113,15 +128,20 @@ class Judge:
         self.verdicts: Counter[str] = Counter()
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
-        """Judge the next block; return the alarm if it is one.
+        """Judge the next block; return an alarm if the decision names a fault, otherwise None.
+
+        Args:
+            samples: of the block.
+            run: the filter's estimates over the block.
+            motion: name of the motion, for the alarm.
 
         Raises:
-            RuntimeError: the detector failed; the message says on which rig and when.
+            RuntimeError: the detector failed; the message states the rig and the time.
         """
         try:
             self._detector.update(samples, run)
             self._blocks += 1
-            # What is silent is asked for its verdict once in a while only.
+            # While the detector suspects nothing, it is asked only once in `_ASKED` blocks.
             if not self._detector.accuses and self._blocks % _ASKED != 0:
                 return None
             decision = self._detector.decide()
@@ -143,19 +163,19 @@ class Judge:
 
 
 def _stretches(ticks: int) -> Iterator[slice]:
-    """Yield the blocks of a run; the first has one sample more, as accounts run between samples."""
+    """Yield the rows of each block; the first has one more, as accounts lie between samples."""
     ends = [0, *range(BLOCK_TICKS + 1, ticks + 1, BLOCK_TICKS)]
     for first, last in pairwise(ends):
         yield slice(first, last)
 
 
 class Watcher(Protocol):
-    """Watches one rig of a group, block by block."""
+    """The interface of what watches one rig of a group, block by block."""
 
     verdicts: Counter[str]
 
     def take(self, samples: Samples, run: FilterRun, motion: str) -> Alarm | None:
-        """Take the next block; return the alarm if it is one."""
+        """Take the next block; return an alarm, or None if there is none."""
 
 
 def run_group(
@@ -164,13 +184,13 @@ def run_group(
     run_s: float = RUN_S,
     watchers: Sequence[Watcher] | None = None,
 ) -> Group:
-    """Run and judge `LANES` rigs, drawn by the group's number.
+    """Simulate and judge `LANES` rigs, which are drawn by the group's number.
 
     Args:
-        number: of the group; its rigs' seeds follow from it.
-        setting: of the detectors, and what rigs are drawn.
-        run_s: seconds of each rig.
-        watchers: of each rig; by default a `Judge`.
+        number: of the group; the seeds of its rigs follow from it.
+        setting: settings of the detectors and of the rigs to draw.
+        run_s: simulated time of each rig, s.
+        watchers: one for each rig; by default a `Judge` each.
     """
     seeds = [number * LANES + lane for lane in range(LANES)]
     generators = [np.random.default_rng((seed, 1)) for seed in seeds]
@@ -205,7 +225,14 @@ def run_group(
 
 
 def _seen_by(lane: int, time_s: Array, readings: Array, states: Array) -> tuple[Samples, FilterRun]:
-    """Return one rig's samples and estimates as its detector takes them."""
+    """Return the samples and filter estimates of the rig in one lane, as its detector takes them.
+
+    Args:
+        lane: index of the rig.
+        time_s: (ticks,).
+        readings: (ticks, 6, LANES), see `LANE_READINGS`.
+        states: (ticks, states, LANES) of the filter.
+    """
     position, p1, p2, spool, supply, command = np.ascontiguousarray(readings[:, :, lane].T)
     outputs = np.full((time_s.size, len(OUTPUTS)), np.nan)
     estimates = np.ascontiguousarray(states[:, :, lane])
@@ -220,7 +247,7 @@ def poisson_interval(count: int) -> tuple[float, float]:
 
 
 def summary_of(groups: Sequence[Group], setting: Setting) -> dict[str, Any]:
-    """Return what a study found, as it is written to its summary."""
+    """Return the results of a study, as they are written to its summary file."""
     alarms = [alarm for group in groups for alarm in group.alarms]
     rig_s = sum(group.rig_s for group in groups)
     days = rig_s / _DAY_S
@@ -249,7 +276,7 @@ def summary_of(groups: Sequence[Group], setting: Setting) -> dict[str, Any]:
 
 
 def read_groups(file: Path) -> dict[int, Group]:
-    """Return the groups kept in a file, by number."""
+    """Return the groups that a file holds, by number; none if it is missing."""
     groups = {}
     for fields in kept_trials(file):
         alarms = [Alarm(**alarm) for alarm in fields.pop("alarms")]
@@ -260,22 +287,22 @@ def read_groups(file: Path) -> dict[int, Group]:
 def study(
     hours: float, setting: Setting, jobs: int, out: Path, run_s: float = RUN_S, first: int = 0
 ) -> dict[str, Any]:
-    """Run the groups that are not kept from before, and return the summary of all.
+    """Run the groups that are not kept from before; write and return the summary of all.
 
     Args:
-        hours: rig-hours, rounded up to whole groups.
-        setting: of the detectors.
-        jobs: processes.
-        out: folder for what was done.
-        run_s: seconds of each rig.
-        first: number of the first group, by which its rigs are drawn.
+        hours: simulated time of all rigs together, h; it is rounded up to whole groups.
+        setting: settings of the detectors and of the rigs to draw.
+        jobs: number of processes.
+        out: folder for the file of groups and for the summary.
+        run_s: simulated time of each rig, s.
+        first: number of the first group; numbers draw the rigs.
     """
     out.mkdir(parents=True, exist_ok=True)
     kept = out / f"groups-{setting.name}-{source_key(_ROOT)}.jsonl"
     numbers = range(first, first + ceil(hours * 3600.0 / (run_s * LANES)))
     done = read_groups(kept)
     left = [(number, setting, run_s) for number in numbers if number not in done]
-    # A process for each core: matrices of 20 by 20 gain nothing from threads of their own.
+    # Each core has a process; its small matrices (20 by 20) gain nothing from further threads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     found = run_and_keep(kept, "healthy hours", run_group, left, jobs)
     done |= {group.number: group for group in found}
@@ -286,7 +313,7 @@ def study(
 
 
 def main() -> None:
-    """Run the study and print what it found."""
+    """Run the study and print its summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=float, default=10.0, help="rig-hours (default 10)")
     parser.add_argument("--false-alarms-per-day", type=float, default=1.0, help="the setting")

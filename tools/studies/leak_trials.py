@@ -1,6 +1,6 @@
-"""Trials of the detectors on rigs and motions drawn at random: planned, run on all cores, kept.
+"""Runs trials of the detectors on rigs and motions drawn at random, on several cores.
 
-What a trial found is kept in a file, one JSON object a line, so that a study that was interrupted
+Each finished trial is kept in a file, as one JSON object in a line, so that an interrupted study
 goes on where it stopped.
 """
 
@@ -32,26 +32,31 @@ SETTINGS: Final[Mapping[str, tuple[str, float]]] = {
     "product, often": ("product", 1e4),
     "thesis-6": ("thesis-6", 1.0),
 }
-"""Judges by name: a filter with its detector, and the false alarms a day that it is set to. The
-second shows the statistic far below the threshold of the first."""
+"""Judges by name: the filter, whose detector judges, and its setting in false alarms a day.
+
+The second is the first with a low threshold, so that small statistics can be seen too.
+"""
 
 _DROOPING: Final = (1e12, 3e12)
-"""Pa/(m^3/s)^2. Supplies on which a supply leak can be seen at all; drawn where one is injected."""
+"""Droop of the supply in trials with a supply leak, Pa/(m^3/s)^2.
+
+On a supply with less droop, a supply leak cannot be noticed at all.
+"""
 _ROOT: Final = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a trial does.
+    """The description of one trial, from which all of it follows.
 
     Attributes:
         seed: draws rig, motion and noise.
-        fault: one of `rig.plant.FAULTS`, or None.
-        size: of a leak in L/min at its reference drop (supply leaks: at supply pressure), of a
-            blockage in Pa/(m^3/s)^2.
+        fault: one of `rig.plant.FAULTS`; None for a healthy rig.
+        size: size of the fault. For a leak it is in L/min at its reference drop (for a supply leak
+            at supply pressure), for a blockage in Pa/(m^3/s)^2.
         onset_s, seconds: when the fault begins, and how long the trial lasts.
-        spool_sensor, supply_sensor: whether the rig has them.
-        judges: names in `SETTINGS`.
+        spool_sensor, supply_sensor: whether the rig has a sensor of spool and supply pressure.
+        judges: names in `SETTINGS` of the judges that judge the trial.
     """
 
     seed: int
@@ -65,18 +70,19 @@ class Plan:
 
     @property
     def key(self) -> str:
-        """What tells this plan from others."""
+        """A text that differs between any two plans."""
         return json.dumps(asdict(self))
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a judge held.
+    """The verdicts of one judge in one trial.
 
     Attributes:
-        held: (time in s, verdict) at its first decision and whenever the verdict changed.
-        ratios: statistic over threshold at each decision, one a half second.
-        flow, deviation: final leak flow and its standard error in L/min; None if it named none.
+        held: (time in s, verdict) of the first decision and of each that changed the verdict.
+        ratios: statistic divided by threshold, of each decision; there is one in half a second.
+        flow, deviation: last estimate of the leak flow and its standard error, L/min; None if the
+            last decision names no leak.
     """
 
     held: tuple[tuple[float, str], ...]
@@ -86,27 +92,28 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """The last one."""
+        """The last verdict."""
         return self.held[-1][1]
 
     def first_s(self, verdict: str) -> float | None:
-        """Return when a verdict was first held, None if never."""
+        """Return when the judge first came to a verdict, s; None if it never did."""
         return next((time for time, held in self.held if held == verdict), None)
 
     def alarm_s(self) -> float | None:
-        """Return when an alarm was first held, None if never."""
+        """Return when a verdict was first an alarm, s; None if none was."""
         return next((time for time, held in self.held if held not in SILENT), None)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A plan and what came of it.
+    """The result of a trial.
 
     Attributes:
-        plan: what was done.
+        plan: of the trial.
         loaded: whether the ram worked against a spring.
-        flow: mean absolute flow of the leak from 2 s after onset, L/min; 0 where there was none.
-        judged: by judge.
+        flow: true mean magnitude of the leak's flow from 2 s after onset on, L/min; 0 without a
+            leak.
+        judged: the judgements, by name of the judge.
     """
 
     plan: Plan
@@ -116,7 +123,10 @@ class Trial:
 
 
 def coefficient(plan: Plan) -> float:
-    """Return the coefficient (SI) of the plan's fault."""
+    """Return the coefficient (SI) of the plan's fault, as the plant takes it.
+
+    The plan must have a fault.
+    """
     if plan.fault == "return_blockage":
         return plan.size
     if plan.fault == "supply_leakage":
@@ -125,7 +135,7 @@ def coefficient(plan: Plan) -> float:
 
 
 def record(plan: Plan) -> tuple[Recording, bool, float]:
-    """Run a plan on the simulated rig; return the recording, and `loaded` and `flow` of `Trial`."""
+    """Simulate a plan; return the recording, and the values `loaded` and `flow` of its `Trial`."""
     rng = np.random.default_rng(plan.seed)
     ticks, onset = round(plan.seconds / TICK), round(plan.onset_s / TICK)
     truth = drawn_rig(rng)
@@ -148,7 +158,7 @@ def record(plan: Plan) -> tuple[Recording, bool, float]:
 
 
 def judged(recording: Recording, judge: str) -> Judgement:
-    """Let a judge replay a recording."""
+    """Replay a recording with the filter and detector of a judge; return the judgement."""
     name, rate = SETTINGS[judge]
     result = replay(recording, Model(), filter_name=name, false_alarms_per_day=rate)
     held: list[tuple[float, str]] = []
@@ -174,7 +184,7 @@ def _litres(flow: float | None) -> float | None:
 
 
 def trial(plan: Plan) -> Trial:
-    """Run a plan and let its judges judge."""
+    """Simulate a plan, and let each of its judges judge the recording."""
     recording, loaded, flow = record(plan)
     return Trial(plan, loaded, flow, {judge: judged(recording, judge) for judge in plan.judges})
 
@@ -185,13 +195,13 @@ def trials(
     jobs: int,
     run: Callable[[Plan], Trial] = trial,
 ) -> list[Trial]:
-    """Return the trials of all plans, running those that are not kept from before.
+    """Return the trials of all plans, in their order; run those that are not kept from before.
 
     Args:
-        plans: no two alike.
-        kept: folder for what was found; each state of the sources has a file of its own in it.
-        jobs: processes.
-        run: runs a plan.
+        plans: plans, all different.
+        kept: folder for the file of kept trials, whose name changes whenever the sources change.
+        jobs: number of processes.
+        run: runs one plan.
     """
     kept.mkdir(parents=True, exist_ok=True)
     file = kept / f"trials-{source_key(_ROOT)}.jsonl"

@@ -1,4 +1,4 @@
-"""Write the page: `python -m tools.thesis_tables [--measured DIR] [--out FILE]`."""
+"""Writes docs/thesis_tables.md: `python -m tools.thesis_tables [--measured DIR] [--out FILE]`."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ DEFAULT_OUT = Path(__file__).parents[2] / "docs" / "thesis_tables.md"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write the page; return 0, or 2 if a recording cannot be read (and nothing is written)."""
+    """Write the page and return 0; if a recording cannot be read, write nothing and return 2."""
     parser = argparse.ArgumentParser(prog="python -m tools.thesis_tables", description=__doc__)
     parser.add_argument(
         "--measured",

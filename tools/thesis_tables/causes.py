@@ -1,4 +1,4 @@
-"""Why the thesis's filters show what they show, measured on simulated rigs where truth is known."""
+"""Measures why the thesis's filters behave as they do, on simulated rigs, whose truth is known."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -33,10 +33,11 @@ _FILTER_ORDER: Final = (
     "spool_velocity",
 )
 VELOCITY: Final = 4
-"""Where the thesis filters keep the velocity among their states."""
+"""Index of the velocity among the states of the thesis filters."""
 POSITION: Final = 3
+"""Index of the position among the states of the thesis filters."""
 REPEATS: Final = 10
-"""How often a test is repeated with other noise."""
+"""Number of times that a test is repeated with different noise."""
 
 MOTIONS: Final = (
     ("open_loop_5_1", "thesis-6"),
@@ -44,7 +45,7 @@ MOTIONS: Final = (
     ("simulation_7_1", "thesis-7"),
     ("loaded_7_2", "thesis-7"),
 )
-"""Campaigns whose healthy sine is run on every rig, and the thesis's filter for them."""
+"""Campaigns whose healthy sine is run on every rig, each with the thesis's filter for it."""
 
 RIGS: Final = (
     ("simulated", True, "`simulated`: imperfections the filter does not know"),
@@ -52,19 +53,31 @@ RIGS: Final = (
     ("thesis", True, "`thesis`: none, Karnopp friction as in the filter"),
     ("thesis", False, "the same behind perfect transducers"),
 )
-"""Rigs, less and less unlike the model: name, whether their transducers are noisy, label."""
+"""Rigs, ever more like the model: name, whether their transducers are noisy, and label."""
 
 
 @dataclass(frozen=True)
 class HealthyLevel:
-    """Mean absolute innovations of both pressures on one healthy run, Pa."""
+    """The mean absolute innovations of both pressures in one healthy run, Pa.
+
+    Attributes:
+        thesis: those of the thesis's filter, for pressures 1 and 2.
+        product: those of the product filter.
+    """
 
     thesis: tuple[float, float]
     product: tuple[float, float]
 
 
 def healthy_level(campaign_name: str, filter_name: str, rig_name: str, noisy: bool) -> HealthyLevel:
-    """Return the level on the campaign's healthy sine, run on another rig of the shipped ones."""
+    """Run the healthy sine of a campaign on a shipped rig, and return the filters' innovations.
+
+    Args:
+        campaign_name: of the shipped campaign.
+        filter_name: of the thesis's filter.
+        rig_name: of the shipped rig, in place of the campaign's own.
+        noisy: whether the transducers have noise.
+    """
     campaign, rig = load_campaign(campaign_name, rig_name)
     test = next(t for t in campaign.tests if not t.faults and isinstance(t.setpoint, Sine))
     sensors = rig.sensors
@@ -74,7 +87,7 @@ def healthy_level(campaign_name: str, filter_name: str, rig_name: str, noisy: bo
     started = recording.time_s > STARTED_S
     levels = []
     for name in (filter_name, DEFAULT_FILTER):
-        # The filter goes by the data sheet, whatever the transducers do.
+        # The filter assumes the noise of the data sheet, even if the transducers have none.
         run = filter_recording(recording, campaign.model, name, rig.sensors)
         mean = np.abs(run.innovation[started, 1:3]).mean(axis=0)
         levels.append((float(mean[0]), float(mean[1])))
@@ -82,7 +95,7 @@ def healthy_level(campaign_name: str, filter_name: str, rig_name: str, noisy: bo
 
 
 def empty_chamber(par: Parameters) -> tuple[float, float]:
-    """Return the ram positions in m at which chamber 1, and 2, would have no volume (eq. 2.4)."""
+    """Return the ram positions (m) at which chamber 1 and chamber 2 have no volume (eq. 2.4)."""
     return (
         par.stroke_min - par.line_volume_1 / par.piston_area,
         par.stroke_max + par.line_volume_2 / par.piston_area,
@@ -90,9 +103,10 @@ def empty_chamber(par: Parameters) -> tuple[float, float]:
 
 
 def euler_error(rig_name: str) -> tuple[float, float]:
-    """Return by how many Pa a forward-Euler step (eq. 2.15) from the truth misses each pressure.
+    """Return the mean absolute error (Pa) of both pressures in a forward-Euler step (eq. 2.15).
 
-    Mean absolute values over the healthy sine of section 5.1: no filter, no noise.
+    Each step begins at the true states of the healthy sine of section 5.1, run on the rig
+    `rig_name`; there is neither a filter nor noise.
     """
     campaign, rig = load_campaign("open_loop_5_1", rig_name)
     test = next(t for t in campaign.tests if not t.faults)
@@ -107,9 +121,13 @@ def euler_error(rig_name: str) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class OilColumn:
-    """The oil column at a ram position in m: resonance in rad/s, growth in a forward-Euler step.
+    """The oil column at one position of the ram.
 
-    The growth is the largest eigenvalue of A (eq. 4.19).
+    Attributes:
+        position: of the ram, m.
+        resonance: of mass and oil, rad/s.
+        growth: factor of a forward-Euler step, the largest magnitude of an eigenvalue of A (eq.
+            4.19).
     """
 
     position: float
@@ -118,7 +136,7 @@ class OilColumn:
 
 
 def oil_column(par: Parameters, position: float) -> OilColumn:
-    """Return resonance and growth with the ram sliding at 0.2 m/s, pressures at half supply."""
+    """Return the oil column at a ram position (m), sliding at 0.2 m/s, pressures at half supply."""
     v1, v2 = chamber_volumes(position, par)
     stiffness = par.piston_area**2 * par.bulk_modulus * (1.0 / v1 + 1.0 / v2)
     half = 0.5 * par.supply_pressure
@@ -132,9 +150,14 @@ def oil_column(par: Parameters, position: float) -> OilColumn:
 
 @dataclass(frozen=True)
 class Chatter:
-    """How often the velocity reverses, and innovations of both pressures (Pa), slow and fast.
+    """How often the velocity reverses, and how the innovations depend on the speed.
 
-    A reversal is from sliding one way (faster than v_o, eq. 2.17) to sliding the other; per second.
+    A reversal is a change from sliding in one direction (faster than v_o, eq. 2.17) to sliding in
+    the other direction.
+
+    Attributes:
+        true_reversals, estimated_reversals: reversals per second of true and estimated velocity.
+        slow, fast: mean absolute innovations of pressures 1 and 2 (Pa) at low and at high speed.
     """
 
     true_reversals: float
@@ -144,7 +167,7 @@ class Chatter:
 
 
 def chatter(trial: Trial, speed: float) -> Chatter:
-    """Compare a thesis filter's velocity with the truth; slow is truly below `speed` (m/s)."""
+    """Compare a thesis filter's velocity with the true one; slow is truly below `speed` (m/s)."""
     started = trial.recording.time_s > STARTED_S
     truth = trial.recording["true_velocity_m_per_s"][started]
     run = trial.thesis.run
@@ -165,11 +188,12 @@ def chatter(trial: Trial, speed: float) -> Chatter:
 
 @dataclass(frozen=True)
 class HiddenLeak:
-    """What an internal leak does to the velocity that a thesis filter estimates, m/s.
+    """The error that an internal leak causes in the velocity estimated by a thesis filter, m/s.
 
     Attributes:
-        error: mean of estimated less true velocity, from the higher to the lower pressure.
-        leak: mean leak over piston area: the velocity at which the ram would displace as much.
+        error: mean of estimated less true velocity; velocities are positive away from the chamber
+            with the higher pressure.
+        leak: mean flow of the leak divided by the piston area.
     """
 
     error: Change
@@ -177,7 +201,7 @@ class HiddenLeak:
 
 
 def hidden_leak(trial: Trial, velocity: Array) -> HiddenLeak:
-    """Compare a filter's velocity (n,) in m/s with the truth of a test with an internal leak."""
+    """Compare a filter's velocity (n,), m/s, with the true one, in a test with an internal leak."""
     recording = trial.recording
     side = np.sign(recording["true_pressure_1_Pa"] - recording["true_pressure_2_Pa"])
     error = side * (velocity - recording["true_velocity_m_per_s"])
@@ -187,9 +211,12 @@ def hidden_leak(trial: Trial, velocity: Array) -> HiddenLeak:
 
 
 def noise_ranges(trials: Trials, trial: Trial) -> tuple[Array, Array]:
-    """Repeat a test with other sensor noise; return averages (`REPEATS`, 2) after its leak, in Pa.
+    """Repeat a test with different sensor noise; return its averages after the leak, Pa.
 
-    Of the innovations of both chambers, for the thesis filter as printed and trusting the encoder.
+    Returns:
+        Two arrays (`REPEATS`, 2) of the averaged absolute innovations of both pressures: for the
+        thesis filter as printed, and for the one that trusts the encoder (see `trusted`). NaN where
+        there is no average.
     """
     printed, trusted = np.empty((REPEATS, 2)), np.empty((REPEATS, 2))
     for i in range(REPEATS):
@@ -206,13 +233,13 @@ def noise_ranges(trials: Trials, trial: Trial) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Stretch:
-    """What a filter did over some seconds of a healthy run, SI.
+    """Figures of a filter over some seconds of a healthy run.
 
     Attributes:
-        start_s, end_s: which.
-        mean, median, largest: of the absolute innovation of pressure 1, Pa.
+        start_s, end_s: beginning and end of the stretch.
+        mean, median, largest: statistics of the absolute innovation of pressure 1, Pa.
         position_error: mean absolute innovation of the position, m.
-        lowest, highest: of the estimated position, m.
+        lowest, highest: range of the estimated position, m.
     """
 
     start_s: float
@@ -226,7 +253,10 @@ class Stretch:
 
 
 def stretches(trial: Trial, states: Array, outputs: Array, length_s: float) -> Iterator[Stretch]:
-    """Yield what a thesis filter did in each `length_s` of a trial, its first sample left out."""
+    """Yield the figures of a thesis filter over each `length_s` of a trial.
+
+    The trial's first sample is left out. `states` and `outputs` are the filter's, row by row.
+    """
     time_s = trial.recording.time_s
     for start in np.arange(0.0, time_s[-1], length_s):
         part = (time_s > start) & (time_s <= start + length_s)

@@ -1,4 +1,4 @@
-"""The thesis's own tables beside what comes out, and what can be counted in them."""
+"""Writes the thesis's own tables with printed and computed figures, and counts over them."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -26,7 +26,7 @@ KINDS: Final = (*EXTERNAL, INTERNAL)
 
 
 def validation_tables(measured: Measured | None) -> dict[str, str]:
-    """Return section 3.2's tables by motion, beside measured recordings too if there are any."""
+    """Return section 3.2's tables by motion; with `measured`, they have columns for recordings."""
     simulated = run_simulated()
     return {motion: _validation_table(motion, simulated, measured) for motion in PRINTED}
 
@@ -56,20 +56,23 @@ def _validation_table(motion: str, simulated: Simulated, measured: Measured | No
 
 
 def unloaded_table(trials: Trials, printed: PrintedTable, *, sine: bool = True) -> dict[str, str]:
-    """Return a table of chapter 5 (`table`), and what can be counted in it (`counts`)."""
+    """Return a table of chapter 5 (`table`), and a sentence with counts over it (`counts`).
+
+    `sine` chooses the tests with a sine as setpoint, or else those with another one.
+    """
     columns = columns_of(trials, printed, KINDS, sine=sine)
     return {"table": leak_table(columns, 6), "counts": counted(columns)}
 
 
 def loaded_tables(trials: Trials, printed: PrintedTable) -> dict[str, str]:
-    """Return a section's tables of chapter 7 by kind of leak, and `counts` over all of them."""
+    """Return a section's tables of chapter 7 by kind of leak, and a sentence with `counts`."""
     columns = {kind: columns_of(trials, printed, (kind,)) for kind in KINDS}
     tables = {kind: leak_table(of_kind, 5) for kind, of_kind in columns.items()}
     return tables | {"counts": counted([c for of_kind in columns.values() for c in of_kind])}
 
 
 def counted(columns: Sequence[Column]) -> str:
-    """Say how often the averages rise as the thesis has it, and the detectors are right."""
+    """Return a text that counts rises of the averages as in the thesis, and right verdicts."""
     counts = score([column.trial for column in columns])
     return (
         f"By the innovation, {_pattern(columns, trusted=False)}; with the encoder trusted, "
@@ -81,7 +84,7 @@ def counted(columns: Sequence[Column]) -> str:
 
 
 def _pattern(columns: Sequence[Column], *, trusted: bool) -> str:
-    """Say how often the averages of the innovations rise as in section 5.3."""
+    """Return a text that counts how often the innovations' averages rise as in section 5.3."""
     of = trusted_change if trusted else innovation_change
     external, internal = [], []
     for column in columns:

@@ -1,4 +1,4 @@
-"""One table of leaks: a column a test, the thesis's figures over those computed."""
+"""Writes a table of leaks: one column for each test, with printed and computed figures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -36,11 +36,14 @@ LEVELS: Final = {2: ("low", "high"), 3: ("low", "medium", "high")}
 
 @dataclass(frozen=True)
 class Column:
-    """One test of a table beside what is printed of it.
+    """One column of a table: a test with the figures that the thesis prints of it.
 
     Attributes:
-        heading: location and level of the leak.
-        kind: kind of leak whose meter is read; the table's in a healthy test, if it has but one.
+        heading: location and level of the leak, or "healthy".
+        trial: the test as it was run.
+        printed: the figures that the thesis prints.
+        kind: the kind of leak whose meter is read. For a healthy test it is the table's only kind,
+            or None if the table has several.
     """
 
     heading: str
@@ -52,7 +55,10 @@ class Column:
 def columns_of(
     trials: Trials, printed: PrintedTable, kinds: Sequence[str], *, sine: bool = True
 ) -> list[Column]:
-    """Return the healthy test and those with the given kinds of leak, level by level."""
+    """Return the columns of the healthy test and of the tests with the given kinds of leak.
+
+    `sine` chooses the tests with a sine as setpoint, or else those with another one.
+    """
     only = kinds[0] if len(kinds) == 1 else None
     healthy = printed.get("healthy", (Printed(),))[0]
     columns = [Column("healthy", trials.healthy(sine=sine), healthy, only)]
@@ -67,7 +73,7 @@ Row = tuple[str, Callable[[Column], str]]
 
 
 def leak_table(columns: Sequence[Column], exponent: int) -> str:
-    """Return the table of some tests, moving averages in 10^exponent Pa."""
+    """Return the table of some tests; its moving averages are in units of 10^exponent Pa."""
     sections = [
         ("Leak", _leak_rows(columns)),
         *((f"MAE of chamber {i + 1} (1e{exponent} Pa)", _chamber_rows(i, 10.0**exponent))
@@ -79,7 +85,7 @@ def leak_table(columns: Sequence[Column], exponent: int) -> str:
     rows = []
     for name, section in sections:
         cells = [[label, *(cell(column) for column in columns)] for label, cell in section]
-        # A row in which nothing is told, as of printed figures that the thesis does not give.
+        # Rows without any figure are left out, such as figures that the thesis does not print.
         told = [row for row in cells if set(row[1:]) != {NOTHING}]
         rows += [heading_row(name, width), *told]
     return table(["", *(column.heading for column in columns)], rows)
@@ -114,30 +120,33 @@ def _chamber_rows(i: int, unit: float) -> list[Row]:
 
 
 def innovation_change(trial: Trial, chamber: int) -> Change:
-    """Return the moving average of a chamber's (0 or 1) absolute innovations, Pa."""
+    """Return the averaged absolute innovation of a chamber's pressure in the thesis's filter, Pa.
+
+    It has one value before the leak and one after it; `chamber` is 0 or 1.
+    """
     return _average(trial.thesis.run.innovation[:, 1 + chamber], trial)
 
 
 def residual_change(trial: Trial, chamber: int) -> Change:
-    """Return the moving average of a chamber's (0 or 1) absolute a posteriori residuals, Pa."""
+    """Return the same average of the absolute a posteriori residuals of the thesis's filter, Pa."""
     return _average(trial.thesis.run.residual[:, 1 + chamber], trial)
 
 
 def trusted_change(trial: Trial, chamber: int) -> Change:
-    """Return the same average of innovations for the thesis filter that trusts the encoder, Pa."""
+    """Return the same average of innovations, of the thesis filter that trusts the encoder, Pa."""
     return _average(trial.trusted.outputs[:, 1 + chamber], trial)
 
 
 def product_change(trial: Trial, chamber: int) -> Change:
-    """Return the same average of innovations for the product's filter, Pa."""
+    """Return the same average of absolute innovations, of the product filter, Pa."""
     return _average(trial.product.run.innovation[:, 1 + chamber], trial)
 
 
 def state_change(trial: Trial, kind: str) -> Change:
-    """Return the mean flow in L/min that the product's filter has in one of its leak states.
+    """Return the mean flow (L/min) of one leak state of the product filter.
 
-    After the leak: from 2 s on, as the truth. Flows across the piston count from the higher
-    pressure to the lower, whichever that is.
+    It has one value before the leak, and one from 2 s after it on, as the true flow. A flow across
+    the piston counts as positive from the higher to the lower pressure.
     """
     run = trial.product.run
     flow = to_litres_per_minute(leak_flow(run, trial.model.parameters)[kind])
@@ -151,12 +160,15 @@ def _average(error: Array, trial: Trial) -> Change:
 
 
 def outside_change(trial: Trial) -> Change:
-    """Return the share of time in % that the thesis filter's position is outside the stroke."""
+    """Return the share of time (%) in which the thesis filter's position is outside the stroke.
+
+    It has one value before the leak and one after it.
+    """
     return share_outside(trial.thesis.run.states[:, POSITION], trial)
 
 
 def said(decision: Decision | None, trial: Trial) -> str:
-    """Return a verdict in a word or two, bold where it is the right one."""
+    """Return a verdict in words for the page, in bold if it is right; a dash without a decision."""
     if decision is None:
         return NOTHING
     word = LOCATIONS.get(decision.verdict, decision.verdict.replace("_", " "))

@@ -1,4 +1,4 @@
-"""Figures and tables as GitHub's Markdown."""
+"""Formats figures and tables as GitHub's Markdown."""
 
 from collections.abc import Iterable, Sequence
 from math import floor, isfinite, log10
@@ -8,12 +8,15 @@ from .measures import Change, Coefficient
 
 NOTHING: Final = "–"
 _PLAIN: Final = range(-4, 5)
-"""Powers of ten that a figure is written out for, without an exponent."""
+"""Exponents of ten with which a figure is written as a plain decimal number."""
 _LEAST_AT_TWO_DECIMALS: Final = 0.005
 
 
 def figure(value: float | None, digits: int = 2) -> str:
-    """Return a value with so many significant digits, one more from 10^digits on."""
+    """Return a value as text with `digits` significant digits, or one more from 10^digits on.
+
+    None gives a dash; an infinite value or NaN gives "not finite".
+    """
     if value is None:
         return NOTHING
     if not isfinite(value):
@@ -30,13 +33,19 @@ def figure(value: float | None, digits: int = 2) -> str:
 
 
 def fixed(value: float | None, decimals: int) -> str:
-    """Return a value with so many decimals; a dash for None."""
+    """Return a value as text with `decimals` decimals; a dash for None."""
     # Adding zero turns -0.0 into 0.0.
     return NOTHING if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def arrow(change: Change, unit: float = 1.0, decimals: int | None = None) -> str:
-    """Return "before → after", or the one there is, in a unit; 2 digits, or so many decimals."""
+    """Return the text "before → after" of a change, or only the value that is not None.
+
+    Args:
+        change: the values before and after.
+        unit: unit that they are divided by.
+        decimals: number of decimals; None means 2 significant digits.
+    """
     texts = [
         figure(value / unit) if decimals is None else fixed(value / unit, decimals)
         for value in change
@@ -46,7 +55,11 @@ def arrow(change: Change, unit: float = 1.0, decimals: int | None = None) -> str
 
 
 def spread(coefficient: Coefficient | None, unit: float) -> str:
-    """Return "mean ± deviation" in a unit; a dash for None, the mean alone if it was set."""
+    """Return the text "mean ± deviation" of a coefficient, divided by `unit`.
+
+    None gives a dash. If the deviation is 0, because the coefficient was set, the mean alone is
+    returned.
+    """
     if coefficient is None:
         return NOTHING
     mean = fixed(coefficient.mean / unit, 2)
@@ -57,10 +70,10 @@ def spread(coefficient: Coefficient | None, unit: float) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table: first column to the left, the others to the middle.
+    """Return a table in Markdown; the first column is left-aligned, the others are centred.
 
     Raises:
-        ValueError: a row is not as long as the head.
+        ValueError: a row has not as many cells as the head.
     """
     lines = [head, [":--", *[":-:"] * (len(head) - 1)]]
     for row in rows:
@@ -71,5 +84,5 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def heading_row(text: str, columns: int) -> list[str]:
-    """Return a row that only names what stands below it."""
+    """Return a row whose first cell is a heading for the rows below; the other cells are empty."""
     return [f"**{text}**", *[""] * (columns - 1)]

@@ -1,4 +1,4 @@
-"""What the thesis reads off a test: moving averages, flows and leak coefficients."""
+"""Computes what the thesis measures in a test: moving averages, flows and leak coefficients."""
 
 from math import nan
 from typing import Final, NamedTuple
@@ -20,7 +20,10 @@ Array = NDArray[np.float64]
 
 WINDOW_S: Final = THESIS_WINDOW * TICK
 LEAST_DROP: Final = 1e5
-"""Pa. Below some three sigmas of the pressure transducers flow / sqrt(drop) says nothing."""
+"""Samples with a smaller pressure drop than this, Pa, are not used for flow / sqrt(drop).
+
+It is about three standard deviations of the pressure transducers.
+"""
 
 _FLOWS: Final = {
     "external_leakage_1": ("flow_1_m3_per_s", "true_leak_1_m3_per_s"),
@@ -30,29 +33,30 @@ _FLOWS: Final = {
 
 
 class Change(NamedTuple):
-    """A figure before and after the leak; None where there is no such time."""
+    """The value of a figure before and after the leak; None if it is not known for one of them."""
 
     before: float | None
     after: float | None
 
 
 def rise(change: Change) -> float:
-    """Return by how much a figure is higher after the leak; NaN without a before or an after."""
+    """Return the figure after the leak less that before it; NaN if one of them is None."""
     before, after = change
     return nan if before is None or after is None else after - before
 
 
 class Coefficient(NamedTuple):
-    """A leak coefficient, SI: mean and standard deviation over the samples."""
+    """A leak coefficient, SI: its mean and standard deviation over the samples."""
 
     mean: float
     deviation: float
 
 
 def change(series: Array, time_s: Array, leak: Fault | None, lead_s: float = 0.0) -> Change:
-    """Return the means of a series (n,) before and after a leak; before alone if there is none.
+    """Return the means of a series (n,) before and after a leak.
 
-    Left out are the filter's start, the time the leak takes to open, and `lead_s` after each.
+    Without a leak, the mean over the whole test counts as before, and after is None. The start of
+    the filter, the time in which the leak opens, and `lead_s` after each of them are left out.
     """
     started = time_s >= STARTED_S + lead_s
     if leak is None:
@@ -62,28 +66,38 @@ def change(series: Array, time_s: Array, leak: Fault | None, lead_s: float = 0.0
 
 
 def average_change(error: Array, time_s: Array, leak: Fault | None) -> Change:
-    """Return the moving average of absolute errors (n,) (section 4.4), its mean before and after.
+    """Return the mean, before and after a leak, of the moving average of absolute errors.
 
-    Only averages whose whole window lies before, or after, the leak's opening are taken.
+    The moving average is that of section 4.4; `error` and `time_s` are (n,). Only averages whose
+    whole window lies before or after the leak's opening are used.
     """
     return change(moving_average_absolute(error), time_s, leak, WINDOW_S)
 
 
 def share_outside(position: Array, trial: Trial) -> Change:
-    """Return the share of time, in %, that an estimated position (n,) in m is off the stroke."""
+    """Return the share of time (%) in which an estimated position (n,), m, is outside the stroke.
+
+    It has one value before the leak and one after it.
+    """
     par = trial.model.parameters
     outside = (position < par.stroke_min) | (position > par.stroke_max)
     return change(np.where(outside, 100.0, 0.0), trial.recording.time_s, trial.leak)
 
 
 def meter_flow(trial: Trial, kind: str) -> Change:
-    """Return a leak's mean flow in L/min as its meter reads it."""
+    """Return the mean reading (L/min) of a leak's flow meter, before and after the leak.
+
+    The mean after the leak begins 2 s later.
+    """
     flow = to_litres_per_minute(trial.recording[_FLOWS[kind][0]])
     return change(flow, trial.recording.time_s, trial.leak, SETTLED_AFTER_S)
 
 
 def true_flow(trial: Trial) -> float | None:
-    """Return the mean absolute leak flow in L/min from 2 s after the leak on; None if healthy."""
+    """Return the true mean magnitude of the leak flow (L/min) from 2 s after onset on.
+
+    It is None for a healthy test.
+    """
     if trial.leak is None:
         return None
     flow = np.abs(trial.recording[_FLOWS[trial.leak.kind][1]])
@@ -92,9 +106,10 @@ def true_flow(trial: Trial) -> float | None:
 
 
 def metered_coefficient(trial: Trial) -> Coefficient | None:
-    """Return the leak coefficient by flow meter and pressures (eqs. 5.3 to 5.7); None if healthy.
+    """Return the leak coefficient from flow meter and pressures (eqs. 5.3 to 5.7).
 
-    From 2 s after the leak on, without samples whose drop is below `LEAST_DROP`.
+    Samples from 2 s after the leak on are used, if their drop is above `LEAST_DROP`. A healthy test
+    has None.
     """
     leak = trial.leak
     if leak is None:
@@ -107,7 +122,10 @@ def metered_coefficient(trial: Trial) -> Coefficient | None:
 
 
 def _drop(trial: Trial, kind: str, par: Parameters) -> Array:
-    """Return the measured drop (n,) in Pa across a leak; no sign, as the meters read none."""
+    """Return the measured pressure drop (n,), Pa, across a leak.
+
+    Across the piston it has no sign, because the flow meter has none either.
+    """
     p1, p2 = trial.recording["pressure_1_Pa"], trial.recording["pressure_2_Pa"]
     if kind == "internal_leakage":
         return np.abs(p1 - p2)

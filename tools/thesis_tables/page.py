@@ -1,4 +1,4 @@
-"""The page as a whole: runs every campaign once and fills the template."""
+"""Writes the whole page: runs every campaign once and fills the template."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,7 +31,7 @@ _TEMPLATE: Final = "page.md.j2"
 
 
 def page(measured: Measured | None) -> str:
-    """Return the page as Markdown; section 3.2 beside measured recordings too, if there are any."""
+    """Return the page as Markdown; with `measured`, section 3.2 is compared with recordings too."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         undefined=StrictUndefined,
@@ -77,7 +77,7 @@ def _context(measured: Measured | None) -> dict[str, Any]:
 
 
 def short_table(trials: Sequence[Trials]) -> str:
-    """Return how often each detector was right, a row a campaign."""
+    """Return a table with one row for each campaign: how often each detector was right."""
     head = ["campaign and thesis filter", "leaks", "pattern: right at the end",
             "pattern: fault before the leak", "pattern: alarm in healthy tests",
             "product: right at the end", "product: true flow in its interval",

@@ -1,4 +1,4 @@
-"""What the thesis prints: its tables, and figures of its text, in SI but for flows in L/min."""
+"""The figures that the thesis prints in its tables and text, in SI except for flows in L/min."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,12 +10,13 @@ UNTOLD: Final = Change(None, None)
 
 @dataclass(frozen=True)
 class Printed:
-    """What is printed of one test.
+    """The figures that the thesis prints of one test.
 
     Attributes:
-        coefficient: mean and standard deviation; m^3/(s Pa^0.5), printed as m^3/(s Pa).
-        flow: mean leak flow in L/min.
-        averages: moving averages of chambers 1 and 2, Pa.
+        coefficient: mean and standard deviation in m^3/(s Pa^0.5), although the thesis prints the
+            unit m^3/(s Pa); None if it is not printed.
+        flow: mean leak flow before and after the leak, L/min.
+        averages: moving averages of chambers 1 and 2, each before and after the leak, Pa.
     """
 
     coefficient: Coefficient | None = None
@@ -24,13 +25,20 @@ class Printed:
 
 
 PrintedTable = dict[str, tuple[Printed, ...]]
-"""By kind of leak ("healthy" too): its levels, smallest first."""
+"""Printed figures by kind of leak, or under "healthy"; a kind has its levels, smallest first."""
 
 
 def _unloaded(
     mean: float, deviation: float, mae: tuple[float, float] | None = None, flow: float | None = None
 ) -> Printed:
-    """Make a column of tables 5.1 to 5.3: coefficient in 1e-9 ± 1e-10, MAE in 1e6 Pa."""
+    """Return a column of tables 5.1 to 5.3.
+
+    Args:
+        mean: mean of the coefficient, in 1e-9 m^3/(s Pa^0.5).
+        deviation: standard deviation of the coefficient, in 1e-10 m^3/(s Pa^0.5).
+        mae: moving averages of chambers 1 and 2 after the leak, in 1e6 Pa.
+        flow: flow after the leak, L/min.
+    """
     averages = (UNTOLD, UNTOLD)
     if mae is not None:
         averages = (Change(None, 1e6 * mae[0]), Change(None, 1e6 * mae[1]))
@@ -43,7 +51,14 @@ def _loaded(
     mae_2: tuple[float, float],
     coefficient: Coefficient | None = None,
 ) -> Printed:
-    """Make a pair of columns of tables 7.1 to 7.3, before and after: L/min, MAE in 1e5 Pa."""
+    """Return a pair of columns of tables 7.1 to 7.3, which are (before, after) the leak.
+
+    Args:
+        flow: leak flow, L/min.
+        mae_1: moving averages of chamber 1, in 1e5 Pa.
+        mae_2: moving averages of chamber 2, in 1e5 Pa.
+        coefficient: coefficient of the leak, if the text has it.
+    """
     averages = tuple(Change(1e5 * before, 1e5 * after) for before, after in (mae_1, mae_2))
     return Printed(coefficient, Change(*flow), (averages[0], averages[1]))
 
@@ -51,7 +66,8 @@ def _loaded(
 _HEALTHY_LEVEL: Final = Change(1e5, None)
 
 TABLE_5_1: Final[PrintedTable] = {
-    # Chapter 8, open loop: "from 10^5 Pa to 1.5x10^5 Pa and higher"; flows of chamber 1 as well.
+    # The healthy level and the flows of chamber 1 are from chapter 8, open loop: "from 10^5 Pa to
+    # 1.5x10^5 Pa and higher".
     "healthy": (Printed(averages=(_HEALTHY_LEVEL, _HEALTHY_LEVEL)),),
     "external_leakage_1": (
         _unloaded(3.87, 8.03, (0.19, 0.08), 0.55),
@@ -89,14 +105,14 @@ TABLE_5_3: Final[PrintedTable] = {
 }
 
 SECTION_7_1: Final[PrintedTable] = {
-    # Figures 7.13 to 7.15: the coefficients were set, and the averages are drawn, not printed.
+    # In figures 7.13 to 7.15 the coefficients were set; the averages are drawn, but not printed.
     "external_leakage_1": tuple(Printed(Coefficient(k, 0.0)) for k in (2e-12, 4e-12, 6e-12)),
     "external_leakage_2": tuple(Printed(Coefficient(k, 0.0)) for k in (2e-12, 4e-12, 6e-12)),
     "internal_leakage": tuple(Printed(Coefficient(k, 0.0)) for k in (4e-12, 6e-12, 8e-12)),
 }
 
 SECTION_7_2: Final[PrintedTable] = {
-    # Tables 7.1 to 7.3; coefficients of the low levels from the text.
+    # These are tables 7.1 to 7.3; the coefficients of the low levels are from the text.
     "external_leakage_1": (
         _loaded((0.09, 0.32), (0.31, 0.65), (0.32, 0.25), Coefficient(7.65e-9, 22.08e-10)),
         _loaded((0.09, 0.46), (0.30, 1.08), (0.34, 0.35)),

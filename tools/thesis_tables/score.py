@@ -1,4 +1,4 @@
-"""How often each detector was right over the tests of a campaign."""
+"""Counts how often each detector was right over the tests of a campaign."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from .trials import Trial
 
 @dataclass(frozen=True)
 class Score:
-    """Counts over some tests.
+    """Counts over some tests, for the thesis's pattern and for the product's detector.
 
     Attributes:
-        leaks, healthy: tests with a leak, and without.
-        pattern_right, product_right: leaks that were named rightly at the end of the test.
-        pattern_early: tests with a leak in which the pattern held a fault just before it.
-        pattern_alarms, product_alarms: healthy tests that were not judged healthy.
-        covered: rightly named leaks whose true flow is within the product's 95 % interval.
+        leaks, healthy: number of tests with and without a leak.
+        pattern_right, product_right: leaks that were named right at the end of the test.
+        pattern_early: tests with a leak in which the pattern named a fault just before the leak.
+        pattern_alarms, product_alarms: healthy tests whose last verdict was not healthy.
+        covered: leaks named right whose true flow is within the product's 95 % interval.
     """
 
     leaks: int
@@ -32,7 +32,7 @@ class Score:
 
 
 def score(trials: Sequence[Trial]) -> Score:
-    """Return the counts over some tests."""
+    """Return the counts over the given tests."""
     leaks = [t for t in trials if t.leak is not None]
     healthy = [t for t in trials if t.leak is None]
     early = [t.pattern_before_leak for t in leaks]

@@ -1,4 +1,4 @@
-"""Runs the tests of a shipped campaign in memory, once, and judges them by both detectors."""
+"""Simulates the tests of a shipped campaign in memory, and lets both detectors judge them."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -24,15 +24,16 @@ from .trusted import TrustedRun, run_trusted
 
 @dataclass(frozen=True)
 class Trial:
-    """One test of a campaign as it went on the simulated rig, at most one leak in it.
+    """One test of a campaign, run on the simulated rig, with at most one leak.
 
     Attributes:
-        test: what was asked of the rig.
-        model: what filters and detectors assume of it.
-        recording: 1 kHz, truth included.
-        thesis: the thesis's filter, and its pattern with thresholds from the healthy test.
-        trusted: the thesis's filter that trusts the encoder (`tools.thesis_tables.trusted`).
-        product: the product's filter and default detector.
+        test: the test, as the campaign has it.
+        model: the model that filters and detectors assume.
+        recording: all channels at 1 kHz, including the truth.
+        thesis: replay with the thesis's filter and its pattern, whose thresholds come from the
+            healthy test.
+        trusted: run of the thesis's filter that trusts the encoder (`tools.thesis_tables.trusted`).
+        product: replay with the product filter and the default detector.
     """
 
     test: CampaignTest
@@ -44,12 +45,12 @@ class Trial:
 
     @property
     def leak(self) -> Fault | None:
-        """The leak that was set; None in a healthy test."""
+        """The leak that was injected; None in a healthy test."""
         return self.test.faults[0] if self.test.faults else None
 
     @property
     def pattern_before_leak(self) -> Decision | None:
-        """What the thesis's pattern held just before the leak; None in a healthy test."""
+        """The last decision of the thesis's pattern before the leak; None in a healthy test."""
         if self.leak is None:
             return None
         return next(d for t, d in reversed(self.thesis.history) if t < self.leak.at_s)
@@ -57,7 +58,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Trials:
-    """The tests of a campaign, in its order, and the thesis filter they were run with."""
+    """The trials of a campaign, in its order, and the thesis filter that ran over them."""
 
     campaign: Campaign
     rig: Rig
@@ -65,20 +66,23 @@ class Trials:
     trials: tuple[Trial, ...]
 
     def healthy(self, *, sine: bool = True) -> Trial:
-        """Return the healthy test with a sine as its setpoint, or with another one."""
+        """Return the healthy test whose setpoint is a sine, or is not one if `sine` is False."""
         return next(
             t for t in self.trials if t.leak is None and isinstance(t.test.setpoint, Sine) == sine
         )
 
     def leaks(self, kind: str, *, sine: bool = True) -> list[Trial]:
-        """Return the tests with one kind of leak, under a sine or not, smallest leak first."""
+        """Return the tests with one kind of leak, smallest leak first.
+
+        `sine` chooses the tests with a sine as setpoint, or else those with another one.
+        """
         found = [(t.leak.coefficient, t) for t in self.trials if t.leak and t.leak.kind == kind
                  and isinstance(t.test.setpoint, Sine) == sine]  # fmt: skip
         return [trial for _, trial in sorted(found, key=lambda pair: pair[0])]
 
 
 def record(rig: Rig, test: CampaignTest, model: Model) -> Recording:
-    """Return a test on the simulated rig: every channel of the loop, truth included."""
+    """Run a test on the simulated rig; return all channels of the loop, including the truth."""
     loop = loop_of(rig, test, start_memory(DEFAULT_FILTER, model, rig.sensors), model)
     loop.position()
     rows = loop.advance(loop.ticks_left)
@@ -88,12 +92,12 @@ def record(rig: Rig, test: CampaignTest, model: Model) -> Recording:
 
 
 def run_trials(name: str, filter_name: str, kinds: Collection[str] | None = None) -> Trials:
-    """Run the tests of a shipped campaign on the rig it names.
+    """Run the tests of a shipped campaign on the rig that it names.
 
     Args:
         name: of the campaign.
         filter_name: `thesis-6` or `thesis-7`.
-        kinds: healthy tests and these kinds of leak only; every kind if not given.
+        kinds: kinds of leak whose tests are run, beside the healthy tests; None means all kinds.
     """
     campaign, rig = load_campaign(name)
     if kinds is not None:

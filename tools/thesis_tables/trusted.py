@@ -1,8 +1,9 @@
-"""The thesis's filters with one figure changed: they trust the encoder.
+"""The thesis's filters with a smaller variance of the position, so that they trust the encoder.
 
-The thesis calls the 1e-4 of R a variance and gives its unit as m (chapter 5). As printed it enters
-R in m^2, a standard deviation of 1 cm; read as the standard deviation that its unit says, it is
-0.1 mm. Only this page runs the second reading, to show how much hangs on it.
+The thesis calls the 1e-4 in R a variance, but gives its unit as m (chapter 5). Taken as a variance
+in m^2, it is a standard deviation of 1 cm; taken as a standard deviation in m, as its unit says, it
+is 0.1 mm. The product's thesis filters take it as a variance. The filters here take it as a
+standard deviation, so that the page can show how much depends on this choice.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from rig.recording import Recording
 Array = NDArray[np.float64]
 
 POSITION_VARIANCE: Final = 1e-4**2
-"""m^2: the printed 1e-4 m read as a standard deviation."""
+"""Variance of the position reading, m^2, if the printed 1e-4 m is a standard deviation."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -46,7 +47,7 @@ def _run_7(x, P, command, measured, par, Q, R, states, outputs):
 
 @dataclass(frozen=True)
 class TrustedRun:
-    """Estimates of a thesis filter, as in `FilterRun`: states (n, 6 or 7), outputs (n, 10)."""
+    """The states (n, 6 or 7) and outputs (n, 10) of a thesis filter, as in `FilterRun`."""
 
     states: Array
     outputs: Array
@@ -58,7 +59,10 @@ def run_trusted(
     filter_name: str,
     position_variance: float = POSITION_VARIANCE,
 ) -> TrustedRun:
-    """Run a thesis filter with its printed tuning but for R's position variance (m^2)."""
+    """Run a thesis filter over a recording, with its printed tuning except R's position variance.
+
+    `position_variance` is in m^2.
+    """
     with_load = filter_named(filter_name).code == THESIS_7
     x, P = thesis.initial_state(with_load)
     run, Q, R = (
@@ -71,7 +75,7 @@ def run_trusted(
     )
     states = np.tile(x, (len(recording), 1))
     outputs = np.full((len(recording), len(OUTPUTS)), np.nan)
-    outputs[:, OUTPUTS.index("filter_resets")] = 0.0  # these filters go on, wherever they are
+    outputs[:, OUTPUTS.index("filter_resets")] = 0.0  # These filters never start anew.
     run(x, P, recording["command_V"], measured, model.parameters, Q,
         (position_variance, *R[1:]), states, outputs)  # fmt: skip
     return TrustedRun(states, outputs)

@@ -1,4 +1,4 @@
-"""Section 3.2: the model run beside recordings of a healthy rig, driven by the recorded command."""
+"""Section 3.2: compares recordings of a healthy rig with a model driven by the recorded command."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,24 +26,29 @@ FILES: Final = {
     "chirp": "healthy_chirp_open_loop.csv.gz",
 }
 _WIDEST_BIAS: Final = 2e-5
-"""m, of either sign: beyond twice the bias that section 3.2.1 finds nothing is looked for."""
+"""Null biases up to this, of either sign, are tried, m: twice the one that section 3.2.1 finds."""
 _HALVINGS: Final = 16
 _LAST_S: Final = 1.0
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Recordings of a rig under the commands of section 3.2, by motion, and what they are."""
+    """Recordings of a rig under the commands of section 3.2.
+
+    Attributes:
+        origin: where the recordings come from, in words for the page.
+        recordings: by motion, a key of `FILES`.
+    """
 
     origin: str
     recordings: dict[str, Recording]
 
 
 def read_measured(folder: Path, origin: str) -> Measured:
-    """Read both recordings from a folder.
+    """Read the recordings named in `FILES` from a folder.
 
     Raises:
-        RecordingError: every problem of the two files.
+        RecordingError: a file cannot be read; it lists every problem of all files.
     """
     recordings, problems = {}, list[RecordingProblem]()
     for motion, name in FILES.items():
@@ -58,7 +63,13 @@ def read_measured(folder: Path, origin: str) -> Measured:
 
 @dataclass(frozen=True)
 class Simulated:
-    """The shipped campaign of section 3.2: recordings by motion, the model, and the rig's truth."""
+    """The shipped campaign of section 3.2, as it was simulated.
+
+    Attributes:
+        model: the model that is compared with the recordings.
+        truth: the model of the simulated rig itself.
+        recordings: by motion.
+    """
 
     model: Model
     truth: Model
@@ -74,11 +85,12 @@ def run_simulated() -> Simulated:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Recorded less simulated over a whole recording, SI.
+    """The differences, recorded less simulated, over a whole recording.
 
     Attributes:
         null_bias: spool null bias of the model, m.
-        position, pressure_1, pressure_2, spool: float64 (n,).
+        position, pressure_1, pressure_2, spool: differences, float64 (n,), SI. Those of the spool
+            are NaN if it was not recorded.
     """
 
     null_bias: float
@@ -89,7 +101,7 @@ class Comparison:
 
 
 def start_of(recording: Recording, model: Model) -> PlantState:
-    """Return the state a recording begins in: a ram at rest, held by friction."""
+    """Return the state in which a recording begins, if the ram is at rest and held by friction."""
     par = model.parameters
     p1, p2 = float(recording["pressure_1_Pa"][0]), float(recording["pressure_2_Pa"][0])
     return PlantState(
@@ -106,7 +118,7 @@ def start_of(recording: Recording, model: Model) -> PlantState:
 
 
 def compare(recording: Recording, model: Model) -> Comparison:
-    """Simulate a model from a recording's start, under its command."""
+    """Simulate a model from a recording's start under its command; return the differences."""
     states = simulate(model, recording["command_V"], initial=start_of(recording, model))
     spool = recording.channels.get("spool_m", np.full(len(recording), np.nan))
     return Comparison(
@@ -119,10 +131,10 @@ def compare(recording: Recording, model: Model) -> Comparison:
 
 
 def compare_without_drift(recording: Recording, model: Model) -> Comparison:
-    """Compare with the null bias at which the simulated ram ends where the recorded one did.
+    """Compare after changing the model's null bias so that the ram ends where the recorded one did.
 
-    The thesis takes its drift out by adjusting the friction model (section 3.2.1). A greater bias
-    always lets the ram drift further out, so that halving an interval finds it.
+    The thesis removes this drift by adjusting the friction model instead (section 3.2.1). The ram
+    drifts further out the greater the bias is, so that bisection finds the bias.
     """
     last = recording.time_s > recording.time_s[-1] - _LAST_S
     low, high = -_WIDEST_BIAS, _WIDEST_BIAS
@@ -140,9 +152,9 @@ def _biased(model: Model, null_bias: float) -> Model:
 
 
 def one_step_error(recording: Recording, model: Model) -> Array:
-    """Return mean absolute innovations of the product's filter: position (m), pressures (Pa), (3,).
+    """Return the product filter's mean absolute innovations (3,): position (m), pressures (Pa).
 
-    How far the model is off one sample ahead, sensor noise included.
+    They measure the error of the model's prediction over one sample, including sensor noise.
     """
     run = filter_recording(recording, model)
     started = recording.time_s - recording.time_s[0] > STARTED_S
@@ -164,7 +176,7 @@ FIGURES: Final[tuple[tuple[str, float, Figure], ...]] = (
     ("spool, mean (µm)", 1e-6, lambda c: float(c.spool.mean())),
     ("spool null bias of the model (µm)", 1e-6, lambda c: c.null_bias),
 )
-"""Errors of section 3.2, recorded less simulated: name, unit in SI, and how to take it."""
+"""Figures of section 3.2: name, unit in SI, and the function that computes it from a comparison."""
 
 PRINTED: Final[dict[str, dict[str, str]]] = {
     "sine": {
@@ -182,4 +194,5 @@ PRINTED: Final[dict[str, dict[str, str]]] = {
         "pressure 2, mean (1e5 Pa)": "-2.4",
     },
 }
-"""Sections 3.2.1 and 3.2.2; "the range of the error" is taken for the largest absolute error."""
+"""Figures that sections 3.2.1 and 3.2.2 print, by motion and name. What they call "the range of the
+error" is taken for the largest absolute error."""

@@ -1,4 +1,4 @@
-"""Tables that say why the thesis's filters show what they show."""
+"""Writes the tables that explain why the thesis's filters behave as they do."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -29,11 +29,14 @@ from .trials import Trials
 
 _LENGTH_S: Final = 10.0
 _POSITIONS: Final = (0.02, 0.1, 0.3)
-"""Ram positions in m: near an end, between, about mid stroke."""
+"""Ram positions, m: near an end, between, and about mid stroke."""
 
 
 def levels_table() -> str:
-    """Return what the healthy level is made of: rigs less and less unlike the model."""
+    """Return a table of the filters' innovations on healthy rigs, with one row for each rig.
+
+    The rigs are ever more like the model. The last row has the error of one forward-Euler step.
+    """
     first, last = MOTIONS[0][0], MOTIONS[-1][0]
     head = ["mean absolute innovation, chamber 1 / 2 (1e5 Pa)"]
     head += [f"{name}, {_section(campaign)}" for campaign, name in MOTIONS]
@@ -49,7 +52,7 @@ def levels_table() -> str:
 
 
 def oil_table(trials: Trials) -> str:
-    """Return the growth of the oil column under forward Euler, by ram position."""
+    """Return a table of the oil column's resonance and growth under forward Euler, by position."""
     columns = [oil_column(trials.campaign.model.parameters, x) for x in _POSITIONS]
     return table(
         ["ram position", *(f"{c.position:g} m" for c in columns)],
@@ -61,7 +64,10 @@ def oil_table(trials: Trials) -> str:
 
 
 def friction_table(trials: Sequence[Trials], speed: float) -> str:
-    """Return how the six-state filter's velocity chatters; slow is below `speed` (m/s)."""
+    """Return a table of velocity reversals in the six-state filter, and innovations by speed.
+
+    Innovations are taken below and above `speed` (m/s).
+    """
     named = f"{fixed(speed, 2)} m/s"
     head = ["`thesis-6`, healthy", "true reversals a second", "estimated",
             f"innovation below {named}, chamber 1 / 2 (1e5 Pa)", f"above {named}"]  # fmt: skip
@@ -75,7 +81,7 @@ def friction_table(trials: Sequence[Trials], speed: float) -> str:
 
 
 def noise_table(trials: Sequence[Trials]) -> str:
-    """Return how far other sensor noise alone moves the averages after a leak at chamber 1."""
+    """Return a table of the range of averages after a leak of chamber 1 as sensor noise varies."""
     head = ["MAE after the leak (1e6 Pa)", "as printed: chamber 1", "chamber 2",
             "encoder trusted: chamber 1", "chamber 2"]  # fmt: skip
     rows = []
@@ -90,7 +96,7 @@ def noise_table(trials: Sequence[Trials]) -> str:
 
 
 def hidden_table(trials: Sequence[Trials]) -> str:
-    """Return where an internal leak goes in the six-state filter."""
+    """Return a table of the velocity error that an internal leak causes in the six-state filter."""
     head = ["internal leak", "velocity error, as printed (mm/s)", "grows by",
             "encoder trusted (mm/s)", "grows by", "leak / piston area (mm/s)"]  # fmt: skip
     rows = []
@@ -106,7 +112,7 @@ def hidden_table(trials: Sequence[Trials]) -> str:
 
 
 def runaway_table(trials: Trials) -> str:
-    """Return how the seven-state filter does on a healthy rig under a sine, over time."""
+    """Return a table of the seven-state filter's errors over time, on a healthy rig in a sine."""
     trial = trials.healthy()
     printed = stretches(trial, trial.thesis.run.states, trial.thesis.run.outputs, _LENGTH_S)
     trusted = stretches(trial, trial.trusted.states, trial.trusted.outputs, _LENGTH_S)
@@ -128,7 +134,7 @@ def runaway_table(trials: Trials) -> str:
 
 
 def runaway_figures(trials: Trials) -> dict[str, str]:
-    """Return the figures that the text on the table of `runaway_table` names."""
+    """Return the figures that the page's text beside `runaway_table` uses, by name."""
     trial = trials.healthy()
     position, pressure = (sqrt(variance) for variance in THESIS7_MEASUREMENT_NOISE[:2])
     empty_1, empty_2 = empty_chamber(trial.model.parameters)
@@ -143,7 +149,7 @@ def runaway_figures(trials: Trials) -> dict[str, str]:
 
 
 def _section(campaign: str) -> str:
-    """Return the section a shipped campaign is named after, as `5.1` of `open_loop_5_1`."""
+    """Return the section that a shipped campaign is named after, such as 5.1 of `open_loop_5_1`."""
     return ".".join(part for part in campaign.split("_") if part.isdigit())
 
 

@@ -1,4 +1,4 @@
-"""How the tolerant controller compares with proportional control, for docs/tolerant_control.md.
+"""Compares the tolerant controller with proportional control, for docs/tolerant_control.md.
 
 Run as `python -m tools.tolerant_control`.
 """

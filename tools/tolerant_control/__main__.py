@@ -14,7 +14,7 @@ _TABLE: Final = re.compile(r"(<!-- table of (\w+) -->\n).*?(<!-- end -->)", re.D
 
 
 def with_tables(page: str, tables: dict[str, str]) -> str:
-    """Return the page with new tables between their marks; those not given stay."""
+    """Return the text of `page` with the given tables put in, by name; other tables stay."""
 
     def replaced(match: re.Match[str]) -> str:
         found = tables.get(match[2])
@@ -24,7 +24,7 @@ def with_tables(page: str, tables: dict[str, str]) -> str:
 
 
 def main() -> None:
-    """Run what is asked for, and write its tables into the page."""
+    """Run the studies that the command line asks for, and write their tables into the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rigs", type=int, default=200, help="rigs drawn for the proof")
     parser.add_argument("--told", action="store_true", help="tell the loop of the leak 3 s after "

@@ -1,4 +1,7 @@
-"""Proportional and tolerant control beside the healthy loop, over places, sizes, motions, loads."""
+"""Compares proportional and tolerant control of a leaking rig with the loop of a healthy one.
+
+The comparison is made for several places and sizes of the leak, motions, and loads.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -14,12 +17,13 @@ from .runs import MEASURED_FROM_S, Array, Run, leak_coefficients, run, ticks
 
 PLACES: Final = ("chamber 1", "chamber 2", "internal")
 FLOWS: Final = (0.5, 1.0, 2.0, 4.0)
-"""L/min at half the supply pressure, internal leaks at 2.6 MPa."""
+"""Sizes of the leaks, L/min: at half the supply pressure, or for internal leaks at 2.6 MPa."""
 LOADS: Final[Mapping[str, Parameters]] = {
     "unloaded": NOMINAL,
     "spring": NOMINAL._replace(spring_stiffness=3e4),
 }
-"""The spring of 3e4 N/m is met at 0.22 m: up to 5.4 kN of the 8.7 kN that the ram has."""
+"""Rigs by their load. The ram meets the spring of 3e4 N/m at 0.22 m and presses it with up to
+5.4 kN; it could press with 8.7 kN."""
 
 _MM: Final = 1e3
 HEAD: Final = (
@@ -40,7 +44,7 @@ def _steps(time_s: Array) -> Array:
 
 
 def _hold(time_s: Array) -> Array:
-    """A sine until the leak is known, then a step and a hold."""
+    """Return a sine until `MEASURED_FROM_S`, then one constant level (m)."""
     return np.where(time_s < MEASURED_FROM_S, _sine(time_s), 0.35)
 
 
@@ -54,7 +58,16 @@ MOTIONS: Final[Mapping[str, Callable[[Array], Array]]] = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """One leak in one motion under one load: healthy loop, proportional and tolerant control."""
+    """Three runs of one motion under one load: healthy, and leaking with either controller.
+
+    Attributes:
+        motion, load: names in `MOTIONS` and `LOADS`.
+        place: index of the leak in `PLACES`.
+        flow: size of the leak, L/min; see `FLOWS`.
+        healthy: run without a leak, under proportional control.
+        proportional: run with the leak under proportional control.
+        tolerant: run with the leak under tolerant control.
+    """
 
     motion: str
     load: str
@@ -66,17 +79,21 @@ class Comparison:
 
     @property
     def moves(self) -> bool:
-        """Whether the ram moves all the time it is judged."""
+        """Whether the ram keeps moving while errors are measured, rather than being held."""
         return not self.motion.endswith("hold")
 
 
 def setpoint(motion: str) -> Array:
-    """Return a motion's setpoint, float64 (ticks,), m."""
+    """Return the setpoint of a motion in `MOTIONS`, float64 (ticks,), m."""
     return MOTIONS[motion](np.arange(ticks(), dtype=np.float64) * TICK)
 
 
 def comparisons(told: bool) -> Iterator[Comparison]:
-    """Yield every leak in every motion; `told` the truth, or else by the detector in the loop."""
+    """Yield a comparison for every leak in every motion under every load.
+
+    If `told`, the tolerant controller gets the true leak some time after its onset; otherwise the
+    detector in the loop has to find the leak.
+    """
     for motion in MOTIONS:
         wanted = setpoint(motion)
         for load, rig in LOADS.items():
@@ -91,7 +108,7 @@ def comparisons(told: bool) -> Iterator[Comparison]:
 
 
 def comparison_table(found: list[Comparison]) -> str:
-    """Return the table: healthy, proportional and tolerant in every cell."""
+    """Return the table in Markdown; its cells state healthy / proportional / tolerant values."""
     rows: list[list[str]] = []
     last = ""
     for one in found:
@@ -115,7 +132,11 @@ def comparison_table(found: list[Comparison]) -> str:
 
 
 def summary_table(found: list[Comparison]) -> str:
-    """Return, by size of leak, the worst errors over the healthy loop's of all that moves."""
+    """Return a table with a row for each size of leak: the worst errors over all comparisons.
+
+    Errors of motions are divided by the healthy loop's. For holds, the row has the median and the
+    largest of the errors that are left at the end, in mm.
+    """
     rows = []
     for flow in FLOWS:
         moving = [one for one in found if one.moves and one.flow == flow]
@@ -141,7 +162,7 @@ def summary_table(found: list[Comparison]) -> str:
 
 
 def late(found: list[Comparison]) -> str:
-    """Return a sentence on when leaks were made up for."""
+    """Return a sentence that states how many leaks were compensated for, and the latest time."""
     times = [one.tolerant.confirmed_s for one in found]
     known = [time for time in times if time is not None]
     missed = len(times) - len(known)

@@ -1,8 +1,9 @@
-"""Stability of the loop linearised about steady motion: gain, phase and pole radius, with leaks.
+"""Computes gain margin, phase margin and largest pole of the leaking loop about steady motions.
 
-The loop is taken as it runs: the plant between two ticks exactly, the command held over a tick, the
-controller's memory updated once a tick. Friction is viscous only; stiction and its fall near
-standstill would damp or excite whatever the controller, and are left to the simulated runs.
+The loop is linearised as a sampled system: the plant's transition over a tick is exact, the command
+is held for a tick, and the controller's memory is updated once a tick. Friction is viscous only.
+Stiction, and the fall of friction near standstill, damp or excite the loop under any controller;
+the simulated runs include them.
 """
 
 from collections.abc import Iterator
@@ -28,17 +29,17 @@ from .runs import NO_LEAK, Coefficients, leak_coefficients
 Array = NDArray[np.float64]
 
 VISCOUS: Final = NOMINAL._replace(friction_law=KARNOPP, stiction=0.0, coulomb=0.0)
-"""What is linear about the rig's friction; the friction's direction (`friction_state`) is held."""
+"""The nominal rig with viscous friction alone, without stiction and Coulomb friction."""
 
 POSITIONS: Final = (0.01, 0.3, 0.6)
-"""m, from one end of the stroke to the other."""
+"""Positions of the ram, m, from near one end of the stroke to near the other."""
 OPENINGS: Final = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 1.0, 2.0, 6.0)
-"""V, of the proportional command, of either sign."""
+"""Magnitudes of the proportional command, V; each is used with both signs."""
 LOADS: Final = (-0.5, -0.2, 0.0, 0.2, 0.5)
-"""Load pressure as a part of the supply's."""
+"""Load pressures, as shares of the supply pressure."""
 
 _PLANT: Final = 6
-"""Spool, its velocity, both pressures, position and velocity: the states that are linearised."""
+"""Number of linearised states: spool, its velocity, both pressures, position, velocity."""
 _FREQUENCIES: Final = np.geomspace(0.1, 0.99 * np.pi / TICK, 600)
 
 
@@ -48,10 +49,10 @@ class OperatingPoint:
 
     Attributes:
         proportional: command of the proportional loop, V.
-        sent: what the controller makes of it, V.
-        pressure_1, pressure_2: Pa, at which both chambers are in balance.
-        position: m.
-        velocity: m/s.
+        sent: command that the tolerant controller sends instead, V.
+        pressure_1, pressure_2: chamber pressures at which both flow balances hold, Pa.
+        position: of the ram, m.
+        velocity: of the ram, m/s.
     """
 
     proportional: float
@@ -64,10 +65,10 @@ class OperatingPoint:
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of one operating point, or the least of several.
+    """The stability margins of one operating point, or the worst of several.
 
     Attributes:
-        gain: factor by which the command may grow before the loop oscillates.
+        gain: factor by which the position loop's gain may grow before the loop is unstable.
         phase_deg: least phase margin at any crossover, in degrees.
         radius: largest magnitude of the loop's poles; stable below 1.
     """
@@ -85,7 +86,10 @@ def _sent(command: float, told: Coefficients, p1: float, p2: float) -> float:
 def _imbalance(
     proportional: float, load: float, p2: float, told: Coefficients, leaks: Coefficients
 ) -> tuple[float, float]:
-    """Return the oil that the chambers' balances differ by, and the ram's velocity."""
+    """Return how far the chambers' flow balances disagree (m^3/s), and the ram's velocity (m/s).
+
+    In steady motion, the oil that fills one chamber equals the oil that leaves the other.
+    """
     p1 = p2 + load
     sent = _sent(proportional, told, p1, p2)
     opening = NOMINAL.valve_gain * sent
@@ -98,9 +102,20 @@ def _imbalance(
 def operating_point(
     proportional: float, position: float, load: float, told: Coefficients, leaks: Coefficients
 ) -> OperatingPoint | None:
-    """Return the steady motion at a load pressure (Pa); None if a chamber runs dry or fills up."""
+    """Return the steady motion of the rig under given conditions; None if there is none.
+
+    There is none if a chamber pressure would be below 1e5 Pa, if the balances cannot be met, or if
+    the command would be at its limit.
+
+    Args:
+        proportional: command of the proportional loop, V.
+        position: of the ram, m.
+        load: load pressure, Pa.
+        told: coefficients of the leak that the controller compensates for.
+        leaks: coefficients of the leak that the rig has.
+    """
     low, high = max(0.0, -load), NOMINAL.supply_pressure - max(0.0, load)
-    # More pressure in both chambers: less comes in, more leaves.
+    # With more pressure in both chambers, less oil comes in and more leaves.
     for _ in range(60):
         middle = 0.5 * (low + high)
         excess, _ = _imbalance(proportional, load, middle, told, leaks)
@@ -122,7 +137,10 @@ def _plant_rates(state: Array, sent: float, par: Parameters, leaks: Coefficients
 
 
 def _linearised(point: OperatingPoint, leaks: Coefficients) -> tuple[Array, Array]:
-    """Return the plant's exact transition over a tick: of its states, and of the command held."""
+    """Return the transition over a tick: state matrix (6, 6) and input vector (6,).
+
+    The plant is linearised about the point by central differences; the command is held for a tick.
+    """
     state = PlantState(
         NOMINAL.valve_gain * point.sent, 0.0, point.pressure_1, point.pressure_2,
         point.position, point.velocity, 1.0, NOMINAL.supply_pressure, 0.0,
@@ -156,7 +174,10 @@ def _exponential(matrix: Array) -> Array:
 
 
 def _controller(point: OperatingPoint, told: Coefficients) -> tuple[float, float, float]:
-    """Return what the command changes by with proportional command, p1 and p2 as low-passed."""
+    """Return the derivatives of the command by proportional command, low-passed p1 and p2.
+
+    They are in V/V, V/Pa and V/Pa.
+    """
     u, p1, p2 = point.proportional, point.pressure_1, point.pressure_2
     volt, pascal = 1e-4, 100.0
     return (
@@ -169,9 +190,10 @@ def _controller(point: OperatingPoint, told: Coefficients) -> tuple[float, float
 def _loop(
     point: OperatingPoint, told: Coefficients, leaks: Coefficients
 ) -> tuple[Array, Array, Array]:
-    """Return the loop opened where the position is fed back: x+ = a x + b e, e = c x.
+    """Return a (8, 8), b (8,) and c (8,) of the loop x+ = a x + b e, closed by e = c x.
 
-    States are the plant's and both low-passed pressures, which close their own loop within `a`.
+    The loop is opened where the position is fed back. Its states are the plant's and both
+    low-passed pressures; the feedback of these pressures is closed within `a`.
     """
     plant, held = _linearised(point, leaks)
     gain, by_p1, by_p2 = _controller(point, told)
@@ -195,7 +217,13 @@ def _radius(a: Array, b: Array, c: Array, factor: float) -> float:
 
 
 def margins(point: OperatingPoint, told: Coefficients, leaks: Coefficients) -> Margins:
-    """Return the margins at one operating point, up to a gain of 100."""
+    """Return the margins at one operating point; the gain margin is searched from 1 to 100.
+
+    Args:
+        point: the operating point.
+        told: coefficients of the leak that the controller compensates for.
+        leaks: coefficients of the leak that the rig has.
+    """
     a, b, c = _loop(point, told, leaks)
     stable, unstable = 1.0, 100.0
     for _ in range(20):
@@ -215,7 +243,7 @@ def margins(point: OperatingPoint, told: Coefficients, leaks: Coefficients) -> M
 
 
 def operating_points(told: Coefficients, leaks: Coefficients) -> Iterator[OperatingPoint]:
-    """Yield the steady motions that there are at all positions, openings and loads."""
+    """Yield the steady motions at all `POSITIONS`, `OPENINGS` (both signs) and `LOADS`, if any."""
     openings = (*OPENINGS, *(-opening for opening in OPENINGS))
     for position, opening, load in product(POSITIONS, openings, LOADS):
         at = operating_point(opening, position, load * NOMINAL.supply_pressure, told, leaks)
@@ -224,7 +252,7 @@ def operating_points(told: Coefficients, leaks: Coefficients) -> Iterator[Operat
 
 
 def least_margins(told: Coefficients, leaks: Coefficients) -> tuple[Margins, int]:
-    """Return the least of each margin over all operating points, and how many these are."""
+    """Return the worst of each margin over all operating points, and the number of points."""
     found = [margins(at, told, leaks) for at in operating_points(told, leaks)]
     least = Margins(
         min(one.gain for one in found),
@@ -235,13 +263,13 @@ def least_margins(told: Coefficients, leaks: Coefficients) -> tuple[Margins, int
 
 
 ESTIMATES: Final = (1.0, 1.5)
-"""What is taken for a leak, as a part of it."""
+"""Flows that the controller compensates for, divided by the leak's flow."""
 FLOWS: Final = (0.5, 1.0, 2.0, 4.0)
-"""L/min of the leaks; those of the chambers are mirror images."""
+"""Sizes of the leaks, L/min. Chamber 2 is left out, because it is the mirror image of chamber 1."""
 
 
 def margins_table() -> str:
-    """Return the least margins by place and size of leak and by how wrong its estimate is."""
+    """Return a table of the worst margins, by place and size of the leak and by its estimate."""
     rows = [_margins_row("none", NO_LEAK, NO_LEAK)]
     for place, name in ((0, "chamber 1"), (2, "internal")):
         for flow in FLOWS:

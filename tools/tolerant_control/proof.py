@@ -1,6 +1,7 @@
-"""Never much worse than proportional control: rigs and motions drawn at random.
+"""Checks, on rigs and motions drawn at random, how much worse tolerant control can be.
 
-Healthy rigs are told of leaks that are not there; leaking ones, of leaks of the wrong size.
+It is compared with proportional control. On healthy rigs, the controller is given a leak that does
+not exist; on leaking rigs, the leak with a wrong size.
 """
 
 from collections.abc import Iterator
@@ -17,23 +18,24 @@ from tools.thesis_tables.markdown import fixed, table
 from .runs import NO_LEAK, Array, Coefficients, Run, leak_coefficients, run, ticks
 
 FALSE_ALARMS: Final = (0.1, 0.2, 0.3, 0.5)
-"""L/min of a leak that is not there."""
+"""Sizes of the leaks that the controller is given although there are none, L/min."""
 MISJUDGED: Final = (0.8, 1.0, 1.2)
-"""What is taken for a leak, as a part of it."""
+"""Flows that the controller is given for a leak, divided by its true flow."""
 _DRAWS: Final = {name: draw for name, draw in MOTIONS.items() if name not in OPEN_LOOP}
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """One rig in one motion.
+    """The runs of one rig in one motion.
 
     Attributes:
         still: whether the motion is a standstill.
-        healthy: without a leak.
-        detecting: without a leak, by the detector in the loop.
-        alarmed: without a leak, told of one of each of `FALSE_ALARMS`.
-        proportional: with a leak, under proportional control.
-        misjudged: with that leak, told of it times each of `MISJUDGED`.
+        healthy: run without a leak, under proportional control.
+        detecting: run without a leak, under tolerant control with the detector in the loop.
+        alarmed: runs without a leak, in which the controller is given each of `FALSE_ALARMS`.
+        proportional: run with a leak, under proportional control.
+        misjudged: runs with that leak, whose size the controller is given times each of
+            `MISJUDGED`.
     """
 
     still: bool
@@ -55,7 +57,7 @@ def _run(
 
 
 def drawn(seeds: range) -> Iterator[Drawn]:
-    """Yield a rig, a motion and a leak of 0.5 to 4 L/min for each seed."""
+    """Draw a rig, a motion and a leak of 0.5 to 4 L/min by each seed; yield the runs."""
     draws = {**_DRAWS, "standstill": standstill}
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -77,7 +79,13 @@ def drawn(seeds: range) -> Iterator[Drawn]:
 
 
 def _row(name: str, pairs: list[tuple[Run, Run]], still: list[tuple[Run, Run]]) -> list[str]:
-    """Return a row on runs, each beside its reference."""
+    """Return the cells of a row that compares runs with their references.
+
+    Args:
+        name: first cell.
+        pairs: (run, reference) of moving rams.
+        still: (run, reference) of rams that stand still.
+    """
     same = sum(np.array_equal(mine.command, other.command) for mine, other in [*pairs, *still])
     more = [1e3 * (mine.rms_error - other.rms_error) for mine, other in still]
     return [
@@ -90,7 +98,7 @@ def _row(name: str, pairs: list[tuple[Run, Run]], still: list[tuple[Run, Run]]) 
 
 
 def proof_table(found: list[Drawn]) -> str:
-    """Return the table of worst cases beside proportional control."""
+    """Return the table of the worst errors, compared with proportional control."""
     moving = [one for one in found if not one.still]
     still = [one for one in found if one.still]
 

@@ -1,4 +1,4 @@
-"""Runs of the simulated loop with a leak, under proportional or tolerant control."""
+"""Runs the simulated loop with a leak, under proportional or tolerant control."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,19 +29,20 @@ NO_LEAK: Final[Coefficients] = (0.0, 0.0, 0.0)
 SECONDS: Final = 40.0
 ONSET_S: Final = 8.0
 TOLD_AFTER_S: Final = 3.0
-"""After its onset a leak is confirmed, where no detector is asked."""
+"""If no detector runs, the controller is given the leak this long after its onset, s."""
 MEASURED_FROM_S: Final = 20.0
-"""Errors and commands are judged from here to the end."""
+"""Errors and commands are measured from this time of the run to its end, s."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run, float64 (ticks,) each from `MEASURED_FROM_S` on.
+    """The measured part of one run, from `MEASURED_FROM_S` on.
 
     Attributes:
-        error: setpoint less true position, m.
-        command: V.
-        confirmed_s: time of the first sample that was compensated for; None without.
+        error: setpoint less true position, float64 (ticks,), m.
+        command: float64 (ticks,), V.
+        confirmed_s: time in the whole run of the first sample at which the controller compensated
+            for a leak, s; None if it never did.
     """
 
     error: Array
@@ -50,27 +51,32 @@ class Run:
 
     @property
     def rms_error(self) -> float:
-        """Root mean square of the error, m."""
+        """The root mean square of the error, m."""
         return float(np.sqrt(np.mean(self.error**2)))
 
     @property
     def worst_error(self) -> float:
-        """Greatest error of either sign, m."""
+        """The greatest magnitude of the error, m."""
         return float(np.abs(self.error).max())
 
     @property
     def final_error(self) -> float:
-        """Mean error of the last 5 s, m: what is left at a hold."""
+        """The magnitude of the mean error of the last 5 s, m, which a hold does not remove."""
         return float(abs(self.error[-round(5.0 / TICK) :].mean()))
 
     @property
     def effort(self) -> float:
-        """Root mean square of the command, V."""
+        """The root mean square of the command, V."""
         return float(np.sqrt(np.mean(self.command**2)))
 
 
 def leak_coefficients(place: int, flow: float) -> Coefficients:
-    """Return the coefficients of a leak of `flow` (L/min at its reference drop) in `LEAKS`."""
+    """Return the leak coefficients (k_el1, k_el2, k_il), m^3/(s Pa^0.5), of a rig with one leak.
+
+    Args:
+        place: index of the leak in `LEAKS`.
+        flow: its flow at its reference pressure drop, L/min.
+    """
     drop = reference_drop(NOMINAL, LEAKS[place])
     found = [0.0, 0.0, 0.0]
     found[place] = flow * LITRE_PER_MINUTE / sqrt(drop)
@@ -78,7 +84,7 @@ def leak_coefficients(place: int, flow: float) -> Coefficients:
 
 
 def ticks() -> int:
-    """Return the ticks of a run."""
+    """Return the number of ticks of a run."""
     return round(SECONDS / TICK)
 
 
@@ -90,15 +96,16 @@ def run(
     told: Coefficients | None = NO_LEAK,
     seed: int = 1,
 ) -> Run:
-    """Run the loop with a leak from `ONSET_S` on.
+    """Run the simulated loop with a leak that opens at `ONSET_S`.
 
     Args:
         setpoint: float64 (ticks,), m.
         rig: the true parameters; filter and controller assume the nominal ones.
         leaks: true coefficients (k_el1, k_el2, k_il), m^3/(s Pa^0.5).
-        told: what the loop is told from `TOLD_AFTER_S` after the onset on; None: what the default
-            detector finds. Without a leak told, this is proportional control.
-        seed: of the transducers' noise.
+        told: coefficients that the controller compensates for, from `TOLD_AFTER_S` after the onset
+            on; with `NO_LEAK` this is proportional control. None means that the default detector
+            decides.
+        seed: draws the transducers' noise.
     """
     table = np.zeros((setpoint.size, len(FAULT_COLUMNS)))
     table[round(ONSET_S / TICK) :, :3] = leaks
@@ -123,7 +130,7 @@ def run(
 
 
 def _detected(judge: Judge) -> Callable[[Array], Array]:
-    """Return what decides by the detector."""
+    """Return a function that lets the detector judge rows and returns its decision as a row."""
     decisions = DecisionRows()
 
     def decide(rows: Array) -> Array:
@@ -134,7 +141,10 @@ def _detected(judge: Judge) -> Callable[[Array], Array]:
 
 
 def _told(coefficients: Coefficients) -> Callable[[Array], Array]:
-    """Return what decides that there are leaks of these coefficients."""
+    """Return a function that returns, as a row, the decision that there are given leaks.
+
+    Before `TOLD_AFTER_S` after the onset, its decision is that there is no leak.
+    """
 
     def decide(rows: Array) -> Array:
         time_s = rows[-1, 0]

@@ -1,1 +1,1 @@
-"""What a revised model is worth to the detector: the worked example of docs/gap.md."""
+"""The worked example of docs/gap.md: how much a revised model improves the leak detector."""

@@ -1,15 +1,15 @@
-"""What a revised model is worth to the detector: docs/gap.md's worked example, from hidden effects.
+"""Computes the worked example of docs/gap.md: how much a revised model improves the leak detector.
 
-A rig that shares no code with the model (`tools.hidden_effects`) hides an effect. `rig gap` is
-given two recordings of it and one to hold out, and writes a model. Then the same rig is recorded
-again and again, healthy and with a leak that opens, in motions drawn at random, and the detector
-judges every recording twice: with the nominal model and with the one that was written.
+An effect is hidden in a rig that shares no code with the model (`tools.hidden_effects`). `rig gap`
+gets two recordings of the rig and a held-out one, and writes a revised model. Then the same rig is
+recorded many times, healthy or with a leak that opens, in motions drawn at random. The detector
+judges every recording twice: with the nominal model and with the revised one.
 
     python -m tools.worked_gap_example               # the first case, 3 minutes of processor time
     python -m tools.worked_gap_example --all --page docs/gap.md --images docs/images
 
-Where nothing is to be gained, the effect's own model is used instead of one that was found: no
-workflow can find a better one.
+For effects that the detector should bear without any revision (`trials.PLAIN`), the revised model
+is the true one instead, because no workflow can find a better one.
 """
 
 import argparse
@@ -37,11 +37,14 @@ from .trials import (
 )
 
 _SHOWN: Final = 0.06
-"""L/min at its reference drop: the leak whose accounts are drawn."""
+"""Size of the leak in the picture of the oil accounts, L/min at its reference drop."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Try the cases that the command line asks for, and print the tables."""
+    """Run the cases that the command line asks for, and print their tables.
+
+    With `--page` the tables are written into that page, and with `--images` pictures are drawn.
+    """
     parser = argparse.ArgumentParser(
         prog="python -m tools.worked_gap_example",
         description=__doc__,

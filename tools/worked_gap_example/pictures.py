@@ -1,4 +1,4 @@
-"""Pictures of the worked example in docs/gap.md."""
+"""Draws the pictures of the worked example in docs/gap.md."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,13 +27,16 @@ _BINS: Final = 4
 
 
 def _save(figure: Figure, file: Path) -> None:
-    """Write a figure as PNG, the same from the same data."""
+    """Write a figure as PNG; the same figure always gives the same file."""
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=110, metadata={"Software": None})
 
 
 def _accounts(recording: Recording, model: Model) -> tuple[Array, Array]:
-    """Return the ends (n,) in s of the accounts and what is missing (n, 2) in L/min."""
+    """Return the end times (n,) in s of the accounts' blocks, and the missing oil (n, 2) in L/min.
+
+    The two columns of the missing oil are the chambers.
+    """
     account = OilAccount(model.parameters, LeakTest(1.0))
     blocks = list(draw_up(account, samples_of(recording), filter_recording(recording, model)))
     ends = np.array([block.end_s for block in blocks])
@@ -44,14 +47,14 @@ def _accounts(recording: Recording, model: Model) -> tuple[Array, Array]:
 def accounts_picture(
     recording: Recording, models: Mapping[str, Model], onset_s: float, flow: float, file: Path
 ) -> None:
-    """Draw the oil that is missing in both chambers of one recording, with each model.
+    """Draw the missing oil of both chambers over one recording, as computed with each model.
 
     Args:
-        recording: with a leak out of chamber 1.
-        models: by name.
-        onset_s: when it opens.
-        flow: its mean, L/min.
-        file: to write.
+        recording: of a rig with a leak out of chamber 1.
+        models: the models by name.
+        onset_s: when the leak opens, s.
+        flow: mean flow of the leak, L/min.
+        file: PNG file to write.
     """
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     both = figure.subplots(1, 2, sharey=True)
@@ -73,7 +76,7 @@ def accounts_picture(
 
 
 def sizes_picture(trials: Sequence[Trial], file: Path) -> None:
-    """Draw the share of leaks named right against their size, and of healthy rigs alarmed."""
+    """Draw, for each model, the share of leaks named right by size, and of healthy rigs alarmed."""
     figure = Figure(figsize=(11.0, 3.8), layout="constrained")
     left, rest = figure.subplots(1, 2, width_ratios=(3, 1))
     leaks = [trial for trial in trials if trial.leak is not None]
@@ -103,7 +106,7 @@ def sizes_picture(trials: Sequence[Trial], file: Path) -> None:
 
 
 def _bar(axes: Any, at: float, flags: NDArray[np.bool_], model: str, label: str | None) -> None:
-    """Draw a share with its 95 % interval."""
+    """Draw the share of True in `flags` with its 95 % interval, at the abscissa `at`."""
     share = float(flags.mean())
     low, high = interval(int(flags.sum()), flags.size)
     axes.errorbar(at, share, [[share - low], [high - share]], color=_COLOURS[model], marker="o",

@@ -1,4 +1,4 @@
-"""Tables of the worked example in docs/gap.md: what two models were worth to the detector."""
+"""Tables of the worked example in docs/gap.md, which compare the detector with two models."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -15,18 +15,18 @@ from .trials import ONSET_S, Case, Heard, Trial
 
 MODELS: Final = ("nominal", "revised")
 EDGES: Final = (0.0, 0.05, 0.1, 0.2, np.inf)
-"""L/min: leaks of about one size."""
+"""Edges of the rows of leaks of about one size, L/min."""
 
 
 def interval(count: int, of: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share, by Clopper and Pearson (1934)."""
+    """Return the 95 % interval of the share `count / of`, by Clopper and Pearson (1934)."""
     low = float(beta.ppf(0.025, count, of - count + 1)) if count > 0 else 0.0
     high = float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
     return low, high
 
 
 def counted(flags: Iterable[bool]) -> str:
-    """Return how many of how many, with the 95 % interval of the share in per cent."""
+    """Return the text "n of m" for n True among m flags, with the share's 95 % interval in %."""
     found = list(flags)
     if not found:
         return "–"
@@ -35,23 +35,23 @@ def counted(flags: Iterable[bool]) -> str:
 
 
 def judged(trials: Iterable[Trial], model: str) -> list[tuple[Trial, Heard]]:
-    """Return trials with what the detector made of them with one of `MODELS`."""
+    """Return each trial with the detector's judgement of it with `model`, one of `MODELS`."""
     return [(trial, getattr(trial, model)) for trial in trials]
 
 
 def right(trial: Trial, heard: Heard) -> bool:
-    """Tell whether a leak was named right, and nothing was alarmed before it opened."""
+    """Return whether the last verdict names the leak and there was no alarm before it opened."""
     early = heard.alarm_s is not None and heard.alarm_s < ONSET_S
     return heard.verdict == trial.leak and not early
 
 
 def wrong(trial: Trial, heard: Heard) -> bool:
-    """Tell whether an alarm was false: in health, before the onset, or by another name."""
+    """Return whether an alarm was false: on a healthy rig, too early, or with a wrong name."""
     return heard.alarm_s is not None and not right(trial, heard)
 
 
 def by_size(trials: Sequence[Trial]) -> str:
-    """Return a table of one case: what became of healthy rigs and of leaks, by size."""
+    """Return two tables of a case: alarms and names by size of leak, and figures of right ones."""
     head = ["recordings", *(f"{what}, {model}" for what in ("alarm, wrong", "named right")
                             for model in MODELS)]  # fmt: skip
     rows = [_row("healthy", [trial for trial in trials if trial.leak is None])]
@@ -75,7 +75,7 @@ def _row(name: str, trials: Sequence[Trial]) -> list[str]:
 
 
 def _quality(leaks: Sequence[Trial]) -> str:
-    """Return a table of how soon, how exact and how honest leaks named right were sized."""
+    """Return a table on the leaks named right: latency, error of size, coverage of intervals."""
     rows = []
     for model in MODELS:
         named = [(trial, heard) for trial, heard in judged(leaks, model) if right(trial, heard)]
@@ -101,7 +101,7 @@ def _figures(named: Sequence[tuple[Trial, Heard]]) -> list[str]:
 
 
 def by_case(found: Mapping[Case, Sequence[Trial]]) -> str:
-    """Return a table with a row for each hidden effect."""
+    """Return a table with one row for each case, that is each hidden effect."""
     head = ["hidden", "revised model", "wrong alarms, nominal", "revised",
             "leaks named right, nominal", "revised"]  # fmt: skip
     rows = []

@@ -1,4 +1,4 @@
-"""The worked example's rigs, recordings, and what the detector made of them with two models."""
+"""Makes the rigs and recordings of the worked example, and lets the detector judge them."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -27,9 +27,9 @@ from tools.hidden_effects.workflow import rig_gap
 SECONDS: Final = 30.0
 ONSET_S: Final = 12.0
 SIZES: Final = (0.03, 0.3)
-"""L/min at the reference drop, drawn by their logarithm."""
+"""Smallest and largest leak, L/min at its reference drop; sizes are drawn log-uniformly."""
 SETTLED_AFTER_S: Final = 2.0
-"""From the onset; a leak's true flow is the mean from then on, as the detector's is."""
+"""A leak's true flow is its mean from this time after the onset on, s, as the detector's is."""
 OPENING: Final = {
     "external_leakage_1": "opening_leak_1",
     "external_leakage_2": "opening_leak_2",
@@ -40,12 +40,12 @@ MOTIONS: Final = ("multisine", "steps", "sines", "pseudorandom", "ramps", "sweep
 
 @dataclass(frozen=True)
 class Case:
-    """A hidden effect and how much is tried on its rig.
+    """A hidden effect and the number of recordings that are judged of its rig.
 
     Attributes:
-        effect, value: hidden, in SI.
-        found: whether `rig gap` finds the revised model; otherwise it is the effect's own.
-        healthy, leaks: recordings that are judged.
+        effect, value: the hidden effect, and its parameter `value` in SI.
+        found: whether `rig gap` makes the revised model; otherwise the true model is used.
+        healthy, leaks: number of recordings without and with a leak.
     """
 
     effect: str
@@ -73,18 +73,19 @@ PLAIN: Final = tuple(
         ("spool_null_bias", 4e-5),
     )
 )
-"""Effects that the detector is expected to bear, at the far end of what is plausible."""
+"""Cases with effects that should not disturb the detector, at the largest plausible size."""
 
 
 @dataclass(frozen=True)
 class Heard:
-    """What the detector made of a recording with one model.
+    """The detector's judgement of one recording with one model.
 
     Attributes:
-        verdict: the last one.
-        alarm_s: when it first held any alarm; None if never.
-        named_s: when it first held the last verdict; None if that is no alarm.
-        flow, low, high: of the leak, L/min, with the 95 % interval; None if it sized none.
+        verdict: the last verdict.
+        alarm_s: when a verdict was first an alarm; None if none was.
+        named_s: when the detector first came to its last verdict; None if that is no alarm.
+        flow, low, high: estimated flow of the leak and its 95 % interval, L/min; None if the
+            detector estimated none.
     """
 
     verdict: str
@@ -97,12 +98,12 @@ class Heard:
 
 @dataclass(frozen=True)
 class Trial:
-    """A recording and both judgements of it.
+    """The judgements of one recording.
 
     Attributes:
-        leak: that opened at `ONSET_S`; None for a healthy rig.
-        flow: its true mean flow, L/min.
-        nominal, revised: by the model.
+        leak: name of the leak that opened at `ONSET_S`; None for a healthy rig.
+        flow: true mean flow of the leak, L/min; 0 for a healthy rig.
+        nominal, revised: the detector's judgement with the nominal and with the revised model.
     """
 
     leak: str | None
@@ -112,22 +113,25 @@ class Trial:
 
 
 def hiding(case: Case, seed: int) -> RigValues:
-    """Return a rig with the case's effect, and nuisances drawn within healthy rigs' tolerances."""
+    """Return a rig with the case's effect; its nuisances are drawn within healthy tolerances."""
     nuisances = drawn_nuisances(np.random.default_rng([seed, 1]))
     return with_effects(TABLE._replace(**nuisances), {case.effect: {"value": case.value}})
 
 
 def recorded(rig: RigValues, motion: str, seed: Sequence[int], seconds: float) -> Recorded:
-    """Record a motion of a kind, drawn from a seed."""
+    """Draw a motion of the kind `motion` by a seed, run it on a rig, and return the recording."""
     rng = np.random.default_rng(seed)
     return record(rig, drawn(motion, rng, round(seconds / TICK)), rng)
 
 
 def revised_model(case: Case, rig: RigValues, folder: Path, seed: int) -> Model:
-    """Return the model that `rig gap` writes of a rig; one that is there already is read.
+    """Return the revised model of a rig.
+
+    If `case.found` is False, it is the nominal model with the case's effect. Otherwise `rig gap`
+    writes it into `folder`; a model that is there from before is only read.
 
     Raises:
-        WorkflowFailedError: it did not end in a result.
+        WorkflowFailedError: `rig gap` did not end in a result.
     """
     if not case.found:
         return Model().with_effect(case.effect, value=case.value)
@@ -144,13 +148,13 @@ def revised_model(case: Case, rig: RigValues, folder: Path, seed: int) -> Model:
 
 
 def leaking(rig: RigValues, leak: str, flow: float) -> RigValues:
-    """Return a rig in which a leak of so many L/min at its reference drop opens at `ONSET_S`."""
+    """Return the rig with a leak that opens at `ONSET_S`; `flow` is in L/min at reference drop."""
     coefficient = flow * LITRE_PER_MINUTE / reference_drop(NOMINAL, leak) ** 0.5
     return rig._replace(opens_at=ONSET_S, **{OPENING[leak]: coefficient})
 
 
 def runs(case: Case, rig: RigValues, seed: int) -> Iterator[tuple[str | None, float, Recorded]]:
-    """Yield the case's recordings: the leak, its true flow in L/min, and the recording."""
+    """Yield each recording of a case as (leak or None, its true flow in L/min, recording)."""
     for number in range(case.healthy + case.leaks):
         motion = MOTIONS[number % len(MOTIONS)]
         draws = [seed, 3, number]
@@ -166,7 +170,7 @@ def runs(case: Case, rig: RigValues, seed: int) -> Iterator[tuple[str | None, fl
 
 
 def true_flow(rig: RigValues, leak: str, made: Recorded) -> float:
-    """Return the mean flow of a leak in L/min once it has settled."""
+    """Return the true mean flow (L/min) of a leak from `SETTLED_AFTER_S` after its onset on."""
     states = made.truth[round((ONSET_S + SETTLED_AFTER_S) / TICK) :]
     ends = {
         "external_leakage_1": states[:, P1] - states[:, TANK],
@@ -178,14 +182,14 @@ def true_flow(rig: RigValues, leak: str, made: Recorded) -> float:
 
 
 def recording_of(made: Recorded) -> Recording:
-    """Return a recording as the product reads it."""
+    """Return a recording of the independent rig as a `Recording` of the product."""
     return Recording(
         {name: np.ascontiguousarray(made.table[:, i]) for i, name in enumerate(COLUMNS)}
     )
 
 
 def heard(recording: Recording, model: Model) -> Heard:
-    """Have the detector judge a recording with a model."""
+    """Let the detector judge a recording with a model, and return its judgement."""
     result = replay(recording, model)
     alarms = [time_s for time_s, held in result.history if held.names_a_fault]
     final = result.decision
@@ -203,7 +207,7 @@ def heard(recording: Recording, model: Model) -> Heard:
 
 
 def tried(case: Case, out: Path, seed: int) -> list[Trial]:
-    """Return a case's trials; those kept in the folder from before are read."""
+    """Run the trials of a case, keep them in `out` and return them; kept ones are only read."""
     folder = out / case.effect
     folder.mkdir(parents=True, exist_ok=True)
     rig = hiding(case, seed)

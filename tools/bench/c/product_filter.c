@@ -1,16 +1,17 @@
-/* The product filter (estimator/product.py) as a C programmer would write it for speed: factors U and D,
- * a column of U in a row, fixed sizes for the compiler to unroll. The yardstick of
- * tools/bench/filters.py, compiled there; nothing else uses it. SI units.
+/* The product filter (estimator/filters/product.py) as a C programmer would write it for speed. The
+ * covariance is kept as factors U and D, with a column of U in each row of the array and D on the
+ * diagonal; sizes are fixed, so that the compiler can unroll the loops. tools/bench/filters.py
+ * compiles this file and compares with it; nothing else uses it. SI units.
  */
 #include <math.h>
 #include <string.h>
 
 #define N 11
-#define M 6  /* states that the prediction moves */
-#define W 10 /* columns to orthogonalise */
+#define M 6  /* the first M states are those that the prediction changes */
+#define W 10 /* number of columns to orthogonalise */
 #define UNROLL _Pragma("GCC unroll 16")
 
-struct constants { /* order: PRODUCT_CONSTANTS in tools/bench/filters.py */
+struct constants { /* filled by c_constants in tools/bench/product.py, in the same order */
     double area, mass, stroke_min, stroke_max, line_volume_1, line_volume_2, bulk_modulus, density;
     double supply, back, discharge, gradient, valve_gain, valve_frequency, valve_damping, air;
     double r_position, r_pressure, r_spool;
@@ -287,7 +288,7 @@ static inline void take(struct watch *w, double square)
     w->readings += 1.0;
 }
 
-/* Returns whether the filter is lost: the benchmark's record has no such filter, and stops there. */
+/* Returns whether the filter is lost. It is not started anew; the run ends there. */
 static inline int judge(struct watch *w, const double *x, double U[N][N], const struct constants *c)
 {
     double total = 0.0;
@@ -344,7 +345,8 @@ static inline int step(double *restrict x, double U[N][N], double u, const doubl
     return 1;
 }
 
-/* Returns how many samples it took; `out` (10,) is that of the last. */
+/* Runs the filter over a record; returns the number of samples until its end, or until the filter
+ * is lost. `out` (10,) receives the outputs of the last sample. */
 long product_run(long samples, double *restrict x, double *restrict factors, const double *u,
                  const double *z, const struct constants *c, double *restrict out)
 {

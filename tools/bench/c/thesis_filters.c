@@ -1,17 +1,18 @@
 /* The thesis filters (eqs. 2.15 to 2.17, 4.17 to 4.20, 6.13 to 6.20) as a C programmer would write
- * them for speed: sparse Jacobian, upper triangle of P in locals, one scalar update per measurement.
- * The yardstick of tools/bench/filters.py, compiled there; nothing else uses it. SI units.
+ * them for speed: with a sparse Jacobian, the upper triangle of P in local variables, and one
+ * scalar update for each measurement. tools/bench/filters.py compiles this file and compares with
+ * it; nothing else uses it. SI units.
  */
 #include <math.h>
 
-struct parameters { /* order: PARAMETER_FIELDS in tools/bench/filters.py */
+struct parameters { /* in the order of PARAMETER_FIELDS in tools/bench/filters.py */
     double piston_area, moving_mass, stroke_min, stroke_max, line_volume_1, line_volume_2;
     double bulk_modulus, density, supply_pressure, return_pressure;
     double discharge_coefficient, area_gradient, valve_gain, valve_frequency, valve_damping;
     double stiction, coulomb, stribeck_velocity, viscous, stick_velocity;
 };
 
-struct entries { /* of A, neither zero nor one; T in row 0 and row 3 goes without saying */
+struct entries { /* of A, if neither zero nor one; without the constant T in rows 0 and 3 */
     double a10, a11, a13, a14, a20, a22, a23, a24, a41, a42, a44, a46, a50, a55;
 };
 
@@ -41,7 +42,8 @@ static inline double friction(double v, double force, const struct parameters *c
     return fabs(force) < c->stiction ? force : copysign(c->stiction, force);
 }
 
-/* Moves the physical states one interval on; fills in A at the point they left, but for row 4. */
+/* Predicts the physical states over one interval, in place. Fills in the entries of A at the states
+ * before; a44 and a46 are left to the caller. */
 static inline void predict(double *x, double resistance, double u, const struct parameters *c,
                            struct entries *a)
 {
@@ -83,7 +85,8 @@ static inline void predict(double *x, double resistance, double u, const struct 
     x[5] += T * spool_acceleration;
 }
 
-/* Local arrays whose loops are all unrolled, so that they live in registers; S is symmetric. */
+/* All loops over these local arrays are unrolled, so that the arrays are kept in registers. S(i, j)
+ * is an entry of a symmetric matrix, of which s has the upper triangle. */
 #define S(i, j) s[(i) < (j) ? (i) : (j)][(i) < (j) ? (j) : (i)]
 #define EACH(i, from) _Pragma("GCC unroll 8") for (int i = (from); i < n; i++)
 
@@ -106,7 +109,7 @@ kalman(const int n, double *x, double *restrict P, const struct entries a, const
         if (n > 6)
             m[6][k] = S(6, k);
     }
-    /* Of each pair the shorter row is the right factor. */
+    /* For each pair of rows, the row with fewer entries is the right factor. */
     S(1, 1) = a.a10 * m[1][0] + a.a11 * m[1][1] + a.a13 * m[1][3] + a.a14 * m[1][4];
     S(1, 2) = a.a20 * m[1][0] + a.a22 * m[1][2] + a.a23 * m[1][3] + a.a24 * m[1][4];
     S(2, 2) = a.a20 * m[2][0] + a.a22 * m[2][2] + a.a23 * m[2][3] + a.a24 * m[2][4];
@@ -153,7 +156,7 @@ kalman(const int n, double *x, double *restrict P, const struct entries a, const
 void thesis6_run(long samples, double *restrict x, double *restrict P, const double *u,
                  const double *z, const struct parameters *c, double *restrict out)
 {
-    for (long t = 0; t < samples; t++) { /* out is that of the last sample */
+    for (long t = 0; t < samples; t++) { /* each sample overwrites out */
         double y[7], slope;
         struct entries a;
         for (int i = 0; i < 6; i++)

@@ -1,7 +1,8 @@
-"""What chaos can do inside a Python process, by signals; loaded by each process of a scenario.
+"""Lets signals disturb a Python process from inside; every process of a scenario loads this module.
 
-SIGUSR1 steps the wall clock by an hour, as the process sees it: stepping the machine's own needs
-privilege and would disturb whatever else runs there. SIGUSR2 hangs the main thread, and it alone.
+SIGUSR1 steps the wall clock, as this process reads it, by an hour; to step the machine's own clock
+would need privilege and would disturb all that runs there. SIGUSR2 hangs the main thread; the other
+threads go on.
 """
 
 import signal
