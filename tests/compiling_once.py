@@ -1,7 +1,7 @@
-"""Of the workers that run the tests, one compiles a function; the others wait and load it.
+"""Lets one worker compile a function, while the other workers of a test run wait and then load it.
 
-They all begin with the same modules, and would each compile the same for a minute, where nothing is
-in the cache yet.
+All workers begin with the same modules. While the cache is empty, each would otherwise compile the
+same functions for a minute.
 """
 
 import fcntl
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 PATIENCE_S: Final = 180.0
-"""After which a worker compiles a function itself: to wait is to save time, no more."""
+"""s: a worker that has waited so long compiles the function itself; waiting only saves time."""
 _LOOK_S: Final = 0.02
 _ORDERS: Final = (
     ("estimator.gap.servo.actuator", "estimator.gap.verdict.workflow"),
@@ -26,14 +26,16 @@ _ORDERS: Final = (
         "estimator.gap.verdict.workflow",
     ),
 )
-"""Modules that compile as they are imported, in the order of the first worker and of the others."""
+"""Modules that compile when imported: first the list for worker 0, then that for the others."""
 
 
 def compile_once(folder: Path) -> None:
-    """Have this process compile no cached function while another one does, from now on.
+    """Patch numba so that this process waits while another process compiles the same function.
+
+    Functions that are not cached are compiled as before.
 
     Args:
-        folder: for the locks; that of the other processes too.
+        folder: folder of the lock files, which all processes share; it is created if missing.
     """
     from numba.core.caching import NullCache
     from numba.core.compiler_lock import global_compiler_lock
@@ -50,9 +52,9 @@ def compile_once(folder: Path) -> None:
         code = self.py_func.__code__
         place = f"{code.co_filename}:{code.co_firstlineno}:{code.co_qualname}"
         name = sha256(place.encode()).hexdigest()[:32]
-        # The lock of all compiling in this process comes first: a thread that waits for it must
-        # have no lock that another process waits for. The locks of functions are then taken from
-        # callers to callees everywhere, so that no two wait for each other.
+        # The lock on all compiling in this process is acquired first, because a thread that waits
+        # for it must hold no lock that another process waits for. The locks of functions are then
+        # acquired from callers to callees in all processes, so that no two wait for each other.
         with global_compiler_lock:
             if name in held:
                 return compile_alone(self, sig)
@@ -68,9 +70,10 @@ def compile_once(folder: Path) -> None:
 
 @contextmanager
 def only_one(path: Path, patience_s: float) -> Iterator[None]:
-    """Wait until no other process is in here with this file; no longer than that.
+    """Hold an exclusive lock on the file `path` in this context; wait for it at most `patience_s`.
 
-    Where the file system takes no locks, or no files, nobody waits.
+    After that time the context is entered without the lock. So it is at once where the file cannot
+    be opened or the file system has no locks.
     """
     end = time.monotonic() + patience_s
     try:
@@ -89,7 +92,7 @@ def only_one(path: Path, patience_s: float) -> Iterator[None]:
                 break
         yield
     finally:
-        # Not by closing it alone: a process forked meanwhile has it open too.
+        # Closing the file is not enough, because a process forked meanwhile has it open too.
         with suppress(OSError):
             fcntl.flock(opened, fcntl.LOCK_UN)
         os.close(opened)
@@ -97,7 +100,10 @@ def only_one(path: Path, patience_s: float) -> Iterator[None]:
 
 @contextmanager
 def without_looking_for_garbage() -> Iterator[None]:
-    """Leave garbage alone: compiler and imports make millions of objects, hardly any of it."""
+    """Switch the garbage collector off in this context.
+
+    Compiler and imports make millions of objects, of which hardly any is garbage.
+    """
     looking = gc.isenabled()
     gc.disable()
     try:
@@ -108,12 +114,12 @@ def without_looking_for_garbage() -> Iterator[None]:
 
 
 def compile_apart(worker: int) -> None:
-    """Import what compiles for long, each worker beginning with something else.
+    """Import the modules that compile for long; worker 0 begins with others than the rest.
 
     Args:
-        worker: its number, from 0.
+        worker: number of this worker, from 0.
     """
-    # What cannot be imported is told by the tests that need it.
+    # A failing import is not reported here, because the tests that need the module report it.
     with suppress(Exception):
         for module in _ORDERS[min(worker, len(_ORDERS) - 1)]:
             importlib.import_module(module)

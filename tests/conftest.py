@@ -1,4 +1,4 @@
-"""Settings of every test: Hypothesis draws the same examples on every machine of the CI."""
+"""Settings of all tests: order, compiling by several workers, and examples of Hypothesis."""
 
 import gc
 import os
@@ -34,17 +34,19 @@ LONGEST = (
     "estimator/leaks/test_leak_statistic.py",
     "estimator/leaks/test_leak_sizes.py",
 )
-"""Files that take ten seconds and more, with whose tests the workers begin: none of them is then
-left with one when the others have done."""
+"""Test files that take ten seconds or more.
+
+Workers begin with them, so that no worker still runs one of them when the others have finished.
+"""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let the picture of the console in the README be taken by the test that looks at it."""
+    """Add the option by which a test of the console writes the picture for the README."""
     parser.addoption("--console-picture", metavar="PNG", help="where the console is photographed")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let the workers of a run compile together what none of them finds in the cache."""
+    """Share the compiling of functions that are not in the cache among the workers of a run."""
     worker = getattr(config, "workerinput", {}).get("workerid", "")
     if not worker:
         return
@@ -59,7 +61,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Import all tests without looking for garbage, and never look at what that has made."""
+    """Collect all tests without garbage collection, and keep their objects out of later ones."""
     with without_looking_for_garbage():
         collected = yield
     gc.freeze()
@@ -67,12 +69,13 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the tests of the files that take longest first."""
+    """Move the tests of the files in `LONGEST` to the front, in its order."""
     places = {HERE / file: place for place, file in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path, len(places)))
 
 
-# A first call may compile for seconds: a deadline per example would measure the compiler.
+# There is no deadline for an example, because a first call may compile for seconds. In the CI,
+# examples are the same on every machine.
 settings.register_profile("default", deadline=None, max_examples=40)
 settings.register_profile("ci", parent=settings.get_profile("default"), derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")

@@ -1,7 +1,8 @@
-"""How tests wait: for what is bound to come, with the same patience everywhere.
+"""The function by which tests wait for an event.
 
-A test waits for an event and never for a time: a machine that has other work makes it slow and
-not wrong. What must not happen is looked for after something that comes later has happened.
+A test waits for an event, never for a fixed time. A busy machine then makes the test slow, but
+does not make it fail. To check that something does not happen, a test waits for a later event
+first.
 """
 
 import time
@@ -11,9 +12,9 @@ from typing import Final, TypeVar
 T = TypeVar("T")
 
 PATIENCE_S: Final = 60.0
-"""How long anything may take that is bound to happen; only a failure takes as long."""
+"""s: how long a test waits for an event; only a failure takes so long."""
 COMPILE_S: Final = 300.0
-"""How long it may take where something may have to be compiled first."""
+"""s: how long a test waits if something may have to be compiled first."""
 _LOOK_S: Final = 5e-3
 
 
@@ -24,16 +25,16 @@ def until(
     *,
     meanwhile: Callable[[], object] = lambda: None,
 ) -> T:
-    """Return the first true value of a condition.
+    """Call `done` again and again, and return its first true value.
 
     Args:
-        done: the condition.
-        what: is waited for, in words.
-        patience_s: how long it may take.
-        meanwhile: is called between two looks.
+        done: the condition to wait for.
+        what: the event that is waited for, in words for the message.
+        patience_s: how long to wait, s.
+        meanwhile: is called between two calls of `done`.
 
     Raises:
-        AssertionError: it did not become true in time.
+        AssertionError: `done` returned no true value in time.
     """
     end = time.monotonic() + patience_s
     while not (found := done()):

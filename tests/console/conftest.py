@@ -1,4 +1,4 @@
-"""Chromium, an emulated rig with a campaign that runs on it, and a console that watches it."""
+"""Fixtures with Chromium, an emulated rig on which a campaign runs, and a console of that rig."""
 
 import os
 import select
@@ -23,15 +23,15 @@ from .fakes import until
 from .site import Site, site_served
 
 WAIT_MS = 60_000
-"""How long anything may take that is to be seen; only a failure takes as long."""
+"""ms: how long a test waits for anything on the page; only a failure takes so long."""
 ROOT = Path(__file__).parents[2]
 WIDTH, HEIGHT = 1400, 1000
-# So slow that a machine that stalls for a second does not have the ram run beyond its limits.
+# The sine is so slow that the ram stays within its limits even if the machine stalls for a second.
 SINE = {"type": "sine", "mean": "0.3 m", "amplitude": "0.06 m", "frequency": "0.2 Hz"}
 TESTS = (
     {
         "name": "internal leak, 0.6 L/min",
-        # Longer than any of this takes; it is stopped.
+        # The test is longer than all tests of the console together, and is stopped at the end.
         "duration": "900 s",
         "settle": "0.5 s",
         "setpoint": SINE,
@@ -53,7 +53,7 @@ TESTS = (
 
 
 LONGEST = {
-    # Beside a loop of the chaos suite, which has the other processor.
+    # The loop uses another processor than a loop of the chaos suite that runs at the same time.
     "loop": {
         "cpu": 0, "stale_limit": "10 s", "slow_stale_limit": "60 s", "loop_silence": "60 s",
         "field_silence": "60 s", "supervisor_silence": "60 s", "recorder_silence": "600 s",
@@ -64,7 +64,7 @@ LONGEST = {
     "pump": {"silence": "60 s", "load_timeout": "60 s"},
     "meters": {"stale": "10 s"},
 }  # fmt: skip
-"""The longest times that a rig file may give, by which a rig trips or gives a device up."""
+"""The longest time limits that a rig file may have, by section of the file."""
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def browser() -> Iterator[Browser]:
     except ValueError as error:
         pytest.skip(f"{error}")
     with sync_playwright() as playwright:
-        # As root Chromium does not start in a sandbox of its own.
+        # Chromium does not start as root unless its sandbox is switched off.
         arguments = ["--disable-gpu", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
         try:
             opened = playwright.chromium.launch(executable_path=path, args=arguments)
@@ -86,7 +86,7 @@ def browser() -> Iterator[Browser]:
 
 @dataclass
 class Served:
-    """A console that runs."""
+    """A running console: its address, its token, its log and its process."""
 
     url: str
     token: str
@@ -94,7 +94,7 @@ class Served:
     process: "subprocess.Popen[str]"
 
     def enter(self, page: Page, name: str, token: str = "") -> None:
-        """Log in."""
+        """Open the console in a page and log in by name, with its token or another one."""
         page.goto(self.url)
         page.fill("[name=name]", name)
         page.fill("[name=token]", token or self.token)
@@ -106,14 +106,14 @@ class Served:
 
 @pytest.fixture(scope="session")
 def leaving() -> Iterator[ExitStack]:
-    """Wait for all servers to have ended."""
+    """Yield a stack of callbacks that wait, at the end of the session, until all servers ended."""
     with ExitStack() as servers:
         yield servers
 
 
 @pytest.fixture
 def site(leaving: ExitStack) -> Iterator[Site]:
-    """Return a console that a test feeds itself."""
+    """Yield a console whose stream the test feeds."""
     with site_served(leaving) as site:
         yield site
 
@@ -123,7 +123,7 @@ Serve = Callable[..., Served]
 
 @pytest.fixture(scope="module")
 def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
-    """Return what starts a console in a folder; all are ended with the module."""
+    """Yield a function that starts a console in a folder; all end with the module's tests."""
     started: list[subprocess.Popen[str]] = []
 
     def start(folder: Path, *options: str) -> Served:
@@ -160,7 +160,7 @@ def _copy(stream: IO[str], log: list[str]) -> None:
 
 @pytest.fixture(scope="module")
 def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Keep keys and tokens of these tests in a folder of their own."""
+    """Set and yield a folder of its own for the keys and tokens of these tests."""
     folder = tmp_path_factory.mktemp("state")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(folder))
@@ -169,25 +169,25 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def stage(state: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    """Return an emulated rig on which a campaign runs, with its leak open."""
+    """Yield an emulated rig on which a campaign runs, whose first leak is open."""
     folder = tmp_path_factory.mktemp("stage")
     with Stage(folder, tests=TESTS) as stage:
         _be_patient(folder)
-        # It is the one time limit that no rig file sets; a browser beside the rig may exceed it.
+        # No rig file sets the pump's watchdog, and a browser beside the rig may exceed it.
         stage.ask(do="inject", fault="pump_watchdog_dead")
         stage.begin()
         yield stage
 
 
 def _be_patient(folder: Path) -> None:
-    """Have a rig that a browser beside it does not trip: none of this is about its timing."""
+    """Set long time limits in the rig's files, so that a browser on this machine trips no rig."""
     rig = yaml.safe_load((folder / "rig.yaml").read_text())
     for section, longest in LONGEST.items():
         part = rig if section == "loop" else rig["drivers"]
         part[section] |= longest
     (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
     stream = yaml.safe_load((folder / "stream.yaml").read_text())
-    # Four of them that are missing have a rig shown as dead, and its buttons disabled.
+    # After four missing heartbeats, the console shows the rig as dead and disables its buttons.
     (folder / "stream.yaml").write_text(yaml.safe_dump(stream | {"heartbeat": "10 s"}))
     campaign = yaml.safe_load((folder / "campaign.yaml").read_text())
     (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign | {"name": "leaks"}))

@@ -1,4 +1,4 @@
-"""A stream that a test feeds, in place of one that comes by Zenoh."""
+"""A client of the live stream that tests feed, in place of one that receives by Zenoh."""
 
 from dataclasses import replace
 from typing import Any
@@ -34,7 +34,13 @@ RUNNING = Snapshot(
 
 
 class FakeClient(StreamClient):
-    """A client of one rig that says what a test has it say, and keeps what it is sent."""
+    """A stream client whose snapshots a test sets, and which notes the commands sent by it.
+
+    Attributes:
+        shots: the snapshots by rig.
+        sent: each command as (command, rig, text, test).
+        answer: the answer to every command.
+    """
 
     def __init__(self, *shots: Snapshot) -> None:
         self.shots = {shot.rig: shot for shot in shots}
@@ -43,7 +49,7 @@ class FakeClient(StreamClient):
         self.rows = 0
 
     def become(self, rig: str, **changed: Any) -> None:
-        """Change what is known of a rig."""
+        """Change fields of a rig's snapshot."""
         self.shots[rig] = replace(self.shots[rig], **changed)
 
     def rigs(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""A console of a stream that a test feeds, served in a thread, and requests to it."""
+"""Serves a console in a thread, with a stream that the test feeds, and sends requests to it."""
 
 import asyncio
 import http.client
@@ -27,7 +27,7 @@ Headers = dict[str, str]
 
 @dataclass
 class Reply:
-    """What a request came to."""
+    """The reply to a request; the names of its headers are in lower case."""
 
     status: int
     headers: Headers
@@ -36,7 +36,15 @@ class Reply:
 
 @dataclass
 class Site:
-    """A console of one rig that is served in a thread."""
+    """A console of one rig that is served in a thread.
+
+    Attributes:
+        client: the stream that the test feeds.
+        console: the console itself.
+        port: its port on 127.0.0.1.
+        log: lines that the console has logged.
+        certificate: certificate of the console, if it is served over TLS.
+    """
 
     client: FakeClient
     console: Console
@@ -51,7 +59,11 @@ class Site:
     def ask(
         self, method: str, path: str, body: str | bytes = "", headers: Headers | None = None
     ) -> Reply:
-        """Send a request, with the header Origin of the console's own page unless given."""
+        """Send a request and return the reply.
+
+        The header Origin is that of the console's own page, unless `headers` has another; a header
+        with an empty value is not sent.
+        """
         connection = self._connection()
         told = {"Origin": self.origin} | (headers or {})
         connection.putrequest(method, path, skip_host="Host" in told)
@@ -79,7 +91,7 @@ class Site:
         return self.ask("POST", "/login", form, headers)
 
     def cookie(self, name: str = "Anna") -> Headers:
-        """Return the header by which somebody who has logged in is known."""
+        """Log in, and return the Cookie header of the visitor's further requests."""
         return {"Cookie": self.log_in(name).headers["set-cookie"].partition(";")[0]}
 
     def order(self, who: Headers, **content: Any) -> tuple[int, dict[str, Any]]:
@@ -101,9 +113,10 @@ class Site:
 def site_served(
     leaving: ExitStack, certificate: Path | None = None, key: Path | None = None
 ) -> Iterator[Site]:
-    """Serve a console of one rig that runs, over TLS if there is a certificate.
+    """Serve a console of one rig on which a campaign runs, and yield it.
 
-    The server takes a fifth of a second to end, which `leaving` waits for.
+    With `certificate` and `key` it is served over TLS. The server takes a fifth of a second to end;
+    `leaving` waits for that later.
     """
     anywhere = address_of("127.0.0.1:0", (), certificate, key)
     listener = listener_of(anywhere)

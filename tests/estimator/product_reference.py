@@ -1,4 +1,4 @@
-"""The product filter as a textbook has it: dense, in Joseph form, one measurement after another."""
+"""The product filter as in a textbook: dense covariance, Joseph form, one reading after another."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def process_noise(noise: ProductNoise) -> Array:
-    """Return Q (11, 11)."""
+    """Return the covariance Q (11, 11) of the process noise over a tick."""
     pressure, leakage = noise.chamber_pressure, noise.leakage
     return np.diag(
         [0.0, pressure, pressure, 0.0, noise.velocity, noise.spool_velocity, noise.load,
@@ -20,7 +20,13 @@ def process_noise(noise: ProductNoise) -> Array:
 
 
 class DenseFilter:
-    """State `x` (11,) and covariance `P` (11, 11); a sample is (position, p1, p2, spool)."""
+    """A product filter with dense covariance.
+
+    Attributes:
+        x: state (11,).
+        P: covariance (11, 11).
+        squares: for each reading used, its squared innovation divided by its expected variance.
+    """
 
     def __init__(self, first: Array, par: Parameters, noise: ProductNoise) -> None:
         position, p1, p2, spool = first
@@ -38,14 +44,14 @@ class DenseFilter:
         self._par, self.noise = par, noise
 
     def predict(self, command: float, supply: float) -> None:
-        """Predict over one tick."""
+        """Predict state and covariance over one tick, from the command (V) and supply (Pa)."""
         jacobian = np.empty((DYNAMIC, STATE_COUNT))
         predict_product(self.x, command, supply, self._par, jacobian)
         transition = np.vstack([jacobian, np.eye(STATE_COUNT)[DYNAMIC:]])
         self.P = transition @ self.P @ transition.T + process_noise(self.noise)
 
     def correct(self, sample: Array) -> None:
-        """Correct by a sample (position, p1, p2, spool)."""
+        """Correct state and covariance by a sample (position, p1, p2, spool); NaN is not used."""
         position, p1, p2, spool = sample
         noise = self.noise
         self._measure(0, spool, noise.spool)

@@ -1,4 +1,4 @@
-"""The product filter from any start, right or wrong."""
+"""Runs the product filter from any initial state, right or wrong."""
 
 from typing import NamedTuple
 
@@ -41,15 +41,15 @@ def _stepped(
 
 
 class Steps(NamedTuple):
-    """What came of a start.
+    """The result of a run of the product filter.
 
     Attributes:
-        states: (n, 11), the start first.
-        least_variance: (n,) smallest D of every tick.
-        covariance: (11, 11) after the last.
-        resets: how often it started anew.
-        squares: of the innovations of the present window, over their variances.
-        readings: number of those.
+        states: (n, 11) states, beginning with the initial one.
+        least_variance: (n,) smallest entry of the factor D after every tick; inf in the first row.
+        covariance: (11, 11) after the last tick.
+        resets: how often the filter started anew.
+        squares: sum of squared innovations over their variances, in the last window.
+        readings: number of these innovations.
     """
 
     states: Array
@@ -63,7 +63,11 @@ class Steps(NamedTuple):
 def from_start(
     x: Array, factors: Array, command: Array, readings: Array, par: Parameters = NOMINAL
 ) -> Steps:
-    """Step over readings (n, 5) from a given state and factors of its covariance."""
+    """Run the filter over readings (n, 5) and commands (n,) in V, from a given initial state.
+
+    `x` (11,) is the state, and `factors` (11, 11) are the factors of its covariance; neither is
+    changed. The first row of the readings is not used.
+    """
     work, factors, n = np.zeros(WORK_SHAPE), factors.copy(), command.size
     work[0, SUPPLY] = par.supply_pressure
     states, least = np.zeros((n, STATE_COUNT)), np.full(n, np.inf)

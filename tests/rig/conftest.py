@@ -1,4 +1,4 @@
-"""Drivers of third parties, installed for one test as pip would install them."""
+"""Fixtures that install drivers of third parties for one test, as pip would install them."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -14,9 +14,10 @@ Install = Callable[..., Path]
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Install a package of one module, with the types of driver that it names as entry points.
+    """Yield a function that installs a package of one module, with drivers as its entry points.
 
-    What is installed returns the folder that it is installed in.
+    The function takes the package's name, its source, and by type of driver the class in it. It
+    returns the folder in which the package is installed.
     """
     site = tmp_path / "site-packages"
     site.mkdir()
@@ -39,7 +40,10 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
 
 @pytest.fixture
 def plain_drivers(install: Install) -> None:
-    """Install drivers without a device, `plain_fast` and `plain_slow`, that obey their options."""
+    """Install two drivers without a device, `plain_fast` and `plain_slow`.
+
+    Their options state their signals and their rate.
+    """
     install("plain_drivers", PLAIN_DRIVERS, plain_fast="Fast", plain_slow="Slow")
 
 

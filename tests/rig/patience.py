@@ -1,4 +1,4 @@
-"""Rigs that no stall of the machine trips, for tests that are not about time."""
+"""Makes drivers so patient that a stall of the machine trips no rig, for tests not about time."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,19 +18,19 @@ PATIENT: Final[dict[str, dict[str, Any]]] = {
     },
     "can_pump": {"silence": PATIENCE_S, "load_timeout": PATIENCE_S},
 }  # fmt: skip
-"""Options of drivers that wait for their devices, and keep no watchdog over this host."""
+"""Options, by type of driver, with long time limits and without a watchdog of this host."""
 
 
 @contextmanager
 def long_watchdogs() -> Iterator[None]:
-    """Let emulated I/O nodes of this process take a watchdog longer than a real one does."""
+    """Let emulated I/O nodes of this process accept a longer watchdog time than a real one does."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rig.emulator.modbus.io_node.WATCHDOG_LIMIT_MS", round(1e3 * PATIENCE_S))
         yield
 
 
 def patient(spec: DriverSpec, **options: Any) -> DriverSpec:
-    """Return a driver that no stall of the machine keeps from its device, with other options."""
+    """Return the driver with long time limits, and with `options` changed."""
     given = dict(PATIENT.get(spec.type, {}))
     if spec.type == "modbus_daq":
         registers = spec.options.map

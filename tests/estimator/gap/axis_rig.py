@@ -1,8 +1,8 @@
-"""A positioning axis that shares no code with docs/another_plant/axis.py, and its recordings.
+"""Simulates a positioning axis, to test the gap workflow with docs/another_plant/axis.py.
 
-Dahl's friction is integrated exactly over steps of 10 us, the carriage semi-implicitly (there:
-Runge-Kutta, 250 us, and a friction state of another form); position loop, noise and counting are
-its own.
+The simulation shares no code with that plant. Over steps of 10 us, it integrates Dahl's friction
+exactly and the carriage semi-implicitly. The plant of the page uses Runge-Kutta with 250 us and a
+friction state of another form. Position loop, noise and encoder resolution are different too.
 """
 
 from collections.abc import Mapping
@@ -65,7 +65,15 @@ def _run(reference, voltage, closed, par, delay, noise, period, substeps):  # ty
 def recorded(
     motion: str, seed: int, seconds: float = 12.0, resolution: float = 1e-6, **hidden: float
 ) -> dict[str, Array]:
-    """Return the channels of a recording of an axis with `hidden` values in the place of TRUE."""
+    """Return the channels of a recording of an axis, by name.
+
+    Args:
+        motion: "strokes", "sines" or "open loop".
+        seed: draws motion and noise.
+        seconds: length of the recording.
+        resolution: of the encoder, m; 0 means no rounding.
+        hidden: values of the axis that replace those in `TRUE`.
+    """
     values = {**TRUE, **hidden}
     assert set(values) == set(TRUE)
     generator = np.random.default_rng(seed)
@@ -105,7 +113,7 @@ def recorded(
 
 
 def _strokes(time: NDArray[Any], generator: np.random.Generator) -> NDArray[Any]:
-    """Return strokes from place to place at different speeds, a rest after each (n,)."""
+    """Return a setpoint (n,), m, of strokes with different speeds, with a rest after each."""
     reference = np.empty(len(time))
     at, k = 0.1, 0
     while k < len(time):
@@ -124,7 +132,7 @@ def _strokes(time: NDArray[Any], generator: np.random.Generator) -> NDArray[Any]
 
 
 def write_csv(path: Any, channels: Mapping[str, Array]) -> None:
-    """Write a recording as a CSV file, or several columns of it."""
+    """Write the given channels as the columns of a CSV file."""
     header = ",".join(channels)
     np.savetxt(path, np.column_stack(list(channels.values())), delimiter=",", header=header,
                comments="", fmt="%.9g")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Records of rigs that are the model with given parameters, on a course that shows most effects."""
+"""Makes records of rigs that equal the model, on a course that shows most effects."""
 
 from collections.abc import Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +16,7 @@ from rig.plant import Model
 
 
 def rig(effects: Collection[str] | None = None) -> Plant:
-    """Return the rig, if asked with some effects of the catalogue only."""
+    """Return the servo actuator as a plant; with `effects`, it has only those of the catalogue."""
     plant = servo_actuator(Model())
     if effects is None:
         return plant
@@ -26,7 +26,10 @@ def rig(effects: Collection[str] | None = None) -> Plant:
 def recorded(
     plant: Plant, values: Mapping[str, float], seconds: float = 6.0, seed: int = 0
 ) -> Record:
-    """Return what a rig with some parameters records, to and fro with rests, in closed loop."""
+    """Return the record of a rig with given parameters, which moves to and fro with rests.
+
+    The rig is in closed loop. `values` are its parameters, and `seed` draws noise and phase.
+    """
     time = np.arange(round(seconds * 1000)) * 1e-3
     phase = 0.3 * seed
     wave = 0.05 * np.sin(2.0 * time + phase) + 0.012 * np.sin(11.0 * time + phase)
@@ -34,13 +37,13 @@ def recorded(
     course = 0.3 + np.where(rest, np.round(wave, 2), wave)
     readings = np.column_stack([course, *np.full((2, len(time)), 6.9e6), np.zeros(len(time))])
     asked = made_of("course", np.zeros((len(time), 1)), readings, plant)
-    # A position loop of 40 V/m, as softly as rigs are driven.
+    # The position loop has 40 V/m, which is as soft as on real rigs.
     gentle = replace(plant, steering=((0, 0, 40.0),))
     return Predictor(gentle).twin(asked, values, seed)
 
 
 @contextmanager
 def fitter(plant: Plant, *records: Record) -> Iterator[Fitter]:
-    """Return a fitter of records in one thread."""
+    """Yield a fitter of the records that computes in one thread."""
     with ThreadPoolExecutor(1) as pool:
         yield Fitter(Predictor(plant), records, pool)

@@ -1,4 +1,4 @@
-"""Runs the command line in this process, and campaigns short enough for it."""
+"""Fixtures that run the command line in this process, and short campaigns to run by it."""
 
 import io
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from rig.cli import main
 
 
 class Done(NamedTuple):
-    """What a command did."""
+    """The exit code and the output of a command."""
 
     code: int
     out: str
@@ -38,7 +38,10 @@ tests:
 
 
 def compile_nothing_ahead(patch: pytest.MonkeyPatch) -> None:
-    """Compile nothing ahead, as what is compiled and reported depends on what ran before."""
+    """Patch commands so that they compile nothing in advance.
+
+    What they would compile, and report, depends on the tests that ran before.
+    """
     for module in (
         "rig.cli.hardware.home",
         "rig.cli.hardware.calibrate",
@@ -54,7 +57,10 @@ def invoke(
     tmp_path_factory: pytest.TempPathFactory,
     monkeypatch: pytest.MonkeyPatch,
 ) -> Invoke:
-    """Run `rig` with arguments in an empty working directory, its tracebacks kept elsewhere."""
+    """Return a function that runs `rig` with given arguments in an empty working directory.
+
+    Files with tracebacks, which `rig` may write, go to another folder.
+    """
     monkeypatch.chdir(tmp_path)
     compile_nothing_ahead(monkeypatch)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path_factory.mktemp("temporary")))
@@ -72,7 +78,7 @@ def invoke(
 
 @pytest.fixture
 def campaign_file(tmp_path: Path) -> Path:
-    """A healthy test and one with a leak, 20 s of rig time."""
+    """Return the file of a campaign with a healthy test and one with a leak, 24 s in all."""
     path = tmp_path / "short.yaml"
     path.write_text(CAMPAIGN)
     return path
@@ -80,7 +86,7 @@ def campaign_file(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def short_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a run of that campaign, for tests that change nothing in it."""
+    """Return the folder of a run of that campaign, for tests that change nothing in it."""
     folder = tmp_path_factory.mktemp("short")
     (folder / "short.yaml").write_text(CAMPAIGN)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()):

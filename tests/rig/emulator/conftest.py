@@ -14,7 +14,7 @@ from rig.plant import Model
 
 
 class ManualClock:
-    """A clock that stands still until the test says how far to go."""
+    """A clock that advances only when the test advances it."""
 
     def __init__(self) -> None:
         self.now_ns = 1_000_000_000
@@ -28,7 +28,7 @@ class ManualClock:
 
 @dataclass
 class Bench:
-    """An I/O node on a plant, under a clock of the test's."""
+    """An emulated I/O node and its plant, which both read a clock that the test advances."""
 
     clock: ManualClock
     plant: EmulatedPlant

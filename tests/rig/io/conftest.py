@@ -1,4 +1,4 @@
-"""Emulated devices that serve real sockets and pseudo-terminals from a thread of their own."""
+"""Fixtures with emulated devices that a thread serves on real sockets and pseudo-terminals."""
 
 import asyncio
 import itertools
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class ManualClock:
-    """A clock that stands still until the test lets it go on."""
+    """A clock that advances only when the test advances it."""
 
     def __init__(self) -> None:
         self.now_ns = 1_000_000_000
@@ -37,7 +37,7 @@ class ManualClock:
 
 
 class DeviceThread:
-    """An event loop in a thread: what devices are served by."""
+    """A thread with an event loop, which serves devices."""
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
@@ -55,10 +55,10 @@ class DeviceThread:
         return self.run(called())
 
     def close(self, close: Callable[[], object]) -> None:
-        """Close a device, once it has taken in the connections that were made to it."""
+        """Close a device by `close`, after it has accepted all connections that were made to it."""
 
         async def closed() -> None:
-            # asyncio leaks a connection that it accepts for a server which is closed by then.
+            # asyncio leaks a connection that it accepts after its server was closed.
             for _ in range(10):
                 await asyncio.sleep(1e-3)
             close()
@@ -67,8 +67,8 @@ class DeviceThread:
 
     def end(self) -> None:
         async def settle() -> None:
-            # A connection that is being accepted while its client has gone already takes some
-            # turns of the loop to be made and closed; only the loop's own wake-up stays.
+            # A connection whose client has gone takes some turns of the loop to be accepted and
+            # closed. In the end, only the loop's own wake-up socket is left.
             until = time.monotonic() + PATIENCE_S
             for turn in itertools.count():
                 await asyncio.sleep(1e-3)
@@ -83,7 +83,7 @@ class DeviceThread:
 
 
 class BypassBench:
-    """Bypass valves on an emulated I/O, both on a clock that the test turns."""
+    """Emulated bypass valves and drivers of them, which read a clock that the test advances."""
 
     def __init__(self, thread: DeviceThread, folder: Path) -> None:
         self.clock = ManualClock()
@@ -97,7 +97,10 @@ class BypassBench:
         self._reply_s = PATIENCE_S
 
     def driver(self, sleep: Callable[[float], None] | None = None, **options: Any) -> BypassValves:
-        """Return a driver of the device over TCP, not yet open; its sleep turns the clock."""
+        """Return a driver of the device over TCP, not yet open.
+
+        Where the driver sleeps, it calls `sleep`, or else advances the clock.
+        """
         given = {"host": "127.0.0.1", "port": self.port, **options}
         return self._made(BypassOptions(**given), sleep)
 
@@ -105,7 +108,7 @@ class BypassBench:
         """Return a driver of the device over a serial line, not yet open."""
         path = self._folder / "ttyBypass"
         self._thread.run(self.device.open_serial(path))
-        # A pseudo-terminal knows no parity, and says so (tcsetattr of glibc).
+        # A pseudo-terminal has no parity; setting one fails (tcsetattr of glibc).
         line = {"transport": "rtu", "device": str(path), "parity": "none"}
         return self._made(BypassOptions(**{**line, **options}), None)
 
@@ -125,9 +128,9 @@ class BypassBench:
 
     @contextmanager
     def unanswered(self, fault: str) -> Iterator[None]:
-        """Let a fault of the wire keep replies away; drivers wait for none meanwhile.
+        """Set a fault of the wire that suppresses replies; drivers wait only 50 ms meanwhile.
 
-        A reply that comes is waited for with patience: its time is the machine's, not the rig's.
+        At other times drivers wait long for a reply, because its delay depends on the machine.
         """
         setattr(self.device.wire, fault, True)
         self._wait_for_replies(0.05)
@@ -143,11 +146,11 @@ class BypassBench:
             client.comm_params.timeout_connect = time_s
 
     def power_off(self) -> None:
-        """Take the device away."""
+        """Close the device, as if it lost power."""
         self._thread.close(self.device.close)
 
     def disconnect(self) -> None:
-        """Break off its connections."""
+        """Break all connections to the device."""
         self._thread.call(self.device.disconnect)
 
     def end(self) -> None:

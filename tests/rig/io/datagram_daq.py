@@ -1,7 +1,8 @@
-"""A fast driver with an exchange of its own, as a package from elsewhere would bring it.
+"""A fast driver with an exchange of its own, as a third party's package would have it.
 
-A request is float64 numbers: that of the exchange, then `FAST_OUTPUTS`; a look has no outputs. The
-reply is the same number, then `FAST_INPUTS`. It exists in tests only, which install this file.
+A request is an array of float64: the number of the exchange, then `FAST_OUTPUTS`. A look, which
+only reads, has no outputs. The reply has the same number, then `FAST_INPUTS`. Tests install this
+file as a package; the driver exists for them alone.
 """
 
 import socket
@@ -29,7 +30,7 @@ DISCONNECTED = int(ExchangeStatus.DISCONNECTED)
 
 
 class DatagramPlan(NamedTuple):
-    """Room for a request and its reply, float64; a request of one number is a look."""
+    """Arrays (float64) for a request and its reply; a request without outputs is a look."""
 
     request: Floats
     reply: Floats
@@ -51,18 +52,18 @@ class DatagramPlan(NamedTuple):
             if reply[0] == sequence:
                 inputs[:] = reply[1:]
                 return OK, sent_ns
-            # A reply to an earlier exchange, which was given up.
+            # This is the late reply to an earlier exchange that timed out, so wait for the next.
         return TIMEOUT, sent_ns
 
 
 def plan_of(outputs: int) -> DatagramPlan:
-    """Return the plan of an exchange with so many outputs; 0 for a look."""
+    """Return the plan of an exchange with `outputs` outputs; 0 makes a look."""
     return DatagramPlan(np.zeros(1 + outputs), np.zeros(1 + len(FAST_INPUTS)))
 
 
 @dataclass(frozen=True)
 class DatagramOptions:
-    """Keys of the device in a rig file."""
+    """The options of the driver in a rig file."""
 
     port: Annotated[int, Quantity("", 1, 65535, "", "")]
     host: str = "127.0.0.1"
@@ -70,7 +71,7 @@ class DatagramOptions:
 
 
 class DatagramDaq:
-    """A device that answers datagrams; its valve follows `valve_enable` and `command_V` at once."""
+    """A driver of a device that answers datagrams and obeys enable and command at once."""
 
     kind: ClassVar[Literal["fast", "slow"]] = "fast"
     Options: ClassVar[type] = DatagramOptions
@@ -90,7 +91,11 @@ class DatagramDaq:
         self._sequence = 0
 
     def open(self) -> None:
-        """Connect, and look whether anybody answers."""
+        """Connect, and check by a look that the device answers.
+
+        Raises:
+            DriverError: it does not answer.
+        """
         if self._socket is None:
             connection = self._connected()
             try:
@@ -101,23 +106,27 @@ class DatagramDaq:
             self._socket = connection
 
     def fileno(self) -> int:
-        """Return the connection's descriptor."""
+        """Return the file descriptor of the connection."""
         return self._opened().fileno()
 
     def plan(self) -> DatagramPlan:
-        """Return the plan that writes and reads."""
+        """Return the plan of an exchange that writes outputs and reads inputs."""
         return self._plan
 
     def look_plan(self) -> DatagramPlan:
-        """Return the plan that reads."""
+        """Return the plan of a look, which only reads inputs."""
         return self._look
 
     def read(self) -> Mapping[str, float]:
-        """Return the inputs."""
+        """Return the present inputs by signal."""
         return self._exchanged(self._opened(), self._look)
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Set some outputs; the others stay."""
+        """Set the given outputs; the others keep their values.
+
+        Raises:
+            DriverError: a signal is no output, a value is not finite, or the device is silent.
+        """
         for signal, value in outputs.items():
             if signal not in self.outputs or not isfinite(value):
                 action = f"write finite values to {', '.join(self.outputs)}"
@@ -128,7 +137,11 @@ class DatagramDaq:
         self._exchanged(connection, self._plan)
 
     def safe_state(self) -> None:
-        """Null the valve over a new connection."""
+        """Null and disable the valve over a new connection.
+
+        Raises:
+            DriverError: the valve is not at null afterwards, or the device does not answer.
+        """
         self._given[:] = 0.0
         with self._apart() as connection:
             self._exchanged(connection, plan_of(len(FAST_OUTPUTS)))
@@ -137,7 +150,7 @@ class DatagramDaq:
             raise DriverError(self.name, state, "cut the hydraulic supply")
 
     def driven(self) -> str:
-        """Return what of the valve is not at null."""
+        """Return a text on the first signal of the valve that is not at null; "" if all are."""
         with self._apart() as connection:
             found = self._exchanged(connection, plan_of(0))
         driven = (name for name in ("device_command_V", "valve_enabled") if found[name] != 0.0)
@@ -165,7 +178,7 @@ class DatagramDaq:
             yield connection
 
     def _exchanged(self, connection: socket.socket, plan: DatagramPlan) -> Mapping[str, float]:
-        """Exchange by a plan, and return the inputs."""
+        """Make one exchange by a plan; return the inputs by signal, or raise DriverError."""
         self._sequence += 1
         found = np.zeros(len(FAST_INPUTS))
         deadline = time.monotonic_ns() + round(1e9 * self._options.timeout)

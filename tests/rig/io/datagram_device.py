@@ -1,4 +1,4 @@
-"""The device of `datagram_daq`: an emulated plant behind a datagram socket."""
+"""The device for the driver `datagram_daq`: an emulated plant behind a datagram socket."""
 
 import socket
 import threading
@@ -18,12 +18,12 @@ _COUNTER = FAST_OUTPUTS.index("host_counter")
 
 
 class DatagramDevice:
-    """The device, served by a thread until it is closed.
+    """The device, which a thread serves until it is closed.
 
     Attributes:
-        port: where it is served on 127.0.0.1.
-        output_V: at which its valve output stands.
-        enabled: whether its valve is.
+        port: its port on 127.0.0.1.
+        output_V: present output to the valve, V.
+        enabled: whether the valve is enabled.
     """
 
     def __init__(self) -> None:
@@ -55,11 +55,11 @@ class DatagramDevice:
         return not self.enabled and self.output_V == 0.0
 
     def drive(self, command_V: float) -> None:  # noqa: N803
-        """Enable the valve and drive it, as another master would, just before the next look."""
+        """Enable the valve and set its output before the next look, as another master would."""
         self._other_V = command_V
 
     def close(self) -> None:
-        """Vanish; harmless when repeated."""
+        """Stop serving and close the socket; closing again does nothing."""
         if self._thread.is_alive():
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
                 last.sendto(b"", ("127.0.0.1", self.port))

@@ -1,4 +1,4 @@
-"""What the tests of the Modbus driver share: shipped maps, and a line that ends in the test."""
+"""Helpers for tests of the Modbus driver: shipped maps, a scripted device, a pymodbus device."""
 
 import socket
 import struct
@@ -27,7 +27,7 @@ UNIT = 9
 
 
 def shipped_map(name: str) -> RegisterMap:
-    """Return one of the maps in `config/maps`."""
+    """Return the register map of that name in `config/maps`."""
     sources = Sources()
     path = shipped_config_dir() / "maps" / f"{name}.yaml"
     found = read_options(RegisterMap, sources.read_yaml(path), sources)
@@ -36,17 +36,23 @@ def shipped_map(name: str) -> RegisterMap:
 
 
 def map_of(*registers: Register, **changes: object) -> RegisterMap:
-    """Return the I/O node's map with other registers."""
+    """Return the map of the I/O node with other registers, and other fields changed."""
     return replace(shipped_map("io_node"), registers=registers, **changes)  # type: ignore[arg-type]
 
 
 def framed(transaction: int, pdu: bytes, unit: int = UNIT) -> bytes:
-    """Return a protocol data unit in its Modbus/TCP frame."""
+    """Return a Modbus/TCP frame with the protocol data unit `pdu`."""
     return struct.pack(">HHHB", transaction & 0xFFFF, 0, 1 + len(pdu), unit) + pdu
 
 
 class Line:
-    """A connection on which the test speaks for the device; nothing ever waits on it."""
+    """A connection between the driver's plan and the test, which plays the device; it never waits.
+
+    Attributes:
+        plan: the driver's exchange plan.
+        inputs: the inputs of the last exchange, in the order of `FAST_INPUTS`.
+        device: the device's end of the connection.
+    """
 
     def __init__(
         self, register_map: RegisterMap, mode: ExchangeMode = "fc23", unit: int = UNIT
@@ -64,37 +70,41 @@ class Line:
         self.device.close()
 
     def exchange(self, sequence: int, outputs: Mapping[str, float] | None = None) -> ExchangeStatus:
-        """Exchange with a deadline long past: what counts is what has come by now."""
+        """Make an exchange whose deadline is past; it uses only replies that are already there."""
         given = np.array([(outputs or {}).get(name, 0.0) for name in FAST_OUTPUTS])
         fd = self._host.fileno()
         status, _ = self.plan.exchange(fd, sequence, given, self.inputs, 0)
         return ExchangeStatus(status)
 
     def send(self, *frames: bytes) -> None:
-        """Send from the device."""
+        """Send frames from the device to the driver."""
         self.device.sendall(b"".join(frames))
 
     def received(self) -> bytes:
-        """Return what the device got since the last call."""
+        """Return the bytes that the device received since the last call.
+
+        Raises:
+            BlockingIOError: there are none.
+        """
         return self.device.recv(65536)
 
     def input(self, signal: str) -> float:
-        """Return what the last exchange read of a signal."""
+        """Return the value of a signal in the last exchange."""
         return float(self.inputs[FAST_INPUTS.index(signal)])
 
 
 def registers_of(values: Iterable[int]) -> bytes:
-    """Return registers as they are sent."""
+    """Return the bytes by which registers with these values are sent."""
     return b"".join(value.to_bytes(2, "big") for value in values)
 
 
 class PymodbusDevice:
-    """A thousand registers behind pymodbus's own server, and what was asked of them.
+    """A device with a thousand registers, served by pymodbus's own server.
 
     Attributes:
-        port: where it is served on 127.0.0.1.
-        asked: the function code of every request.
-        connections: how often somebody connected.
+        port: its port on 127.0.0.1.
+        asked: function codes of all requests so far.
+        connections: number of connections that were made to it.
     """
 
     def __init__(self, thread: DeviceThread, registers: Mapping[int, int]) -> None:
@@ -124,13 +134,13 @@ class PymodbusDevice:
         self._open += 1 if connected else -1
 
     def read(self, address: int, count: int = 1) -> list[int]:
-        """Return registers, as pymodbus's own client reads them."""
+        """Return the values of registers, read by pymodbus's own client."""
         with ModbusTcpClient("127.0.0.1", port=self.port) as client:
             reply = client.read_holding_registers(address, count=count, device_id=UNIT)
         return list(reply.registers)
 
     def write(self, address: int, values: list[int]) -> None:
-        """Write registers, as pymodbus's own client does."""
+        """Write registers by pymodbus's own client."""
         with ModbusTcpClient("127.0.0.1", port=self.port) as client:
             assert not client.write_registers(address, values, device_id=UNIT).isError()
 
@@ -140,7 +150,7 @@ class PymodbusDevice:
         self._server = None
 
     def end(self) -> None:
-        """Vanish, once every client's connection was accepted and closed."""
+        """Close the port, after the connections of all clients were accepted and closed."""
         if self._server is not None:
             self.read(0)
             until(lambda: self._open == 0)

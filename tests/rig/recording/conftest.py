@@ -1,4 +1,4 @@
-"""Recordings to write, break and read back."""
+"""Fixtures with recordings, which tests write, damage and read back."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +11,7 @@ from rig.recording import Event, Recording, RecordingError, RecordingProblem, ex
 
 @pytest.fixture(scope="session")
 def healthy() -> Recording:
-    """2 s of a slow sine with sensor noise, as the rig records it, with one optional channel."""
+    """Return a recording of 2 s of a slow sine with sensor noise and the optional spool channel."""
     rng = np.random.default_rng(1)
     n = 2000
     time_s = np.arange(n) / 1000.0
@@ -30,7 +30,7 @@ def healthy() -> Recording:
 
 @pytest.fixture(scope="session")
 def healthy_csv(healthy: Recording, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """The lines of the healthy recording as CSV; line k of the file is at index k - 1."""
+    """Return the lines of the healthy recording as CSV; line k of the file has index k - 1."""
     path = tmp_path_factory.mktemp("healthy") / "healthy.csv"
     export(healthy, path)
     return path.read_text().splitlines()
@@ -38,7 +38,10 @@ def healthy_csv(healthy: Recording, tmp_path_factory: pytest.TempPathFactory) ->
 
 @pytest.fixture
 def judge(tmp_path: Path) -> Callable[..., list[RecordingProblem]]:
-    """Write a file of that content and name, and return what is wrong with it."""
+    """Return a function that writes a file, reads it as a recording, and returns its problems.
+
+    The function fails if the file can be read.
+    """
 
     def problems(content: str | bytes, name: str = "run.csv") -> list[RecordingProblem]:
         path = tmp_path / name

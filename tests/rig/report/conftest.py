@@ -1,4 +1,7 @@
-"""A small campaign, run once: healthy, a leak of chamber 1, and that leak by a thesis filter."""
+"""Fixtures with the outcomes of three tests, each run once, for tests of the report.
+
+One test is healthy, one has a leak of chamber 1, and one has that leak and a thesis filter.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -33,7 +36,10 @@ SETPOINT = {
 
 
 def run_on_loop(directory: Path, name: str, filter_name: str, leak_l_per_min: float) -> TestOutcome:
-    """Run a sine with a leak of chamber 1 from 8 s on, record it, and judge the recording."""
+    """Run a sine with a leak of chamber 1 from 8 s on, record and judge it; return the outcome.
+
+    The recording is written to `directory`; a leak of 0 makes a healthy test.
+    """
     model = Model()
     time_s = np.arange(round(DURATION_S * 1e3)) * 1e-3
     faults = np.zeros((time_s.size, len(FAULT_COLUMNS)))
@@ -78,31 +84,34 @@ def _injected(recording: Recording, coefficient: float) -> tuple[InjectedFault, 
 
 @pytest.fixture(scope="session")
 def run_directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the recordings."""
+    """Return the folder of the recordings."""
     return tmp_path_factory.mktemp("run")
 
 
 @pytest.fixture(scope="session")
 def healthy(run_directory: Path) -> TestOutcome:
-    """A healthy test, judged by the product filter."""
+    """Return the outcome of a healthy test with the product filter."""
     return run_on_loop(run_directory, "healthy", "product", 0.0)
 
 
 @pytest.fixture(scope="session")
 def leaking(run_directory: Path) -> TestOutcome:
-    """A leak of chamber 1, found by the product filter."""
+    """Return the outcome of a test with a leak of chamber 1 and the product filter."""
     return run_on_loop(run_directory, "leaking", "product", LEAK_L_PER_MIN)
 
 
 @pytest.fixture(scope="session")
 def by_thesis_filter(run_directory: Path) -> TestOutcome:
-    """The same leak before the thesis's 7-state filter."""
+    """Return the outcome of a test with the same leak and the thesis's 7-state filter."""
     return run_on_loop(run_directory, "by_thesis_filter", "thesis-7", LEAK_L_PER_MIN)
 
 
 @pytest.fixture(scope="session")
 def campaign() -> Callable[..., CampaignOutcome]:
-    """Make the outcome of a campaign of given tests; keywords change what else it says."""
+    """Return a function that makes a campaign's outcome from those of its tests.
+
+    Keywords replace other fields of the outcome.
+    """
 
     def of(*tests: TestOutcome, **changed: Any) -> CampaignOutcome:
         reported: dict[str, Any] = {

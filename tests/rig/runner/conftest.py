@@ -1,4 +1,4 @@
-"""A rig, tests and campaigns made by hand: the runner needs no YAML."""
+"""Fixtures that make a rig, tests and campaigns in Python, because the runner needs no YAML."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +24,7 @@ MakeCampaign = Callable[..., Campaign]
 
 @pytest.fixture(scope="session")
 def rig() -> Rig:
-    """A simulated rig that is exactly the nominal model, behind noisy transducers."""
+    """Return a simulated rig that equals the nominal model and has noisy transducers."""
     return Rig(
         name="bench",
         description="",
@@ -44,7 +44,7 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="session")
 def make_test() -> MakeTest:
-    """Make a test: 14 s of a healthy sine, unless the test says otherwise."""
+    """Return a function that makes a campaign test: 14 s of a healthy sine, with changed fields."""
 
     def make(name: str = "healthy", **changes: Any) -> CampaignTest:
         test = CampaignTest(
@@ -67,7 +67,10 @@ def make_test() -> MakeTest:
 
 @pytest.fixture(scope="session")
 def leaking(make_test: MakeTest) -> MakeTest:
-    """Make a test with a leak of 0.8 L/min or so from 8 s on, which is to be found."""
+    """Return a function that makes a campaign test with a leak of about 0.8 L/min from 8 s on.
+
+    The test expects the leak to be found.
+    """
 
     def make(kind: Verdict = Verdict.EXTERNAL_LEAKAGE_1, **changes: Any) -> CampaignTest:
         faults = (Fault(kind, 5e-9, at_s=8.0),)
@@ -78,7 +81,7 @@ def leaking(make_test: MakeTest) -> MakeTest:
 
 @pytest.fixture(scope="session")
 def make_campaign() -> MakeCampaign:
-    """Make a campaign of tests, judged by the default detector unless the test says otherwise."""
+    """Return a function that makes a campaign of tests, by default with the product filter."""
 
     def make(*tests: CampaignTest, filter_name: str = "product") -> Campaign:
         return Campaign(

@@ -1,4 +1,4 @@
-"""Certificates, passwords and free ports for streams on this machine."""
+"""Fixtures with certificates and free ports for live streams on this machine."""
 
 import shutil
 import socket
@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture
 def port() -> int:
-    """Return a port that nobody listens on."""
+    """Return a free TCP port of this machine."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
@@ -21,7 +21,7 @@ def openssl(folder: Path, *arguments: str) -> None:
 
 
 def make_authority(folder: Path) -> None:
-    """Make an authority in `folder`, as docs/stream.md tells."""
+    """Make a certificate authority in `folder`, as docs/stream.md describes it."""
     folder.mkdir(parents=True, exist_ok=True)
     openssl(folder, "ecparam", "-name", "prime256v1", "-genkey", "-noout", "-out", "authority.key")
     openssl(
@@ -31,7 +31,7 @@ def make_authority(folder: Path) -> None:
 
 
 def make_certificate(folder: Path, name: str, host: str = "IP:127.0.0.1") -> None:
-    """Make a certificate and its key by the authority in `folder`, as docs/stream.md tells."""
+    """Make a key, and a certificate signed by the authority in `folder`, as in docs/stream.md."""
     openssl(folder, "ecparam", "-name", "prime256v1", "-genkey", "-noout", "-out", f"{name}.key")
     (folder / f"{name}.ext").write_text(f"subjectAltName={host}\n")
     openssl(folder, "req", "-new", "-key", f"{name}.key", "-subj", f"/CN={name}", "-out", "csr")
@@ -43,7 +43,10 @@ def make_certificate(folder: Path, name: str, host: str = "IP:127.0.0.1") -> Non
 
 @pytest.fixture(scope="session")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with an authority, and certificates of a rig and of those who follow it."""
+    """Return a folder with an authority, and its certificates of a rig and of several readers.
+
+    The folder `elsewhere` in it has another authority with a reader's certificate.
+    """
     if shutil.which("openssl") is None:
         pytest.skip("openssl, which makes the certificates, is not installed")
     folder = tmp_path_factory.mktemp("certificates")

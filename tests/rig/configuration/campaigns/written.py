@@ -1,4 +1,4 @@
-"""Campaigns written for a test, and what is read of them."""
+"""Writes campaign files for tests, and reads them back."""
 
 from pathlib import Path
 

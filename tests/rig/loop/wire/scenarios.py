@@ -1,7 +1,8 @@
-"""Runs the loop on the wire in the interpreter, on a clock and a device that do as the test says.
+"""Runs the loop on the wire with a clock and a device that each scenario controls.
 
-`NUMBA_DISABLE_JIT=1 python scenarios.py` prints, as JSON by scenario, what the device was sent
-and what the ring holds: patching the clock needs functions that are not compiled.
+`NUMBA_DISABLE_JIT=1 python scenarios.py` prints, as JSON by scenario, the frames that the device
+received and the rows in the ring. The functions must not be compiled, because clock and exchange
+are patched.
 """
 
 import json
@@ -50,16 +51,16 @@ FD = 3
 
 @dataclass
 class World:
-    """A clock, and a device that follows its commands at once.
+    """A clock, and a device that obeys commands at once, with deviations that a scenario sets.
 
     Attributes:
-        late: by tick, how much later than asked the loop wakes, ns.
-        before: by tick, what happens before the loop wakes.
-        status: by exchange from 0, how it ends if not well.
-        verdicts: by tick from 0, what the interlock judges if not that all is well.
-        deaf: whether the device stays enabled at 1 V, whatever it is sent.
-        same_sample: exchanges that return the sample of the one before.
-        other: by tick, what another master has the device do before the loop looks at it.
+        late: by tick, how much too late the loop wakes, ns; 20 us if not given.
+        before: by tick, a function that is called with the board before the loop wakes.
+        status: by number of the exchange from 0, its status; OK if not given.
+        verdicts: by tick from 0, the result of the interlock; no action if not given.
+        deaf: whether the device ignores all commands and stays enabled at 1 V.
+        same_sample: numbers of the exchanges that return the previous sample again.
+        other: by tick, signals that another master changes on the device before the loop wakes.
     """
 
     late: dict[int, int] = field(default_factory=dict)
@@ -85,7 +86,7 @@ class World:
         self.device = {"valve_enabled": stuck, "device_command_V": stuck, "spool_m": 0.0}
 
     def sleep_until(self, time_ns: int) -> None:
-        """Wake at a time, or as late as the test says."""
+        """Advance the clock to a time, plus the delay of that tick, in place of sleeping."""
         tick = (time_ns - BEGIN) // MS - 1
         self.now = max(self.now, time_ns)
         if tick not in self.sleeps:
@@ -96,7 +97,11 @@ class World:
 
     def exchange(self, fd: int, plan: Any, sequence: int, outputs: Any, inputs: Any,
                  deadline_ns: int) -> tuple[int, int]:  # fmt: skip
-        """Take a frame, and answer with a sample; a look is answered without taking anything."""
+        """Receive a frame with outputs and answer with a sample; a look has no outputs.
+
+        It replaces the compiled exchange, and returns status and time of sending (ns), which is 0
+        if the device is disconnected.
+        """
         if plan is self.look:
             self.looks += 1
             self.now += 20_000
@@ -133,13 +138,13 @@ class World:
             inputs[FAST_INPUTS.index(name)] = value
 
     def check_sample(self, *_: Any) -> tuple[int, int, int]:
-        """Judge as the test says."""
+        """Return the interlock's result that the scenario sets for this tick."""
         self.judged += 1
         return self.verdicts.get(self.judged - 1, (0, 0, -1))
 
     def run(self, planned: Course, ticks: int, settings: LoopSettings | None = None,
             device_rate_hz: float = 1000.0, fd: int = FD) -> dict[str, Any]:  # fmt: skip
-        """Run a segment for so many ticks of the clock, and tell all about it."""
+        """Run a segment for `ticks` ticks of the clock; return frames, rows and words by name."""
         settings = settings or LoopSettings()
         fitted = frozenset(FAST_INPUTS[:4])
         tol = tolerances(MODEL.parameters, DATA_SHEET, fitted, TICK, 0.1, HomingSettings())
@@ -174,7 +179,7 @@ class World:
 
 
 def _replays(rows: Any) -> bool:
-    """Return whether the filter's outputs follow from the recording, bit for bit."""
+    """Return whether a replay of the recorded rows gives the same filter outputs, bit for bit."""
     recorded = rows[rows[:, CHANNELS.index("segment")] >= 0]
     if not len(recorded):
         return True
@@ -194,12 +199,12 @@ def tracking(ticks: int = 30, **options: Any) -> Course:
 
 
 def say(word: Word, value: int) -> Callable[[Board], None]:
-    """Return what writes a word of the board."""
+    """Return a function that writes `value` to a word of the board."""
     return lambda board: board.words.__setitem__(word, value)
 
 
 def posted(segment: int, *values: float) -> Callable[[Board], None]:
-    """Return what posts decisions, rows of one value each, on a segment."""
+    """Return a function that posts a decision on a segment for each value, which fills its row."""
 
     def post(board: Board) -> None:
         for value in values:
@@ -209,14 +214,14 @@ def posted(segment: int, *values: float) -> Callable[[Board], None]:
 
 
 def found(at_s: float, segment: int = 1) -> Callable[[Board], None]:
-    """Return what posts that a leak was confirmed by the sample of that time."""
+    """Return a function that posts the decision that a leak is confirmed at a time."""
     row = np.zeros(len(DECIDED))
     row[Decided.AT_S], row[Decided.CONFIRMED], row[Decided.PRESENT] = at_s, 1.0, 5e-9
     return lambda board: DecisionPost(board).post(segment, row)
 
 
 class Overtaken:
-    """The board's words, with so many decisions posted while the first is copied."""
+    """Words of a board on which `meanwhile` decisions are posted while the first one is copied."""
 
     def __init__(self, meanwhile: int) -> None:
         self.posted = iter((1, 1 + meanwhile))

@@ -1,4 +1,4 @@
-"""A loop process, and the orders that tests of it give."""
+"""A loop process without the rest of a session, and functions to give it orders in tests."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,7 +22,7 @@ from rig.supervisor.processes.child import Child, News
 from tests.waiting import COMPILE_S, until
 
 MODEL = Model()
-# A host that stalls must not trip the loop: what is tested here is not the host.
+# The limits are long, so that a host that stalls does not trip the loop.
 SETTINGS = LoopSettings(priority=0, stale_limit=10.0, exchange_timeout=0.05)
 
 
@@ -33,7 +33,7 @@ def segment(number: int, drive: Drive, **options: Any) -> Segment:
 
 @dataclass
 class LoopRig:
-    """The loop process of a session that has no other."""
+    """A loop process without the other processes of a session, and the board that it uses."""
 
     board: Board
     child: Child
@@ -63,7 +63,7 @@ class LoopRig:
         return opened
 
     def arm(self) -> None:
-        """Have the valve enabled, and the ram held where it is."""
+        """Order a segment that enables the valve and holds the ram; wait for the enabled valve."""
         number = int(self.board.words[Word.SWITCH]) + 1
         armed = segment(
             number, Drive.HOLD, valve_enable=True, reset_lamp=True, rearm=True, reset=True,

@@ -1,4 +1,4 @@
-"""A session's supervisor with a stream, for tests of what publishes it."""
+"""A stand-in for a session's supervisor with a live stream, for tests of the publisher."""
 
 from pathlib import Path
 
@@ -11,7 +11,14 @@ CHANNELS = ("time_s", "position_m", "wakeup_s", "segment")
 
 
 class Bench:
-    """A session's supervisor with a stream, and somebody who follows it."""
+    """A board and a live stream, as a session's supervisor has them.
+
+    Attributes:
+        key: the signing key of the operator ann, who may abort and hold.
+        said: messages that the publisher reported.
+        commands: commands that operators sent.
+        refusal: answer to each command; "" accepts it.
+    """
 
     def __init__(self, folder: Path, port: int) -> None:
         self.folder = folder
@@ -37,7 +44,7 @@ class Bench:
         return self.refusal
 
     def write(self, count: int, segment: int = 1) -> None:
-        """Be the loop: write rows of a segment to the ring."""
+        """Write `count` rows of a segment to the ring, as the loop does."""
         for _ in range(count):
             at = int(self.board.words[Word.ROWS])
             self.board.ring[at % RING_ROWS] = (1e-3 * at, at, 2e-5, segment)
