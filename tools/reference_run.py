@@ -19,8 +19,8 @@ def main(run: Path, folder: Path) -> None:
     every test is set to 0, and its friction to None. The folder is created if it is missing.
     """
     results = dict(read_run(run).results)
-    told = results["provenance"].items()
-    results["provenance"] = {key: value for key, value in told if key not in _OF_A_MACHINE}
+    entries = results["provenance"].items()
+    results["provenance"] = {key: value for key, value in entries if key not in _OF_A_MACHINE}
     results["tests"] = [test | {"wall_s": 0.0, "friction": None} for test in results["tests"]]
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1, ensure_ascii=False)

@@ -65,13 +65,13 @@ class Site:
         with an empty value is not sent.
         """
         connection = self._connection()
-        told = {"Origin": self.origin} | (headers or {})
-        connection.putrequest(method, path, skip_host="Host" in told)
-        for name, value in told.items():
+        sent_headers = {"Origin": self.origin} | (headers or {})
+        connection.putrequest(method, path, skip_host="Host" in sent_headers)
+        for name, value in sent_headers.items():
             if value:
                 connection.putheader(name, value)
         content = body.encode() if isinstance(body, str) else body
-        if "Transfer-Encoding" not in told:
+        if "Transfer-Encoding" not in sent_headers:
             connection.putheader("Content-Length", str(len(content)))
         connection.endheaders()
         connection.send(content)
@@ -101,9 +101,9 @@ class Site:
 
     def live(self, who: Headers, **headers: str) -> ClientConnection:
         url = f"ws://127.0.0.1:{self.port}/live"
-        told = {"Origin": self.origin} | headers
-        origin = told.pop("Origin")
-        return connect(url, origin=origin or None, additional_headers={**who, **told})  # type: ignore[arg-type]
+        sent_headers = {"Origin": self.origin} | headers
+        origin = sent_headers.pop("Origin")
+        return connect(url, origin=origin or None, additional_headers={**who, **sent_headers})  # type: ignore[arg-type]
 
     def is_logged(self, pattern: str) -> bool:
         return any(re.search(pattern, line) for line in list(self.log))

@@ -357,13 +357,13 @@ def main() -> None:
             console.print("gcc is not installed: the C reference is skipped.")
         else:
             for contest in CONTESTS:
-                apart = disagreement(library, contest, record)
+                difference = disagreement(library, contest, record)
                 console.print(
-                    f"{contest.name}: C and ours differ by {apart:.1e} at most (relative)"
+                    f"{contest.name}: C and ours differ by {difference:.1e} at most (relative)"
                 )
             product = product_record(record.command, record.measured, record.truth)
-            apart = product_bench.disagreement(library, product)
-            console.print(f"product: C and ours differ by {apart:.1e} standard deviations")
+            difference = product_bench.disagreement(library, product)
+            console.print(f"product: C and ours differ by {difference:.1e} standard deviations")
         console.print(table(measure(rounds, record, library)))
 
 

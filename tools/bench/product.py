@@ -144,8 +144,8 @@ def disagreement(library: ctypes.CDLL, record: ProductRecord) -> float:
     other, other_factors, _ = run_reference(library, record)
     P = dense_covariance(factors)
     deviation = np.sqrt(np.diag(P))
-    apart = np.abs(P - dense_covariance(other_factors)) / np.outer(deviation, deviation)
-    return float(max(np.abs((x - other) / deviation).max(), apart.max()))
+    difference = np.abs(P - dense_covariance(other_factors)) / np.outer(deviation, deviation)
+    return float(max(np.abs((x - other) / deviation).max(), difference.max()))
 
 
 def contestants(

@@ -157,8 +157,8 @@ def publish_fleet(endpoint: str, count: int, batch: int) -> None:
             times = np.asarray((row + np.arange(batch)) * 1e-3, np.float64)
             sender.send("samples", Samples(1, row, 1, time.time_ns(), times, values).content())
             if row % 500 == 0:
-                told = {"heartbeat_s": 0.5, "sequences": dict(sender.sequences)}
-                sender.send("heartbeat", told)
+                beat = {"heartbeat_s": 0.5, "sequences": dict(sender.sequences)}
+                sender.send("heartbeat", beat)
         row += batch
         due += period
     print(json.dumps({"late_s": time.monotonic() - due}), flush=True)
@@ -198,11 +198,11 @@ def fleet(seconds: float, port: int, count: int, batch: int) -> dict[str, Any]:
         publisher.stdout.readline()
     before = _cpu_s(router.pid)
     begun = time.monotonic()
-    told = json.loads(follower(endpoint, "client", seconds).communicate()[0])
+    found = json.loads(follower(endpoint, "client", seconds).communicate()[0])
     routing = (_cpu_s(router.pid) - before) / (time.monotonic() - begun)
     late = [json.loads(each.communicate("")[0])["late_s"] for each in publishers]
     router.communicate("")
-    return {**told, "router_cpu": routing, "late_s": max(late)}
+    return {**found, "router_cpu": routing, "late_s": max(late)}
 
 
 def _cpu_s(pid: int) -> float:
@@ -237,7 +237,7 @@ def measured(seconds: float) -> str:
         lines.append(
             f"| one rig | {readers} | {_ms(sent)} | {_ms(taken)} | {lost} of {lost + rows} |"
         )
-    told = []
+    sentences = []
     for number, (count, batch) in enumerate(FLEETS):
         one = fleet(seconds, 17700 + number, count, batch)
         rows = one["batches"] * batch
@@ -245,13 +245,13 @@ def measured(seconds: float) -> str:
             f"| {one['alive']} rigs of {FLEET_CHANNELS} channels by one router, in batches of "
             f"{batch} | 1 | {_ms(one['sent_s'])} | | {one['missing']} of {one['missing'] + rows} |"
         )
-        told.append(
+        sentences.append(
             f"The reader of {one['alive']} rigs takes {one['batches'] / seconds:.0f} batches of "
             f"{batch} a second with {100 * one['cpu']:.0f} % of a processor, the router has "
             f"{100 * one['router_cpu']:.0f} %; publishers were "
             f"{1e3 * max(one['late_s'], 0.0):.0f} ms behind their schedule at the end."
         )
-    lines += ["", *told]
+    lines += ["", *sentences]
     return "\n".join(lines).replace("LOAD", f"{os.getloadavg()[0]:.1f}") + "\n"
 
 

@@ -62,8 +62,8 @@ def sweep(reference: str, out: Path, *options: str, checkout: Path | None = None
         env=environment,
         cwd=checkout,
     )
-    told: dict[str, Any] = json.loads(done.stdout)
-    return told
+    summary: dict[str, Any] = json.loads(done.stdout)
+    return summary
 
 
 @contextmanager
@@ -147,13 +147,13 @@ def compare(reference: str, jobs: int, rounds: int, other: Path, console: Consol
             rates: list[tuple[float, float]] = []
             for checkout in (other.resolve(), this):
                 out = Path(name) / f"{number}-{len(rates)}"
-                told = sweep(reference, out, "--jobs", str(jobs), checkout=checkout)
-                found = told["timing"]["rig_seconds_per_second"]
+                summary = sweep(reference, out, "--jobs", str(jobs), checkout=checkout)
+                found = summary["timing"]["rig_seconds_per_second"]
                 rates.append((found["of_process_after_start"], found["of_processor"]))
             ratios.append([after / before for before, after in zip(*rates, strict=True)])
             cells = [f"{rates[0][i]:.0f} to {rates[1][i]:.0f}" for i in range(2)]
-            told_ratios = [f"{ratio:.2f}" for ratio in ratios[-1]]
-            table.add_row(f"{number + 1}", cells[0], told_ratios[0], cells[1], told_ratios[1])
+            ratio_texts = [f"{ratio:.2f}" for ratio in ratios[-1]]
+            table.add_row(f"{number + 1}", cells[0], ratio_texts[0], cells[1], ratio_texts[1])
     console.print(table)
     wall, processor = np.median(ratios, axis=0)
     console.print(f"Medians of the ratios: {wall:.2f} by the wall clock, {processor:.2f} by the "

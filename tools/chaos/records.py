@@ -74,8 +74,8 @@ def record_problems(folder: Path, before: list[dict[int, Any]], tests: int) -> l
             continue
         if abs(samples * TICK_S - test["duration_s"]) > TICK_S:
             found.append(f"{test['name']}: {samples} samples of {test['duration_s']:g} s")
-    standing = standing_of(read_journal(folder / JOURNAL))
-    kept = [each for attempts in standing.attempts.values() for each in attempts]
+    state = standing_of(read_journal(folder / JOURNAL))
+    kept = [each for attempts in state.attempts.values() for each in attempts]
     for attempt in kept:
         if attempt.recording is None:
             continue
@@ -109,13 +109,13 @@ def told_problems(folder: Path, killed: Sequence[str]) -> list[str]:
     """
     results = json.loads((folder / "results.json").read_text())
     page = html.unescape((folder / "report.html").read_text())
-    told = [each["what"] for each in results["history"]]
-    resumed = [what for what in told if what.startswith("resumed")]
+    events = [each["what"] for each in results["history"]]
+    resumed = [what for what in events if what.startswith("resumed")]
     found = []
     wanted = [f"resumed after a kill in {each}" if each else "resumed" for each in killed]
     if resumed != wanted:
         found.append(f"the results tell {resumed}, not {wanted}")
-    found += [f"the report does not tell: {what}" for what in told if what not in page]
+    found += [f"the report does not tell: {what}" for what in events if what not in page]
     for test in results["tests"]:
         for attempt in test["attempts"]:
             if attempt["message"] not in page:

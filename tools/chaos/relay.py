@@ -144,7 +144,7 @@ class Relay:
         """Run one campaign with kills, resume it until it ends, and add to the record."""
         stage, record = self._stage, self.record
         before: list[dict[int, Any]] = []
-        told: list[str] = []
+        killed_in: list[str] = []
         while True:
             stage.wait(stage.is_safe, "the safe state")
             stage.start("--resume", *([] if self._emulated else ["--pace", "real"]))
@@ -159,14 +159,14 @@ class Relay:
             if record.problems:
                 return
             before.append(known)
-            told.append(standing_in(stage.out).where)
+            killed_in.append(standing_in(stage.out).where)
         problems = record_problems(stage.out, before, len(TESTS))
-        problems += told_problems(stage.out, told)
+        problems += told_problems(stage.out, killed_in)
         record.problems += [f"{stage.out.name}: {problem}" for problem in problems]
-        standing = standing_in(stage.out)
+        state = standing_in(stage.out)
         record.campaigns += 1
-        record.tests += len(standing.finished)
-        record.attempts += sum(map(len, standing.attempts.values()))
+        record.tests += len(state.finished)
+        record.attempts += sum(map(len, state.attempts.values()))
 
     def _session(self, number: int) -> bool:
         """Follow a run until the part is killed or the run ends; return whether a kill ended it.
@@ -228,8 +228,8 @@ class Relay:
 
     def _kill(self) -> None:
         stage = self._stage
-        standing = standing_in(stage.out)
-        self._recording = standing.recording
+        state = standing_in(stage.out)
+        self._recording = state.recording
         self._main_s = main_s(stage.out)
         stage.injected_ns = time.monotonic_ns()
         if self._reader is not None:
@@ -239,8 +239,8 @@ class Relay:
         else:
             living = stage.living()
             stage.send(SIGKILL, *(part for part in PARTS[self._part] if part in living))
-        self.record.kills.append(standing.where)
-        self._told = f"{len(self.record.kills)}: killed in {standing.where or 'no test'}"
+        self.record.kills.append(state.where)
+        self._told = f"{len(self.record.kills)}: killed in {state.where or 'no test'}"
         if self._part in OUTLIVED:
             self._tell(self._told)
 

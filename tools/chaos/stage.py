@@ -174,9 +174,9 @@ class Stage:
         console = self._python("console", *given, output=subprocess.PIPE)
         self._ends.callback(_end, console, signal.SIGKILL)
         assert console.stdout is not None
-        told = console.stdout.readline()
-        if not told.startswith("console:"):
-            raise StageError(f"the console did not start: {told}")
+        line = console.stdout.readline()
+        if not line.startswith("console:"):
+            raise StageError(f"the console did not start: {line}")
         return console
 
     def _python(

@@ -51,10 +51,10 @@ class _LeakTests(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Add the element's id to `found` if it is such a test."""
-        told = dict(attrs)
-        leaking = "leakage" in (told.get("data-injected") or "")
-        if tag == "details" and leaking and told.get("data-status") == "passed":
-            self.found.append(told.get("id") or "")
+        attributes = dict(attrs)
+        leaking = "leakage" in (attributes.get("data-injected") or "")
+        if tag == "details" and leaking and attributes.get("data-status") == "passed":
+            self.found.append(attributes.get("id") or "")
 
 
 def staged(report: str) -> str:

@@ -95,8 +95,8 @@ def false_changes(ones: list[Case], others: list[Case]) -> tuple[int, int]:
     pairs = [
         friction_changes(one.found, other.found) for one, other in zip(ones, others, strict=True)
     ]
-    told = [any(change.significant for change in changes) for changes in pairs if changes]
-    return sum(told), len(told)
+    changed = [any(change.significant for change in changes) for changes in pairs if changes]
+    return sum(changed), len(changed)
 
 
 def main() -> None:
@@ -116,8 +116,10 @@ def main() -> None:
     console = Console(width=110)
     console.print(table)
     for one, other in combinations(cases, 2):
-        told, pairs = false_changes(cases[one], cases[other])
-        console.print(f"said to differ between {one} and {other}: {told} of {pairs} unchanged rigs")
+        changed, pairs = false_changes(cases[one], cases[other])
+        console.print(
+            f"said to differ between {one} and {other}: {changed} of {pairs} unchanged rigs"
+        )
 
 
 if __name__ == "__main__":

@@ -116,8 +116,10 @@ def main() -> None:
         ("stiction", [level.level_trend for level in levels]),
         ("a constant force", [level.offset_trend for level in levels]),
     ):
-        told = sum(trend.significant for trend in trends)
-        console.print(f"said to depend on the position: {what}, {told} of {len(levels)} rigs")
+        significant = sum(trend.significant for trend in trends)
+        console.print(
+            f"said to depend on the position: {what}, {significant} of {len(levels)} rigs"
+        )
     worst = max(abs(fit.disagreement) for fit in fits)
     console.print(f"extrapolated and measured stiction differ by {worst:.1f} standard errors")
 

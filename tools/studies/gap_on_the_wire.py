@@ -114,8 +114,8 @@ def main(effects: tuple[str, ...], out: Path, rounds: int) -> None:
     hidden = dict(effect.split("=", 1) for effect in effects)
     found = close_on_wire(hidden, out, "--rounds", str(rounds))
     click.echo(json.dumps({"hidden": hidden, **found}, indent=1))
-    told = json.loads((out / "found" / "gap.json").read_text())
-    for each in told["rounds"]:
+    report = json.loads((out / "found" / "gap.json").read_text())
+    for each in report["rounds"]:
         click.echo(json.dumps({key: each[key] for key in ("round", "why", "motions", "verdict")}))
         click.echo(json.dumps({"check": each["check"]}))
 

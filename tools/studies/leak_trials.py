@@ -213,7 +213,7 @@ def trials(
 
 def _trial_of(fields: Mapping[str, Any]) -> Trial:
     plan = Plan(**{**fields["plan"], "judges": tuple(fields["plan"]["judges"])})
-    heard = {
+    judgements = {
         judge: Judgement(
             tuple((float(time_s), str(verdict)) for time_s, verdict in entry["held"]),
             tuple(entry["ratios"]),
@@ -222,4 +222,4 @@ def _trial_of(fields: Mapping[str, Any]) -> Trial:
         )
         for judge, entry in fields["judged"].items()
     }
-    return Trial(plan, fields["loaded"], fields["flow"], heard)
+    return Trial(plan, fields["loaded"], fields["flow"], judgements)

@@ -44,9 +44,9 @@ def _validation_table(motion: str, simulated: Simulated, measured: Measured | No
         columns["recording"] = compare(recording, model)
         columns["recording, drift out"] = compare_without_drift(recording, model)
         steps += [one_step_error(recording, model)] * 2
-    told = PRINTED[motion]
+    printed = PRINTED[motion]
     rows = [
-        [name, told.get(name, NOTHING), *(figure(take(c) / unit) for c in columns.values())]
+        [name, printed.get(name, NOTHING), *(figure(take(c) / unit) for c in columns.values())]
         for name, unit, take in FIGURES
     ]
     for i in (1, 2):

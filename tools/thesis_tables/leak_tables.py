@@ -64,8 +64,8 @@ def columns_of(
     columns = [Column("healthy", trials.healthy(sine=sine), healthy, only)]
     for kind in kinds:
         leaks = trials.leaks(kind, sine=sine)
-        for level, trial, told in zip(LEVELS[len(leaks)], leaks, printed[kind], strict=True):
-            columns.append(Column(f"{LOCATIONS[kind]}, {level}", trial, told, kind))
+        for level, trial, figures in zip(LEVELS[len(leaks)], leaks, printed[kind], strict=True):
+            columns.append(Column(f"{LOCATIONS[kind]}, {level}", trial, figures, kind))
     return columns
 
 
@@ -86,8 +86,8 @@ def leak_table(columns: Sequence[Column], exponent: int) -> str:
     for name, section in sections:
         cells = [[label, *(cell(column) for column in columns)] for label, cell in section]
         # Rows without any figure are left out, such as figures that the thesis does not print.
-        told = [row for row in cells if set(row[1:]) != {NOTHING}]
-        rows += [heading_row(name, width), *told]
+        filled = [row for row in cells if set(row[1:]) != {NOTHING}]
+        rows += [heading_row(name, width), *filled]
     return table(["", *(column.heading for column in columns)], rows)
 
 

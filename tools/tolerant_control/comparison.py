@@ -88,11 +88,11 @@ def setpoint(motion: str) -> Array:
     return MOTIONS[motion](np.arange(ticks(), dtype=np.float64) * TICK)
 
 
-def comparisons(told: bool) -> Iterator[Comparison]:
+def comparisons(leak_is_given: bool) -> Iterator[Comparison]:
     """Yield a comparison for every leak in every motion under every load.
 
-    If `told`, the tolerant controller gets the true leak some time after its onset; otherwise the
-    detector in the loop has to find the leak.
+    If `leak_is_given`, the tolerant controller gets the true leak some time after its onset;
+    otherwise the detector in the loop has to find the leak.
     """
     for motion in MOTIONS:
         wanted = setpoint(motion)
@@ -102,7 +102,7 @@ def comparisons(told: bool) -> Iterator[Comparison]:
                 for flow in FLOWS:
                     leaks = leak_coefficients(place, flow)
                     proportional = run(wanted, rig=rig, leaks=leaks)
-                    known = leaks if told else None
+                    known = leaks if leak_is_given else None
                     tolerant = run(wanted, rig=rig, leaks=leaks, told=known)
                     yield Comparison(motion, load, place, flow, healthy, proportional, tolerant)
 

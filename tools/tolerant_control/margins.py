@@ -78,20 +78,20 @@ class Margins:
     radius: float
 
 
-def _sent(command: float, told: Coefficients, p1: float, p2: float) -> float:
+def _sent(command: float, assumed: Coefficients, p1: float, p2: float) -> float:
     state = np.zeros(TOLERANT_STATE)
-    return tolerant_command(command, told, p1, p2, NOMINAL, COMMAND_LIMIT, BLEND_S, state)
+    return tolerant_command(command, assumed, p1, p2, NOMINAL, COMMAND_LIMIT, BLEND_S, state)
 
 
 def _imbalance(
-    proportional: float, load: float, p2: float, told: Coefficients, leaks: Coefficients
+    proportional: float, load: float, p2: float, assumed: Coefficients, leaks: Coefficients
 ) -> tuple[float, float]:
     """Return how far the chambers' flow balances disagree (m^3/s), and the ram's velocity (m/s).
 
     In steady motion, the oil that fills one chamber equals the oil that leaves the other.
     """
     p1 = p2 + load
-    sent = _sent(proportional, told, p1, p2)
+    sent = _sent(proportional, assumed, p1, p2)
     opening = NOMINAL.valve_gain * sent
     q1, q2 = valve_flows(opening, p1, p2, NOMINAL.supply_pressure, 0.0, valve_conductance(NOMINAL))
     leak_1, leak_2, across = leak_flows(p1, p2, 0.0, NOMINAL, FaultInput(*leaks, *NO_FAULT[3:]))
@@ -100,7 +100,7 @@ def _imbalance(
 
 
 def operating_point(
-    proportional: float, position: float, load: float, told: Coefficients, leaks: Coefficients
+    proportional: float, position: float, load: float, assumed: Coefficients, leaks: Coefficients
 ) -> OperatingPoint | None:
     """Return the steady motion of the rig under given conditions; None if there is none.
 
@@ -111,18 +111,18 @@ def operating_point(
         proportional: command of the proportional loop, V.
         position: of the ram, m.
         load: load pressure, Pa.
-        told: coefficients of the leak that the controller compensates for.
+        assumed: coefficients of the leak that the controller compensates for.
         leaks: coefficients of the leak that the rig has.
     """
     low, high = max(0.0, -load), NOMINAL.supply_pressure - max(0.0, load)
     # With more pressure in both chambers, less oil comes in and more leaves.
     for _ in range(60):
         middle = 0.5 * (low + high)
-        excess, _ = _imbalance(proportional, load, middle, told, leaks)
+        excess, _ = _imbalance(proportional, load, middle, assumed, leaks)
         low, high = (middle, high) if excess > 0.0 else (low, middle)
     p2 = 0.5 * (low + high)
-    excess, velocity = _imbalance(proportional, load, p2, told, leaks)
-    sent = _sent(proportional, told, p2 + load, p2)
+    excess, velocity = _imbalance(proportional, load, p2, assumed, leaks)
+    sent = _sent(proportional, assumed, p2 + load, p2)
     if abs(excess) > 1e-9 or min(p2, p2 + load) < 1e5 or abs(sent) >= COMMAND_LIMIT:
         return None
     return OperatingPoint(proportional, sent, p2 + load, p2, position, velocity)
@@ -173,7 +173,7 @@ def _exponential(matrix: Array) -> Array:
     return result
 
 
-def _controller(point: OperatingPoint, told: Coefficients) -> tuple[float, float, float]:
+def _controller(point: OperatingPoint, assumed: Coefficients) -> tuple[float, float, float]:
     """Return the derivatives of the command by proportional command, low-passed p1 and p2.
 
     They are in V/V, V/Pa and V/Pa.
@@ -181,14 +181,14 @@ def _controller(point: OperatingPoint, told: Coefficients) -> tuple[float, float
     u, p1, p2 = point.proportional, point.pressure_1, point.pressure_2
     volt, pascal = 1e-4, 100.0
     return (
-        (_sent(u + volt, told, p1, p2) - _sent(u - volt, told, p1, p2)) / (2.0 * volt),
-        (_sent(u, told, p1 + pascal, p2) - _sent(u, told, p1 - pascal, p2)) / (2.0 * pascal),
-        (_sent(u, told, p1, p2 + pascal) - _sent(u, told, p1, p2 - pascal)) / (2.0 * pascal),
+        (_sent(u + volt, assumed, p1, p2) - _sent(u - volt, assumed, p1, p2)) / (2.0 * volt),
+        (_sent(u, assumed, p1 + pascal, p2) - _sent(u, assumed, p1 - pascal, p2)) / (2.0 * pascal),
+        (_sent(u, assumed, p1, p2 + pascal) - _sent(u, assumed, p1, p2 - pascal)) / (2.0 * pascal),
     )
 
 
 def _loop(
-    point: OperatingPoint, told: Coefficients, leaks: Coefficients
+    point: OperatingPoint, assumed: Coefficients, leaks: Coefficients
 ) -> tuple[Array, Array, Array]:
     """Return a (8, 8), b (8,) and c (8,) of the loop x+ = a x + b e, closed by e = c x.
 
@@ -196,7 +196,7 @@ def _loop(
     low-passed pressures; the feedback of these pressures is closed within `a`.
     """
     plant, held = _linearised(point, leaks)
-    gain, by_p1, by_p2 = _controller(point, told)
+    gain, by_p1, by_p2 = _controller(point, assumed)
     kept = 1.0 - TICK / PRESSURE_FILTER_S
     a = np.zeros((_PLANT + 2, _PLANT + 2))
     a[:_PLANT, :_PLANT] = plant
@@ -216,15 +216,15 @@ def _radius(a: Array, b: Array, c: Array, factor: float) -> float:
     return float(np.abs(np.linalg.eigvals(a + factor * np.outer(b, c))).max())
 
 
-def margins(point: OperatingPoint, told: Coefficients, leaks: Coefficients) -> Margins:
+def margins(point: OperatingPoint, assumed: Coefficients, leaks: Coefficients) -> Margins:
     """Return the margins at one operating point; the gain margin is searched from 1 to 100.
 
     Args:
         point: the operating point.
-        told: coefficients of the leak that the controller compensates for.
+        assumed: coefficients of the leak that the controller compensates for.
         leaks: coefficients of the leak that the rig has.
     """
-    a, b, c = _loop(point, told, leaks)
+    a, b, c = _loop(point, assumed, leaks)
     stable, unstable = 1.0, 100.0
     for _ in range(20):
         middle = sqrt(stable * unstable)
@@ -242,18 +242,18 @@ def margins(point: OperatingPoint, told: Coefficients, leaks: Coefficients) -> M
     return Margins(stable, float(phase.min(initial=180.0)), _radius(a, b, c, 1.0))
 
 
-def operating_points(told: Coefficients, leaks: Coefficients) -> Iterator[OperatingPoint]:
+def operating_points(assumed: Coefficients, leaks: Coefficients) -> Iterator[OperatingPoint]:
     """Yield the steady motions at all `POSITIONS`, `OPENINGS` (both signs) and `LOADS`, if any."""
     openings = (*OPENINGS, *(-opening for opening in OPENINGS))
     for position, opening, load in product(POSITIONS, openings, LOADS):
-        at = operating_point(opening, position, load * NOMINAL.supply_pressure, told, leaks)
+        at = operating_point(opening, position, load * NOMINAL.supply_pressure, assumed, leaks)
         if at is not None:
             yield at
 
 
-def least_margins(told: Coefficients, leaks: Coefficients) -> tuple[Margins, int]:
+def least_margins(assumed: Coefficients, leaks: Coefficients) -> tuple[Margins, int]:
     """Return the worst of each margin over all operating points, and the number of points."""
-    found = [margins(at, told, leaks) for at in operating_points(told, leaks)]
+    found = [margins(at, assumed, leaks) for at in operating_points(assumed, leaks)]
     least = Margins(
         min(one.gain for one in found),
         min(one.phase_deg for one in found),
@@ -276,13 +276,13 @@ def margins_table() -> str:
             leaks = leak_coefficients(place, flow)
             rows.append(_margins_row(f"{flow:g}, {name}, not made up for", NO_LEAK, leaks))
             for part in ESTIMATES:
-                told = leak_coefficients(place, part * flow)
-                rows.append(_margins_row(f"{flow:g}, {name}, taken for {part:.0%}", told, leaks))
+                assumed = leak_coefficients(place, part * flow)
+                rows.append(_margins_row(f"{flow:g}, {name}, taken for {part:.0%}", assumed, leaks))
     head = ("leak, L/min", "steady motions", "gain margin, dB", "phase margin, deg", "largest pole")
     return table(head, rows)
 
 
-def _margins_row(name: str, told: Coefficients, leaks: Coefficients) -> list[str]:
-    least, count = least_margins(told, leaks)
+def _margins_row(name: str, assumed: Coefficients, leaks: Coefficients) -> list[str]:
+    least, count = least_margins(assumed, leaks)
     decibels = 20.0 * log10(least.gain)
     return [name, str(count), f"{decibels:.1f}", f"{least.phase_deg:.0f}", f"{least.radius:.5f}"]

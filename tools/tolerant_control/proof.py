@@ -51,9 +51,9 @@ def _scaled(leak: Coefficients, factor: float) -> Coefficients:
 
 
 def _run(
-    wanted: Array, rig: Parameters, seed: int, leaks: Coefficients, told: Coefficients | None
+    wanted: Array, rig: Parameters, seed: int, leaks: Coefficients, assumed: Coefficients | None
 ) -> Run:
-    return run(wanted, rig=rig, leaks=leaks, told=told, seed=seed)
+    return run(wanted, rig=rig, leaks=leaks, told=assumed, seed=seed)
 
 
 def drawn(seeds: range) -> Iterator[Drawn]:

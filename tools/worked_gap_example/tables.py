@@ -39,15 +39,15 @@ def judged(trials: Iterable[Trial], model: str) -> list[tuple[Trial, Heard]]:
     return [(trial, getattr(trial, model)) for trial in trials]
 
 
-def right(trial: Trial, heard: Heard) -> bool:
+def right(trial: Trial, judgement: Heard) -> bool:
     """Return whether the last verdict names the leak and there was no alarm before it opened."""
-    early = heard.alarm_s is not None and heard.alarm_s < ONSET_S
-    return heard.verdict == trial.leak and not early
+    early = judgement.alarm_s is not None and judgement.alarm_s < ONSET_S
+    return judgement.verdict == trial.leak and not early
 
 
-def wrong(trial: Trial, heard: Heard) -> bool:
+def wrong(trial: Trial, judgement: Heard) -> bool:
     """Return whether an alarm was false: on a healthy rig, too early, or with a wrong name."""
-    return heard.alarm_s is not None and not right(trial, heard)
+    return judgement.alarm_s is not None and not right(trial, judgement)
 
 
 def by_size(trials: Sequence[Trial]) -> str:
@@ -78,7 +78,11 @@ def _quality(leaks: Sequence[Trial]) -> str:
     """Return a table on the leaks named right: latency, error of size, coverage of intervals."""
     rows = []
     for model in MODELS:
-        named = [(trial, heard) for trial, heard in judged(leaks, model) if right(trial, heard)]
+        named = [
+            (trial, judgement)
+            for trial, judgement in judged(leaks, model)
+            if right(trial, judgement)
+        ]
         rows.append([f"{model} model", *_figures(named)])
     return markdown(["named right", "latency, median", "rms error", "true flow in 95 % interval"],
                     rows)  # fmt: skip
@@ -87,11 +91,13 @@ def _quality(leaks: Sequence[Trial]) -> str:
 def _figures(named: Sequence[tuple[Trial, Heard]]) -> list[str]:
     if not named:
         return ["–"] * 3
-    latency = np.median([(heard.named_s or np.nan) - ONSET_S for _, heard in named])
-    errors = [(heard.flow or np.nan) - trial.flow for trial, heard in named]
+    latency = np.median([(judgement.named_s or np.nan) - ONSET_S for _, judgement in named])
+    errors = [(judgement.flow or np.nan) - trial.flow for trial, judgement in named]
     covered = [
-        heard.low is not None and heard.high is not None and heard.low <= trial.flow <= heard.high
-        for trial, heard in named
+        judgement.low is not None
+        and judgement.high is not None
+        and judgement.low <= trial.flow <= judgement.high
+        for trial, judgement in named
     ]
     return [
         f"{latency:.1f} s",

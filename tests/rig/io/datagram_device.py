@@ -88,7 +88,7 @@ class DatagramDevice:
     def _inputs(self) -> list[float]:
         self._counter += 1
         reading = self._plant.reading()
-        told = {
+        inputs = {
             "position_m": reading.position,
             "pressure_1_Pa": reading.pressure_1,
             "pressure_2_Pa": reading.pressure_2,
@@ -99,4 +99,4 @@ class DatagramDevice:
             "device_echo": self._echo,
             "device_command_V": self.output_V,
         }
-        return [told.get(name, np.nan) for name in FAST_INPUTS]
+        return [inputs.get(name, np.nan) for name in FAST_INPUTS]
