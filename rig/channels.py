@@ -1,7 +1,8 @@
-"""The one table of channels: whatever is measured, where it comes from, and how it is shown.
+"""This table lists every channel: what is measured, which device supplies it, how it is shown.
 
-The names of shared memory, of the driver protocol, of recordings and of the stream follow from it,
-and so does what the console's page and `rig monitor` show. docs/io_node.md tells how to add one.
+The names in shared memory, in the driver protocol, in recordings and in the stream are derived from
+it, and so are the numbers that the console's page and `rig monitor` show. docs/io_node.md describes
+how to add a channel.
 """
 
 from enum import Enum, auto
@@ -9,19 +10,19 @@ from typing import Final, NamedTuple
 
 
 class Kind(Enum):
-    """How a channel comes to the software."""
+    """A kind says how the value of a channel gets into the software."""
 
     READING = auto()
-    """A transducer that the fast driver samples every tick; in the order of `rig.plant.Reading`."""
+    """The fast driver samples this transducer in every tick. `rig.plant.Reading` has this order."""
     STATUS = auto()
-    """What the fast device tells of itself every tick: switches, counters, its valve output."""
+    """The fast device reports this of itself in every tick: switches, counters, valve output."""
     CARRIED = auto()
-    """A transducer that changes slowly, carried by the fast driver's block. Limits act upon it as
-    upon a reading; no filter takes it, and a device may lack it."""
+    """This transducer changes slowly and is read together with the fast driver's readings. Limits
+    act upon it as upon a reading, but no filter uses it, and a device may lack it."""
     SLOW = auto()
-    """What a slow driver reads, whenever its device has it."""
+    """A slow driver reads this value, at the rate at which its device supplies it."""
     COMPUTED = auto()
-    """A column that the loop computes; it is listed here for how it is shown only."""
+    """The loop computes this column. It is listed here only to say how it is shown."""
 
 
 class Source(Enum):
@@ -36,16 +37,16 @@ class Source(Enum):
 
 
 class Unit(NamedTuple):
-    """A unit of the screen."""
+    """A unit in which the screen shows values, with its conversion from SI."""
 
     text: str
     factor: float = 1.0
-    """From SI."""
+    """Factor from the SI unit to this unit, applied after `zero` is subtracted."""
     zero: float = 0.0
-    """SI value that is shown as 0."""
+    """The SI value that is shown as 0."""
 
     def shown(self, value: float) -> float:
-        """Return an SI value in this unit."""
+        """Return an SI value converted to this unit."""
         return (value - self.zero) * self.factor
 
 
@@ -59,28 +60,29 @@ CELSIUS: Final = Unit("°C", zero=273.15)
 
 
 class Shown(NamedTuple):
-    """How people see a channel."""
+    """The title, unit and digits with which people see a channel."""
 
     title: str
     unit: Unit
     digits: int
-    """Behind the point, on the console's page."""
+    """Number of digits after the decimal point on the console's page."""
     on_monitor: bool = False
-    """Whether `rig monitor` has it too."""
+    """Whether `rig monitor` shows the channel too."""
 
 
 class Channel(NamedTuple):
-    """What is known of one channel."""
+    """One channel with its kind, its source, its display and the range of its transducer."""
 
     name: str
-    """It ends in the SI unit, see `rig.recording.unit_of`; switches and counters have none."""
+    """The name ends in the SI unit (see `rig.recording.unit_of`) if the channel has a unit."""
     kind: Kind
     source: Source = Source.FAST
     shown: Shown | None = None
-    """None: it has no line of its own on the screen."""
+    """How the channel is shown; None if it has no line of its own on the screen."""
     ends: tuple[float, float] | None = None
-    """Ends of the transducer's range, SI: what a broken wire or a short circuit reads. None: it has
-    none, or the rig's sensors tell (`rig.plant.SensorParameters`)."""
+    """Lower and upper end of the transducer's range, SI. A broken wire or a short circuit reads as
+    one of them. None if there are no such ends, or if the rig's sensors give them
+    (`rig.plant.SensorParameters`)."""
 
 
 BYPASSES: Final = (
@@ -90,7 +92,10 @@ BYPASSES: Final = (
     "supply_leakage",
     "return_blockage",
 )
-"""The valves that make faults, by the fault each makes; the last one is a throttle without ball."""
+"""The valves that make faults, each named after the fault that it makes.
+
+The last one is a throttle without a ball valve.
+"""
 
 CHANNELS: Final = (
     Channel("position_m", Kind.READING, shown=Shown("position", MM, 2, True)),
@@ -108,7 +113,7 @@ CHANNELS: Final = (
     Channel("supply_pressure_Pa", Kind.READING, shown=Shown("supply", MPA, 3, True)),
     Channel("load_N", Kind.READING, shown=Shown("load", KN, 3)),
     Channel("compensation_V", Kind.COMPUTED, Source.LOOP, Shown("compensation", VOLT, 3)),
-    # The fast device may measure them in the place of meters of their own.
+    # The fast device may measure these flows where the rig has no separate flow meters.
     Channel("flow_1_m3_per_s", Kind.READING, Source.METERS),
     Channel("flow_2_m3_per_s", Kind.READING, Source.METERS),
     Channel("flow_internal_m3_per_s", Kind.READING, Source.METERS),
@@ -135,27 +140,30 @@ CHANNELS: Final = (
     Channel("oil_temperature_K", Kind.SLOW, Source.PUMP, Shown("oil", CELSIUS, 1)),
     Channel("pump_loaded", Kind.SLOW, Source.PUMP),
 )
-"""Every channel. Their order within a kind is that of shared memory and of a recording's columns: a
-new one comes last of its kind. The order of those that are shown is that on the screen."""
+"""All channels.
+
+Within a kind, their order is that of shared memory and of a recording's columns, so that a new
+channel has to come last of its kind. The screen shows channels in the order of this table.
+"""
 
 
 def names_of(*kinds: Kind) -> tuple[str, ...]:
-    """Return the names of the channels of some kinds, kind by kind."""
+    """Return the names of the channels of the given kinds, one kind after the other."""
     return tuple(channel.name for kind in kinds for channel in CHANNELS if channel.kind is kind)
 
 
 def names_from(source: Source) -> tuple[str, ...]:
-    """Return the names of the channels that a device supplies."""
+    """Return the names of the channels that a device usually supplies."""
     return tuple(channel.name for channel in CHANNELS if channel.source is source)
 
 
 READINGS: Final = names_of(Kind.READING)
-"""What every filter may take, in the order of `rig.plant.Reading`."""
+"""Names of all readings, which any filter may use, in the order of `rig.plant.Reading`."""
 
 ENDS: Final = {channel.name: channel.ends for channel in CHANNELS if channel.ends is not None}
-"""Ends of the range of the transducers whose ends no data sheet of a rig tells, SI."""
+"""Range in SI, by channel, of those transducers whose range does not stand in a rig's file."""
 
 SHOWN: Final = tuple(
     (channel.name, channel.shown) for channel in CHANNELS if channel.shown is not None
 )
-"""Name and looks of what is shown as a number, in the order of the screen."""
+"""Name and display of every channel that is shown as a number, in the order of the screen."""

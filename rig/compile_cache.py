@@ -1,8 +1,9 @@
-"""Where compiled code is kept between runs: one folder for each state of the sources.
+"""Compiled code is cached between runs in one folder for each state of the sources.
 
-numba notices a change of the function's own file only, not of the physics that it calls, and would
-go on running what was compiled from older equations. A cache keyed by all compiled sources can't be
-stale. Drivers from elsewhere are among them: the loop takes over the exchange of a fast one.
+numba only notices a change of a function's own file, not of the physics that the function calls,
+and would go on running code that was compiled from older equations. A cache that is keyed by all
+compiled sources cannot be out of date. The key covers drivers of other packages too, as the loop
+compiles the exchange of a fast driver into its own code.
 """
 
 import os
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 DRIVERS: Final = "hydraulic_rig.drivers"
-"""Group of the entry points that name the classes of drivers."""
+"""Name of the group of entry points by which packages announce their driver classes."""
 
 _COMPILED: Final = (
     "rig/channels.py",
@@ -31,11 +32,14 @@ _COMPILED: Final = (
     "estimator",
 )
 _KEPT: Final = 12
-"""Folders that stay when a new one is made, last used first: other checkouts have theirs here."""
+"""Number of folders that are kept when a new one is made, the last used ones.
+
+Other checkouts of the software have their folders in the same place.
+"""
 
 
 def source_key(root: Path) -> str:
-    """Return a digest of every source file that may hold compiled code, below the folder `root`."""
+    """Return a digest of Python's version and all sources below `root` that may be compiled."""
     digest = sha256(sys.version.encode())
     for package in _COMPILED:
         here = root / package
@@ -46,9 +50,9 @@ def source_key(root: Path) -> str:
 
 
 def drivers_key() -> str:
-    """Return a digest of the packages from elsewhere that have drivers; empty if there are none.
+    """Return a digest of all other packages that have drivers; "" if there are none.
 
-    Numba cannot read what it kept for a driver that is not installed any more.
+    numba cannot read code that it cached for a driver whose package is not installed any more.
     """
     modules = (entry.value.partition(":")[0] for entry in entry_points(group=DRIVERS))
     packages = sorted({module.partition(".")[0] for module in modules} - {"rig"})
@@ -61,8 +65,8 @@ def drivers_key() -> str:
 
 
 def _sources_of(package: str) -> list[Path]:
-    """Return the source files of a package or module, which is not imported."""
-    # A driver that is broken is told of when a rig asks for it.
+    """Return the source files of a package or module without importing it; [] if it is broken."""
+    # A broken driver is reported when a rig asks for it.
     with suppress(ImportError, ValueError):
         spec = find_spec(package)
         if spec is not None and spec.submodule_search_locations is not None:
@@ -74,10 +78,10 @@ def _sources_of(package: str) -> list[Path]:
 
 
 def use_compile_cache() -> None:
-    """Point numba at this source state's folder, unless NUMBA_CACHE_DIR is set by the user.
+    """Make numba use the cache folder of the present sources, unless NUMBA_CACHE_DIR is set.
 
-    The folder is in the user's cache directory (XDG_CACHE_HOME); if that can't be written, numba
-    falls back to its own choice.
+    The folder is in the user's cache directory (XDG_CACHE_HOME). If it cannot be written, numba
+    chooses a folder by itself. A new folder removes the ones that were not used for longest.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
@@ -97,10 +101,10 @@ def use_compile_cache() -> None:
 
 
 def marks_folder() -> Path | None:
-    """Return the folder of marks that tell what is compiled; None where nothing is kept.
+    """Return the folder for files that mark which pieces are compiled; None if nothing is cached.
 
-    Numba compiles anew for another processor, or by another version of itself; so does this folder
-    change then.
+    Each processor type and each version of numba has another folder, as numba compiles anew for
+    each of them. The folder is made if missing.
     """
     use_compile_cache()
     folder = os.environ.get("NUMBA_CACHE_DIR")
@@ -124,12 +128,13 @@ def marks_folder() -> Path | None:
 
 @contextmanager
 def telling_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
-    """Call `tell` with the name of each function that is compiled meanwhile, before it is.
+    """Call `tell` with the full name of each function just before numba compiles it in the block.
 
-    What is loaded from the cache is not told, nor are functions that another one takes along.
+    `tell` is not called for functions that are loaded from the cache, nor for functions that are
+    compiled as part of another one.
 
     Args:
-        tell: called from whichever thread compiles.
+        tell: takes the name; it is called from the thread that compiles.
     """
     from numba.core import event
 

@@ -1,7 +1,7 @@
-"""The socket in the folder of a running campaign, and how one asks something there.
+"""A running campaign has a socket in its folder, to which requests are sent by this module.
 
-What serves it is `rig.runner.campaign.control_port`; to ask, one needs neither the loop nor the
-compiler.
+`rig.runner.campaign.control_port` serves it. This module imports neither the loop nor the compiler,
+so that asking is quick.
 """
 
 import json
@@ -14,21 +14,21 @@ from pathlib import Path
 from typing import Any, Final
 
 SOCKET: Final = "control.sock"
-"""Its name in a run's folder."""
+"""Name of the socket in a run's folder."""
 LONGEST_LINE: Final = 16_384
-"""Bytes of a request."""
+"""Most bytes of a request."""
 LONGEST_ANSWER: Final = 1 << 24
-"""Bytes; the status of a campaign names all its tests."""
+"""Most bytes of an answer; it is large as a campaign's status names all its tests."""
 ANSWER_S: Final = 10.0
-"""How long a campaign may take to answer."""
+"""Time in s within which a campaign must answer."""
 _PATIENCE_S: Final = 2.0
 
 
 class ControlError(ValueError):
-    """A request that a campaign did not take.
+    """The error of a request that a campaign did not accept.
 
     Attributes:
-        problems: why, one line each.
+        problems: the reasons, as one line each.
     """
 
     def __init__(self, problem: str) -> None:
@@ -37,25 +37,25 @@ class ControlError(ValueError):
 
 
 class EndlessLineError(ValueError):
-    """What was received is no line: it does not end in time, or is too long."""
+    """The error of a received line that does not end in time, or is too long."""
 
 
 def ask(
     folder: Path, request: str, text: str = "", test: str = "", wait_s: float = ANSWER_S
 ) -> dict[str, Any]:
-    """Ask something of the campaign that runs in a folder; return its answer.
+    """Send a request to the campaign that runs in a folder, and return its answer.
 
-    The answer has `reply`, a sentence, or `status` (`Desk.status`).
+    The answer has the key `reply`, a sentence, or `status`, the value of `Desk.status`.
 
     Args:
-        folder: of the run.
-        request: what (`rig.runner.campaign.operator_requests.Request`).
-        text: of a note; may go with anything else.
-        test: name of the test to skip or to retry.
-        wait_s: how long an answer is waited for.
+        folder: folder of the run.
+        request: the request, one of `rig.runner.campaign.operator_requests.Request`.
+        text: text of a note; a remark on any other request, which is recorded with it.
+        test: name of the test to skip or to retry; empty for the present one.
+        wait_s: time in s for which an answer is awaited.
 
     Raises:
-        ControlError: no campaign runs there, or it refused, with the reason.
+        ControlError: no campaign runs there, it does not answer, or it refused the request.
     """
     content = {"request": str(request), "text": text, "test": test}
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
@@ -63,7 +63,7 @@ def ask(
         try:
             with address_of(folder) as address:
                 client.connect(address)
-            # Who refuses hangs up without hearing it all; the answer is there all the same.
+            # A campaign that refuses hangs up before it has read all, but has sent its answer.
             with suppress(BrokenPipeError, ConnectionResetError):
                 client.sendall(json.dumps(content).encode() + b"\n")
             line = line_from(client, LONGEST_ANSWER)
@@ -93,7 +93,9 @@ def _why(error: Exception) -> str:
 
 @contextmanager
 def address_of(folder: Path) -> Iterator[str]:
-    """Give the socket's address; by the folder's descriptor, as no address may exceed 107 bytes.
+    """Give the block the address of the socket in a folder.
+
+    It is a short path by the folder's descriptor, as a socket's address has at most 107 bytes.
 
     Raises:
         OSError: the folder cannot be opened.
@@ -106,21 +108,23 @@ def address_of(folder: Path) -> Iterator[str]:
 
 
 def line_from(connection: socket.socket, longest: int = LONGEST_LINE) -> bytes:
-    """Return a line, with its end, for which the connection's timeout is waited in all.
+    """Receive a line and return it with its newline.
+
+    The connection's timeout, or 2 s without one, limits the whole line.
 
     Args:
-        connection: to receive it from.
-        longest: bytes that are taken.
+        connection: the connection.
+        longest: most bytes of the line.
 
     Raises:
-        EndlessLineError: it does not end in time, or is too long.
+        EndlessLineError: the line does not end in time, or is too long.
         OSError: the connection is lost.
     """
     received = b""
     until = time.monotonic() + (connection.gettimeout() or _PATIENCE_S)
     while not received.endswith(b"\n"):
         try:
-            # In all, not for each piece: who sends a byte now and then is no client.
+            # The time limit is for the whole line, so that single bytes do not prolong it.
             connection.settimeout(max(until - time.monotonic(), 1e-3))
             piece = connection.recv(LONGEST_LINE)
         except TimeoutError:

@@ -1,4 +1,4 @@
-"""numba's `njit`, for all that keeps what it compiles: where that is kept is settled first."""
+"""This module gives numba's `njit`, after the folder for compiled code has been set."""
 
 from .compile_cache import use_compile_cache
 

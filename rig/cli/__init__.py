@@ -1,6 +1,6 @@
-"""The command line: composes the parts, turns errors into messages and exit codes.
+"""The command line composes the parts and turns errors into messages and exit codes.
 
-Commands import what they run, so that `rig --help` stays quick.
+A command imports the packages that it runs only when it is called, so that `rig --help` is quick.
 """
 
 from .application import main

@@ -1,4 +1,4 @@
-"""Lets `python -m rig.cli` do what `rig` does."""
+"""This module makes `python -m rig.cli` the same as the command `rig`."""
 
 from .application import main
 

@@ -1,4 +1,4 @@
-"""The `rig` command: finds the subcommand, turns whatever goes wrong into message and code."""
+"""The `rig` command finds its subcommand and turns every error into a message and an exit code."""
 
 import os
 import sys
@@ -47,18 +47,18 @@ COMMANDS: Final = {
     "doctor": ("hardware.doctor", "Show what this machine grants to a rig, and the remedies."),
     "init": ("init", "Copy the shipped rigs, models, campaigns, sweeps and maps to edit."),
 }
-"""Subcommands: the module of this package whose `command` each is, and what it does."""
+"""By subcommand: the module of this package that holds its `command`, and a line of help."""
 
 
 class LazyGroup(click.Group):
-    """Imports a subcommand when it is called, and none of them to list them."""
+    """A group that imports a subcommand only when it is called, not when it is listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the subcommands."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a subcommand; None if there is none of that name."""
+        """Return the subcommand of this name, imported now; None if there is none."""
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = import_module(f"{__package__}.{COMMANDS[cmd_name][0]}").command
@@ -77,15 +77,18 @@ def application() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and exit.
+    """Run the command line, and exit with a code.
 
-    0: all as expected. 1: a test failed, or this program did. 2: bad input, every problem of it on
-    stderr. 3: stopped before the end.
+    The exit code is 0 if all went as expected, 1 if a test failed or this program crashed, 2 if
+    the input was bad (every problem is then on stderr), and 3 if it was stopped before its end.
+
+    Args:
+        arguments: of the command line, without the program's name; those of the process if None.
     """
-    # Without an output (`>&-`) the results are still written to their folder.
+    # A command whose output is closed (`>&-`) still writes its results to their folder.
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (kept until the exit)
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
-    # What a terminal's encoding cannot show is no reason to fail.
+    # A character that the terminal's encoding lacks is replaced and does not end the command.
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
@@ -113,16 +116,16 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def is_bad_input(error: BaseException) -> bool:
-    """Return whether an error lists what is wrong with the input, rather than being a bug.
+    """Return whether an error lists problems of the input, rather than being a bug.
 
-    ConfigError, RecordingError, RequestError and DirectoryError do; to import them all here would
-    cost every `rig --help` half a second.
+    ConfigError, RecordingError, RequestError and DirectoryError list problems. They are recognised
+    by their attribute `problems`, as importing them all would cost `rig --help` half a second.
     """
     return isinstance(error, ValueError) and bool(getattr(error, "problems", None))
 
 
 def one_line(error: BaseException) -> str:
-    """Return an exception on one line."""
+    """Return the type and message of an exception on one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 

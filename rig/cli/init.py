@@ -1,4 +1,4 @@
-"""`rig init`: gives a user copies of the shipped configurations to edit."""
+"""`rig init` gives a user copies of the shipped configurations to edit."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from rig.configuration import copy_shipped
 def command(directory: Path) -> int:
     """Copy the shipped configurations (rigs, campaigns, stream ...) to DIR, a new or empty folder.
 
-    Within DIR, names mean the copies: `rig run quickstart` runs campaigns/quickstart.yaml.
+    Within DIR, a name means the copy: `rig run quickstart` runs DIR/campaigns/quickstart.yaml.
     """
     for file in copy_shipped(directory):
         click.echo(str(file))

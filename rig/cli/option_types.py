@@ -1,4 +1,4 @@
-"""Types of values on the command line that click does not have."""
+"""Types of command-line values that click lacks: numbers without NaN, and UTF-8 text."""
 
 from math import isnan
 from typing import Any, Final
@@ -12,7 +12,7 @@ class Range(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Return the number; fail with click's message if it is none, or outside the range."""
+        """Return the number; fail with click's message if it is NaN, no number, or out of range."""
         number = float(super().convert(value, param, ctx))
         if isnan(number):
             self.fail(f"{value} is not in the range {self._describe_range()}.", param, ctx)
@@ -20,12 +20,15 @@ class Range(click.FloatRange):
 
 
 class _Text(click.ParamType[str]):
-    """A text that is kept in records and shown to others; bytes that are no UTF-8 are refused."""
+    """A text that is recorded and shown to others; it is refused if its bytes are not UTF-8."""
 
     name = "text"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the text; in it, bytes that are no UTF-8 have become lone surrogates."""
+        """Return the text, or fail if it holds lone surrogates.
+
+        Python has put these in the place of bytes that are not UTF-8.
+        """
         text = str(value)
         try:
             text.encode()

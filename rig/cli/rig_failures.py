@@ -1,4 +1,4 @@
-"""Ends a command with a message and an exit code where its rig does not run as asked."""
+"""These functions end a command with a message and an exit code if its rig does not run."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,10 +14,11 @@ from .application import EXIT_BAD_INPUT, EXIT_STOPPED
 
 @contextmanager
 def failures_reported() -> Iterator[None]:
-    """End the command if a driver fails or the rig trips or is stopped in the block.
+    """End the command if a driver fails, or the rig trips or is stopped, within the block.
 
     Raises:
-        click.exceptions.Exit: the message is written; the error has the exit code.
+        click.exceptions.Exit: the message is on stderr already. The exit code is `EXIT_BAD_INPUT`
+            for a driver, `EXIT_STOPPED` for a trip or a stop.
     """
     try:
         yield
@@ -33,7 +34,7 @@ def require_possible_pace(rig: Rig, pace: str | None) -> None:
     """End the command if it asks a hardware rig to run as fast as it can.
 
     Raises:
-        click.exceptions.Exit: as of `failures_reported`.
+        click.exceptions.Exit: the message is on stderr already; the code is `EXIT_BAD_INPUT`.
     """
     if rig.backend == "hardware" and pace == "fast":
         limit = f"the rig {rig.name} is hardware, which runs at the wall clock"

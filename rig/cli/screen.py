@@ -1,4 +1,4 @@
-"""The terminal; a file in its place gets the same words, without colours and live lines."""
+"""The terminal, or a file in its place, which gets the same words without colours or bars."""
 
 import os
 import sys
@@ -10,15 +10,15 @@ from rich.console import Console
 from rich.table import Table
 
 _PLAIN_WIDTH: Final = 240
-"""Width in columns where there is no terminal, so that tables in a log do not wrap."""
+"""Width in columns of an output that is no terminal; it is large so that tables do not wrap."""
 
 
 class Screen(Console):
-    """Standard output, without markup: names may hold brackets.
+    """A console on standard output that takes no markup, as names may hold brackets.
 
     Args:
-        on_closed: called when nobody reads the output any more (`rig run ... | head`), instead of
-            rich's leaving the program there and then.
+        on_closed: called when nobody reads the output any more (`rig run ... | head`). Without it,
+            rich ends the program at that moment.
     """
 
     def __init__(self, on_closed: Callable[[], None] | None = None) -> None:
@@ -35,12 +35,12 @@ class Screen(Console):
         )
 
     def on_broken_pipe(self) -> None:
-        """Call `on_closed` and go on in silence; without one leave the program, as rich does."""
+        """Call `on_closed` and write nothing more; without `on_closed`, end the program."""
         if self._on_closed is None:
             super().on_broken_pipe()
             return
         self.quiet = True
-        # What is left in the stream's buffer would raise again when it is flushed at exit.
+        # Otherwise the flush of the stream's buffer at exit would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         self._on_closed()
 
@@ -56,11 +56,11 @@ def table_of(
     """Return a table without rows.
 
     Args:
-        headings: of the columns.
+        headings: one heading for each column.
         plain: whether the table is drawn with ASCII.
         right: headings of the columns that are aligned to the right.
-        fold: whether long cells are wrapped anywhere, rather than cut off.
-        title: above the table, if there is one.
+        fold: whether long cells are wrapped at any character, rather than cut off.
+        title: title above the table; None for none.
     """
     table = Table(box=box.ASCII2 if plain else box.ROUNDED, title=title)
     for heading in headings:

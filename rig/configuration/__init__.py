@@ -1,6 +1,6 @@
-"""Reads YAML with units into the objects of the layers below: rigs, models, campaigns.
+"""This package reads YAML files with units into rigs, models, campaigns and other objects.
 
-Every mistake of a file is reported at once, with line, value, limit and remedy.
+All mistakes of a file are reported together, each with line, value, limit and remedy.
 """
 
 from lazy_loader import attach_stub

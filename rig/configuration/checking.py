@@ -1,4 +1,4 @@
-"""Checks a configuration of any kind; a campaign is dry-run as well."""
+"""A configuration of any kind is checked here, and a campaign is dry-run as well."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -69,17 +69,20 @@ _KEYS: Final[dict[Kind, frozenset[str]]] = {
 _ORDER: Final[tuple[Kind, ...]] = (
     "campaign", "rig", "model", "map", "dbc", "stream", "schedule", "sweep",
 )  # fmt: skip
-"""Kinds in the order in which a name is looked for."""
+"""Kinds of configuration, in the order in which a name without a kind is looked up."""
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a configuration without mistakes amounts to.
+    """A report on a configuration that has no mistakes.
 
     Attributes:
-        summary: a few lines on the whole, for any kind.
-        tests: of a campaign, every test as it will run.
-        rig_time_s: of a campaign, how long the rig is busy, settling included.
+        kind: kind of the configuration.
+        path: path of its file.
+        name: its name, or the file's name without suffix where it has none.
+        summary: a few lines that describe the configuration.
+        tests: plan of every test of a campaign; empty for other kinds.
+        rig_time_s: how long a campaign keeps its rig busy, with settling; 0 for other kinds.
     """
 
     kind: Kind
@@ -91,7 +94,7 @@ class CheckReport:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What will not go as commanded, each warning with the name of its test."""
+        """Warnings about motion that will not go as commanded, each after its test's name."""
         return tuple(f"{test.name}: {warning}" for test in self.tests for warning in test.warnings)
 
     def __str__(self) -> str:
@@ -103,15 +106,15 @@ class CheckReport:
 def check(
     reference: str | Path, rig_override: str | Path | None = None, base: Path | None = None
 ) -> CheckReport:
-    """Check a configuration, given by path or by name, and dry-run a campaign.
+    """Check a configuration, given by path or by name, dry-run a campaign, and return a report.
 
     Args:
-        reference: path of a file, or name of a shipped configuration.
-        rig_override: rig to check a campaign against, instead of its own.
-        base: folder that relative paths count from; the working directory.
+        reference: path of a file, or name of a configuration.
+        rig_override: path or name of a rig to check a campaign against, instead of its own.
+        base: folder from which relative paths are resolved; the working directory if None.
 
     Raises:
-        ConfigError: every problem of the file and of all it refers to.
+        ConfigError: lists every problem of the file and of all files it refers to.
     """
     base = base or Path.cwd()
     sources = Sources()
@@ -134,7 +137,10 @@ def check(
 
 
 def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, Kind | None]:
-    """Return the file a reference means, and the kind of configuration it holds."""
+    """Return the file that a reference means, and the kind of configuration in it.
+
+    Either is None if it cannot be found; a problem is recorded then.
+    """
     if is_path(reference):
         folder = Path(reference).parent.name
         guess = next((kind for kind, name in FOLDERS.items() if name == folder), _ORDER[0])
@@ -155,7 +161,10 @@ def _locate(reference: str, base: Path, sources: Sources) -> tuple[Path | None, 
 
 
 def _kind_of(root: Located, problems: Problems) -> Kind | None:
-    """Return the kind whose keys the file has most of; None, with a problem, if it has none."""
+    """Return the kind of which the file has the most keys.
+
+    If it has no key of any kind, record a problem and return None.
+    """
     keys = {key for key, _ in root.items()} - {"name", "description", "parent"}
     scores = {kind: len(keys & known) for kind, known in _KEYS.items()}
     best = max(scores, key=lambda kind: scores[kind])

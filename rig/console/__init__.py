@@ -1,7 +1,7 @@
-"""The operator's web page: a rig's live stream shown, and its commands given, in a browser.
+"""The console is the operator's web page, which shows a rig's live stream and sends commands.
 
-It knows the stream and the configuration, never the loop: what it shows came by Zenoh, and what it
-asks for goes by signed commands or by starting `rig run`. Why it is built so: docs/decisions/0018.
+It uses the stream and the configuration, but never the loop: what it shows came by Zenoh, and it
+acts only by signed commands or by starting `rig run`. docs/decisions/0018 gives the reasons.
 """
 
 from lazy_loader import attach_stub

@@ -1,4 +1,4 @@
-"""Where the console may listen, and under which names: off this machine over TLS only."""
+"""The address and names at which the console may be served; beyond this machine TLS is needed."""
 
 import ipaddress
 import ssl
@@ -11,19 +11,19 @@ LOOPBACK_NAMES: Final = ("localhost", "127.0.0.1", "[::1]")
 
 
 class AddressError(ValueError):
-    """An address at which the console is not served; says why, and what to do."""
+    """The error of an address at which the console cannot be served, with reason and remedy."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where the console listens.
+    """The address at which the console listens.
 
     Attributes:
-        host: name or address, without brackets.
-        port: 0 for any free one.
-        names: what a browser may call it, with port, as in the header Host.
-        certificate: PEM; None without TLS.
-        key: of the certificate, PEM.
+        host: host name or IP address, without brackets.
+        port: the port; 0 for any free one.
+        names: allowed values of a browser's header Host, lower case: host names with port.
+        certificate: PEM file of the server's certificate; None without TLS.
+        key: PEM file of the certificate's private key; None without TLS.
     """
 
     host: str
@@ -39,7 +39,7 @@ class Address:
 
     @property
     def url(self) -> str:
-        """Return the address to open in a browser."""
+        """The URL to open in a browser."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'https' if self.secure else 'http'}://{host}:{self.port}/"
 
@@ -47,10 +47,17 @@ class Address:
 def address_of(
     listen: str, names: Sequence[str], certificate: Path | None, key: Path | None
 ) -> Address:
-    """Return the address that a console is to listen on.
+    """Return the address at which a console is to listen.
+
+    Args:
+        listen: text of the form HOST:PORT.
+        names: further host names, without port, by which browsers may reach the console.
+        certificate: PEM file of the server's certificate; None without TLS.
+        key: PEM file of its private key; None without TLS.
 
     Raises:
-        AddressError: it is none, or open to others without TLS, or its certificate is unusable.
+        AddressError: the text is no address, other machines could reach it without TLS, or the
+            certificate is unusable.
     """
     host, colon, port_text = listen.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
@@ -76,14 +83,14 @@ def address_of(
 
 
 def with_port(address: Address, port: int) -> Address:
-    """Return an address at the port that was free."""
+    """Return an address, and its names, with another port: the free one that was found."""
     bare = [name.rpartition(":")[0] for name in address.names if name.endswith(f":{address.port}")]
     names = _with_port(bare, port)
     return Address(address.host, port, names, address.certificate, address.key)
 
 
 def _with_port(names: Sequence[str], port: int) -> frozenset[str]:
-    # A browser leaves out the port that its scheme has anyway.
+    # A browser leaves out the default port of HTTP or HTTPS in the header Host.
     bare = names if port in (80, 443) else ()
     return frozenset(name.lower() for name in (*(f"{name}:{port}" for name in names), *bare))
 

@@ -1,4 +1,4 @@
-"""Connections that send nothing, or too slowly, keep nobody else out."""
+"""Connections are limited here, so that idle or slow ones cannot keep others out."""
 
 import asyncio
 from typing import Any, Final
@@ -6,44 +6,48 @@ from typing import Any, Final
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 REQUEST_S: Final = 15.0
-"""How long a request may take, from its connection, or the one before, to its answer's end; longer
-than the longest order."""
+"""Longest time in s from the beginning of a connection, or the end of its last answer, to the end
+of the next answer. It is longer than the longest order takes."""
 MOST_CONNECTIONS: Final = 200
-"""Connections at a time; for one more, a websocket that was refused and stays is closed, or else
-the connection that has waited longest for its request to be complete."""
+"""Most connections at a time. If one more comes, a websocket that was refused but not closed by the
+browser is cut, or else the connection that has waited longest for its request to be complete."""
 
 
 class Connection(H11Protocol):
-    """A connection by HTTP that ends if it is slow, or if others are kept out by it."""
+    """An HTTP connection that is cut if it is slow, or if it would keep others out."""
 
     _until: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin; the oldest that is idle makes room."""
+        """Start the time limit; if there are too many connections, cut the longest waiting."""
         super().connection_made(transport)
         self._begin()
         if len(self.connections) >= MOST_CONNECTIONS:
             _make_room([each for each in self.connections if each is not self])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End."""
+        """Stop the time limit, as the connection has ended."""
         self._end()
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
-        """Wait for the next request."""
+        """Start the time limit anew, for the next request."""
         self._begin()
         super().on_response_complete()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Become a websocket, which has its own limits."""
+        """Stop the time limit, as the connection becomes a websocket, which has limits itself."""
         self._end()
         super().handle_websocket_upgrade(event)
 
     @property
     def waits_since(self) -> float | None:
-        """When this connection began to wait for a whole request, s; None if it does not wait."""
-        # The cycle is of the newest request whose head has come; before the first there is none.
+        """A time that orders connections by how long they wait for a complete request.
+
+        It is the time, in s of the event loop's clock, at which the limit ends; an earlier one has
+        waited longer. None if the connection does not wait.
+        """
+        # `cycle` belongs to the newest request whose head was received; at first it is None.
         waits = not self.cycle or self.cycle.response_complete or self.cycle.more_body
         return self._until.when() if self._until is not None and waits else None
 
@@ -58,7 +62,10 @@ class Connection(H11Protocol):
 
 
 def _make_room(others: list[Any]) -> None:
-    """Close what is too many: websockets that were refused and stay, then the longest waiting."""
+    """Cut as many connections as are too many: refused websockets first, then the longest waiting.
+
+    The limit leaves room for one more beside `others`.
+    """
     others = [other for other in others if not other.transport.is_closing()]
     too_many = len(others) + 1 - MOST_CONNECTIONS
     refused = [other for other in others if getattr(other, "close_sent", False)]

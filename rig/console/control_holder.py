@@ -1,4 +1,4 @@
-"""Who has control: one of those who watch may act on the rigs, and everybody sees who it is."""
+"""At most one visitor at a time has control and may act on the rigs; everybody sees who it is."""
 
 import time
 from collections.abc import Callable
@@ -9,20 +9,22 @@ from .visitors import Visitor
 
 
 class NotInControl(Exception):  # noqa: N818 (a refusal, not a failure)
-    """A visitor may not act or take control; the message says who has control, or that nobody has.
+    """The error of a visitor who may not act, or may not take control.
 
-    `ControlHolder.take` raises it if somebody else has control, `ControlHolder.require` also if
-    nobody has.
+    The message says who has control, or that nobody has. `ControlHolder.take` raises it if somebody
+    else has control, `ControlHolder.require` also if nobody has control.
     """
 
 
 @dataclass
 class ControlHolder:
-    """Who may act; nobody, to begin with.
+    """The record of which visitor has control; at first nobody has.
 
     Attributes:
         say: is called with a sentence on every change.
-        clock_ns: wall clock, ns since 1970.
+        clock_ns: returns the wall clock in ns since 1970.
+        holder: the visitor who has control; None if nobody has.
+        since_ns: time of the last change, ns since 1970; 0 if there was none.
     """
 
     say: Callable[[str], None]
@@ -34,11 +36,12 @@ class ControlHolder:
         """Give a visitor control.
 
         Args:
-            visitor: who asks.
-            over: whether it may be taken from somebody else, as was asked for in so many words.
+            visitor: the visitor who asks for control.
+            over: whether control is taken from somebody else who has it, for which the visitor must
+                have asked explicitly.
 
         Raises:
-            NotInControl: somebody else has it.
+            NotInControl: somebody else has control, and `over` is false.
         """
         before = self.holder
         if before == visitor:
@@ -50,17 +53,17 @@ class ControlHolder:
         self.say(f"{visitor.name} takes{taken or ' control'}")
 
     def release(self, visitor: Visitor) -> None:
-        """Let go of control, if this visitor has it."""
+        """Release control if this visitor has it; otherwise do nothing."""
         if self.holder == visitor:
             self.holder = None
             self.since_ns = self.clock_ns()
             self.say(f"{visitor.name} gives control up")
 
     def require(self, visitor: Visitor) -> None:
-        """Look whether a visitor may act.
+        """Raise unless this visitor has control.
 
         Raises:
-            NotInControl: no.
+            NotInControl: somebody else has control, or nobody has.
         """
         if self.holder is None:
             raise NotInControl("nobody has control; take it first")
@@ -68,7 +71,7 @@ class ControlHolder:
             raise NotInControl(f"{self.holder.name} has control")
 
     def content(self) -> dict[str, Any]:
-        """Return what everybody may know of who has control."""
+        """Return number and name of the visitor in control (None if nobody), and since when."""
         holder = self.holder
         return {
             "number": None if holder is None else holder.number,

@@ -1,6 +1,6 @@
-"""What the charts show: samples in the units of the screen, a hundred a second, the last seconds.
+"""The charts show the last seconds of samples, a hundred points a second, in units of the screen.
 
-Of each hundredth of a second the newest sample is shown; the moving averages have seen all of them.
+Only every tenth sample (at 1 kHz) becomes a point, but all samples enter the moving averages.
 """
 
 from collections import deque
@@ -20,11 +20,14 @@ SHOWN_S: Final = 10.0
 POINT_S: Final = 0.01
 POINTS: Final = round(SHOWN_S / POINT_S)
 AVERAGED_S: Final = 4.0
-"""Length of the moving average of absolute innovations, as in the thesis (section 4.4)."""
+"""Length in s of the moving average of absolute innovations, as in the thesis (section 4.4)."""
 
 LARGEST: Final = 1e9
-"""What is beyond, in any unit of the screen, is no sample: infinity is no JSON, and an axis whose
-steps are less than its rounding is never drawn to its end."""
+"""Values whose magnitude reaches this, in units of the screen, are left out as None.
+
+JSON cannot hold infinity, and an axis whose steps are below its rounding error would never be
+drawn to its end.
+"""
 
 PLAIN: Final = {
     "position_mm": ("position_m", MM, 2),
@@ -38,24 +41,24 @@ PLAIN: Final = {
     "leak_low_L_per_min": ("decided_leak_low_m3_per_s", LITRES_PER_MINUTE, 4),
     "leak_high_L_per_min": ("decided_leak_high_m3_per_s", LITRES_PER_MINUTE, 4),
 }
-"""Curves that are a channel: its name, the unit of the screen, digits behind it."""
+"""Curves that show a channel itself: the channel, the unit of the screen, and decimal digits."""
 AVERAGED: Final = {
     "average_1_kPa": "innovation_pressure_1_Pa",
     "average_2_kPa": "innovation_pressure_2_Pa",
 }
 CURVES: Final = (*PLAIN, *AVERAGED)
 CHANNELS: Final = (*(channel for channel, _, _ in PLAIN.values()), *AVERAGED.values())
-"""What is needed of the stream."""
+"""Channels that the curves need from the stream."""
 
 
 class MovingAverage:
-    """Mean of the absolute values of the last `count` samples, those that are none left out."""
+    """The mean of the absolute values of the last `count` samples, without NaN and infinity."""
 
     def __init__(self, count: int) -> None:
         self._last = np.full(count, np.nan)
 
     def take(self, values: Array) -> Array:
-        """Take the next values, (n,), and return the mean after each of them."""
+        """Add the next values (n,), and return the mean (n,) after each; NaN without any sample."""
         count = len(self._last)
         joined = np.concatenate([self._last, np.abs(values)])
         self._last = joined[-count:]
@@ -68,11 +71,14 @@ class MovingAverage:
 
 
 class Curves:
-    """The points of a rig's charts; takes windows of samples, gives what came since a count.
+    """The newest points of a rig's charts, made from windows of samples.
+
+    A viewer gets the points that are newer than the count it has.
 
     Attributes:
-        epoch: another one after each run: what was shown before does not go on.
-        count: points since the first one, those that were given up included.
+        epoch: number that grows whenever the curves begin anew, so that viewers drop old points.
+        count: number of points so far, including those that are dropped already.
+        next_row: number of the first row that was not added yet.
     """
 
     def __init__(self) -> None:
@@ -89,18 +95,18 @@ class Curves:
         return not self._points
 
     def begin(self) -> None:
-        """Forget all: another run begins."""
+        """Drop all points and begin a new epoch, as another run begins."""
         self.epoch += 1
         self.next_row = 0
         self._points.clear()
         self._test = None
 
     def take(self, window: Window, period_s: float) -> None:
-        """Take the rows of a window that are new.
+        """Add points for the rows of a window that are new; begin anew if row numbers fell back.
 
         Args:
             window: samples of `CHANNELS`.
-            period_s: time between two of them.
+            period_s: time in s between two samples.
         """
         if len(window.row) and window.row[-1] + 1 < self.next_row:
             self.begin()
@@ -119,7 +125,10 @@ class Curves:
             self.count += 1
 
     def since(self, count: int) -> dict[str, Any] | None:
-        """Return the points after the first `count`, as far as they are kept; None without any."""
+        """Return all points after the first `count` that are still stored; None if there are none.
+
+        They are lists by name: `time_s` and `test`, and one for each curve, beside the `epoch`.
+        """
         missing = min(self.count - count, len(self._points))
         if missing <= 0:
             return None
@@ -139,7 +148,7 @@ class Curves:
         for channel, unit, digits in PLAIN.values():
             found.append(_listed(values[channel][shown] * unit.factor, digits))
         averages: dict[str, list[Array]] = {name: [] for name in AVERAGED}
-        # What a filter innovated in one test says nothing of the next one.
+        # The averages begin anew with each test, as the filter does.
         for begin, end in _stretches(test):
             if self._test != test[begin]:
                 self._test = int(test[begin])

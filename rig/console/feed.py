@@ -1,6 +1,7 @@
-"""What all viewers are sent: sections that have a number, a new one with each change, and curves.
+"""The feed holds all that viewers are sent: sections, each numbered at its last change, and curves.
 
-A viewer asks for what is newer than what it has. Nobody waits for one that is slow: it gets less.
+Each viewer is sent only what is newer than what it has. A slow viewer delays nobody else: it is
+sent fewer messages, each with the newest content.
 """
 
 import json
@@ -20,20 +21,25 @@ from .snapshot_sections import sections
 
 TICK_S: Final = 0.05
 NOTICED_S: Final = 0.2
-"""How often numbers and lists are looked at; curves go on with every tick."""
+"""Period in s at which numbers and lists are updated; curves are updated in every tick."""
 CAUGHT_UP_S: Final = 0.3
-"""How much of the past is looked through for new rows, each tick."""
+"""Length in s of the stretch that is searched for new rows in each tick."""
 PAST_COMES_S: Final = (0.5, 2.0, 6.0)
-"""When the curves are drawn anew, after a stream was heard first: with the past, which was asked
-for and comes later than the present."""
+"""Times in s after the first message of a session at which the curves are made anew.
+
+They then include the past samples, which the client asks for and which arrive after present ones.
+"""
 REFUSED_S: Final = 10.0
-"""How often it is reported that somebody publishes nonsense on a rig's keys."""
+"""Shortest time in s between two notices about unreadable messages on a rig's keys."""
 NOTICES: Final = 40
 USUAL_PERIOD_S: Final = 1e-3
 
 
 class Sections:
-    """JSON by section, each with the number of its last change."""
+    """The JSON text of each section, with the number of its last change.
+
+    Changes of all sections are numbered together; `number` is the newest one.
+    """
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}
@@ -42,9 +48,9 @@ class Sections:
         self._lock = threading.Lock()
 
     def put(self, name: str, content: Any) -> None:
-        """Say what a section is now."""
+        """Set the content of a section; number the change if the content differs from before."""
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-        # Orders are carried out, and reported, in threads.
+        # The lock is needed as orders are carried out, and reported, in threads.
         with self._lock:
             if self._texts.get(name) != text:
                 self.number += 1
@@ -52,12 +58,12 @@ class Sections:
                 self._changed[name] = self.number
 
     def since(self, number: int) -> dict[str, str]:
-        """Return the JSON of the sections that have changed after a number."""
+        """Return the JSON of the sections whose last change has a higher number than this."""
         return {name: self._texts[name] for name, at in self._changed.items() if at > number}
 
 
 class RigFeed:
-    """The sections and curves that are shown of one rig, brought up to date from its stream."""
+    """The sections and curves of one rig, which are updated from its stream."""
 
     def __init__(self, rig: str) -> None:
         self.rig = rig
@@ -71,7 +77,10 @@ class RigFeed:
         self._refused_at = -REFUSED_S
 
     def refusals(self, snapshot: Snapshot, now: float) -> str:
-        """Return the notice of unreadable messages; empty if viewers have had it."""
+        """Return a notice of unreadable messages since the last one; "" if there is nothing new.
+
+        It is also empty within `REFUSED_S` of the last notice. `now` is a monotonic time in s.
+        """
         new = snapshot.refused - self._refused
         if not new or now - self._refused_at < REFUSED_S:
             return ""
@@ -79,7 +88,7 @@ class RigFeed:
         return f"{self.rig}: {new} messages refused, the last: {snapshot.refusal}"
 
     def follow(self, client: StreamClient, now: float) -> None:
-        """Take what has come since the last time."""
+        """Update sections and curves with what the client received since the last call."""
         if now - self._noticed_at >= NOTICED_S:
             self._noticed_at = now
             snapshot = client.snapshot(self.rig)
@@ -104,22 +113,26 @@ class RigFeed:
 
 
 class Cursor:
-    """How far one viewer is informed: the rig looked at, and what was sent of it."""
+    """A record of the rig that one viewer looks at, and of how much it was sent already.
+
+    `common` and `own` are numbers of changes in the common sections and in the rig's; `points` is
+    the count of the rig's points.
+    """
 
     def __init__(self) -> None:
         self.rig = ""
         self.common = self.own = self.points = 0
 
     def choose(self, rig: str) -> None:
-        """Look at another rig, from its beginning."""
+        """Change to another rig, of which nothing was sent yet."""
         self.rig, self.own, self.points = rig, 0, 0
 
 
 class Feed:
-    """What is shown of all rigs, and of the console itself.
+    """The content that viewers are sent about all rigs, and about the console itself.
 
     Args:
-        client: follows the streams; is not closed.
+        client: follows the streams; it is not closed here.
     """
 
     def __init__(self, client: StreamClient) -> None:
@@ -131,12 +144,12 @@ class Feed:
         self._survives = Surviving("showing a rig", self.notice)
 
     def tick(self, now: float) -> None:
-        """Take what has come of every rig."""
+        """Update the content of every rig with what the client received since the last tick."""
         living: dict[str, Life] = {}
         for rig in self._client.rigs():
             feed = self._rigs.setdefault(rig, RigFeed(rig))
             snapshot = self._client.snapshot(rig)
-            # What cannot be shown of a rig does not make it a dead one.
+            # The life is noted first: a rig whose data cannot be shown still counts as alive.
             living[rig] = snapshot.life
             with self._survives:
                 feed.follow(self._client, now)
@@ -146,21 +159,24 @@ class Feed:
         self.common.put("rigs", [{"rig": rig, "life": life} for rig, life in living.items()])
 
     def notice(self, text: str) -> None:
-        """Show all viewers something that the console did, or was asked for."""
+        """Add a notice, with the present time, to the list that all viewers are shown."""
         self._notices.append({"at_ms": time.time_ns() // 10**6, "text": text})
         self.common.put("notices", list(self._notices))
 
     def first_rig(self) -> str:
-        """Return the rig to show where none is asked for; empty if none is known.
+        """Return the rig to show to a viewer who chose none; "" if no rig is known.
 
-        A rig that lives is preferred.
+        A rig whose stream is alive is preferred.
         """
         rigs = self._client.rigs()
         alive = [rig for rig in rigs if self._client.snapshot(rig).alive]
         return next(iter(alive or rigs), "")
 
     def news(self, cursor: Cursor) -> str | None:
-        """Return a message of all that a viewer has not been sent yet; None if it has all."""
+        """Return a message with all that a viewer was not sent yet; None if there is nothing new.
+
+        The cursor is updated. If its rig is not known, it is set to `first_rig`.
+        """
         if not cursor.rig or cursor.rig not in self._rigs:
             cursor.choose(self.first_rig())
         common = self.common.since(cursor.common)

@@ -1,8 +1,8 @@
-"""What a request must be like before anybody looks at it: from this page, and not too large.
+"""The guard refuses requests that do not come from the console's own page, or are too large.
 
-A browser is made to send requests to a console by any page that its user visits. It cannot forge
-the header Origin, nor Host: a request from another origin, or under a name that is not the
-console's (DNS rebinding), is refused, of a websocket before it is opened.
+Any page that a user visits can make the browser send requests to a console, but it cannot forge the
+headers Origin and Host. A request from another origin, or under a name that is not the console's
+(DNS rebinding), is therefore refused; a websocket is refused before it is opened.
 """
 
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -18,7 +18,7 @@ Headers = tuple[tuple[bytes, bytes], ...]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 LARGEST_BODY: Final = 4096
-"""Bytes of a request."""
+"""Most bytes that the body of a request may have."""
 
 _POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
@@ -36,13 +36,13 @@ _HEADERS: Final = (
 
 
 class Guard:
-    """Refuses what no page of the console sends, and adds headers to what it answers.
+    """An ASGI application that refuses foreign requests and adds security headers to all answers.
 
     Args:
-        application: what is guarded.
-        hosts: what a browser may call the console, with port.
-        secure: whether it is served over TLS.
-        refused: is called with each refusal: from where, and why.
+        application: the application that serves the other requests.
+        hosts: allowed values of the header Host: names of the console, with port.
+        secure: whether the console is served over TLS.
+        refused: is called at each refusal with the sender's address and the reason.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Guard:
         self._refused = refused
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request."""
+        """Refuse a request, or pass it on to the application."""
         if scope["type"] == "lifespan":
             await self._application(scope, receive, send)
             return
@@ -81,7 +81,7 @@ class Guard:
         await self._application(scope, self._limited(scope, receive), with_headers)
 
     def _problem(self, scope: Scope) -> tuple[int, str] | None:
-        """Return status and reason of a refusal; None if there is none."""
+        """Return HTTP status and reason if a request is to be refused; else None."""
         given = {b"host": [], b"origin": [], b"content-length": []}  # type: dict[bytes, list[str]]
         for name, value in scope["headers"]:
             if name in given:
@@ -100,7 +100,7 @@ class Guard:
         return None
 
     def _limited(self, scope: Scope, receive: Receive) -> Receive:
-        """Return `receive` for a request, of which no more than `LARGEST_BODY` bytes are taken."""
+        """Return a `receive` that refuses an HTTP request whose body exceeds `LARGEST_BODY` bytes."""
         if scope["type"] != "http":
             return receive
         taken = 0
@@ -120,7 +120,7 @@ class Guard:
 
 async def _refuse(scope: Scope, send: Send, status: int, text: str, headers: Headers) -> None:
     if scope["type"] == "websocket":
-        # Before it is accepted, so that the browser has status 403.
+        # A websocket that is closed before it is accepted gets the status 403.
         await send({"type": "websocket.close", "code": 1008, "reason": ""})
         return
     plain = (b"content-type", b"text/plain; charset=utf-8")
@@ -129,6 +129,6 @@ async def _refuse(scope: Scope, send: Send, status: int, text: str, headers: Hea
 
 
 def address_of(scope: Scope) -> str:
-    """Return where a request comes from."""
+    """Return the IP address that a request comes from; "unknown" if there is none."""
     client = scope.get("client")
     return client[0] if client else "unknown"

@@ -1,7 +1,8 @@
-"""Starts campaigns that were offered, and goes on with runs that were stopped.
+"""The launcher starts offered campaigns, and resumes runs that were stopped or killed.
 
-Each is a `rig run` in a process of its own, which outlives the console; what it prints goes to a
-file beside the run's folder. Only what was offered can be started: no path comes from the page.
+Each run is a `rig run` in a process of its own, which outlives the console; its output goes to a
+file beside the run's folder. Only offered campaigns can be started, so that the page never gives a
+path.
 """
 
 import json
@@ -24,13 +25,12 @@ from rig.control_socket import ask
 
 JOURNAL: Final = "journal.jsonl"
 MOST_RUNS: Final = 8
-"""Unfinished runs that are offered, the newest."""
+"""Most unfinished runs that are offered; they are the newest ones."""
 TAIL_BYTES: Final = 1 << 20
-"""How much of a journal's end is read: its last line begins within. A first line is no longer,
-either."""
+"""Bytes at a journal's end that are read to find its last line, and the longest first line."""
 LOG_BYTES: Final = 2000
 ASK_S: Final = 1.0
-"""How long a run may take to say that it stops, before it is interrupted."""
+"""Time in s within which a run must accept a stop on its control port; then it is interrupted."""
 ASKED: Final = "asked to stop"
 INTERRUPTED: Final = "interrupted"
 ENDING: Final = "ending since the stop before, and interrupted as well"
@@ -45,7 +45,7 @@ Open = Callable[..., "subprocess.Popen[bytes]"]
 
 
 class LaunchRefused(Exception):  # noqa: N818 (a refusal, not a failure)
-    """A campaign that is not started; says why."""
+    """The error of a campaign that is not started; its message is the reason."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class Offer:
     """A campaign that may be started.
 
     Attributes:
-        reference: as `rig run` takes it.
-        name: of the campaign; what the page asks for.
-        description: in a line.
-        rig: that it names.
-        tests: how many, a matrix counted once.
+        reference: path or name of the campaign, as `rig run` takes it.
+        name: name of the campaign, by which the page asks for it.
+        description: description on one line, at most 200 characters.
+        rig: path or name of the rig in the campaign's file.
+        tests: number of tests in the file; a matrix counts as one.
     """
 
     reference: str
@@ -69,17 +69,17 @@ class Offer:
 
 @dataclass
 class Launched:
-    """A process that was started here.
+    """A run that this console started.
 
     Attributes:
-        name: of the campaign, or of the folder gone on with.
-        folder: of the run.
-        rig: id of the rig it is on, as far as that is known; else empty.
-        process: `rig run`.
-        log: what it prints.
-        started_ns: wall clock, ns since 1970.
-        exit_code: None while it runs.
-        asked: whether it has said that it stops.
+        name: name of the campaign, or of the folder of a resumed run.
+        folder: folder of the run.
+        rig: id of the rig that it runs on; empty if that is not known.
+        process: the process of `rig run`.
+        log: file that takes the process's output.
+        started_ns: wall clock at its start, ns since 1970.
+        exit_code: exit code of the process; None while it runs.
+        asked: whether the run has accepted a stop.
     """
 
     name: str
@@ -93,10 +93,14 @@ class Launched:
 
 
 def offers_of(references: Sequence[str]) -> tuple[Offer, ...]:
-    """Return the campaigns in files, folders and among the shipped; all the shipped if none.
+    """Return the offered campaigns, sorted by name.
+
+    Args:
+        references: paths of campaign files, folders with such files, or names of shipped campaigns.
+            If there are none, all shipped campaigns are offered.
 
     Raises:
-        ConfigError: every one that cannot be read.
+        ConfigError: lists every campaign that cannot be read, and every name that occurs twice.
     """
     shipped = shipped_config_dir() / "campaigns"
     found: dict[str, Offer] = {}
@@ -145,15 +149,15 @@ def _problem(path: Path, limit: str, remedy: str) -> Problem:
 
 
 class Launcher:
-    """Starts runs below a folder.
+    """A launcher of runs, whose folders are made below one folder.
 
     Args:
-        offers: what may be started.
-        folder: in which each run gets a folder of its own.
-        profile: of the stream that the runs are to have; empty: nothing may be started.
-        rig: on which they run, instead of the campaign's own.
-        say: is called with a sentence on what was started and how it ended.
-        popen: starts a process.
+        offers: campaigns that may be started.
+        folder: folder in which each run gets a folder of its own.
+        profile: profile of the runs' live stream; if empty, nothing may be started.
+        rig: path or name of the rig on which campaigns run; None for each campaign's own.
+        say: is called with a sentence on each run that has ended.
+        popen: starts a process, as `subprocess.Popen` does.
     """
 
     def __init__(
@@ -166,7 +170,7 @@ class Launcher:
         popen: Open = subprocess.Popen,
     ) -> None:
         self.offers = {offer.name: offer for offer in offers}
-        # Absolute: no folder's name is taken for an option of the command that is given it.
+        # The path is absolute so that a folder such as "-x" is not read as a command-line option.
         self._folder = folder.absolute()
         self._profile = profile
         self._rig = rig
@@ -175,10 +179,11 @@ class Launcher:
         self._launched: list[Launched] = []
 
     def start(self, name: str) -> None:
-        """Start a campaign that is offered, in a new folder.
+        """Start an offered campaign in a new folder.
 
         Raises:
-            LaunchRefused: it is not offered, or another one runs.
+            LaunchRefused: it is not offered, nothing may be started here, another run that was
+                started here is still going on, or the process cannot be started.
         """
         self._require_idle()
         offer = self.offers.get(name)
@@ -191,10 +196,11 @@ class Launcher:
         self._run(name, folder, on, [offer.reference, *rig, "--out", str(folder)])
 
     def go_on(self, name: str) -> None:
-        """Go on with a run that is offered, by its folder's name.
+        """Resume an unfinished run, which is given by its folder's name.
 
         Raises:
-            LaunchRefused: it is not offered, or another one runs.
+            LaunchRefused: there is no such unfinished run, nothing may be started here, another run
+                that was started here is still going on, or the process cannot be started.
         """
         self._require_idle()
         if name not in {run["folder"] for run in self.unfinished()}:
@@ -203,12 +209,12 @@ class Launcher:
         self._run(name, folder, self._rig_of_run(folder), [str(folder), "--resume"])
 
     def rig_of(self, name: str) -> str:
-        """Return the rig on which an offered campaign runs; empty if there is no such offer."""
+        """Return the rig on which an offered campaign would run; "" if it is not offered."""
         offer = self.offers.get(name)
         return "" if offer is None else self._rig or offer.rig
 
     def _rig_of_run(self, folder: Path) -> str:
-        """Return the id of the rig that a run is on, by its journal; empty if that is not known."""
+        """Return the id of a run's rig by the first line of its journal; "" if it is not known."""
         with suppress(OSError, ValueError, KeyError, TypeError):
             with (folder / JOURNAL).open("rb") as file:
                 begun = json.loads(file.readline(TAIL_BYTES))
@@ -218,24 +224,25 @@ class Launcher:
         return ""
 
     def present(self) -> Launched | None:
-        """Return what was started here and runs; None if nothing does."""
+        """Return the newest run that was started here and is still going on; None if none is."""
         running = [launched for launched in self._launched if launched.exit_code is None]
         return running[-1] if running else None
 
     def under_way(self) -> str:
-        """Return the name of the folder of what runs here; empty if nothing does."""
+        """Return the folder's name of the run that `present` returns; "" if there is none."""
         running = self.present()
         return "" if running is None else running.folder.name
 
     def stop(self, said: str) -> str:
-        """Stop what runs here, and return how; empty if nothing runs.
+        """Stop the runs that were started here; return by which way, or "" if none is going on.
 
-        Its control port is asked first: then its journal shows who stopped it and why (`ASKED`).
-        Where that does not take it within `ASK_S`, the process is interrupted, as by Ctrl-C
-        (`INTERRUPTED`); so is one that has taken a stop before and still runs (`ENDING`).
+        A run's control port is asked first, so that its journal records who stopped it and why
+        (`ASKED`). If the port does not accept the stop within `ASK_S`, the process is interrupted,
+        as by Ctrl-C (`INTERRUPTED`). A run that accepted a stop before and still runs is
+        interrupted too (`ENDING`).
 
         Args:
-            said: who stops it, and why.
+            said: text for the journal: who stops the run, and why.
         """
         done = ""
         for launched in [each for each in self._launched if each.exit_code is None]:
@@ -249,13 +256,13 @@ class Launcher:
         return done
 
     def was_stopped(self, folder: str) -> None:
-        """Take note that the run in a folder of this name has taken a stop, by whatever way."""
+        """Record that the run in the folder of this name has accepted a stop in some other way."""
         for launched in self._launched:
             if launched.folder.name == folder:
                 launched.asked = True
 
     def look(self) -> None:
-        """Take note of what has ended."""
+        """Check which runs have ended, and report each of them once by `say`."""
         for launched in self._launched:
             if launched.exit_code is None:
                 launched.exit_code = launched.process.poll()
@@ -263,7 +270,10 @@ class Launcher:
                     self._say(f"{launched.name} has ended: {_ending(launched)}")
 
     def content(self) -> dict[str, Any]:
-        """Return what may be started, what may be gone on with, and what runs here."""
+        """Return the offers, the unfinished runs and the run started last, as JSON values.
+
+        If nothing may be started here, offers and unfinished runs are empty.
+        """
         last = self._launched[-1] if self._launched else None
         offers = [
             {"name": offer.name, "description": offer.description, "tests": offer.tests,
@@ -278,7 +288,7 @@ class Launcher:
         }
 
     def unfinished(self) -> list[dict[str, str]]:
-        """Return the newest runs that were stopped or killed."""
+        """Return folder and campaign of the newest runs that were stopped or killed."""
         journals = sorted(self._folder.glob(f"*/{JOURNAL}"), key=_modified, reverse=True)
         found: list[dict[str, str]] = []
         for journal in journals[:50]:
@@ -305,7 +315,7 @@ class Launcher:
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    # A console that is ended with Ctrl-C ends no campaign.
+                    # In a session of its own, the campaign survives a Ctrl-C that ends the console.
                     start_new_session=True,
                 )
         except OSError as error:
@@ -315,17 +325,17 @@ class Launcher:
 
 
 def _takes_a_stop(folder: Path, said: str) -> bool:
-    """Return whether the run in a folder says within `ASK_S` that it stops; whatever happens."""
+    """Return whether the run in a folder accepts a stop within `ASK_S`; False after any error."""
     answers: SimpleQueue[bool] = SimpleQueue()
 
     def asking() -> None:
         taken = False
-        with suppress(Exception):  # whatever it is, the signal is left
+        with suppress(Exception):  # after any error the caller sends a signal instead
             ask(folder, "abort", said, wait_s=ASK_S)
             taken = True
         answers.put(taken)
 
-    # In a thread: opening the folder of a disk that hangs is waited for no longer than the answer.
+    # It asks in a thread, so that a disk that hangs delays the stop by no more than `ASK_S`.
     with suppress(Empty, RuntimeError):
         threading.Thread(target=asking, name="stop", daemon=True).start()
         return answers.get(timeout=ASK_S)
@@ -355,7 +365,7 @@ def _ending(launched: Launched) -> str:
 
 
 def _reason(launched: Launched) -> str:
-    """Return why a run ended that did not come to its end: by its journal, else by what it said."""
+    """Return why a run ended early, by its journal, else by its last output; "" if it did not."""
     end = _last_entry(launched.folder / JOURNAL)
     if end.get("kind") == "end" and end.get("exit_code") == launched.exit_code:
         return str(end.get("reason") or "")[:LOG_BYTES]
@@ -363,7 +373,7 @@ def _reason(launched: Launched) -> str:
 
 
 def _last_lines(log: Path) -> list[str]:
-    """Return what a run printed last, without what only draws: each line on one, the last last."""
+    """Return the last non-empty lines of a run's output, oldest first, with single spaces."""
     with suppress(OSError), log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - LOG_BYTES))
         lines = file.read().decode(errors="replace").splitlines()
@@ -379,7 +389,10 @@ def _modified(path: Path) -> float:
 
 
 def _unfinished_campaign(journal: Path) -> str | None:
-    """Return the campaign of a run that can be gone on with; None of any other."""
+    """Return the campaign's name of a run that can be resumed; None if it cannot be.
+
+    A run can be resumed if its journal does not end with an entry `end` without a reason.
+    """
     with suppress(OSError, ValueError, KeyError, TypeError), journal.open("rb") as file:
         begun = json.loads(file.readline(TAIL_BYTES))
         last = _last_entry(journal)
@@ -389,7 +402,7 @@ def _unfinished_campaign(journal: Path) -> str | None:
 
 
 def _last_entry(journal: Path) -> Mapping[str, Any]:
-    """Return the last whole entry of a journal; empty if there is none."""
+    """Return the last complete entry of a journal; {} if there is none."""
     with suppress(OSError), journal.open("rb") as file:
         file.seek(max(0, journal.stat().st_size - TAIL_BYTES))
         for line in reversed(file.read().splitlines()):

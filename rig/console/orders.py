@@ -1,4 +1,4 @@
-"""What may be asked of the console, by whom: every order of the page goes through here."""
+"""Every order of the page goes through here, which checks who may give it and carries it out."""
 
 import json
 import threading
@@ -13,12 +13,12 @@ from .launcher import ASKED, ENDING, Launched, Launcher, LaunchRefused
 from .visitors import Visitor
 
 LONGEST_TEXT: Final = 400
-"""Characters of a remark; with its writer's name it fits into a command."""
+"""Most characters of a remark, so that it fits into a command with its writer's name."""
 LONGEST_NAME: Final = 200
 STOP: Final = "stop"
 ORDERS: Final = (STOP, "take", "take over", "release", "start", "go on", *COMMANDS)
 STOP_S: Final = 2.5
-"""How long an answer to a stop is waited for."""
+"""Time in s for which an answer to a stop is awaited."""
 COMMAND_S: Final = 5.0
 ENDING_REASON: Final = "it has been ending since the stop before; it was interrupted as well"
 ASKED_REASON: Final = "the stream did not take it; the run's control port did"
@@ -30,18 +30,19 @@ _KEYS: Final = frozenset({"order", "rig", "text", "name"})
 
 
 class MalformedError(ValueError):
-    """A request that is no order at all; the message says why."""
+    """The error of a request that is not an order; the message says why."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """What somebody asks for.
+    """An order that a visitor gives on the page.
 
     Attributes:
-        order: one of `ORDERS`.
-        rig: its id, for a command.
-        text: a remark.
-        name: of the test to skip or retry, the campaign to start, the run to go on with.
+        order: the kind of order, one of `ORDERS`.
+        rig: id of the rig, for a command; else empty.
+        text: a remark; may be empty.
+        name: name of the test to skip or retry, of the campaign to start, or of the folder of the
+            run to resume; else empty.
     """
 
     order: str
@@ -51,10 +52,10 @@ class Order:
 
 
 def parse(body: bytes) -> Order:
-    """Return the order in a request.
+    """Return the order in the body of a request.
 
     Raises:
-        MalformedError: it is none.
+        MalformedError: the body is not an order.
     """
     try:
         content = json.loads(body)
@@ -67,7 +68,7 @@ def parse(body: bytes) -> Order:
     try:
         "".join(content.values()).encode()
     except UnicodeEncodeError:
-        # Half a character, which no viewer and no rig can be sent.
+        # A lone surrogate is half a character, which cannot be sent to any viewer or rig.
         raise MalformedError("has a value that is no text") from None
     if content.get("order") not in ORDERS:
         raise MalformedError("is none that there is")
@@ -79,17 +80,19 @@ def parse(body: bytes) -> Order:
 
 
 def _said(order: Order, visitor: Visitor) -> str:
-    """Return what the journal keeps of an order: who gave it, and the remark."""
+    """Return the text that is recorded with an order: who gave it, and the remark, if any."""
     return f"{visitor.name}: {order.text}" if order.text else visitor.name
 
 
 class Orders:
-    """Carries orders out; methods may wait for a rig's answer, and are called from any thread.
+    """The object that carries orders out.
+
+    Its methods may be called from any thread, and may wait for a rig's answer.
 
     Args:
-        client: sends commands.
-        control: who may act.
-        launcher: starts runs.
+        client: sends commands to rigs.
+        control: records who may act.
+        launcher: starts, resumes and stops runs.
     """
 
     def __init__(self, client: StreamClient, control: ControlHolder, launcher: Launcher) -> None:
@@ -97,12 +100,12 @@ class Orders:
         self._control = control
         self._launcher = launcher
         self._one_at_a_time = threading.Lock()
-        """Held while control changes hands, or a run is started."""
+        """This lock is held while control changes hands, or a run is started."""
 
     def carry_out(self, order: Order, visitor: Visitor) -> Answer:
-        """Do what is asked for, if this visitor may, and return what came of it.
+        """Carry out an order if this visitor may give it; return whether it was obeyed, or why not.
 
-        Anybody who is logged in may stop a rig; for all else one needs control.
+        Anybody who is logged in may stop a rig or ask for control; any other order needs control.
         """
         try:
             if order.order == STOP:
@@ -115,12 +118,15 @@ class Orders:
             return Answer(False, str(refusal))
 
     def leave(self, visitor: Visitor) -> None:
-        """Let go of control for somebody who logs out."""
+        """Release the control that a visitor has who logs out."""
         with self._one_at_a_time:
             self._control.release(visitor)
 
     def _is_done_here(self, order: Order, visitor: Visitor) -> bool:
-        """Do what needs no rig; return whether that is all."""
+        """Carry out an order about control or about starting runs; return False for any other.
+
+        An order other than taking control raises `NotInControl` unless the visitor has control.
+        """
         if order.order in ("take", "take over"):
             self._control.take(visitor, over=order.order == "take over")
             return True
@@ -138,22 +144,22 @@ class Orders:
         return self._client.send(command, order.rig, said, wait_s, order.name)
 
     def _stop(self, order: Order, visitor: Visitor) -> Answer:
-        """Abort the rig that the page shows by the stream; else, or too, what was started here.
+        """Stop the rig that the page shows, and return whether that was done.
 
-        What was started here is asked by its control port where the stream does not answer, and
-        where its rig is not heard yet, so that no page can show it; where that does not answer
-        either, it is interrupted as by Ctrl-C. Of other runs it is not known here whose folder is
-        whose. It is not called obeyed where that is not the rig that the page shows.
+        The rig is first sent an abort by the stream. If it does not obey, the run that was started
+        here is stopped by `Launcher.stop`: by its control port, or else as by Ctrl-C. That also
+        happens if the stream of this run was not received yet, as no page can show its rig then.
+        If the stopped run is on another rig than the page shows, the stop does not count as obeyed.
         """
         try:
             rig = order.rig or self._only_living()
             answer = self._send("abort", Order(STOP, rig, order.text), visitor, STOP_S)
-        except Exception as refusal:  # whatever it is, the other way is left
+        except Exception as refusal:  # after any error the launcher tries its own ways
             rig, answer = order.rig, Answer(False, str(refusal) or type(refusal).__name__)
         running = self._launcher.present()
         if answer.accepted:
             meant = "" if order.rig else f"on {rig}, the only one that lives"
-            # The page may show another rig until the one that was started is heard: stop both.
+            # Until the started run's stream is received, the page may show another rig: stop both.
             if running and not self._was_heard(running):
                 done = self._launcher.stop(_said(order, visitor))
                 if done:
@@ -176,21 +182,25 @@ class Orders:
         return Answer(True, INTERRUPTED_REASON)
 
     def _only_living(self) -> str:
-        """Return the rig that is meant by a page that was not shown any yet."""
+        """Return the only living rig, which a page means that has not been shown a rig yet.
+
+        Raises:
+            UnknownRigError: no rig is alive, or several are.
+        """
         alive = self._living()
         if len(alive) != 1:
             raise UnknownRigError(f"name the rig; alive are: {', '.join(alive) or 'none'}")
         return alive[0]
 
     def rig_of_run(self, folder: str) -> str:
-        """Return the living rig that has a run of this folder; empty if none is known."""
+        """Return the living rig whose campaign runs in a folder of this name; "" if none does."""
         for rig in self._living() if folder else []:
             if self._client.snapshot(rig).campaign.get("directory") == folder:
                 return rig
         return ""
 
     def _was_heard(self, run: Launched) -> bool:
-        """Return whether a run's stream was heard since it was started, or gone on with, here."""
+        """Return whether any message of a run's stream was received since it was started here."""
         for rig in self._client.rigs():
             campaign = self._client.snapshot(rig).campaign
             begun_ns = campaign.get("begun_ns")

@@ -1,19 +1,19 @@
-"""What is refused is logged, but not so often that the log is an attacker's to fill."""
+"""Refusals are logged, but so few per second that an attacker cannot fill the disk with the log."""
 
 import time
 from collections.abc import Callable
 from typing import Final
 
 MOST_PER_S: Final = 20
-"""Refusals that are logged within a second; the rest is counted."""
+"""Most refusals that are logged within a second; further ones are only counted."""
 
 
 class Refusals:
-    """Logs refusals.
+    """A log of refusals with a limited rate.
 
     Args:
-        log: is called with a line on each.
-        clock: monotonic, s.
+        log: is called with each line.
+        clock: returns a monotonic time in s.
     """
 
     def __init__(
@@ -25,14 +25,14 @@ class Refusals:
         self._count = 0
 
     def __call__(self, address: str, why: str) -> None:
-        """Log a refusal: of whom, and why."""
+        """Log that a request from an address was refused, and why; or only count it."""
         self.look()
         self._count += 1
         if self._count <= MOST_PER_S:
             self._log(f"refused, from {address}: {why}")
 
     def look(self) -> None:
-        """Log how many were left out of the second that is over."""
+        """If a second is over, log how many refusals it left out, if any, and begin a new one."""
         now = self._clock()
         if now - self._since < 1.0:
             return

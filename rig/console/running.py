@@ -1,4 +1,4 @@
-"""Runs the console's server until it is asked to end."""
+"""The console's server is configured and run here, until a signal ends it."""
 
 import signal
 import socket
@@ -15,9 +15,9 @@ from .server import LARGEST_MESSAGE, Console, Served
 
 BACKLOG: Final = 64
 END_S: Final = 2
-"""How long viewers may take to go, once the server is to end."""
+"""Time in s that open connections get to close, once the server is to end."""
 LARGEST_HEADERS: Final = 16_384
-"""Bytes of a request's head."""
+"""Most bytes that the head of a request may have."""
 
 
 def serve(
@@ -33,18 +33,18 @@ def serve(
 
     Args:
         client: follows the streams.
-        token: to log in with.
-        served: what is served.
-        address: where.
-        log: is called with a line on each refusal and on what operators do.
-        ready: is called with the URL once it listens.
+        token: the token that visitors log in with.
+        served: the campaigns, folder, profile and rig of the console.
+        address: address at which it listens; port 0 means any free one.
+        log: is called with a line on each refusal and on each action of an operator.
+        ready: is called with the URL once the port is open.
 
     Raises:
-        OSError: the port is taken.
+        OSError: the address cannot be used, for example because the port is taken.
     """
     listener = listener_of(address)
     address = with_port(address, listener.getsockname()[1])
-    # Uvicorn raises the signal again that has ended it.
+    # uvicorn raises the signal that has ended it again, which must not end this process.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: None)
     with listener:
@@ -54,7 +54,7 @@ def serve(
 
 
 def server_of(console: Console) -> uvicorn.Server:
-    """Return the server of a console."""
+    """Return the configured uvicorn server of a console, which is not running yet."""
     config = uvicorn.Config(
         console.application(),
         ws="websockets-sansio",
@@ -80,7 +80,7 @@ def listener_of(address: Address) -> socket.socket:
     """Return a socket that listens at an address.
 
     Raises:
-        OSError: it is taken.
+        OSError: the address cannot be used, for example because the port is taken.
     """
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)

@@ -1,4 +1,4 @@
-"""The console's web server: pages, login, orders by POST, and the live view by a websocket."""
+"""The console's web application: pages, login, orders by POST, and the live view by a websocket."""
 
 import asyncio
 import contextlib
@@ -33,15 +33,15 @@ KINDS: Final = {
     ".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml",
 }  # fmt: skip
 LARGEST_MESSAGE: Final = 1024
-"""Bytes that a page's websocket may send at once."""
+"""Most bytes of one message that a page may send by its websocket."""
 MESSAGES_PER_S: Final = 10
 MOST_VIEWERS: Final = 40
 ALIVE_S: Final = 0.5
-"""How often a viewer is sent something at least, so that it knows that the console is there."""
+"""Longest time in s without a message to a viewer, whose page thus sees that the console lives."""
 LOOK_S: Final = 0.5
-"""How often it is looked after what was started, and who watches."""
+"""Period in s at which started runs, control and viewers are checked and shown."""
 MOST_STOPS: Final = 16
-"""Stops that are waited for at once; they do not wait for other orders."""
+"""Most stops that are carried out at once, in threads of their own beside those of other orders."""
 LOGGED_OUT: Final = 4401
 UNWELCOME: Final = 1008
 TOO_LARGE: Final = 1009
@@ -50,13 +50,13 @@ FULL: Final = 1013
 
 @dataclass(frozen=True)
 class Served:
-    """What a console serves, and to whom.
+    """The settings by which a console starts campaigns.
 
     Attributes:
         offers: campaigns that may be started.
-        folder: where their runs go.
-        profile: of their stream; empty: nothing may be started.
-        rig: on which they run, instead of the campaigns' own.
+        folder: folder below which their runs are written.
+        profile: profile of the runs' live stream; if empty, nothing may be started.
+        rig: path or name of the rig on which they run; None for each campaign's own.
     """
 
     offers: tuple[Offer, ...] = ()
@@ -67,14 +67,15 @@ class Served:
 
 @dataclass
 class Console:
-    """The console behind its pages.
+    """The console as a web application, with its visitors, its launcher and its feed.
 
     Attributes:
-        client: follows the streams, and is closed with the console.
-        token: to log in with.
-        address: at which it is served.
-        served: what is served.
-        log: is called with a line on each refusal and on what operators do.
+        client: follows the streams; its owner closes it.
+        token: the token that visitors log in with.
+        address: address at which the console is served.
+        served: the settings by which campaigns are started.
+        log: is called with a line on each refusal and on each action of an operator.
+        viewers: visitor's number -> number of live views that are open.
     """
 
     client: StreamClient
@@ -99,12 +100,12 @@ class Console:
         self._survives = Surviving("the console", self.log)
 
     def say(self, text: str) -> None:
-        """Log something, and show it to all viewers."""
+        """Log a text, and show it to all viewers as a notice."""
         self.log(text)
         self.feed.notice(text)
 
     def application(self) -> Application:
-        """Return what uvicorn serves."""
+        """Return the guarded ASGI application that uvicorn serves."""
         routes = [
             Route("/", self._page, methods=["GET"]),
             Route("/login", self._login_page, methods=["GET"]),
@@ -129,7 +130,7 @@ class Console:
             await following
 
     async def _follow(self) -> None:
-        """Take what the streams bring, twenty times a second."""
+        """Update the feed from the streams twenty times a second, until it is cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             now = loop.time()
@@ -138,18 +139,18 @@ class Console:
                 if now - self._looked_at >= LOOK_S:
                     self._looked_at = now
                     self._look()
-            except Exception as error:  # whatever it is, the next look may do without it
+            except Exception as error:  # the loop goes on after any error
                 self._survives.note(error)
             await asyncio.sleep(max(TICK_S - (loop.time() - now), TICK_S / 5))
 
     def _look(self) -> None:
         try:
             self._show_console()
-        except Exception as error:  # whatever it is, an order that was obeyed stays obeyed
+        except Exception as error:  # an order that was obeyed is not reported as failed
             self._survives.note(error)
 
     def _show_console(self) -> None:
-        """Show all viewers how the console itself stands."""
+        """Update the sections on runs, control and viewers, which all viewers are shown."""
         self._refused.look()
         self.launcher.look()
         content = self.launcher.content()
@@ -264,7 +265,7 @@ class Console:
             for task in tasks:
                 task.cancel()
             for ended in await asyncio.gather(*tasks, return_exceptions=True):
-                # A viewer that went away is no failure, however it is reported.
+                # These errors only mean that the viewer has gone, which is no failure.
                 gone = isinstance(ended, WebSocketDisconnect | RuntimeError)
                 if isinstance(ended, Exception) and not gone:
                     self._survives.note(ended)
@@ -273,7 +274,7 @@ class Console:
                 del self.viewers[visitor.number]
 
     async def _show(self, socket: WebSocket, cursor: Cursor, visitor: Visitor) -> None:
-        """Send what is new, as fast as the viewer takes it."""
+        """Send a viewer the news, at most twenty times a second, until its login ends."""
         await socket.send_text(json.dumps({"you": visitor.number, "name": visitor.name}))
         loop = asyncio.get_running_loop()
         sent_at = loop.time()
@@ -289,7 +290,10 @@ class Console:
             await socket.close(LOGGED_OUT)
 
     async def _listen(self, socket: WebSocket, cursor: Cursor) -> None:
-        """Take which rig to show; everything else is refused."""
+        """Receive a viewer's choices of a rig; close the websocket at any other message.
+
+        It is also closed if more than `MESSAGES_PER_S` messages come within a second.
+        """
         loop = asyncio.get_running_loop()
         taken: list[float] = []
         while True:
@@ -310,7 +314,7 @@ class Console:
 
 
 def _chosen(message: Any) -> str | None:
-    """Return the rig that a message asks for; None if it is malformed."""
+    """Return the rig that a websocket's message asks for; None if the message is malformed."""
     try:
         content = json.loads(message["text"])
     except (KeyError, TypeError, ValueError, RecursionError):
@@ -322,7 +326,7 @@ def _chosen(message: Any) -> str | None:
 
 
 async def _body(request: Request) -> bytes:
-    """Return what was sent with a request; empty if its sender went away meanwhile."""
+    """Return the body of a request; empty if the sender disconnected meanwhile."""
     try:
         return await request.body()
     except ClientDisconnect:

@@ -1,4 +1,4 @@
-"""A rig's snapshot as the page shows it: in sections, in the units of the screen, as plain JSON."""
+"""A rig's snapshot is turned into the sections of the page, as JSON in units of the screen."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -17,7 +17,7 @@ SHOWN_OF_TESTS: Final = ("name", "expect", "status", "verdict", "message")
 READINGS: Final = sorted(
     SHOWN, key=lambda row: row[0] not in ("position_m", "setpoint_m", "command_V", "spool_m")
 )
-"""What is shown as a number: first where the ram is, and what the valve does about it."""
+"""Channels that are shown as numbers: first those of the ram and the valve, then the others."""
 
 LEAK_METERS: Final = {
     "external_leakage_1": "flow_1_m3_per_s",
@@ -25,7 +25,7 @@ LEAK_METERS: Final = {
     "internal_leakage": "flow_internal_m3_per_s",
 }
 SHUT: Final = 0.01
-"""Opening, of 1, at which a valve is shut."""
+"""Largest opening, as a fraction of 1, at which a valve counts as shut."""
 CONTACTS: Final = (
     ("emergency stop", "estop_closed", {1: ("closed", "good"), 0: ("open", "bad")}),
     ("I/O watchdog", "watchdog_tripped", {0: ("watching", "good"), 1: ("tripped", "bad")}),
@@ -33,14 +33,14 @@ CONTACTS: Final = (
     ("valve", "valve_enabled", {1: ("enabled", "live"), 0: ("disabled", "off")}),
     ("pump", "pump_loaded", {1: ("loaded", "live"), 0: ("unloaded", "off")}),
 )
-"""Interlock, its channel, and what its values mean: in a word, and whether that is good."""
+"""Name and channel of each contact, and by value the text that is shown and its style."""
 STAGES: Final = (
     ("lateness", "wakeup"), ("exchange", "exchange"), ("compute", "compute"), ("sample age", "age"),
 )  # fmt: skip
 
 
 def sections(snapshot: Snapshot) -> dict[str, Any]:
-    """Return all that is shown of a rig but its curves, by section."""
+    """Return all that is shown of a rig, except its curves, by section."""
     return {
         "life": _life(snapshot),
         "readings": _readings(snapshot),
@@ -78,7 +78,7 @@ def _readings(snapshot: Snapshot) -> list[dict[str, Any]]:
 
 
 def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
-    """Return what is known of each bypass valve; an empty list for a rig that has none."""
+    """Return opening and flow of each bypass valve whose position is known; [] if there is none."""
     latest = snapshot.latest
     found = []
     for bypass in BYPASSES:
@@ -88,7 +88,7 @@ def _bypasses(snapshot: Snapshot) -> list[dict[str, Any]]:
             continue
         flow = latest.get(LEAK_METERS.get(bypass, ""), float("nan"))
         metered = _rounded(LITRES_PER_MINUTE.shown(flow), 2)
-        # Through a valve that is shut nothing flows: what its meter reads then is its zero.
+        # No oil flows through a shut valve, so its meter's reading is the meter's zero error.
         opening = needle if ball is None else ball
         is_shut = opening is not None and opening <= SHUT
         found.append(
@@ -116,7 +116,7 @@ def _interlocks(snapshot: Snapshot) -> dict[str, Any]:
         words = {True: ("homed", "good"), False: ("not homed", "off")}
         text, how = words[bool(health.get("homed"))] if health else ("not known", "off")
         contacts.append({"name": "position", "text": text, "how": how})
-    # Trips in the health of an earlier run are not this run's.
+    # Trips in a health message of an earlier run are left out.
     trips = _mapping(health.get("trips")) if _is_of_this_run(snapshot, health) else {}
     return {
         "contacts": contacts,
@@ -186,7 +186,7 @@ def _campaign(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def _decision(snapshot: Snapshot) -> dict[str, Any]:
-    """Return what the detector holds; an empty mapping while that is of an earlier run."""
+    """Return the detector's decision; {} if there is none, or the last one is of an earlier run."""
     decision = snapshot.decision
     if not decision or not _is_of_this_run(snapshot, decision):
         return {}
@@ -206,7 +206,7 @@ def _decision(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def _is_of_this_run(snapshot: Snapshot, content: Mapping[str, Any]) -> bool:
-    """Return whether a message was sent since the campaign was begun; True if that is not known."""
+    """Return whether a message was sent after the campaign began; True if that is not known."""
     begun_ms = _milliseconds(snapshot.campaign.get("begun_ns"))
     sent_ms = _milliseconds(content.get("sent_ns"))
     return sent_ms is None or begun_ms is None or sent_ms >= begun_ms
@@ -236,7 +236,7 @@ def _event(content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-# Whoever may publish on the stream may put any value anywhere in a message: nothing is trusted.
+# Any publisher on the stream can put any value anywhere in a message, so every value is checked.
 
 
 def _text(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Who has logged in: sessions by a secret cookie, after a token that guessing does not find."""
+"""Visitors log in with a token that cannot be guessed, and are then known by a secret cookie."""
 
 import hashlib
 import hmac
@@ -13,9 +13,9 @@ from typing import Final
 from rig.stream import local_state, make_key, read_key
 
 LIFETIME_S: Final = 12 * 3600.0
-"""How long a login lasts: a shift."""
+"""Time in s after which a login ends: a shift."""
 FAILURES: Final = 5
-"""Wrong tokens within `FAILURES_S` after which the next wrong one is not even judged."""
+"""Number of wrong tokens from one address within `FAILURES_S`, after which it has to wait."""
 FAILURES_S: Final = 60.0
 MOST_VISITORS: Final = 200
 MOST_ADDRESSES: Final = 1000
@@ -24,10 +24,10 @@ TOKEN_FILE: Final = "console.token"
 
 
 class LoginRefused(Exception):  # noqa: N818 (a refusal, not a failure)
-    """Somebody who is not let in.
+    """The error of a login that is refused; its message is the reason.
 
     Attributes:
-        wait_s: after which trying again makes sense; 0 at once.
+        wait_s: time in s after which another attempt makes sense; 0 for at once.
     """
 
     def __init__(self, text: str, wait_s: float = 0.0) -> None:
@@ -40,9 +40,9 @@ class Visitor:
     """Somebody who has logged in.
 
     Attributes:
-        number: from 1 on, which everybody may know; the cookie is nobody's business.
-        name: as given at login.
-        until: when it ends, on the visitors' clock.
+        number: number of the login, from 1 on; unlike the cookie it is shown to everybody.
+        name: name as given at login.
+        until: time in s on the clock of `Visitors` at which the login ends.
     """
 
     number: int
@@ -51,10 +51,12 @@ class Visitor:
 
 
 def console_token() -> tuple[str, Path]:
-    """Return this user's token to log in with, made when first asked for, and its file.
+    """Return the token with which one logs in to this user's consoles, and its file.
+
+    The token is made at the first call.
 
     Raises:
-        KeyFileError: it cannot be made, or used.
+        KeyFileError: the file cannot be made, or cannot be used.
     """
     path = local_state() / TOKEN_FILE
     if not path.exists():
@@ -63,11 +65,11 @@ def console_token() -> tuple[str, Path]:
 
 
 class Visitors:
-    """Those who are logged in.
+    """The visitors who are logged in, at most `MOST_VISITORS`.
 
     Args:
-        token: what they have to know.
-        clock: monotonic, s.
+        token: the token that a visitor must give at login.
+        clock: returns a monotonic time in s.
     """
 
     def __init__(self, token: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -78,16 +80,19 @@ class Visitors:
         self._count = 0
 
     def log_in(self, token: str, name: str, address: str) -> str:
-        """Return the cookie of a new visitor.
+        """Log a visitor in, and return the cookie.
+
+        If there are too many visitors, the oldest login ends.
 
         Raises:
-            LoginRefused: the token is wrong, there were too many wrong ones, or no name is given.
+            LoginRefused: the token is wrong, or it is wrong and there were too many wrong ones
+                from this address, or the name is missing or too long.
         """
-        # Digests are of one length: the time taken shows nothing of the token.
+        # Digests have the same length, so the time of the comparison shows nothing of the token.
         given = hashlib.sha256(token.strip().encode(errors="replace")).digest()
         if not hmac.compare_digest(given, self._token):
-            # The right one is let in always: its 256 bits are not guessed, and whoever guesses
-            # shares an address with the operators where all come through one (a tunnel, a proxy).
+            # Only wrong tokens are limited: 256 bits cannot be guessed, and an attacker behind the
+            # same tunnel or proxy shares an address with the operators, who must not be kept out.
             self._check_rate(address)
             self._failed(address)
             raise LoginRefused("this is not the token")
@@ -102,14 +107,14 @@ class Visitors:
         return cookie
 
     def visitor(self, cookie: str | None) -> Visitor | None:
-        """Return whose cookie this is; None if it is nobody's."""
+        """Return the visitor who has this cookie; None if nobody has, or the login has ended."""
         found = self._known.get(cookie) if cookie else None
         if found is None or found.until < self._clock():
             return None
         return found
 
     def log_out(self, cookie: str | None) -> None:
-        """Forget a cookie."""
+        """End the login with this cookie, if there is one."""
         if cookie:
             self._known.pop(cookie, None)
 

@@ -1,4 +1,4 @@
-"""Reads and writes recordings (MCAP, CSV, Parquet), lossless for whatever a filter consumed.
+"""This package reads and writes recordings (MCAP, CSV, Parquet), lossless for all filter inputs.
 
 Channels carry their unit in the name; missing samples are NaN.
 """

@@ -1,4 +1,4 @@
-"""What is wrong with a recording: every problem of a file together, each with its remedy."""
+"""The problems of a recording are reported together, each of them with its remedy."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 MAX_PROBLEMS: Final = 20
-"""Problems listed for one file; the rest is counted."""
+"""Most problems that are listed for one file; further ones are only counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingProblem:
-    """One thing wrong: where, what it is, what it should be, and what to do about it.
+    """One problem: its place, the value found, the limit that it breaks, and the remedy.
 
-    `line` is the line of the (decompressed) CSV, header = 1; in other formats the row, first
-    sample = 1; None where the problem is the whole file's.
+    `line` is the line of a (decompressed) CSV file, where the header is line 1. In other formats it
+    is the row, where the first sample is row 1. It is None if the problem is of the whole file.
     """
 
     path: str
@@ -25,18 +25,18 @@ class RecordingProblem:
     remedy: str
 
     def __str__(self) -> str:
-        """Return `file:line: field: value (limit); remedy`, on one line."""
+        """Return the problem as one line, `file:line: field: value (limit); remedy`."""
         where = self.path if self.line is None else f"{self.path}:{self.line}"
         limit = f" ({self.limit})" if self.limit else ""
         return f"{where}: {self.field}: {self.value}{limit}; {self.remedy}"
 
 
 class RecordingError(ValueError):
-    """A recording cannot be read, written or recovered.
+    """The error of a recording that cannot be read, written or recovered.
 
     Attributes:
-        problems: at most MAX_PROBLEMS a file, in the order given.
-        omitted: how many more there are, by path.
+        problems: the problems in the given order, at most MAX_PROBLEMS for each file.
+        omitted: path -> number of further problems, for files that have more.
     """
 
     def __init__(self, problems: Iterable[RecordingProblem]) -> None:
@@ -54,11 +54,11 @@ class RecordingError(ValueError):
 
     @classmethod
     def of_file(cls, path: str, value: str, remedy: str, limit: str = "") -> Self:
-        """Return the error of a single problem, which is the whole file's."""
+        """Return the error with a single problem, which concerns the whole file."""
         return cls([RecordingProblem(path, None, "file", value, limit, remedy)])
 
     def __str__(self) -> str:
-        """Return one line a problem, then one line for each file that has more."""
+        """Return one line for each problem, then one for each file that has further problems."""
         lines = [str(problem) for problem in self.problems]
         lines += [f"{path}: ... and {count} more problems" for path, count in self.omitted.items()]
         return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Writes a recording to another format, lossless; no half-written file has the final name."""
+"""Recordings are written to files here, lossless; a half-written file never has the final name."""
 
 import json
 from os import PathLike, fspath
@@ -13,14 +13,14 @@ from .recording import Recording
 from .targets import replace_text, replacing, target_problems
 
 MF4: Final = ".mf4"
-"""Extension that is written only, and therefore not among `EXTENSIONS`."""
+"""Extension of MF4, which is not among `EXTENSIONS` as MF4 is written but never read."""
 
 
 def export(recording: Recording, path: str | PathLike[str]) -> None:
     """Write a recording to .csv, .csv.gz, .parquet, .mcap or .mf4; an existing file is replaced.
 
-    Every float64 reads back bit for bit (a NaN as NaN). Metadata and events go along: inside
-    Parquet, MCAP and MF4, beside a CSV in `NAME.json`. MF4 needs asammdf, and is not read back.
+    Every float64 reads back bit for bit (a NaN as NaN). Metadata and events are written too: inside
+    Parquet, MCAP and MF4, and beside a CSV in `NAME.json`. MF4 needs asammdf, and is not read back.
 
     Raises:
         RecordingError: the extension is unknown, the folder does not exist, or a channel name or
@@ -40,7 +40,7 @@ def export(recording: Recording, path: str | PathLike[str]) -> None:
     if problems:
         raise RecordingError(problems)
     with replacing(target) as partial:
-        # A name of `formats` is loaded when it is used, and with it the format's library.
+        # `formats` loads a format's module, and with it a library, when its name is first used.
         if extension == ".mcap":
             formats.write_mcap(partial, recording.channels, recording.metadata, recording.events)
         elif extension == ".parquet":

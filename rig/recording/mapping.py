@@ -1,4 +1,4 @@
-"""Columns that a recording has under other names, or in other units, than a channel's."""
+"""Columns of a file may have other names or units than the channels that are read from them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,16 +9,21 @@ from .table import Table
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a file: its name, and how many SI units one of its units is."""
+    """A column of a file: its name, and the factor from its unit to the channel's SI unit."""
 
     name: str
     factor: float = 1.0
 
 
 def mapped(table: Table, columns: Mapping[str, Column], needed: Sequence[str]) -> set[str]:
-    """Give a table's columns the names and units of channels; return the needed ones it lacks.
+    """Rename and scale a table's columns to channels, in place; return the needed ones it lacks.
 
-    A problem is added for each of these.
+    For each of the latter a problem is added to the table.
+
+    Args:
+        table: the table, which is changed.
+        columns: channel -> column of the file.
+        needed: channels that the table must have.
     """
     found = {}
     lacking = set()

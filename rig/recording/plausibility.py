@@ -1,4 +1,4 @@
-"""Finds values that no rig of this kind shows; mostly a column has another unit than its name."""
+"""Values that no such rig can show are found here; mostly the column's unit is another than named."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from .table import Table
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """Largest magnitude that a channel can have, and what one beyond it is likely to be."""
+    """The largest plausible magnitude of a channel, its unit, and a remedy for larger values."""
 
     upper: float
     unit: str
@@ -32,9 +32,9 @@ _SPANS: Final = {
     "pressure_2_Pa": _PRESSURE,
     "supply_pressure_Pa": _PRESSURE,
 }
-# A rig under pressure exceeds this in some chamber at some time; so does 30 kPa of sensor noise.
+# A rig under pressure exceeds this in some chamber at some time, also if sensor noise is 30 kPa.
 _PRESSURE_FLOOR_PA: Final = 5e4
-# Largest chamber pressure -> the unit that gives such a figure on rigs of 5 to 35 MPa.
+# Up to this largest chamber pressure, the number is likely to be in this unit, for 5 to 35 MPa.
 _PRESSURE_UNITS: Final = (
     (40.0, "MPa (multiply by 1e6) or bar (by 1e5)"),
     (700.0, "bar: multiply by 1e5"),
@@ -44,7 +44,7 @@ _PRESSURE_UNITS: Final = (
 
 
 def implausible_values(table: Table) -> Iterator[RecordingProblem]:
-    """Yield a problem for each channel beyond what a rig can show, with the likely unit."""
+    """Yield a problem, with the likely unit, for each channel whose values are implausible."""
     for name, span in _SPANS.items():
         if name in table.columns:
             yield from _beyond(table, name, span)
@@ -54,7 +54,7 @@ def implausible_values(table: Table) -> Iterator[RecordingProblem]:
 
 def _beyond(table: Table, name: str, span: _Span) -> Iterator[RecordingProblem]:
     magnitude = np.abs(table.columns[name])
-    # Infinity is reported where a value must be finite.
+    # Infinity is left out here; it is reported by the check of required channels.
     beyond = (magnitude > span.upper) & np.isfinite(magnitude)
     count = int(np.count_nonzero(beyond))
     if not count:
@@ -63,7 +63,7 @@ def _beyond(table: Table, name: str, span: _Span) -> Iterator[RecordingProblem]:
     largest = float(magnitude[beyond].max())
     value = f"magnitudes up to {largest:.6g} in {count} rows"
     limit = f"implausible above {span.upper:g} {span.unit}"
-    # A wrong unit shows in the whole column, a bad sensor or a spike in some rows.
+    # A wrong unit makes the whole column implausible, a bad sensor or a spike only some rows.
     everywhere = count > 0.1 * len(magnitude)
     remedy = span.remedy if everywhere else "check the sensor; cut these rows off or record again"
     yield RecordingProblem(table.path, table.line_of(first), name, value, limit, remedy)

@@ -1,4 +1,4 @@
-"""Reads a recording of any format; one that a filter could not use is refused, with all reasons."""
+"""Recordings of any format are read here; one that a filter cannot use is refused with reasons."""
 
 import difflib
 import json
@@ -18,11 +18,11 @@ from .validation import problems_of
 
 EXTENSIONS: Final = (".mcap", ".csv", ".csv.gz", ".parquet")
 SIDECAR: Final = ".json"
-"""Suffix to a CSV's name: that file holds metadata and events, for which CSV has no place."""
+"""Suffix to a CSV file's name; the file of that name holds the CSV's metadata and events."""
 
 
 def extension_of(path: str) -> str | None:
-    """Return which of EXTENSIONS a file name ends with, in any case; None if with none."""
+    """Return the one of EXTENSIONS with which a file name ends, in upper or lower case, or None."""
     lowered = path.lower()
     return next((end for end in EXTENSIONS if lowered.endswith(end)), None)
 
@@ -34,19 +34,20 @@ def read_recording(
     columns: Mapping[str, Column] | None = None,
     of_rig: bool = True,
 ) -> Recording:
-    """Read a recording from .mcap, .csv, .csv.gz or .parquet.
+    """Return the recording in a .mcap, .csv, .csv.gz or .parquet file, after checking it.
 
-    Required channels have a finite value in every row; in others NaN (in CSV an empty cell) is a
-    missing sample. Samples are 1 ms apart, without gaps.
+    Required channels must have a finite value in every row, except where the loop recorded that a
+    measured sample is missing. In other channels NaN (in CSV an empty cell) is a missing sample.
+    Samples must be 1 ms apart, without gaps.
 
     Args:
-        path: of the file.
-        required: channels.
-        columns: channel -> column of the file, where it has another name or unit.
+        path: the file.
+        required: channels that the file must have, beside `time_s`.
+        columns: channel -> column of the file, for channels that have another name or unit there.
         of_rig: whether values that no servo-hydraulic rig shows are refused.
 
     Raises:
-        RecordingError: everything that is wrong with the file, each with line and remedy.
+        RecordingError: lists every problem of the file, each with line and remedy.
     """
     name = fspath(path)
     extension = extension_of(name)
@@ -68,7 +69,7 @@ def read_recording(
 
 
 def _read_table(path: str, extension: str | None) -> Table:
-    # A name of `formats` is loaded when it is used, and with it the format's library.
+    # `formats` loads a format's module, and with it a library, when its name is first used.
     if extension == ".mcap":
         return formats.read_mcap(path)
     if extension == ".parquet":
@@ -77,10 +78,10 @@ def _read_table(path: str, extension: str | None) -> Table:
 
 
 def _check_path(path: str, extension: str | None) -> None:
-    """Check that a recording may be at a path.
+    """Raise unless a path is a file with the extension of a recording.
 
     Raises:
-        RecordingError: a folder or nothing is there, or the extension is no recording's.
+        RecordingError: the path is a folder, does not exist, or has another extension.
     """
     file = Path(path)
     if file.is_dir():

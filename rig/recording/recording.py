@@ -13,12 +13,12 @@ from .units import unit_of
 FloatArray = NDArray[np.float64]
 
 REPLAY_CHANNELS: Final = ("time_s", "command_V", "position_m", "pressure_1_Pa", "pressure_2_Pa")
-"""Channels a filter needs; `spool_m` and any other are optional."""
+"""Channels that every filter needs; `spool_m` and all others are optional."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened at a time: a fault injected, a trip, an operator's note."""
+    """Something that happened at a time: an injected fault, a trip, an operator's note."""
 
     time_s: float
     kind: str
@@ -27,9 +27,11 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Channels (float64, shape (n,), SI by suffix, `time_s` first), metadata and events.
+    """A recording in memory: channels, metadata and events.
 
-    command_V of row k acts from time_s[k] to time_s[k + 1]; a missing sample is NaN.
+    `channels` maps names to float64 arrays of shape (n,), in the unit of the name's suffix, with
+    `time_s` first. command_V of row k acts from time_s[k] to time_s[k + 1]. A missing sample is
+    NaN. `source` is the path that the recording was read from; empty if it was not.
 
     Raises:
         ValueError: a channel is not float64 of shape (n,), or the first is not `time_s`.
@@ -55,7 +57,7 @@ class Recording:
         """Return one channel, shape (n,).
 
         Raises:
-            KeyError: no such channel; names those present.
+            KeyError: there is no such channel; the message names those present.
         """
         try:
             return self.channels[channel]
@@ -79,21 +81,21 @@ class Recording:
     unit_of = staticmethod(unit_of)
 
     def content_hash(self) -> str:
-        """Return the SHA-256 (hex) of channel names and values, whatever the file format.
+        """Return the SHA-256 (hex) of channel names and values, which is the same in any format.
 
-        The order of channels, metadata, events and source do not enter; all NaN count as one, -0.0
-        differs from 0.0.
+        It does not depend on the order of channels, on metadata, events or source. All NaN count as
+        equal, and -0.0 differs from 0.0.
         """
         return content_hash(self.channels)
 
 
 def content_hash(channels: Mapping[str, FloatArray]) -> str:
-    """Return the SHA-256 (hex) of channels (float64, shape (n,)) as `Recording.content_hash`."""
+    """Return the SHA-256 (hex) of channels (float64, (n,)), as `Recording.content_hash` does."""
     digest = hashlib.sha256()
     for name in sorted(channels):
         values = channels[name]
         digest.update(f"{name}\0{len(values)}\0".encode())
-        # A NaN's payload bits do not survive text formats, so they must not enter the hash.
+        # The bits within a NaN are lost in text formats, so they must not enter the hash.
         canonical = np.where(np.isnan(values), np.nan, values)
         digest.update(np.ascontiguousarray(canonical, dtype="<f8").data)
     return digest.hexdigest()

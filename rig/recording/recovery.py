@@ -1,4 +1,4 @@
-"""Makes a clean recording of what is left of a cut or damaged MCAP file."""
+"""A clean recording is made here from the readable part of a cut or damaged MCAP file."""
 
 import os
 from collections.abc import Sequence
@@ -29,7 +29,17 @@ from .targets import replacing, target_problems
 
 @dataclass(frozen=True, slots=True)
 class RecoverySummary:
-    """What was kept of a damaged file and what was lost; times in s."""
+    """A summary of how much of a damaged file was saved, and what was lost.
+
+    Attributes:
+        path_in: the damaged file.
+        path_out: the file that was written.
+        samples_kept: samples that were written.
+        samples_dropped: readable samples that were left out, on the other side of a gap.
+        first_time_s, last_time_s: times of the first and the last sample that were written.
+        events_kept: events that were written.
+        lost: one sentence on each loss.
+    """
 
     path_in: str
     path_out: str
@@ -41,7 +51,7 @@ class RecoverySummary:
     lost: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Return the kept part on one line and each loss on one of its own."""
+        """Return a line on the saved part, and a further line for each loss."""
         kept = (
             f"{self.path_out}: {self.samples_kept} samples, {self.first_time_s:.9g} s to "
             f"{self.last_time_s:.9g} s, {self.events_kept} events"
@@ -53,11 +63,12 @@ class RecoverySummary:
 def recover(path_in: str | PathLike[str], path_out: str | PathLike[str]) -> RecoverySummary:
     """Write the longest unbroken stretch of samples, with metadata and events, to path_out.
 
-    A filter needs samples without gaps, so where damage splits the recording the longest part is
-    kept. Every chunk is checked by its checksum. The metadata gains `recovered`.
+    A filter needs samples without gaps, so only the longest part is written if damage splits the
+    recording. Every chunk is checked by its checksum. The key `recovered` is added to the metadata.
 
     Raises:
-        RecordingError: path_out exists, or path_in has no readable sample or is not a recording.
+        RecordingError: path_out exists or does not end with .mcap, or path_in has no readable
+            sample or is not a recording.
     """
     source, target = fspath(path_in), fspath(path_out)
     problems = _path_problems(source, target)
@@ -108,7 +119,10 @@ def _path_problems(source: str, target: str) -> list[RecordingProblem]:
 def _readable(
     file: IO[bytes], collector: SampleCollector
 ) -> tuple[list[list[NDArray[np.float64]]], list[str]]:
-    """Return the stretches of sample blocks between damages, and what was lost."""
+    """Collect a file's readable records; return its stretches, and a sentence on each loss.
+
+    A stretch is a list of sample blocks (n, n_channels) without a gap between them.
+    """
     file.seek(0, os.SEEK_END)
     size = file.tell()
     file.seek(0)
@@ -140,11 +154,14 @@ def _take_chunk(chunk: Chunk, collector: SampleCollector, lost: list[str]) -> No
 
 
 def _breaks(blocks: Sequence[NDArray[np.float64]]) -> list[int]:
-    """Return which blocks do not continue the one before; records of a chunk may be lost too."""
+    """Return the indices of the blocks whose first time does not follow on the block before.
+
+    The step in time must be positive and below 1.5 times the median step.
+    """
     if len(blocks) < 2:
         return []
     steps = np.diff(np.concatenate([block[:, 0] for block in blocks]))
     between = steps[np.cumsum([len(block) for block in blocks[:-1]]) - 1]
-    # Written so that a NaN is a break.
+    # The comparisons are written so that NaN counts as a break.
     continues = (between > 0.0) & (between < 1.5 * float(np.median(steps)))
     return [int(k) + 1 for k in np.flatnonzero(~continues)]

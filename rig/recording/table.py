@@ -1,4 +1,4 @@
-"""Columns as read from a file of any format, before they are judged."""
+"""A table holds columns as they were read from a file of any format, before they are checked."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,17 +12,23 @@ from .recording import Event, FloatArray
 
 
 def row_number(row: int) -> int:
-    """Return the number by which a row (from 0) is named where a file has no lines: from 1."""
+    """Return the number, from 1, that messages use for a row (from 0) of a file without lines."""
     return row + 1
 
 
 @dataclass
 class Table:
-    """What a reader found: columns (float64, shape (n,)), and what it could not read.
+    """The columns that a reader found in a file, with the problems of cells it could not read.
 
     Attributes:
-        unreadable: by column, which cells hold NaN because their text is reported in `problems`.
-        line_of: line (or row number) of row k, for messages.
+        path: the file.
+        columns: name -> values, float64 of shape (n,).
+        problems: problems that the reader found.
+        unreadable: column -> mask (n,) of cells that are NaN as they could not be read; the
+            problems report these already. A column without such cells may be missing.
+        line_of: returns the line, or the row's number, of row k (from 0), for messages.
+        metadata: metadata of the recording.
+        events: events of the recording.
     """
 
     path: str
@@ -37,6 +43,6 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
     def unread(self, column: str) -> NDArray[np.bool_]:
-        """Return which cells of a column are reported already, shape (n,)."""
+        """Return the mask (n,) of a column's cells that are reported as unreadable already."""
         found = self.unreadable.get(column)
         return np.zeros(len(self), dtype=np.bool_) if found is None else found

@@ -1,4 +1,4 @@
-"""Where a file is to be written: the folder is there, and nothing of value is in the way."""
+"""These functions check the path of a new file, and replace a file in one step."""
 
 import os
 from collections.abc import Iterator
@@ -9,7 +9,10 @@ from .errors import RecordingProblem
 
 
 def target_problems(path: str, *, may_replace: bool) -> list[RecordingProblem]:
-    """Return what keeps a file from being made at path."""
+    """Return the problem that prevents a file from being made at path, if any, in a list.
+
+    The folder must exist; the file must not, unless it may be replaced.
+    """
     target = Path(path)
     if not target.parent.is_dir():
         value = f"folder {target.parent} does not exist"
@@ -22,7 +25,10 @@ def target_problems(path: str, *, may_replace: bool) -> list[RecordingProblem]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` that takes its place, unless an error ends the block."""
+    """Give the block a temporary path; move the file written there to `path` after the block.
+
+    If an error ends the block, the temporary file is removed and `path` is unchanged.
+    """
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield partial
@@ -32,7 +38,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a text file, UTF-8, in one step: a reader finds the old file or the whole new one.
+    """Write a UTF-8 text file in one step, so that a reader finds the old file or the whole new one.
 
     Raises:
         OSError: the file cannot be written.

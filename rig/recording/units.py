@@ -1,4 +1,4 @@
-"""Units of channels: a channel's name carries its unit as a suffix (`pressure_1_Pa`)."""
+"""A channel's name carries its unit as a suffix (`pressure_1_Pa`)."""
 
 from typing import Final
 
@@ -50,7 +50,7 @@ CONVERSIONS: Final = {
 def unit_of(channel: str) -> str:
     """Return the unit that a channel's suffix names (`flow_1_m3_per_s` -> `m^3/s`); "" if none."""
     parts = channel.split("_")
-    # The longest suffix wins: `speed_m_per_s` is in m/s, not in seconds.
+    # The longest suffix counts, so `speed_m_per_s` is in m/s, not in seconds.
     for start in range(1, len(parts)):
         unit = UNITS.get("_".join(parts[start:]))
         if unit is not None:

@@ -1,4 +1,4 @@
-"""Judges the columns of a recording: all that a filter needs, sampled evenly, plausible."""
+"""The columns of a recording are checked here: complete, evenly sampled and plausible."""
 
 import difflib
 from collections.abc import Iterator, Sequence
@@ -18,12 +18,12 @@ PERIOD_TOLERANCE: Final = 0.01
 MIN_DURATION_S: Final = 1.0
 
 MISSED: Final = "exchange_status"
-"""Channel of a hardware loop that is 0 where a fresh sample came, and else the reason for none."""
+"""Channel of a hardware loop: 0 where a fresh sample came, else a number for why none came."""
 
-# Channels that the loop knows whether samples come or not.
+# The loop itself makes the values of these channels, so they are never missing.
 _COMMANDED: Final = ("time_s", "command_V")
 
-# Names other programs use, where the letters alone are not near enough.
+# These names, which other programs use, are too unlike the channels' names to be found as similar.
 _ALIASES: Final = {
     "t": "time_s",
     "time": "time_s",
@@ -39,9 +39,13 @@ _ALIASES: Final = {
 def problems_of(
     table: Table, required: Sequence[str], *, of_rig: bool = True
 ) -> list[RecordingProblem]:
-    """Return everything wrong with a table, whole-file problems first, then line by line.
+    """Return all problems of a table: those of the whole file first, then line by line.
 
-    Values are held against those of a servo-hydraulic rig if it is `of_rig`.
+    Args:
+        table: the table, with the problems that its reader found.
+        required: channels that must be there, with a finite value in every row. A measured value
+            may be NaN where `MISSED` says that no sample came.
+        of_rig: whether values that no servo-hydraulic rig shows are problems too.
     """
     if not len(table):
         remedy = "record again; a recording is one line a millisecond"
@@ -94,7 +98,7 @@ def _conversion(name: str) -> str:
 
 
 def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return (first, last) of every run of True in a mask of shape (n,)."""
+    """Return the indices (first, last) of every run of True in a mask of shape (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
 
@@ -104,7 +108,7 @@ def _missing_values(table: Table, name: str) -> Iterator[RecordingProblem]:
     limit = f"{name} must have a value in every row"
     missing = ~np.isfinite(values) & ~table.unread(name)
     if name not in _COMMANDED and MISSED in table.columns:
-        # The loop recorded why the sample is missing, and its filter went on without it.
+        # A sample that the loop recorded as missing is no problem, as its filter did without it.
         missing &= ~(np.isnan(values) & (table.columns[MISSED] != 0.0))
     for first, last in runs(missing):
         if np.isinf(values[first]):
@@ -117,7 +121,7 @@ def _missing_values(table: Table, name: str) -> Iterator[RecordingProblem]:
 
 
 def _time_problems(table: Table) -> list[RecordingProblem]:
-    # Rows whose time is missing are reported as such; the others are judged by their distance.
+    # Rows without a time are reported elsewhere; steps between the others allow for rows between.
     known = np.flatnonzero(np.isfinite(table.columns["time_s"]))
     if len(known) < 2:
         return [_too_short(table, 0.0)]
@@ -128,7 +132,7 @@ def _time_problems(table: Table) -> list[RecordingProblem]:
     median = float(np.median(steps))
     if median <= 0.0:
         return [_not_advancing(table, steps, known)]
-    # A gap moves the mean, jitter the median: the rate is wrong where both are.
+    # A gap changes the mean, jitter the median, so the rate is only wrong if both are wrong.
     period = mean if _is_right(mean) else median
     if not _is_right(period):
         problems = [_wrong_rate(table, period)]
@@ -137,7 +141,7 @@ def _time_problems(table: Table) -> list[RecordingProblem]:
         problems = [_backwards(table, known, k) for k in np.flatnonzero(steps <= 0.0).tolist()]
         problems += [_gap(table, known, k) for k in np.flatnonzero(gaps).tolist()]
         if not problems and not _is_right(mean):
-            # Many steps of 1.4 ms: no gap each, and the median does not see them.
+            # Many steps of, say, 1.4 ms are no gaps each and do not change the median.
             problems = [_wrong_rate(table, mean)]
     duration = float(time_s[-1] - time_s[0]) + period
     # Half a period of slack for rounded time stamps.
@@ -155,7 +159,7 @@ def _not_advancing(table: Table, steps: FloatArray, known: NDArray[np.intp]) -> 
 
 
 def _is_right(period: float, unit_s: float = 1.0) -> bool:
-    """Return whether a period, counted in units of unit_s, is 1 ms within the tolerance."""
+    """Return whether a period, in units of `unit_s` seconds, is 1 ms within the tolerance."""
     return abs(period * unit_s / SAMPLE_PERIOD_S - 1.0) <= PERIOD_TOLERANCE
 
 

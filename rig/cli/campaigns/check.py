@@ -1,4 +1,4 @@
-"""`rig check`: validates configurations, and shows what a campaign would do."""
+"""`rig check` validates configurations, and shows what a campaign would do."""
 
 import click
 
@@ -12,8 +12,9 @@ from rig.configuration import check
 def command(files: tuple[str, ...], rig_reference: str | None) -> int:
     """Validate rigs, models, campaigns, sweeps, maps and stream profiles, by file or by name.
 
-    A campaign is dry-run: duration, commanded motion, faults, and what the rig could not follow.
-    Exit code 0 if all are valid, else 2, with every problem of every file on stderr.
+    A campaign is dry-run: its duration, commanded motion and faults are shown, and what the rig
+    could not follow. Exit code 0 if all are valid, else 2, with every problem of every file on
+    stderr.
     """
     problems = Problems()
     for file in files:

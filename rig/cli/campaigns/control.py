@@ -1,4 +1,4 @@
-"""`rig control`: asks something of a running campaign."""
+"""`rig control` sends a request to a running campaign."""
 
 import json
 from pathlib import Path
@@ -26,11 +26,12 @@ def command(directory: Path, request: str, text: tuple[str, ...], test: str) -> 
     skip         do not run a test, or end it: --test, else the present one
     retry        run a test again: --test, else the present one, else the last
     note TEXT    keep a text in journal, recording and report
-    acknowledge  say that all that wants attention was seen; TEXT may say more
-    status       show how it goes on, as JSON
+    acknowledge  record that somebody saw all that wants attention; TEXT may say more
+    status       show the state of the campaign, as JSON
 
-    Whoever may write to the folder as its campaign's user may ask. A text may go with any request,
-    and is kept. Exit code: 0, or 2 if no campaign runs there or it refuses, with the reason.
+    Anybody who may write to the folder as the campaign's user may ask. TEXT may go with any request
+    and is recorded with it. Exit code: 0 if the request was accepted, 2 if no campaign runs there
+    or it refuses, with the reason.
     """  # noqa: D301 (click wants the character)
     if test and request not in (Request.SKIP, Request.RETRY):
         click.echo(f"--test {test}: goes with skip or retry; leave it out", err=True)

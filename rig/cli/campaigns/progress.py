@@ -1,4 +1,4 @@
-"""Shows a campaign while it runs: live lines on a terminal, a line a test in a log."""
+"""These classes show a running campaign: live bars on a terminal, one line per test in a log."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,13 +28,14 @@ STYLES: Final = {
 
 
 class CampaignProgress(Observer):
-    """A line a test, written when the test ends; on a terminal, a bar with the live verdict before.
+    """An observer that writes one line per test, when the test ends.
 
-    A context manager, which gives the terminal back.
+    On a terminal, a bar with the live verdict stands in the line's place until then. It is a
+    context manager, which removes the bar and releases the terminal at its end.
 
     Args:
         screen: where the lines are written.
-        paced: whether tests run at the wall clock; a log then also says when a test begins.
+        paced: whether tests run at the wall clock; a log then also has a line when a test begins.
     """
 
     def __init__(self, screen: Screen, *, paced: bool) -> None:
@@ -63,7 +64,7 @@ class CampaignProgress(Observer):
     def campaign_begins(
         self, campaign: Campaign, directory: Path, finished: Sequence[TestOutcome]
     ) -> None:
-        """Write what is going to be run, and what has been."""
+        """Write which campaign is going to be run, and how many of its tests are finished."""
         self._count = len(campaign.tests)
         minutes, seconds = divmod(round(campaign.rig_time_s), 60)
         self._screen.print(
@@ -79,7 +80,7 @@ class CampaignProgress(Observer):
         self._screen.print(text, soft_wrap=True)
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
-        """Start the test's bar."""
+        """Start the test's bar; in a log of a paced run, write that the test has begun."""
         self._number = number
         if self._screen.is_terminal:
             self._bar = self._bars.add_task(
@@ -89,7 +90,7 @@ class CampaignProgress(Observer):
             self._screen.print(f"{self._place} {test.name}: begun")
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
-        """Move the test's bar."""
+        """Move the test's bar to the time in s, with the verdict so far."""
         if self._bar is not None:
             verdict = f"{decision.verdict} {chance(decision)}" if decision else ""
             self._bars.update(self._bar, completed=time_s, verdict=verdict)
@@ -119,7 +120,7 @@ class CampaignProgress(Observer):
 
 
 class MotionProgress(CampaignProgress):
-    """A line a motion, without the verdicts on leaks that nobody asked for."""
+    """An observer that writes one line per motion, without a verdict on leaks."""
 
     def test_ends(self, outcome: TestOutcome) -> None:
         """Write the motion's line."""
@@ -127,7 +128,7 @@ class MotionProgress(CampaignProgress):
 
 
 class _RigTime(ProgressColumn):
-    """Seconds of rig time, of how many."""
+    """A column that shows the seconds of rig time that are done, and how many there are in all."""
 
     def render(self, task: Task) -> Text:
         return Text(f"{task.completed:6.1f} of {task.total or 0.0:g} s")

@@ -1,4 +1,4 @@
-"""`rig run`: runs a campaign, shows it, and reports it."""
+"""`rig run` runs a campaign, shows its progress, and writes its report."""
 
 import os
 import time
@@ -59,10 +59,11 @@ def command(
 ) -> int:
     """Run the fault-injection campaign CAMPAIGN, a file or a shipped name.
 
-    Writes report.html, results.json, junit.xml, a journal and a recording a test. Ctrl-C ends it
-    with what there is, `rig control` asks it for a pause and more; stopped or killed, it goes on
-    with --resume. Exit code: 0 all as expected, 1 a test failed or was skipped, 2 bad input or a
-    device that is not there, 3 tripped, not ready, stopped, or its disk full.
+    Writes report.html, results.json, junit.xml, a journal, and a recording of each test. Ctrl-C
+    ends the campaign and reports the tests so far; `rig control` asks it for a pause and more. A
+    campaign that was stopped or killed goes on with --resume. Exit code: 0 all as expected, 1 a
+    test failed or was skipped, 2 bad input or a device that is not there, 3 tripped, not ready,
+    stopped, or its disk full.
     """
     given: dict[str, str | None] = {
         "reference": campaign, "rig": rig_reference, "pace": pace, "folder": str(Path.cwd()),
@@ -123,19 +124,22 @@ def command(
 
 
 def _give_up() -> None:
-    """End this hanging process at once; the rig is made safe by whoever hears no more of it."""
+    """End this process, whose cleaning up hangs, at once with a message and `EXIT_STOPPED`.
+
+    The processes that miss its beat, and the devices' watchdogs, then make the rig safe.
+    """
     os.write(2, b"rig: cleaning up takes too long; ended. Go on with rig run --resume\n")
     os._exit(EXIT_STOPPED)
 
 
 def _again(campaign: str, rig_reference: str | None) -> list[str]:
-    """Return the command that runs a campaign again: on the same rig, into a new folder."""
+    """Return the command line that runs a campaign again on the same rig, into a new folder."""
     on_rig = [] if rig_reference is None else ["--rig", rig_reference]
     return ["rig", "run", campaign, *on_rig]
 
 
 def _report(outcome: CampaignOutcome, directory: Path) -> Path | None:
-    """Return the report's path; None, with a message, if it cannot be made."""
+    """Write the report and return its path; None, with a message on stderr, if that fails."""
     try:
         from rig.report import write_report
 

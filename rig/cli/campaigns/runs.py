@@ -1,4 +1,4 @@
-"""`rig runs`: finds, shows, compares and prunes past runs, by their files alone."""
+"""`rig runs` finds, shows, compares and prunes past runs, by the files in their folders."""
 
 import json
 import re
@@ -29,9 +29,10 @@ _below = click.option(
 
 
 def _date(ctx: click.Context, param: click.Parameter, value: str | None) -> datetime | None:
-    """Return a date and time from a date, a date and time, or an age (`7 d`); None if not given.
+    """Return the time that an option gives as a date, a date and time, or an age (`7 d`).
 
-    A time without a zone is taken for UTC.
+    A time without a zone is UTC; an age is subtracted from now. Return None if the option is not
+    given.
     """
     if value is None:
         return None
@@ -46,7 +47,7 @@ def _date(ctx: click.Context, param: click.Parameter, value: str | None) -> date
 
 
 def _span(ctx: click.Context, param: click.Parameter, value: str | None) -> timedelta | None:
-    """Return a time span from a text such as `30 d`; None if not given."""
+    """Return the time span that an option gives, such as `30 d`; None if it is not given."""
     if value is None:
         return None
     span = _age(value)
@@ -56,16 +57,16 @@ def _span(ctx: click.Context, param: click.Parameter, value: str | None) -> time
 
 
 def _age(text: str) -> timedelta | None:
-    """Return an age such as `7 d`; None if the text is none."""
+    """Return the time span of a text such as `7 d`; None if the text is not a time span."""
     age = _AGE.fullmatch(text)
     return None if age is None else timedelta(**{_UNITS[age[2]]: int(age[1])})
 
 
 @click.group()
 def command() -> None:
-    """Find, show, compare and prune past runs: folders, and no server.
+    """Find, show, compare and prune past runs by their folders; no server is needed.
 
-    A RUN is the name of a folder below --runs, or a path.
+    A RUN is the name of a folder below --runs, or the path of a folder.
     """
 
 
@@ -137,8 +138,8 @@ def compare(
 ) -> int:  # fmt: skip
     """Compare the run CANDIDATE with the run REFERENCE, figure by figure.
 
-    Exit code: 0 if every figure is within its tolerance, 1 if one moved beyond it, or a test or
-    figure is gone, 2 on bad input. As a gate of a CI: docs/ci.md.
+    Exit code: 0 if every figure is within its tolerance, 1 if a figure moved beyond its tolerance
+    or a test or figure is gone, 2 on bad input. docs/ci.md shows it as a gate of a CI.
     """
     from rig.configuration import load_tolerances
     from rig.runner.run_folder import ANYTHING, Change, Tolerance, compare as compared
@@ -191,7 +192,7 @@ def prune(
 ) -> int:
     """Remove old runs; without --delete, only show which.
 
-    Only files that a run wrote are removed. Runs that go on, or could be resumed, stay.
+    Only files that a run wrote are removed. A run that is going on or could be resumed stays.
     """
     from rig.runner.run_folder import prunable, remove
 

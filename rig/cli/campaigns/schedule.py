@@ -1,4 +1,4 @@
-"""`rig schedule`: runs campaigns at their times, in the foreground or under systemd."""
+"""`rig schedule` runs campaigns at their times, in the foreground or under systemd."""
 
 import json
 import subprocess
@@ -34,8 +34,8 @@ _path = click.argument("schedule", type=click.Path(path_type=Path), metavar="SCH
 def command() -> None:
     """Run campaigns at times or intervals, one after another.
 
-    The schedule's folder (`runs` in its file) holds the runs, a journal by which it goes on after a
-    crash, and trend.html over all of them (docs/schedules.md).
+    The schedule's folder (`runs` in its file) holds the runs, a journal by which the schedule goes
+    on after a crash, and trend.html, a page on all runs (docs/schedules.md).
     """
 
 
@@ -43,9 +43,9 @@ def command() -> None:
 @_path
 @click.option("--until-idle", is_flag=True, help="End once nothing waits, instead of waiting on.")
 def run(schedule: Path, until_idle: bool) -> int:
-    """Run the schedule in the foreground; a service does the same.
+    """Run the schedule in the foreground, as a service does too.
 
-    SIGINT and SIGTERM end the run that is under way, and the next start goes on with it.
+    SIGINT and SIGTERM end the run that is under way; the next start of the schedule resumes it.
     """
     loaded = load_schedule(schedule)
     stop = StopFlag()
@@ -83,7 +83,7 @@ def add(schedule: Path, campaign: str, rig: str | None, name: str | None) -> int
 @command.command()
 @_path
 def resume(schedule: Path) -> int:
-    """Go on after a run tripped or was stopped; look at the rig first."""
+    """Go on with a schedule that halted as a run tripped or was stopped; look at the rig first."""
     loaded = load_schedule(schedule)
     state = _state(loaded)
     if not state.halted:
@@ -97,7 +97,7 @@ def resume(schedule: Path) -> int:
 @_path
 @click.option("--json", "as_json", is_flag=True, help="As one JSON object.")
 def list_entries(schedule: Path, as_json: bool) -> int:
-    """Show when what is run next, what waits, and what ran."""
+    """Show the next time of every entry, the runs that wait, and the last runs that ended."""
     loaded = load_schedule(schedule)
     shown = _document(loaded, _state(loaded))
     if as_json:
@@ -161,12 +161,12 @@ def _ask(schedule: Schedule, **asked: Any) -> None:
 
 
 def _absolute(reference: str) -> str:
-    """Return a path that means the same from anywhere; a name stays a name."""
+    """Return the absolute path of a file; return the reference unchanged if it is no file."""
     return str(Path(reference).resolve()) if Path(reference).is_file() else reference
 
 
 class _Hands:
-    """The clock, the processes and the hooks of a schedule that runs in earnest."""
+    """The real clock, processes and hooks, by which the scheduler acts on the world."""
 
     def __init__(self, schedule: Schedule, stop: StopFlag) -> None:
         self._schedule = schedule
@@ -184,10 +184,13 @@ class _Hands:
         click.echo(f"{self.now():%FT%TZ} {text}")
 
     def run(self, job: Job, entry: Entry | None) -> int:
-        """Run a campaign in a process of its own, whose crash does not end the schedule."""
+        """Run a campaign in a process of its own and return its exit code.
+
+        A crash of that process does not end the schedule.
+        """
         assert job.folder is not None
         folder = Path(job.folder)
-        # The process of a scheduler that was killed goes on: its run is waited for.
+        # The run of a scheduler that was killed goes on in its own process; wait until it ends.
         while is_written(folder) and not self._stop.requested:
             self.sleep(_POLL_S)
         arguments = ["run", job.campaign, "--out", job.folder, "--resume"]
@@ -203,10 +206,13 @@ class _Hands:
         return process.wait()
 
     def _pass_on(self, process: subprocess.Popen[bytes]) -> None:
-        """End the run once the schedule is to end; from a terminal it has the signal already."""
+        """Wait until the run ends; terminate it if the schedule is asked to stop before.
+
+        On Ctrl-C in a terminal the run gets the signal by itself already.
+        """
         while process.poll() is None:
             if self._stop.requested:
-                # One that has ended meanwhile is left alone.
+                # This does nothing to a process that has ended meanwhile.
                 process.terminate()
                 return
             time.sleep(_POLL_S)

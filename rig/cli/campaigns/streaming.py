@@ -1,4 +1,4 @@
-"""Sets up the live stream of a run, and passes on the commands that come by the stream."""
+"""These functions set up the live stream of a run and pass its commands on to the desk."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +23,12 @@ REQUESTS: Final = {
 
 
 def stream_of(profile: str | None, *, paced: bool) -> StreamSettings | None:
-    """Return the settings of a run's stream; None for no stream.
+    """Return the settings of a run's stream; None if the run has no stream.
+
+    Args:
+        profile: path or name of a profile, or "off". Without one, a run has the default profile if
+            it is paced, and no stream otherwise.
+        paced: whether the run goes at the wall clock.
 
     Raises:
         ConfigError: the profile, or a file that it names, cannot be used.
@@ -53,7 +58,11 @@ def streamed(
     *,
     paced: bool,
 ) -> Iterator[Observer]:
-    """Give an observer that shows a run on its live stream too; the same one without a stream."""
+    """Give the block an observer that passes a run on to `observer` and to its live stream.
+
+    Without settings of a stream, the block gets `observer` itself. The stream's commands go to the
+    desk; the stream ends with the block.
+    """
     if settings is None:
         yield observer
         return

@@ -1,4 +1,4 @@
-"""The verdict table of a campaign, injected against found, and its summary in lines."""
+"""The table that sets injected faults against found ones, and a campaign's summary in lines."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ from .progress import STYLES
 
 
 def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
-    """Return the table of a campaign's verdicts; `plain` draws it with ASCII."""
+    """Return a table with a row for each test of a campaign; `plain` draws it with ASCII."""
     headings = ("test", "injected", "found", "onset", "latency", "result")
     table = table_of(headings, plain=plain, right=("onset", "latency"))
     for test in outcome.tests:
@@ -32,7 +32,7 @@ def verdict_table(outcome: CampaignOutcome, *, plain: bool) -> Table:
 
 
 def injected(fault: InjectedFault) -> str:
-    """Return what was injected: kind, mean flow (else the coefficient), and when."""
+    """Return an injected fault in words: kind, mean flow or else coefficient, and when it began."""
     size = f"{fault.coefficient:.3g} {coefficient_unit(fault)}"
     if fault.mean_flow_m3_per_s is not None:
         size = f"{to_litres_per_minute(fault.mean_flow_m3_per_s):.3f} L/min"
@@ -40,7 +40,10 @@ def injected(fault: InjectedFault) -> str:
 
 
 def found(decision: Decision | None) -> str:
-    """Return what was found: verdict, its probability, and mean flow with its 95 % interval."""
+    """Return a decision in words: verdict, probability, and mean flow with its 95 % interval.
+
+    Return "-" if there is no decision.
+    """
     if decision is None:
         return "-"
     parts = (str(decision.verdict), chance(decision), leak(decision))
@@ -52,22 +55,22 @@ def _passing(test: TestOutcome) -> list[str]:
 
 
 def leak(decision: Decision) -> str:
-    """Return a decision's mean leak flow with its 95 % interval; empty if it has no flow."""
+    """Return a decision's mean leak flow and 95 % interval in L/min; "" if it has no flow."""
     if decision.leak_m3_per_s is None:
         return ""
     flow = f"{to_litres_per_minute(decision.leak_m3_per_s):.3f}"
     interval = decision.interval_m3_per_s
     if interval is None:
         return f"{flow} L/min"
-    # The lower end stops at no leak, so the upper one shows how wide the interval is.
+    # The lower end is cut off at zero flow, so the half width is taken from the upper end.
     half = to_litres_per_minute(interval[1] - decision.leak_m3_per_s)
     return f"{flow} ± {half:.3f} L/min"
 
 
 def summary(outcome: CampaignOutcome, wall_s: float, *, live: bool) -> Iterator[str]:
-    """Yield what there is to say below the table: what crashed, counts, and speed.
+    """Yield the lines below the table: tests that crashed, numbers by status, rig time and speed.
 
-    The speed of a run at the wall clock (`live`) is left out, as it is always the same.
+    The speed is left out for a run at the wall clock (`live`), where it is always the same.
     """
     for test in outcome.tests:
         if test.status == Status.ERROR:

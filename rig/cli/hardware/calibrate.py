@@ -1,4 +1,4 @@
-"""`rig calibrate`: measures what a rig file otherwise has from data sheets."""
+"""`rig calibrate` measures values that a rig file otherwise has from data sheets."""
 
 import csv
 from collections.abc import Mapping
@@ -29,15 +29,15 @@ _RAW: Final = (
     "bypass", "opening", "direction", "feedback", "flow_m3_per_s", "flow_error_m3_per_s", "drop_Pa",
     "coefficient", "coefficient_error",
 )  # fmt: skip
-"""Columns of the raw measurements.
+"""Columns of the file of raw measurements.
 
-They are in SI, and of ball and needle in series; errors are standard errors.
+Values are in SI; coefficients are of ball and needle in series; errors are standard errors.
 """
 
 
 @click.group()
 def command() -> None:
-    """Measure what a rig file otherwise has from data sheets."""
+    """Measure values that a rig file otherwise has from data sheets."""
 
 
 @command.command()
@@ -69,8 +69,8 @@ def valves(
 ) -> int:
     """Measure needle opening against leakage coefficient with the flow meters.
 
-    The rig is armed and homed; the ram then makes a slow stroke for each point, some 9 s. Writes a
-    dated file for `needle: {calibration: FILE}` in the rig file, and what was measured beside it,
+    The rig is armed and homed; the ram then makes a slow stroke of some 9 s for each point. Writes
+    a dated file for `needle: {calibration: FILE}` in the rig file, and beside it the measurements
     as CSV. Exit code: 0 done, 2 bad input or no calibration, 3 stopped or tripped.
     """
     rig, assumed = load_rig(reference), load_model(model)
@@ -108,7 +108,7 @@ def valves(
 
 
 def _keep(path: Path, kind: str, measurement: Measurement) -> None:
-    """Add a measurement to a file at once, so that what was measured before a trip is kept."""
+    """Append a measurement to a CSV file at once, so that a trip loses no earlier measurement."""
     new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -1,4 +1,4 @@
-"""`rig doctor`: shows what this machine grants to a rig, and the remedy for what it does not."""
+"""`rig doctor` shows what this machine grants to a rig, and a remedy for what it does not."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -23,9 +23,9 @@ from .machine import Finding, machine
 STYLES: Final = {"good": "green", "weak": "yellow", "bad": "bold red"}
 
 _LATE: Final = 2e-4
-"""Wake-up lateness in s, 99th percentile, from which on a 1 kHz loop has little room left."""
+"""Limit in s of the 99th percentile of the wake-up lateness; above it a 1 kHz loop is pressed."""
 _MISSED: Final = 5e-3
-"""Share of missed ticks above which recordings have gaps that matter."""
+"""Share of missed ticks above which the gaps in recordings matter."""
 
 
 @click.command()
@@ -42,11 +42,11 @@ def command(reference: str | None, seconds: float, as_json: bool) -> int:
     """Show what this machine grants to a rig's loop, and the remedy for what it does not.
 
     Nothing moves; devices that another program on this machine drives are left alone. Exit code:
-    0 the loop would run, 1 something it needs is bad, 2 bad input.
+    0 the loop would run, 1 something that the loop needs is bad, 2 bad input.
     """
     rig = load_rig(reference) if reference is not None else None
     loop = rig.loop if rig is not None else LoopSettings()
-    # The compiler must not run at the loop's priority: it would hold up every other loop.
+    # Compile before the priority is raised: a compiler at the loop's priority would delay others.
     wakeup_lateness(1.0 / loop.rate, 1)
     with RealTime(loop.cpu, loop.priority) as real_time:
         lateness = wakeup_lateness(1.0 / loop.rate, max(1, round(seconds * loop.rate)))
@@ -80,7 +80,7 @@ def _granted(grant: Grant) -> Finding:
 
 
 def _opened(spec: DriverSpec) -> Finding:
-    """Open and close a driver; return whether its device answers and is the one expected."""
+    """Open and close a driver; return a finding on whether the expected device answers."""
     subject = f"driver {spec.name}"
     try:
         driver = spec.create()
@@ -96,7 +96,7 @@ def _opened(spec: DriverSpec) -> Finding:
 
 
 def _timing(lateness: NDArray[np.float64]) -> dict[str, Any]:
-    """Return ticks, missed ones, and percentiles of the lateness in s."""
+    """Return the number of ticks, the number missed, and percentiles of the lateness in s."""
     stage = StageTimes()
     stage.take(lateness)
     return {"ticks": lateness.size, "missed": lateness.size - stage.count, **stage.summary()}

@@ -1,4 +1,4 @@
-"""`rig emulate`: serves an emulated rig over the protocols of a real one."""
+"""`rig emulate` serves an emulated rig over the protocols of a real one."""
 
 import asyncio
 import json
@@ -37,7 +37,11 @@ _FILE: Final = click.Path(path_type=Path, dir_okay=False)
 def _ports(
     context: click.Context, option: click.Parameter, values: tuple[str, ...]
 ) -> dict[str, int]:
-    """Return ports by driver from texts NAME=PORT."""
+    """Return the port of each driver that the texts NAME=PORT give; the last one of a name counts.
+
+    Raises:
+        click.BadParameter: a text is not of this form, or its port is out of range.
+    """
     ports = {}
     for value in values:
         name, _, port = value.partition("=")
@@ -100,8 +104,8 @@ def command(
 ) -> None:
     """Serve an emulated RIG, a file or a shipped name, until Ctrl-C.
 
-    Its drivers find its devices where the rig file has them look. Exit code 0 when stopped, 2 on
-    bad input, such as a port in use.
+    Its devices are served at the addresses in the rig file, where the rig's drivers look for them.
+    Exit code 0 when stopped, 2 on bad input, such as a port in use.
     """
     rig = load_rig(rig_reference)
     endpoints = endpoints_of(rig, ports, control)

@@ -1,4 +1,4 @@
-"""`rig home`: arms and homes a rig, to see that it can be homed, and leaves it safe."""
+"""`rig home` arms and homes a rig, to see that it can be homed, and leaves it safe."""
 
 import contextlib
 from datetime import UTC, datetime
@@ -21,7 +21,8 @@ from rig.supervisor import ConnectedRig, Session
 def command(reference: str, model: str) -> int:
     """Arm and home a rig; show where its encoder's zero is, and how well that repeats.
 
-    The rig is left safe; whatever runs on it next homes it again. A trip is reported below `runs`.
+    The rig is left safe; the next command that runs on it homes it again. A trip is reported in a
+    folder below `runs`.
     Exit code: 0 homed, 2 bad input, 3 stopped or tripped.
     """
     rig, assumed = load_rig(reference), load_model(model)
@@ -38,6 +39,6 @@ def command(reference: str, model: str) -> int:
             with Session(connected):
                 return 0
     finally:
-        # Without a trip there is nothing in the folder.
+        # The folder is empty, and is removed, unless the rig tripped.
         with contextlib.suppress(OSError):
             directory.rmdir()

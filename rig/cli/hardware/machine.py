@@ -1,4 +1,4 @@
-"""Looks at what this machine has for a rig: kernel, clock, processors, ports and disk."""
+"""These checks look at what a machine offers a rig: kernel, clock, processors, ports, disk."""
 
 import os
 import shutil
@@ -11,27 +11,28 @@ from typing import Final, Literal, NamedTuple
 Grade = Literal["good", "weak", "bad"]
 
 _CAN: Final = "280"
-"""ARPHRD_CAN of linux/if_arp.h: the type of a CAN interface in /sys/class/net."""
+"""The type of a CAN interface in /sys/class/net: ARPHRD_CAN of linux/if_arp.h."""
 
 _CPU: Final = "sys/devices/system/cpu"
 _CLOCK: Final = "sys/devices/system/clocksource/clocksource0/current_clocksource"
 _FAST_CLOCKS: Final = ("tsc", "arch_sys_counter", "kvm-clock")
-"""Clocks that are read without a system call; any other costs the loop microseconds a tick."""
+"""Clocks that are read without a system call; any other clock costs microseconds in each tick."""
 
 _RECORDED_PER_HOUR: Final = 2e9
-"""Bytes, rounded up: 50 channels of 8 bytes at 1 kHz, and their framing."""
+"""Bytes that an hour of recording takes, rounded up: 50 channels of 8 bytes at 1 kHz, framed."""
 _NEEDED_PER_S: Final = 10 * _RECORDED_PER_HOUR / 3600.0
 _SAMPLE_BYTES: Final = 16 << 20
 
 
 class Finding(NamedTuple):
-    """One property of the machine that was looked at, graded, with its remedy.
+    """One property of the machine that was checked, with a grade and a remedy.
 
     Attributes:
-        subject: what was looked at.
-        found: what there is.
-        grade: good, weak (it runs, with more jitter or less choice), or bad (it would not run).
-        remedy: what to do about it; empty if nothing is to be done.
+        subject: the property, such as "kernel".
+        found: its value, in words.
+        grade: good, weak (the rig runs, with more jitter or less choice), or bad (it would not
+            run).
+        remedy: what the user should do; empty if nothing is to be done.
     """
 
     subject: str
@@ -41,11 +42,11 @@ class Finding(NamedTuple):
 
 
 def machine(recordings: Path, root: Path = Path("/")) -> Iterator[Finding]:
-    """Yield what this machine has, whatever rig is meant.
+    """Yield a finding for each property of this machine that matters to any rig.
 
     Args:
         recordings: folder in which runs would be recorded.
-        root: where /proc, /sys and /dev are.
+        root: folder that holds proc, sys and dev.
     """
     yield _kernel(root)
     yield _clock(root)
@@ -60,7 +61,7 @@ def machine(recordings: Path, root: Path = Path("/")) -> Iterator[Finding]:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file of the kernel; "" if there is no such file."""
+    """Return the text of a file of the kernel, stripped; "" if it cannot be read."""
     try:
         return path.read_text().strip()
     except OSError:
@@ -115,7 +116,7 @@ def _throttling(root: Path) -> Finding:
 
 
 def _serial_ports(root: Path) -> Finding:
-    # The fixed ttyS ports are listed by every PC, fitted or not.
+    # ttyS ports are left out, as every PC lists them whether it has them or not.
     ports = [str(port) for kind in ("ttyUSB", "ttyACM") for port in (root / "dev").glob(f"{kind}*")]
     shut = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
     if shut:

@@ -1,1 +1,1 @@
-"""Commands that watch rigs which run: monitor, console, router."""
+"""Commands that watch running rigs: monitor, console, router."""

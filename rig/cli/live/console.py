@@ -1,4 +1,4 @@
-"""`rig console`: the operator's web page."""
+"""`rig console` serves the operator's web page."""
 
 import time
 from contextlib import suppress
@@ -49,8 +49,8 @@ def command(
 ) -> int:
     """Serve the operator's web page: watch rigs live, start, hold, skip, retry, stop.
 
-    It is fed by the live stream, and its commands are signed as those of `rig monitor --send`. The
-    token to log in with is printed, and kept in a file that only you may read. docs/console.md
+    The page shows the live stream, and its commands are signed as those of `rig monitor --send`.
+    The token to log in with is printed, and kept in a file that only you may read. docs/console.md
     describes the rest. Ctrl-C ends the page; campaigns go on.
     """
     from rig.console import AddressError, Served, address_of, console_token, offers_of, serve
@@ -81,6 +81,6 @@ def command(
 
 def _log(text: str) -> None:
     shown = "".join(c if c.isprintable() else " " for c in text)
-    # A terminal that is gone, or a full disk, is no reason not to stop a rig.
+    # An order to stop a rig must not fail because the log cannot be written.
     with suppress(OSError):
         click.echo(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {shown}", err=True)

@@ -1,4 +1,4 @@
-"""Options of the commands that follow live streams: where the rigs are, and whose keys count."""
+"""Options of the commands that follow live streams: addresses of the rigs, and the profile."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -19,15 +19,15 @@ _PROFILE = click.option(
 
 
 def follows_streams(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options --connect (texts) and --profile."""
+    """Return a command with the options --connect (any number of texts) and --profile added."""
     return _CONNECT(_PROFILE(command))
 
 
 def endpoints(texts: Sequence[str]) -> tuple[Endpoint, ...]:
-    """Return the endpoints that --connect names.
+    """Return the endpoints that the texts of --connect name.
 
     Raises:
-        ConfigError: every text that names no endpoint.
+        ConfigError: lists every text that is not an endpoint.
     """
     problems, found = [], []
     for text in texts:

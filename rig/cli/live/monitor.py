@@ -1,4 +1,4 @@
-"""`rig monitor`: watches the live stream of rigs in the terminal."""
+"""`rig monitor` shows the live streams of rigs in the terminal."""
 
 import json
 import time
@@ -55,8 +55,8 @@ def command(
 ) -> int:
     """Watch rigs that run, live: rates, lateness, pressures, residual and threshold, verdict.
 
-    On a terminal the screen goes on until Ctrl-C; elsewhere a line a second is written for each
-    rig. A stream that has died is shown as dead, with its age.
+    On a terminal the screen is updated until Ctrl-C; elsewhere a line is written each second for
+    each rig. A stream that has died is shown as dead, with the time since its last message.
     """
     settings = load_stream(profile)
     where = endpoints(connect)
@@ -81,7 +81,7 @@ def command(
 
 
 def _await(client: "StreamClient", wait_s: float) -> None:
-    """Wait until a rig is there and has sent something."""
+    """Wait until a rig is alive and has sent its health; give up after `wait_s`."""
     until = time.monotonic() + wait_s
     while time.monotonic() < until:
         living = [shot.rig for shot in _snapshots(client) if shot.alive and shot.health]

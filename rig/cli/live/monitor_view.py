@@ -1,4 +1,4 @@
-"""A rig's stream as text: what `rig monitor` shows on a terminal, in a log, and to a program."""
+"""These functions turn a rig's snapshot into text for a terminal, for a log, or for a program."""
 
 from collections.abc import Iterator, Mapping
 from math import isfinite
@@ -18,7 +18,7 @@ _US: Final = 1e6
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
-    """Return a snapshot for a program, in SI, with None for what is not known."""
+    """Return a snapshot as plain values for JSON, in SI; NaN and infinity become None."""
     return {
         "rig": snapshot.rig,
         "alive": snapshot.alive,
@@ -54,7 +54,7 @@ def line(snapshot: Snapshot) -> str:
 
 
 def screen(snapshot: Snapshot) -> RenderableType:
-    """Return a snapshot for a terminal."""
+    """Return a snapshot as a panel of several lines, for a terminal."""
     figures = Table.grid(padding=(0, 2))
     for name, value in _figures(snapshot):
         figures.add_row(Text(name, style="dim"), Text(value))
@@ -87,7 +87,7 @@ def _progress(snapshot: Snapshot) -> Text:
 
 
 def _figures(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
-    """Yield name and value of everything that is shown and known."""
+    """Yield name and text of every value that is to be shown, leaving out unknown ones."""
     latest, health, decision = snapshot.latest, snapshot.health, snapshot.decision
     if snapshot.state:
         yield "state", str(snapshot.state.get("state", ""))
@@ -149,6 +149,6 @@ def _known(value: float) -> float | None:
 
 
 def _content(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a message holds besides its header."""
+    """Return a message without the fields of its header."""
     header = ("version", "session", "sequence")
     return {name: value for name, value in content.items() if name not in header}

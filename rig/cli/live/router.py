@@ -1,4 +1,4 @@
-"""`rig router`: passes the live streams of many rigs on to those who follow them."""
+"""`rig router` passes the live streams of many rigs on to the programs that follow them."""
 
 import threading
 
@@ -14,8 +14,8 @@ from rig.runner import StopFlag, stop_on_signals
 def command(profile: str) -> int:
     """Route streams by PROFILE, a file or a shipped name, until Ctrl-C.
 
-    Rigs connect to it by the profile `fleet`, and so do those who follow them. Eclipse's zenohd
-    with the same addresses, certificates and access control does the same.
+    Rigs connect to the router by the profile `fleet`, and so do monitors and consoles. Eclipse's
+    zenohd with the same addresses, certificates and access control can be used in its place.
     """
     settings = load_stream(profile)
     from rig.stream import StreamError, check_files, publisher_session

@@ -1,1 +1,1 @@
-"""Commands that find out about models: gap, identify, sweep."""
+"""Commands that test models or identify their parameters: gap, identify, sweep."""

@@ -1,4 +1,4 @@
-"""What the experiments of `rig gap --live` and `rig identify friction --rig` share."""
+"""Functions that `rig gap --live` and `rig identify friction --rig` share."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,13 +17,13 @@ from rig.runner.experiments import ExperimentStoppedError
 
 
 def rig_time(campaigns: Sequence[Campaign]) -> str:
-    """Return how long campaigns keep a rig busy, in words."""
+    """Return how long campaigns keep a rig busy altogether, in words such as "3 min 5 s"."""
     minutes, seconds = divmod(round(sum(each.rig_time_s for each in campaigns)), 60)
     return f"{minutes} min {seconds} s"
 
 
 def print_motions(campaign: Campaign, rig: Rig, indent: str = "") -> None:
-    """Print every motion of a campaign as it would run."""
+    """Print the plan of every motion of a campaign, each line after `indent`; move nothing."""
     for test in plan_campaign(campaign, rig):
         for line in test.lines():
             if not line.startswith("  expect"):
@@ -36,16 +36,17 @@ def experiment(
 ) -> Iterator[tuple[Screen, StopFlag, MotionProgress]]:
     """Give screen, stop flag and progress to the block that runs an experiment.
 
-    The command ends if the experiment fails.
+    If the block fails in one of the ways below, the command ends.
 
     Args:
-        rig: that the experiment is run on.
-        pace: asked for; the rig's own if None.
-        folder: of the experiment's recordings, for messages.
-        as_json: whether nothing but the figures goes to the standard output.
+        rig: the rig on which the experiment is run.
+        pace: the pace that the user asks for; None for the rig's own.
+        folder: folder of the experiment's recordings, which a message names.
+        as_json: whether the screen stays silent, so that only the JSON goes to standard output.
 
     Raises:
-        click.exceptions.Exit: the message is written; the error has the exit code.
+        click.exceptions.Exit: the experiment was stopped, a driver failed or the rig tripped. The
+            message is on stderr already; the error has the exit code.
     """
     stop = StopFlag()
     screen = Screen(on_closed=lambda: stop.request("the end of its output"))

@@ -1,4 +1,4 @@
-"""`rig gap`: finds where a model and recordings disagree, and what the model lacks."""
+"""`rig gap` finds where a model and recordings disagree, and what the model lacks."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -9,10 +9,10 @@ HOLDOUT: Final = "--holdout"
 
 
 class ManyHeldOut(click.Command):
-    """Takes several recordings after one `--holdout`, as the shell makes them of `held_*.csv`."""
+    """A command that takes several recordings after one `--holdout`, so that `held_*.csv` works."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Repeat the option before each of its recordings."""
+        """Parse the arguments, with `--holdout` repeated before each recording that follows it."""
         repeated: list[str] = []
         held = False
         for place, word in enumerate(args):
@@ -67,18 +67,19 @@ def command(**options: Any) -> int:
 
     Recordings are .mcap, .csv, .csv.gz or .parquet, 1 kHz. The model is a shipped name or a file.
     Bulk modulus, discharge coefficient, viscous friction and supply pressure are refitted within
-    their tolerances first. DIR/model.yaml is the model with what was found added, or as given where
-    that would predict worse; DIR/report.html is one page with the whole story, DIR/gap.json all
-    figures. Where recordings do not show which of two effects it is and some motion would,
-    DIR/experiment.yaml is the campaign that settles it.
+    their tolerances first. DIR/model.yaml is the model with the missing effects added, or the given
+    model where the additions would predict worse; DIR/report.html is one page with the whole story,
+    DIR/gap.json holds all figures. Where the recordings do not show which of two effects is missing
+    and some motion would, DIR/experiment.yaml is the campaign that settles the question.
 
     With --live --rig RIG no recordings are given: strokes, steps and slow reversals are run on the
-    rig within its limits, 3 minutes in all, then what settles an open question, and every revised
-    model is tested on a run of its own, until it is adequate. --dry-run shows the motions first.
+    rig within its limits, 3 minutes in all, then an experiment for each open question; every
+    revised model is tested on a run of its own, until it is adequate. --dry-run only shows the
+    motions.
 
-    Verdict: adequate, missing_effect, unknown_effect or inconclusive. Exit code 0 whatever it is,
-    2 if any input is bad: then every problem is on stderr, and nothing is written; with --live 3
-    if the rig tripped or was stopped.
+    Verdict: adequate, missing_effect, unknown_effect or inconclusive. The exit code is 0 for any
+    verdict, and 2 if any input is bad: then every problem is on stderr, and nothing is written.
+    With --live it is 3 if the rig tripped or was stopped.
     """
     # The search takes seconds to load, so neither --help nor a wrong option loads it.
     from .gap_finding import Asked, found_by

@@ -1,4 +1,4 @@
-"""What `rig gap` does once its options are read: recordings in, finding, page and model out."""
+"""The work of `rig gap`: it reads recordings, finds the gap, and writes the page and the model."""
 
 import json
 import sys
@@ -44,7 +44,7 @@ _STYLES: Final = {"adequate": "green", "missing_effect": "red", "unknown_effect"
 
 @dataclass(frozen=True)
 class Asked:
-    """What the command line asks for; see `rig gap --help`."""
+    """The arguments and options of the command line, as `rig gap --help` explains them."""
 
     recordings: tuple[str, ...]
     holdout: tuple[str, ...]
@@ -60,7 +60,10 @@ class Asked:
 
 
 def found_by(asked: Asked) -> int:
-    """Find what is asked for, write and show it; return the exit code."""
+    """Find the gap that is asked for, write the files, show the finding; return the exit code.
+
+    All problems of the input go to stderr together; then nothing is written and the code is 2.
+    """
     problems = Problems()
     own: PlantModel | None = None
     with problems.collected():
@@ -126,7 +129,10 @@ def found_by(asked: Asked) -> int:
 
 
 def _code(result: GapResult) -> int:
-    """Return the exit code of a finding; write why its experiment ended, if the rig ended it."""
+    """Return the exit code of a result: 0, or `EXIT_STOPPED` if the rig ended the experiment.
+
+    In the second case the reason is written to stderr.
+    """
     if not result.ended_by:
         return 0
     click.echo(f"rig: {result.ended_by}", err=True)
@@ -140,7 +146,7 @@ def _read_of_rig(name: str) -> Recording:
 def _read(
     names: Sequence[str], read: Callable[[str], Recording], problems: Problems
 ) -> list[Recording]:
-    """Return the recordings that can be read; what is wrong with others goes to the problems."""
+    """Return the recordings that can be read; add the problems of the others to `problems`."""
     found = []
     for name in names:
         with problems.collected():
@@ -151,7 +157,7 @@ def _read(
 def _refuse_repeated(
     fitted: Sequence[Recording], judged: Sequence[Recording], problems: Problems
 ) -> None:
-    """Note recordings with the same content as problems, as no evidence may count twice."""
+    """Add a problem for each recording whose samples were given before: evidence counts once."""
     seen: dict[str, tuple[str, bool]] = {}
     for recording, held in [*((r, False) for r in fitted), *((r, True) for r in judged)]:
         content = recording.content_hash()
@@ -178,13 +184,16 @@ def _write(
 ) -> None:
     """Write model, report, figures and experiment: all of them, or, if one fails, none.
 
+    An experiment, or a model with the unknown term, of an earlier run is removed where this result
+    has none.
+
     Args:
-        result: of the workflow.
-        plant: that was looked at.
+        result: result of the gap workflow.
+        plant: the plant whose model was tested.
         model: name of the model that was tested.
-        command: the command line.
-        out: folder; made if missing.
-        references: rig and model of the experiment's campaign.
+        command: the command line, which the page shows.
+        out: the folder; it is made if missing.
+        references: rig and model, by path or name, of the experiment's campaign.
     """
     page = gap_page(result, plant, model, command)
     figures = json.dumps(gap_figures(result, plant), indent=1, allow_nan=False)
@@ -213,7 +222,7 @@ def _write(
 
 
 def _lines(result: GapResult) -> Iterator[Text | str]:
-    """Yield the finding in words."""
+    """Yield the lines that say in words what was found."""
     yield Text(f"{result.verdict}: {headline(result)}", _STYLES.get(result.verdict, "yellow"))
     yield from result.reasons
     for line in where_words(result.where):
@@ -229,7 +238,7 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
 
 
 def _table(result: GapResult, *, plain: bool) -> Table:
-    """Return a table of effects and nuisances; `plain` draws it with ASCII."""
+    """Return a table of missing effects and refitted nuisances; `plain` draws it with ASCII."""
     headings = ("", "name", "value, 95 % interval", "was", "evidence", "may as well be")
     table = table_of(headings, plain=plain, fold=True)
     for effect in result.effects:

@@ -1,4 +1,4 @@
-"""`rig gap --live`: runs motions on a rig and closes the gap of its model."""
+"""`rig gap --live` runs motions on a rig and closes the gap of its model."""
 
 import json
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ LONGEST: Final = "each experiment {:g} s more, with a check after it"
 
 
 def show_motions(rig: Rig, assumed: Model) -> int:
-    """Print every motion as it would run, and move nothing."""
+    """Print the motions of the first round as they would run, and move nothing; return 0."""
     plan = Programme()
     campaigns = (
         motions_campaign("held out", plan.held, rig, assumed, 1),
@@ -44,11 +44,20 @@ def show_motions(rig: Rig, assumed: Model) -> int:
 def close_on_rig(
     rig: Rig, given: Model, pace: Pace | None, rounds: int, out: Path, *, as_json: bool
 ) -> GapResult:
-    """Close the gap of a model on a rig and return what was found.
+    """Close the gap of a model by motions on a rig, and return the result.
+
+    Args:
+        rig: the rig that is moved.
+        given: the model to start from.
+        pace: the pace that the user asks for; None for the rig's own.
+        rounds: the most rounds of motions and revisions.
+        out: new or empty folder for the recordings.
+        as_json: whether the screen stays silent.
 
     Raises:
         DirectoryError: the folder cannot be used.
-        click.exceptions.Exit: it failed, as is written; the error has the exit code.
+        click.exceptions.Exit: the experiment failed; the message is on stderr already, and the
+            error has the exit code.
     """
     require_possible_pace(rig, pace)
     make_empty(out)
@@ -65,7 +74,7 @@ def close_on_rig(
 
 
 def experiment_file(campaign: Mapping[str, Any], rig: str, model: str) -> str:
-    """Return the text of a campaign file that runs an experiment on a rig."""
+    """Return the text of a campaign file that runs the experiment `campaign` on a rig."""
     content = {
         "name": campaign["name"],
         "description": campaign["description"],
@@ -79,6 +88,6 @@ def experiment_file(campaign: Mapping[str, Any], rig: str, model: str) -> str:
 
 
 def _reference(reference: str) -> str:
-    """Return a name as it is, and the path of a file so that it is found from any folder."""
+    """Return the absolute path of a file; return the reference unchanged if it is no file."""
     path = Path(reference).expanduser()
     return str(path.resolve()) if path.is_file() else reference

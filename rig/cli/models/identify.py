@@ -1,4 +1,4 @@
-"""`rig identify`: learns from recordings, or an experiment, what a rig's friction is."""
+"""`rig identify` learns a rig's friction from recordings or from an experiment."""
 
 import json
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ _PAGE: Final = Path("friction.html")
 
 @click.group()
 def command() -> None:
-    """Learn from recordings, or from an experiment, what a rig's parameters are."""
+    """Learn a rig's parameters from recordings or from an experiment."""
 
 
 @command.command()
@@ -78,10 +78,10 @@ def friction(
 
     Stiction, Coulomb level, Stribeck velocity, viscous friction and asymmetry with 95 % intervals.
 
-    From recordings (.mcap, .csv, .csv.gz, .parquet): also the change from the first to the last,
-    and a page with plots. The spring is the one of the options, else of the recorded test, else of
-    the model. What a motion cannot show is said, with the motion that would. Exit code 0 whatever
-    is found, 2 if any input is bad.
+    From recordings (.mcap, .csv, .csv.gz, .parquet), the change from the first to the last is shown
+    too, and a page with plots is written. The spring is the one of the options, else of the
+    recorded test, else of the model. Where a motion cannot show a parameter, a motion that would is
+    named. Exit code 0 whatever is found, 2 if any input is bad.
 
     With --rig: the ram, unloaded, slows down from fast strokes, goes at constant speeds, and breaks
     away at ten places of the stroke under a slow ramp, 9 minutes in all, within the rig's limits.
@@ -113,7 +113,7 @@ def friction(
     for recording in recordings:
         with problems.collected():
             content = read_recording(recording)
-            # Once an input is bad, the others are read for their own problems only.
+            # Once any input is bad, the others are only read to report their problems too.
             if not problems.found:
                 runs.append(_run(recording, content, assumed, given))
     if problems.found:
@@ -153,7 +153,10 @@ def _run(name: str, recording: Recording, model: Model, given: Spring | None) ->
 
 
 def _spring(spring: str | None, contact: str | None, problems: Problems) -> Spring | None:
-    """Return the spring that the options give; None if they give none, or an unusable one."""
+    """Return the spring that the options give; None if they give none.
+
+    If they give an unusable one, the problems are added and None is returned too.
+    """
     if spring is None and contact is None:
         return None
     values = []

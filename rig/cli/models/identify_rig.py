@@ -1,4 +1,4 @@
-"""The friction experiment of `rig identify friction --rig`: runs it, shows it, writes it."""
+"""These functions run, show and write the experiment of `rig identify friction --rig`."""
 
 import json
 from datetime import UTC, datetime
@@ -33,7 +33,7 @@ EXIT_NOT_IDENTIFIED: Final = 1
 
 
 def show_motions(rig: Rig, assumed: Model) -> int:
-    """Print every motion of the experiment as it would run, and move nothing."""
+    """Print every motion of the experiment as it would run, and move nothing; return 0."""
     par = rig.plant.parameters
     null_V = -par.spool_null_bias / par.valve_gain  # noqa: N806
     campaigns = (
@@ -57,11 +57,14 @@ def show_motions(rig: Rig, assumed: Model) -> int:
 def run_on_rig(
     rig: Rig, assumed: Model, spring: Spring, pace: Pace | None, out: Path | None, *, as_json: bool
 ) -> int:
-    """Run the experiment and write what it found; return the exit code.
+    """Run the friction experiment, write and show its results; return the exit code.
+
+    The code is 0 if the friction was identified, else `EXIT_NOT_IDENTIFIED`.
 
     Raises:
         DirectoryError: the folder cannot be used.
-        click.exceptions.Exit: it failed, as is written; the error has the exit code.
+        click.exceptions.Exit: the experiment failed; the message is on stderr already, and the
+            error has the exit code.
     """
     require_possible_pace(rig, pace)
     begun = datetime.now(UTC)
@@ -93,7 +96,7 @@ def _write(found: FrictionExperiment, directory: Path, started: str) -> None:
 
 
 def _table(found: FrictionExperiment, *, plain: bool) -> Table:
-    """Return the parameters with their intervals; `plain` draws it with ASCII."""
+    """Return a table of the parameters with their intervals; `plain` draws it with ASCII."""
     right = ("found", "from slowing down alone", "model")
     table = table_of(("parameter", "unit", *right), plain=plain, right=right)
     for row in parameter_rows(found):

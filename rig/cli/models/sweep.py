@@ -1,4 +1,4 @@
-"""`rig sweep`: thousands of cases drawn at random, on all cores or on a cluster."""
+"""`rig sweep` runs thousands of cases drawn at random, on all cores or on a cluster."""
 
 import json
 import os
@@ -70,10 +70,10 @@ def command(
 ) -> int:
     """Run the Monte-Carlo sweep SWEEP, a file or a shipped name.
 
-    Writes sweep.parquet, a row a case, sweep.html with ROC, confusion and the smallest leak found,
-    and summary.json. The table is the same wherever and by however many processes it was run.
-    Ctrl-C ends it with what there is; stopped or killed, it goes on with --resume. Exit code: 0
-    done, 1 a case could not be run, 2 bad input, 3 stopped before the end.
+    Writes sweep.parquet with one row per case, sweep.html with ROC, confusion and the smallest leak
+    found, and summary.json. The table does not depend on where, or by how many processes, the sweep
+    is run. Ctrl-C ends it and keeps the cases that are done; stopped or killed, it goes on with
+    --resume. Exit code: 0 done, 1 a case could not be run, 2 bad input, 3 stopped before the end.
     """
     if resume and Path(sweep).is_dir():
         out = out or Path(sweep)
@@ -153,7 +153,10 @@ def _run(
 def _finish(
     sweep: Sweep, folder: SweepFolder, timing: Timing, say: Callable[[str], Any], *, as_json: bool
 ) -> int:
-    """Write table, summary and page, and say what came out; return the exit code."""
+    """Write table, summary and page of a finished sweep, and show the results.
+
+    Return the exit code: 0, or `EXIT_CRASHED` if the page could not be made.
+    """
     from rig.report.sweep import lines_of
     from rig.sweep import study_of
 
@@ -177,7 +180,7 @@ def _finish(
 
         write_sweep_page(sweep, table, study, page)
         say(f"report: {page}")
-    except Exception as error:  # a page that cannot be made costs no result
+    except Exception as error:  # the results are written already, so a missing page loses none
         click.echo(f"rig: no report: {one_line(error)}", err=True)
         code = EXIT_CRASHED
     if as_json:

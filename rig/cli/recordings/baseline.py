@@ -1,4 +1,4 @@
-"""`rig baseline`: learns from healthy recordings what the detector may assume of a rig."""
+"""`rig baseline` learns from healthy recordings what the detector may assume of a rig."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,8 +31,8 @@ from rig.recording import read_recording
 def command(recordings: tuple[str, ...], out: Path, model: str, model_error: float) -> int:
     """Learn from healthy recordings of a rig what is normal for it, for `rig replay --baseline`.
 
-    Recordings that do not look healthy are refused, and those that together show a leak which
-    was there all the time.
+    Recordings that do not look healthy are refused, and so are recordings that together show a leak
+    which was there all the time.
     """
     problems = Problems()
     contents = []

@@ -1,4 +1,4 @@
-"""`rig export`: writes a recording, or all of a run, to another format."""
+"""`rig export` writes a recording, or all recordings of a run, in another format."""
 
 from pathlib import Path
 from typing import Final
@@ -23,8 +23,8 @@ def command(source: str, out: str, extension: str | None) -> int:
     """Write RECORDING to OUT: .mf4, .csv, .csv.gz, .parquet or .mcap, lossless; OUT is replaced.
 
     With the folder of a RUN, every recording of its tests is written to the folder OUT. Units,
-    metadata and events go along: inside MF4, Parquet and MCAP, beside a CSV in OUT.json. MF4 needs
-    asammdf: pip install 'hydraulic-rig[mf4]'.
+    metadata and events are written too: inside MF4, Parquet and MCAP, beside a CSV in OUT.json. MF4
+    needs asammdf: pip install 'hydraulic-rig[mf4]'.
     """
     if Path(source).is_dir():
         return _export_run(Path(source), Path(out), extension or "parquet")
@@ -53,7 +53,7 @@ def _export_run(run: Path, out: Path, extension: str) -> int:
         try:
             content = read_recording(recording, required=())
         except RecordingError as error:
-            # One that a kill has cut is no reason to keep the others.
+            # A recording that a kill has cut off does not prevent the export of the others.
             problems += error.problems
             continue
         _export(content, target)

@@ -1,4 +1,4 @@
-"""`rig recover`: saves what is left of a recording that was cut or damaged."""
+"""`rig recover` saves what is left of a recording that was cut off or damaged."""
 
 import click
 
@@ -11,7 +11,7 @@ from rig.recording import RecordingError, recover
 def command(file: str, out: str) -> int:
     """Write the longest unbroken stretch of the damaged MCAP recording FILE to OUT, a new file.
 
-    Shows what was kept and what was lost. FILE is not changed.
+    Shows how much was saved and how much was lost. FILE is not changed.
     """
     try:
         summary = recover(file, out)

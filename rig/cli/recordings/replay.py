@@ -1,4 +1,4 @@
-"""`rig replay`: runs filter and detector over recordings, as they would have run in the loop."""
+"""`rig replay` runs filter and detector over recordings, as they would have run in the loop."""
 
 import json
 from collections.abc import Iterable
@@ -27,16 +27,16 @@ from rig.runner.run_folder import findings, leak_figures
 
 @dataclass(frozen=True)
 class Replayed:
-    """What filter and detector made of one recording; `recording` is the argument as given."""
+    """The results of filter and detector for one recording; `recording` is the path as given."""
 
     recording: str
     filter: str
     decision: Decision
     detected_at_s: float | None
     filter_resets_s: tuple[float, ...] = ()
-    """Times at which the filter was lost and started anew."""
+    """Times in s at which the filter had diverged and was started anew."""
     found: tuple[Found, ...] = ()
-    """All faults that were named, those that ended again among them."""
+    """All faults that the detector named, including those that ended again."""
 
 
 @click.command()
@@ -74,8 +74,8 @@ def command(
 ) -> int:
     """Run filter and detector over recordings (.mcap, .csv, .csv.gz, .parquet).
 
-    The model is a shipped name or a file. Exit code 0 whatever the verdicts, 2 if any input is bad:
-    then every problem of every file is on stderr, and nothing on stdout.
+    The model is a shipped name or a file. The exit code is 0 for any verdicts, and 2 if any input
+    is bad: then every problem of every file is on stderr, and nothing on stdout.
     """
     problems = Problems()
     baseline = None
@@ -90,7 +90,7 @@ def command(
     for recording in recordings:
         with problems.collected():
             content = read_recording(recording)
-            # Once an input is bad, the others are read for their own problems only.
+            # Once any input is bad, the others are only read to report their problems too.
             if not problems.found:
                 replayed.append(
                     _replay(
@@ -134,7 +134,10 @@ def _replay(
 
 
 def json_object(replayed: Replayed) -> dict[str, Any]:
-    """Return a line of `--json`; other programs rely on its keys."""
+    """Return the object that `--json` prints for a recording; other programs rely on its keys.
+
+    A number that is NaN or infinite becomes None.
+    """
     decision = replayed.decision
     figures = {
         "recording": replayed.recording,
@@ -150,7 +153,7 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
         "filter": replayed.filter,
         "filter_resets_s": list(replayed.filter_resets_s),
     }
-    # JSON has no infinity and no NaN.
+    # JSON cannot hold infinity or NaN.
     return {
         key: None if isinstance(value, float) and not isfinite(value) else value
         for key, value in figures.items()
@@ -158,7 +161,7 @@ def json_object(replayed: Replayed) -> dict[str, Any]:
 
 
 def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
-    """Return a table of recordings and verdicts; `plain` draws it with ASCII."""
+    """Return a table with one row per recording; `plain` draws it with ASCII."""
     right = ("onset", "detected", "leak flow", "statistic/threshold")
     table = table_of(("recording", "verdict", *right), plain=plain, right=right, fold=True)
     for each in replayed:
@@ -184,7 +187,7 @@ def replay_table(replayed: Iterable[Replayed], *, plain: bool) -> Table:
 
 
 def advice(decision: Decision) -> str:
-    """Return what would let a leak be seen where the recording could not show one."""
+    """Return advice on an inconclusive decision: what to record so that a leak would show."""
     if decision.suspected is not None:
         share = percent(decision.probabilities[decision.suspected])
         return (
@@ -208,7 +211,7 @@ def advice(decision: Decision) -> str:
 
 
 def _lost(replayed: Replayed) -> str:
-    """Return how often the filter was lost, and when first."""
+    """Return in words when the filter first diverged, and how often, if more than once."""
     first, number = replayed.filter_resets_s[0], len(replayed.filter_resets_s)
     return f"filter lost at {first:.2f} s" + (f", {number} times" if number > 1 else "")
 

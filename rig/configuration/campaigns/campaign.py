@@ -31,7 +31,7 @@ from .conditions import read_conditions
 
 
 class CampaignFile(Schema):
-    """Keys of a campaign file; nested mappings have their own schemas."""
+    """Keys of a campaign file; the mappings under them have their own schemas."""
 
     name: str
     description: str = ""
@@ -60,10 +60,11 @@ def load_campaign(
     Args:
         reference: path of a file, or name of a campaign.
         rig_override: path or name of the rig to use instead of the campaign's.
-        base: folder that relative paths and names given here count from; the working directory.
+        base: folder from which the relative paths and names of these arguments are resolved; the
+            working directory if None.
 
     Raises:
-        ConfigError: every problem of the campaign, its rig, models and setpoint files.
+        ConfigError: lists every problem of the campaign, its rig, models and setpoint files.
     """
     sources = Sources()
     base = base or Path.cwd()
@@ -80,7 +81,10 @@ def load_campaign(
 def read_campaign(
     path: Path, sources: Sources, rig_path: Path | None = None
 ) -> tuple[Campaign, Rig] | None:
-    """Return the campaign in a file, and its rig; None, with problems, if either is unusable."""
+    """Return the campaign in a file, and its rig; None if either is unusable.
+
+    The problems are added to those of `sources`. `rig_path` replaces the rig that the file names.
+    """
     root = sources.read_yaml(path)
     if root is None:
         return None
@@ -136,7 +140,10 @@ def _read_detector(root: Located, sources: Sources) -> DetectorFile | None:
 def _read_baseline(
     entry: Located, detector: DetectorFile | None, model: Model | None, sources: Sources
 ) -> Baseline | None:
-    """Return the detector's baseline, found from the campaign's folder; None if it has none."""
+    """Return the detector's baseline; None if it names none or an unusable one.
+
+    Its path is relative to the campaign's folder. Problems are added to those of `sources`.
+    """
     if detector is None or model is None or not detector.baseline:
         return None
     path = (entry.place.path.parent / Path(detector.baseline).expanduser()).resolve()
@@ -165,7 +172,7 @@ def _read_tests(
 
 
 def _with_on_fault(defaults: Located | None, root: Located) -> Located | None:
-    """Return the defaults of tests with the campaign's `on_fault`, where it is a usable one."""
+    """Return the defaults of tests, completed by the campaign's `on_fault` if that is valid."""
     on_fault = root.get("on_fault")
     if on_fault is None or on_fault.value not in list(OnFault):
         return defaults
@@ -191,7 +198,7 @@ def resolved(
     detector: DetectorFile,
     tests: tuple[CampaignTest, ...],
 ) -> dict[str, Any]:
-    """Return a campaign with its rig and model as plain values, SI, for recordings and results."""
+    """Return a campaign, its rig and its model as plain SI values, for recordings and results."""
     return {
         "name": file.name,
         "description": file.description.strip(),
@@ -203,10 +210,10 @@ def resolved(
 
 
 def plain(value: Any) -> Any:
-    """Return a value as dicts, lists, strings, numbers and None, as JSON holds them.
+    """Return a value as dicts, lists, strings, numbers and None, which JSON can hold.
 
-    A dataclass has its type beside its fields, so that a sine differs from a chirp; "never" and
-    "no limit" (inf) become None.
+    A dataclass becomes a dict of its fields, with the name of its class under "type", so that a
+    sine differs from a chirp. Infinity, which means "never" or "no limit", becomes None.
     """
     if is_dataclass(value) and not isinstance(value, type):
         public = {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.repr}

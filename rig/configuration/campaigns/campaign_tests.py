@@ -1,4 +1,7 @@
-"""The tests of a campaign file: matrices and repeats written out, each checked against the rig."""
+"""The tests of a campaign file are read here, one for each matrix combination and repeat.
+
+Each test is checked against the limits of the rig.
+"""
 
 import zlib
 from collections.abc import Iterator
@@ -32,7 +35,7 @@ _CONTACT: Final = quantities()["spring_contact"]
 
 
 class CampaignTestFile(Schema):
-    """Keys of a test; what all tests share may stand under `defaults`."""
+    """Keys of a test; keys that all tests share may be written once under `defaults`."""
 
     name: str
     duration: Annotated[float, Physical("s", 5.0, 3600.0, 40.0)]
@@ -58,7 +61,15 @@ class LoadFile(Schema):
 def read_tests(
     tests: Located, defaults: Located | None, folder: Path, rig: Rig | None, sources: Sources
 ) -> tuple[CampaignTest, ...]:
-    """Return every usable test of a campaign; `folder` is what its files' paths count from."""
+    """Return every usable test of a campaign; add the problems of the others to the sources'.
+
+    Args:
+        tests: the list under the key `tests`.
+        defaults: keys that every test gets unless it gives them itself; None if there are none.
+        folder: folder from which the paths of setpoint files are resolved.
+        rig: the rig whose limits the tests are checked against; None if it is unusable.
+        sources: takes the problems and the files that are read.
+    """
     read: list[CampaignTest] = []
     names: dict[str, Located] = {}
     for element in tests.elements():
@@ -91,7 +102,7 @@ def _add_duplicate(name: Located, first: Located, problems: Problems) -> None:
 
 
 class _TestReader:
-    """Reads one test of a campaign, its matrix written out."""
+    """A reader of one test, whose matrix references are replaced by values already."""
 
     def __init__(self, item: Located, folder: Path, rig: Rig | None, sources: Sources) -> None:
         self.item = item
@@ -107,7 +118,7 @@ class _TestReader:
             self.item.get("faults"), file.duration if file else None, self.rig, self.problems
         )
         repeats = file.repeats if file else 1
-        # A name's checksum, not its place in the file: adding a test changes no other test's noise.
+        # The seed follows from the name, so that adding a test changes no other test's noise.
         seed = zlib.crc32(str(file.name).encode()) >> 1 if file else 0
         if file is not None and file.seed is not None:
             seed = file.seed
@@ -216,7 +227,7 @@ class _TestReader:
 
 
 def _expected(faults: tuple[Fault, ...]) -> Verdict:
-    """Return the verdict the injected faults call for."""
+    """Return the verdict that is right for these faults: healthy, the one fault, or multiple."""
     kinds = {fault.kind for fault in faults}
     if not kinds:
         return Verdict.HEALTHY

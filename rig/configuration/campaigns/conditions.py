@@ -1,4 +1,4 @@
-"""The `conditions` of a campaign: while one of them does not hold, the campaign is held."""
+"""The `conditions` of a campaign: while one of them is not met, the campaign waits."""
 
 from typing import Annotated, Any, Final
 
@@ -15,7 +15,7 @@ _MEASURABLE: Final = tuple(
 
 
 def measured_by(rig: Rig) -> tuple[str, ...]:
-    """Return the quantities that a rig measures, by the names of their signals."""
+    """Return the names of the signals with a unit that a rig measures."""
     if rig.backend == "simulated":
         fitted = (
             ("spool_m", rig.has_spool_sensor),
@@ -30,7 +30,10 @@ def measured_by(rig: Rig) -> tuple[str, ...]:
 def read_conditions(
     item: Located | None, rig: Rig | None, problems: Problems
 ) -> tuple[Condition, ...]:
-    """Return a campaign's conditions, those that are usable."""
+    """Return the usable conditions of a campaign; record the problems of the others.
+
+    If `rig` is None, a condition may be on any signal that some rig can measure.
+    """
     known = _MEASURABLE if rig is None else measured_by(rig)
     elements = elements_of(item, problems, "write a list: - {channel: ..., low: ...}")
     limit = "is not measured by this rig"

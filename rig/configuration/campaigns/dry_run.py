@@ -1,4 +1,4 @@
-"""Works out what a campaign would do to its rig before anything moves."""
+"""The dry run works out, before anything moves, what a campaign would do to its rig."""
 
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
@@ -29,8 +29,13 @@ class PlannedFault:
     """A fault as it will be injected.
 
     Attributes:
-        coefficient: SI, in `unit`.
-        needle_opening: 0 to 1; None where no needle makes the fault.
+        kind: the fault's name, such as `internal_leakage`.
+        at_s: time at which it begins.
+        until_s: time at which it ends; None if it lasts to the end of the test.
+        ramp_s: time over which it grows to its full size.
+        coefficient: full size in `unit`, which is SI.
+        unit: unit of the coefficient.
+        needle_opening: opening of the needle valve, 0 to 1; None where no needle makes the fault.
         flow_m3_per_s: flow at 6.9 MPa across the leak; None for a blockage.
     """
 
@@ -44,7 +49,7 @@ class PlannedFault:
     flow_m3_per_s: float | None
 
     def __str__(self) -> str:
-        """Return the fault in one line."""
+        """Return the fault as one line of text."""
         end = "" if self.until_s is None else f" until {self.until_s:g} s"
         ramp = f", growing over {self.ramp_s:g} s" if self.ramp_s else ""
         text = f"{self.kind} at {self.at_s:g} s{end}{ramp}: {self.coefficient:.4g} {self.unit}"
@@ -61,12 +66,14 @@ class PlannedTest:
     """A test as it will run.
 
     Attributes:
-        command_range_V: lowest and highest command; None in closed loop.
-        position_range_m: lowest and highest setpoint in closed loop; in open loop the simulated
-            motion of the ram, faults included.
-        peak_speed_m_per_s: greatest speed of the setpoint, inf where it jumps, or of the ram.
-        valve_speed_m_per_s: what the fully open valve delivers to an unloaded ram.
-        on_fault: what is done about a confirmed fault.
+        command_range_V: lowest and highest command of an open-loop test; None in closed loop.
+        position_range_m: lowest and highest setpoint in closed loop; in open loop, lowest and
+            highest position of the simulated ram, with the faults injected.
+        peak_speed_m_per_s: greatest speed of the setpoint in closed loop (inf if it jumps), or of
+            the simulated ram in open loop.
+        valve_speed_m_per_s: speed of an unloaded ram at the rig's largest command.
+        expect: the verdict that the test should have.
+        on_fault: the reaction to a confirmed fault.
         warnings: what will not go as commanded, each with its remedy.
     """
 
@@ -83,7 +90,7 @@ class PlannedTest:
     warnings: tuple[str, ...]
 
     def lines(self) -> list[str]:
-        """Return the test as text, the name first."""
+        """Return the test as lines of text, the first of which begins with its name."""
         low, high = self.position_range_m
         speed = f"at most {self.peak_speed_m_per_s:.2g} m/s"
         if not isfinite(self.peak_speed_m_per_s):
@@ -101,7 +108,7 @@ class PlannedTest:
 
 
 def plan_campaign(campaign: Campaign, rig: Rig) -> tuple[PlannedTest, ...]:
-    """Return every test of a campaign as it will run on the rig."""
+    """Return the plan of every test of a campaign, as it will run on the rig."""
     return tuple(_plan(test, rig, campaign.filter_name) for test in campaign.tests)
 
 
@@ -148,7 +155,7 @@ def _plan(test: CampaignTest, rig: Rig, filter_name: str) -> PlannedTest:
 def _simulated_motion(
     test: CampaignTest, rig: Rig, command: NDArray[np.float64]
 ) -> tuple[tuple[float, float], float]:
-    # Imported here: closed-loop campaigns are checked without waiting for the compiler.
+    # The import is here so that checking closed-loop campaigns need not wait for the compiler.
     from rig.plant import simulate
 
     plant = rig.plant
@@ -192,7 +199,7 @@ def _warnings(
 
 
 def _detector_warnings(test: CampaignTest, rig: Rig, filter_name: str) -> list[str]:
-    """Return what the detector will not see, or not say."""
+    """Return warnings about faults of a test that the detector cannot find, or cannot size."""
     warnings = []
     if test.on_fault == OnFault.TOLERATE and filter_name != DEFAULT_FILTER:
         warnings.append(

@@ -1,4 +1,4 @@
-"""The `faults` of a test: needle opening, coefficient or flow, to faults of a schedule."""
+"""The `faults` of a test are read here, sized by needle opening, coefficient or flow."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -23,20 +23,20 @@ from rig.plant import quantities
 TYPICAL_PRESSURE: Final = 6.9e6
 """Pressure drop in Pa at which flows are stated: half the supply pressure of section 2.1.
 
-The pressure of a chamber is near this.
+The pressure in a chamber is usually near this value.
 """
 
 LINEAR_LEAKAGE: Final = Physical(
     "m^3/(s Pa)", 0.0, quantities()["internal_leakage_linear"].upper, 2e-12
 )
-# What was computed from a limit may pass it by rounding.
+# A size that was computed from a limit may exceed it by this fraction, through rounding.
 _ROUNDING: Final = 1e-9
 SIZES: Final = ("needle_opening", "coefficient", "linear_coefficient", "flow")
 Time = Annotated[float, Physical("s", 0.0, 3600.0, 18.0)]
 
 
 class FaultFile(Schema):
-    """Keys of a fault; the unit of its coefficient depends on the type."""
+    """Keys of a fault; the unit of `coefficient` depends on the fault's type."""
 
     type: Literal[
         Verdict.EXTERNAL_LEAKAGE_1,
@@ -58,7 +58,14 @@ class FaultFile(Schema):
 def read_faults(
     item: Located | None, duration_s: float | None, rig: Rig | None, problems: Problems
 ) -> tuple[Fault, ...]:
-    """Return the faults of a test that can be injected into the rig; the others are problems."""
+    """Return the faults of a test that the rig can inject; record the others as problems.
+
+    Args:
+        item: the list under the key `faults`; None or "none" if there are no faults.
+        duration_s: duration of the test, within which faults must lie; None if it is not known.
+        rig: the rig; without one no fault is returned, but the keys are still checked.
+        problems: takes the mistakes.
+    """
     if item is None or item.value == "none":
         return ()
     remedy = "write a list: - {type: ..., at: ..., flow: ..., pressure: ...}"
@@ -82,7 +89,7 @@ def _is_taken(fault: Fault, others: list[Fault], item: Located, problems: Proble
 
 @dataclass
 class _FaultReader:
-    """Reads one fault of a test."""
+    """A reader of one fault of a test."""
 
     item: Located
     rig: Rig | None
@@ -151,7 +158,10 @@ class _FaultReader:
         return SIZES if file.type in LEAK_KINDS else tuple(s for s in SIZES if "linear" not in s)
 
     def _is_movable(self, file: FaultFile, rig: Rig) -> bool:
-        """Return whether real valves can make the fault: drivers move them, by a needle's law."""
+        """Return whether the valves of a hardware rig can make the fault; else record a problem.
+
+        A driver must move the valves, and the fault must follow the square-root law of a needle.
+        """
         fitted = {**rig.bypass_valves, str(Verdict.RETURN_BLOCKAGE): rig.return_valve}
         if fitted.get(file.type) is not None and file.type not in rig.injectable:
             outputs = " and ".join(valves_of(file.type))
@@ -187,7 +197,7 @@ class _FaultReader:
             return None
         most, shown_most = valve.maximum, show(valve.maximum, RESISTANCE.unit)
         if file.flow is not None and file.pressure is not None:
-            # A turbulent restriction, dp = R q^2; no finite one makes a pressure without flow.
+            # A turbulent restriction has dp = R q^2, so that zero flow would need an infinite R.
             resistance = file.pressure / file.flow**2 if file.flow else inf
             reached = show(most * file.flow**2, "Pa")
             shown_most = f"{reached} at {show(file.flow, 'm^3/s')}"
@@ -223,7 +233,7 @@ class _FaultReader:
         if file.needle_opening is not None:
             return _Size("needle_opening", valve.effective(file.needle_opening), most, "1")
         if file.linear_coefficient is not None:
-            # No needle leaks linearly: allowed is what it passes at the pressure it usually sees.
+            # No needle leaks linearly, so the limit is its flow at the typical pressure drop.
             most /= sqrt(TYPICAL_PRESSURE)
             shown_most = show(most, LINEAR_LEAKAGE.unit)
             return _Size("linear_coefficient", file.linear_coefficient, most, shown_most)
@@ -273,7 +283,11 @@ class _FaultReader:
 
 
 class _Size(NamedTuple):
-    """The size of a fault in SI with the key that gives it, and what its valve can make."""
+    """The size of a fault, the key that gives it, and the range of sizes that its valve can make.
+
+    Coefficients are in SI; `coefficient` is None if the file's value is wrong. `shown_maximum` is
+    the maximum as text, in the terms of the key.
+    """
 
     key: str
     coefficient: float | None

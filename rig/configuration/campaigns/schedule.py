@@ -1,4 +1,4 @@
-"""Schedule files: campaigns, the times at which they are run, and the checks of both."""
+"""Schedule files list campaigns and the times at which they are run; both are checked here."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,11 +25,11 @@ from rig.configuration.reading import (
 from .campaign import read_campaign
 
 MOST_TIMES: Final = 1000
-"""Most times of an entry that are looked at together, in case a schedule slept for years."""
+"""Most times of an entry that are returned at once, in case a schedule did not run for years."""
 
 
 class Missed(StrEnum):
-    """What is done about times at which the scheduler did not run."""
+    """What the scheduler does about an entry's times at which it was not running itself."""
 
     SKIP = "skip"
     RUN_ONCE = "run_once"
@@ -38,20 +38,20 @@ class Missed(StrEnum):
 
 @dataclass(frozen=True)
 class Entry:
-    """A campaign and its times: one of `cron`, `every_s` and `at`.
+    """A campaign and its times, which exactly one of `cron`, `every_s` and `at` gives.
 
     Attributes:
-        name: of the entry; its runs' folders begin with it.
-        campaign: path or name, as `rig run` takes it.
-        rig: path or name; the campaign's own if None.
-        cron: five fields, in the schedule's time zone.
-        every_s: between the beginnings of two runs, from `start` on.
-        at: when it is run once.
-        start: time before which it is not run; `every_s` counts from there.
+        name: name of the entry; the names of its runs' folders begin with it.
+        campaign: path or name of the campaign, as `rig run` takes it.
+        rig: path or name of the rig; None for the campaign's own.
+        cron: times as five cron fields, in the schedule's time zone.
+        every_s: period between the beginnings of two runs, counted from `start`.
+        at: the one time at which the campaign is run.
+        start: time before which the campaign is not run; if None, `every_s` counts from 1970.
         missed: what to do about missed times.
         retries: how often a run that failed (exit code 1) is run again.
-        retry_after_s: how long to wait before that.
-        pace: of simulated rigs, as `rig run` takes it.
+        retry_after_s: time to wait before a failed run is run again.
+        pace: pace of a simulated rig, as `rig run` takes it; None for the rig's own.
     """
 
     name: str
@@ -72,11 +72,14 @@ class Schedule:
     """Campaigns and their times, on one rig at a time.
 
     Attributes:
-        path: of its file; relative campaigns and rigs count from its folder.
-        folder: where its runs and its journal are.
+        name: name of the schedule.
+        path: path of its file; relative paths of campaigns and rigs count from the file's folder.
+        folder: folder of its runs and its journal.
         zone: time zone of its times.
-        hook: command that is run after each run, with `{run}` and so on in it; empty for none.
-        grace_s: how late a time may be seen and still counts as kept.
+        entries: the campaigns with their times.
+        hook: command that is executed after each run, as words that may hold `{run}` and other
+            placeholders; empty for none.
+        grace_s: how late the scheduler may notice a time without the time counting as missed.
         halt: whether a run that tripped or was stopped halts the schedule.
     """
 
@@ -90,7 +93,10 @@ class Schedule:
     halt: bool = True
 
     def times(self, entry: Entry, after: datetime, upto: datetime) -> list[datetime]:
-        """Return an entry's times later than `after` and up to `upto`, UTC; the newest, if many."""
+        """Return an entry's times after `after` and up to `upto`, in UTC, oldest first.
+
+        Only the newest `MOST_TIMES` are returned if there are more.
+        """
         found: list[datetime] = []
         for time in self._times_from(entry, after):
             if time > upto:
@@ -101,11 +107,11 @@ class Schedule:
         return found
 
     def next_time(self, entry: Entry, after: datetime) -> datetime | None:
-        """Return an entry's next time, UTC; None if no time is left."""
+        """Return an entry's first time after `after`, in UTC; None if no time is left."""
         return next(self._times_from(entry, after), None)
 
     def _times_from(self, entry: Entry, after: datetime) -> Iterator[datetime]:
-        """Yield an entry's times later than `after`."""
+        """Yield an entry's times after `after`, in UTC, oldest first, possibly without end."""
         if entry.start is not None and after < entry.start:
             after = entry.start - timedelta(microseconds=1)
         if entry.at is not None:
@@ -137,7 +143,7 @@ class ScheduleFile(Schema):
 
 
 class EntryFile(Schema):
-    """Keys of an entry; what all share may stand under `defaults`."""
+    """Keys of an entry; keys that all entries share may be written once under `defaults`."""
 
     name: str
     campaign: str
@@ -153,10 +159,10 @@ class EntryFile(Schema):
 
 
 def load_schedule(path: Path) -> Schedule:
-    """Return a schedule, its campaigns checked against their rigs.
+    """Return the schedule in a file, after its campaigns are checked against their rigs.
 
     Raises:
-        ConfigError: every problem of the file, and of all it refers to.
+        ConfigError: lists every problem of the file and of all files it refers to.
     """
     sources = Sources()
     schedule = read_schedule(path.resolve(), sources)
@@ -166,7 +172,11 @@ def load_schedule(path: Path) -> Schedule:
 
 
 def read_schedule(path: Path, sources: Sources) -> Schedule | None:
-    """Return the schedule in a file; None, with problems, if it is unusable."""
+    """Return the schedule in a file; None if it cannot be read.
+
+    Problems are added to those of `sources`. Entries with problems are left out, so that the
+    schedule may only be used if there are none.
+    """
     root = sources.read_yaml(path)
     file = read_mapping(ScheduleFile, root, sources.problems) if root is not None else None
     if root is None or file is None:
@@ -267,7 +277,10 @@ def _check_cron(entry: Located, text: str, sources: Sources) -> None:
 
 
 def _check_campaign(item: Located, sources: Sources) -> tuple[str, str | None]:
-    """Return campaign and rig as `rig run` takes them from anywhere; they are read, and checked."""
+    """Read and check an entry's campaign and rig; return their absolute paths as `rig run` takes.
+
+    The rig is None if the entry names none. Problems are added to those of `sources`.
+    """
     entry, rig_entry = item.get("campaign"), item.get("rig")
     folder = item.place.path.parent
     reference, rig = reference_in(entry), reference_in(rig_entry)

@@ -1,6 +1,7 @@
-"""The `setpoint` of a test: its kind and values with units, to a setpoint of `control`.
+"""The `setpoint` of a test is read here and becomes a setpoint object of `control`.
 
-Values in metres make it a position setpoint (closed loop), values in volts a command (open loop).
+If its levels are in metres it is a position setpoint (closed loop); if they are in volts it is the
+valve command itself (open loop).
 """
 
 from collections.abc import Mapping
@@ -51,13 +52,13 @@ class Level(NamedTuple):
 
 
 class LevelField(Field):
-    """Annotates a `Level` of a schema: read in metres or volts, whichever the unit says."""
+    """The annotation of a schema's `Level`, which a file gives in metres or in volts."""
 
     def parse(self, raw: object) -> Level:
-        """Return the level, and what its unit says it is.
+        """Return the level: its SI value, and whether its unit makes it a position or a command.
 
         Raises:
-            QuantityError: neither metres nor volts, or beyond what either may be.
+            QuantityError: it is neither a length nor a voltage, or outside the limits of that.
         """
         for physical, quantity in _LEVELS:
             try:
@@ -75,7 +76,14 @@ Phase = Annotated[float, Physical("rad", -1e3, 1e3)]
 
 
 class SetpointContext(NamedTuple):
-    """What a setpoint takes from its test: duration in s, seed, and the folder paths count from."""
+    """What a setpoint needs of its test.
+
+    Attributes:
+        duration_s: duration of the test.
+        seed: seed of the test, for pseudorandom setpoints without a seed of their own.
+        folder: folder from which the paths of setpoint files are resolved.
+        quantity: whether the setpoint is a position or a command.
+    """
 
     duration_s: float
     seed: int
@@ -84,15 +92,15 @@ class SetpointContext(NamedTuple):
 
 
 class SetpointFile(Schema):
-    """Keys of any setpoint; the others depend on the type."""
+    """The key that every setpoint has; its type decides on the other keys."""
 
     type: str
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint.
+        """Return the setpoint that these values describe.
 
         Raises:
-            RequestError: its values contradict each other.
+            RequestError: the values contradict each other.
         """
         raise NotImplementedError
 
@@ -108,7 +116,7 @@ class ConstantFile(SetpointFile):
 
 
 class SineFile(SetpointFile):
-    """Keys of a sine; the mean is zero unless given."""
+    """Keys of a sine, whose mean is zero unless it is given."""
 
     amplitude: AnyLevel
     frequency: Frequency
@@ -122,7 +130,10 @@ class SineFile(SetpointFile):
 
 
 class ChirpFile(SetpointFile):
-    """Keys of a chirp, which reaches its end frequency after `sweep_time`, else with the test."""
+    """Keys of a chirp, which reaches its end frequency after `sweep_time`.
+
+    Without that key it reaches it at the end of the test.
+    """
 
     amplitude: AnyLevel
     start_frequency: SweepEnd
@@ -145,7 +156,7 @@ class ChirpFile(SetpointFile):
 
 
 class StepsFile(SetpointFile):
-    """Keys of steps; the last level stays."""
+    """Keys of steps, which hold each level for `hold`, and the last one to the end."""
 
     levels: list[AnyLevel]
     hold: Annotated[float, _HOLD]
@@ -157,7 +168,7 @@ class StepsFile(SetpointFile):
 
 
 class PseudorandomFile(SetpointFile):
-    """Keys of a pseudorandom setpoint; without a seed of its own it takes the test's."""
+    """Keys of a pseudorandom setpoint, which uses the test's seed unless it gives one."""
 
     lower: AnyLevel
     upper: AnyLevel
@@ -172,7 +183,7 @@ class PseudorandomFile(SetpointFile):
 
 
 class MultisineFile(SetpointFile):
-    """Keys of a multisine; without a seed its phases are Schroeder's."""
+    """Keys of a multisine, whose phases are Schroeder's, or random if a seed is given."""
 
     amplitude: AnyLevel
     frequencies: list[Frequency]
@@ -187,13 +198,13 @@ class MultisineFile(SetpointFile):
 
 
 class FromFileFile(SetpointFile):
-    """Keys of a setpoint read from a CSV file."""
+    """Keys of a setpoint that is read from a CSV file."""
 
     path: str
     quantity: Quantity = "position"
 
     def build(self, context: SetpointContext) -> Setpoint:
-        """Return the setpoint, the file read."""
+        """Read the file and return the setpoint."""
         return FromFile(context.folder / self.path, self.quantity)
 
 
@@ -213,7 +224,10 @@ def _value(level: Level | None) -> float:
 
 
 def read_setpoint(item: Located, context: SetpointContext, sources: Sources) -> Setpoint | None:
-    """Return the setpoint of a mapping; None, with problems, where it cannot be made."""
+    """Return the setpoint that a mapping describes; None if it cannot be made.
+
+    The problems are then added to those of `sources`.
+    """
     kind = item.get("type")
     problems = sources.problems
     if not isinstance(item.value, dict) or kind is None:
@@ -248,7 +262,10 @@ def read_setpoint(item: Located, context: SetpointContext, sources: Sources) -> 
 
 
 def _common_quantity(item: Located, sources: Sources) -> Quantity | None:
-    """Return the quantity of all levels of a setpoint; None if it has none, or a mixture."""
+    """Return the common quantity of a setpoint's levels; None if there are no levels.
+
+    If some levels are positions and others commands, record a problem and return None.
+    """
     found: dict[Quantity, str] = {}
     for key, entry in item.items():
         for level in entry.elements() or [entry]:
@@ -262,10 +279,10 @@ def _common_quantity(item: Located, sources: Sources) -> Quantity | None:
 
 
 def check_unmixed(found: Mapping[Quantity, str], item: Located, problems: Problems) -> None:
-    """Note a setpoint with levels in metres and in volts.
+    """Record a problem if a setpoint has levels both in metres and in volts.
 
     Args:
-        found: quantity -> a key whose level is given in it.
+        found: each quantity that the levels have -> a key whose level has it.
         item: the setpoint.
         problems: takes the mistake.
     """

@@ -1,4 +1,4 @@
-"""Model files: parameters, effects, terms in symbols, and plants from outside."""
+"""Model files: parameters, effects, terms in symbols, and plants that users describe in Python."""
 
 from lazy_loader import attach_stub
 

@@ -50,7 +50,10 @@ SHIFTABLE: Final = frozenset(
     for parameter in effect.parameters
     if parameter.shift
 )
-"""Parameters that every rig has and an effect shifts: they may be given as either."""
+"""Parameters that every rig has and that an effect may shift.
+
+A file may give each of them under `parameters` or under `effects`, but not under both.
+"""
 PARAMETERS: Final = tuple(
     name
     for name in _QUANTITIES
@@ -59,14 +62,14 @@ PARAMETERS: Final = tuple(
 
 
 def physical(field: str) -> Physical:
-    """Return unit, limits and usual value of a parameter of the plant."""
+    """Return unit, limits and usual value of the plant's parameter `field`."""
     quantity = _QUANTITIES[field]
     usual = getattr(NOMINAL, field) or None
     return Physical(quantity.unit, quantity.lower, quantity.upper, usual)
 
 
 class ParameterSchemas(NamedTuple):
-    """Schemas of the sections `parameters` and `effects`, and of each effect by its name."""
+    """The schemas of the sections `parameters` and `effects`, and of each effect by its name."""
 
     parameters: type[Schema]
     effects: type[Schema]
@@ -74,7 +77,10 @@ class ParameterSchemas(NamedTuple):
 
 
 def parameter_schemas(field_of: Callable[[Physical], Field]) -> ParameterSchemas:
-    """Return the schemas of a file that gives parameters; `field_of` says how each is read."""
+    """Return the schemas of a file that gives parameters of the plant.
+
+    `field_of` makes, from a parameter's unit and limits, the field that parses its value.
+    """
 
     def schema(name: str, fields: dict[str, str]) -> type[Schema]:
         definitions: dict[str, Any] = {
@@ -96,14 +102,16 @@ def parameter_schemas(field_of: Callable[[Physical], Field]) -> ParameterSchemas
 def effect_values(
     effect: PlantEffect, entry: Located, alone: bool, schemas: ParameterSchemas, problems: Problems
 ) -> list[tuple[EffectParameter, Any, Located]]:
-    """Return each parameter of an effect with its value, None if it has none, and its place.
+    """Return each parameter of an effect with its value and its place in the file.
+
+    A value is None if it is wrong or missing. The list is empty if no parameter is given.
 
     Args:
-        effect: of the catalogue.
-        entry: what a file gives for the effect.
+        effect: an effect of the catalogue.
+        entry: the file's entry for the effect.
         alone: whether the entry is the value itself, rather than a mapping of parameters.
-        schemas: of the file.
-        problems: takes what is wrong; without parameters nothing is returned.
+        schemas: schemas of the file.
+        problems: takes the mistakes.
     """
     names = [parameter.name for parameter in effect.parameters]
     if alone and "value" in names:
@@ -140,7 +148,11 @@ BELONGS_TO_EFFECT: Final = {
 
 
 def read_model(path: Path, sources: Sources, ancestors: tuple[Path, ...] = ()) -> Model | None:
-    """Return the model in a file, with its parents; problems are added to the sources'."""
+    """Return the model in a file, with what it takes over from its parents.
+
+    Return None if the file is unusable. Problems are added to those of `sources`. `ancestors` are
+    the files that name this one as parent, directly or not.
+    """
     root = sources.read_yaml(path)
     if root is None:
         return None
@@ -148,7 +160,11 @@ def read_model(path: Path, sources: Sources, ancestors: tuple[Path, ...] = ()) -
 
 
 def model_from(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Model | None:
-    """Return the model described by a mapping read from the last of `ancestors`."""
+    """Return the model that a mapping describes; None if it is unusable.
+
+    The mapping was read from the last file of `ancestors`, and each of these files is the parent of
+    the one before it.
+    """
     file = read_mapping(ModelFile, root, sources.problems)
     parent = _parent(root, sources, ancestors)
     base = parent or Model()
@@ -178,9 +194,9 @@ def _parent(root: Located, sources: Sources, ancestors: tuple[Path, ...]) -> Mod
 
 
 def override(base: Model, item: Located, sources: Sources) -> Model:
-    """Return a model with `parameters`, `friction_law`, `effects`, `unknown_term` applied.
+    """Return `base` changed by the keys parameters, friction_law, effects, unknown_term of `item`.
 
-    Values that are wrong leave the base's in place; the problems are recorded.
+    Where a value is wrong, the base's value stays and a problem is recorded.
     """
     changes = _Overrides(base, sources)
     parameters, effects, law = (item.get(key) for key in ("parameters", "effects", "friction_law"))
@@ -206,7 +222,7 @@ def override(base: Model, item: Located, sources: Sources) -> Model:
 
 @dataclass
 class _Overrides:
-    """Collects the changed parameter fields and effects of one model."""
+    """A collection of the parameter fields and the effects that a file changes in a base model."""
 
     base: Model
     sources: Sources
@@ -239,7 +255,7 @@ class _Overrides:
             self.effects.append(name)
 
     def let_follow(self, item: Located) -> None:
-        """Keep what follows a parameter that an effect shifts, unless the file gives it too."""
+        """Set each parameter that follows one which an effect shifts, unless the file gives it."""
         for name in item.value if isinstance(item.value, dict) else ():
             for parameter in CATALOGUE[name].parameters if name in CATALOGUE else ():
                 follower, base = parameter.followed_by, self.base.parameters
@@ -284,7 +300,7 @@ class _Overrides:
 
 
 def _check_together(model: Model, item: Located, changed: set[str], sources: Sources) -> None:
-    """Record parameters that contradict each other, where one of them was changed here."""
+    """Record a problem for each pair of contradicting parameters of which one is in `changed`."""
     par = model.parameters
     rules = (
         ("stroke_max", "stroke_min", "m", par.stroke_max > par.stroke_min),
@@ -308,9 +324,11 @@ def _check_together(model: Model, item: Located, changed: set[str], sources: Sou
 
 
 def load_model(reference: str | Path, base: Path | None = None) -> Model:
-    """Return the model of a file or name, with its parents' parameters.
+    """Return the model that a path or a name means, with what it takes over from its parents.
+
+    `base` is the folder from which relative paths are resolved; the working directory if None.
 
     Raises:
-        ConfigError: every problem of the file and its parents.
+        ConfigError: lists every problem of the file and its parents.
     """
     return load("model", reference, base, read_model)

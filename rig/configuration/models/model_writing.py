@@ -1,4 +1,7 @@
-"""Writes a model file that reads back to the identical floats, each with its symbol and source."""
+"""Models are written here to files that load back to the identical floats.
+
+Each value has its symbol and source in a comment.
+"""
 
 import os
 import tempfile
@@ -20,9 +23,10 @@ _COMMENT_COLUMN: Final = 48
 
 
 def dump_model(model: Model, path: Path) -> None:
-    """Write a model file that loads back to the identical model, in one step or not at all.
+    """Write a model file that loads back to the identical model; replace the file at once.
 
-    An effect that acts without being switched on is written as switched on.
+    An effect whose parameters are not neutral is written as switched on, even if the model does not
+    list it. After an error the old file, if any, is unchanged.
 
     Raises:
         ConfigError: a parameter is outside the range that a model file may hold.
@@ -37,7 +41,7 @@ def dump_model(model: Model, path: Path) -> None:
             file.write(text + "\n")
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files that only their owner may read; a model is for everyone on the rig.
+        # mkstemp makes files that only their owner may read, but everybody may read a model.
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:
@@ -93,7 +97,7 @@ def _parameters(model: Model) -> Iterator[str]:
 
 
 def _switched_on(model: Model) -> list[str]:
-    """Return the model's effects, and those that act without being switched on."""
+    """Return the model's effects, and all others that have a parameter which is not neutral."""
     acting = [
         effect.name
         for effect in CATALOGUE.values()
@@ -129,7 +133,7 @@ def _provenance(model: Model) -> Iterator[str]:
 
 
 def plain_provenance(value: Any) -> Any:
-    """Return provenance as YAML can hold it."""
+    """Return provenance as dicts, lists and scalars that YAML can hold."""
     if isinstance(value, Mapping):
         return {str(key): plain_provenance(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

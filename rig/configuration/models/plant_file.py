@@ -1,7 +1,7 @@
-"""Model files of plants from outside this package, read and written.
+"""Model files of plants that a user describes in Python are read and written here.
 
-Such a file has the plant's values, its channels, and by how much it may be wrong.
-The plant itself, its equations and effects, is a Python module (`plant_loading`).
+Such a file has the plant's values, its channels, and by how much the model may be wrong. The plant
+itself, with its equations and effects, is a Python module (`plant_loading`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -45,14 +45,15 @@ _CARRIED: Final = ("channels", "tolerances", "model_error", "steering")
 
 @dataclass(frozen=True)
 class PlantModel:
-    """A plant with the values of its model file, and how its recordings are read.
+    """A plant with the values of its model file, and the columns of its recordings.
 
     Attributes:
-        name: of the model.
-        plant: as the workflow sees it.
-        columns: channel -> column of a recording, where it has another name or unit.
+        name: name of the model.
+        plant: the plant, as the gap workflow uses it.
+        columns: channel -> column of a recording, for channels that have another name or unit
+            there.
         effects: names of the effects that the model file switches on.
-        content: of the model file, as read.
+        content: the model file as plain values.
     """
 
     name: str
@@ -62,11 +63,11 @@ class PlantModel:
     content: Mapping[str, Any] = field(repr=False)
 
     def read(self, path: str | Path) -> Recording:
-        """Read a recording, its columns under the plant's names and in SI.
+        """Return the recording in a file, with the plant's channel names and in SI.
 
         Raises:
-            RecordingError: everything that is wrong with the file.
-            PlantError: the plant has no finite course along it.
+            RecordingError: lists every problem of the file.
+            PlantError: the plant's states do not stay finite along this recording.
         """
         needed = (*self.plant.inputs, *(output.channel for output in self.plant.outputs))
         recording = read_recording(path, required=needed, columns=self.columns, of_rig=False)
@@ -92,7 +93,7 @@ class _Times(Schema):
 
 
 def catalogue(thing: PlantDescription | Plant) -> dict[str, dict[str, str]]:
-    """Return the effects that a plant may lack: effect -> key in a model file -> parameter."""
+    """Return the effects that a plant's model may lack, as effect -> key in a file -> parameter."""
     if isinstance(thing, Plant):
         return {
             effect.name: {knob.key: knob.parameter for knob in effect.knobs}
@@ -102,17 +103,20 @@ def catalogue(thing: PlantDescription | Plant) -> dict[str, dict[str, str]]:
 
 
 def own_parameters(thing: PlantDescription | Plant) -> list[Parameter]:
-    """Return the parameters that every plant has, and those that no effect moves."""
+    """Return the parameters that a file gives under `parameters`.
+
+    These are the ones without a neutral value, and the ones that belong to no effect.
+    """
     moved = {name for keys in catalogue(thing).values() for name in keys.values()}
     return [p for p in thing.parameters if p.neutral is None or p.name not in moved]
 
 
 def read_plant_file(path: Path, thing: PlantDescription | Plant) -> PlantModel:
-    """Return a plant with the values of a model file.
+    """Return a plant, or the plant of a description, with the values of a model file.
 
     Raises:
-        ConfigError: every problem of the file.
-        PlantError: every problem of the description.
+        ConfigError: lists every problem of the file.
+        PlantError: lists every problem of the description.
     """
     if isinstance(thing, PlantDescription):
         check_description(thing)
@@ -154,7 +158,7 @@ def read_plant_file(path: Path, thing: PlantDescription | Plant) -> PlantModel:
 
 
 class _Reading:
-    """Reads the sections of one file; what is wrong goes to the sources' problems."""
+    """A reader of the sections of one file, which adds the mistakes to the sources' problems."""
 
     def __init__(self, thing: PlantDescription | Plant, sources: Sources) -> None:
         self.thing, self.problems = thing, sources.problems
@@ -164,7 +168,10 @@ class _Reading:
     def _checked(
         self, item: Located, fields: Mapping[str, Any], hints: dict[str, str] | None = None
     ) -> dict[str, Any]:
-        """Return the values of a mapping with these keys, None for those absent or wrong."""
+        """Return the values of a mapping for the keys of `fields`; None where absent or wrong.
+
+        `fields` gives the type of each key's value, `hints` the remedy for misplaced keys.
+        """
         definitions: dict[str, Any] = {key: (kind, None) for key, kind in fields.items()}
         made = create_model("Section", __base__=Schema, **definitions)
         file = read_mapping(made, item, self.problems, hints)
@@ -185,7 +192,7 @@ class _Reading:
     # Values
 
     def values(self, root: Located) -> dict[str, float]:
-        """Return the values of all parameters, NaN for those that are missing."""
+        """Return the values of all parameters by name, in SI; NaN where one is missing."""
         neutral = {p.name: p.neutral for p in self.thing.parameters}
         values: dict[str, float] = {k: v for k, v in neutral.items() if v is not None}
         own = own_parameters(self.thing)
@@ -222,7 +229,7 @@ class _Reading:
         self.problems.add(section.place, "parameters", "", f"lacks {each.name}", remedy)
 
     def switched_on(self, root: Located) -> list[tuple[str, Located]]:
-        """Return the effects that are on, with what is given of them."""
+        """Return the effects that the file switches on, each with its entry in the file."""
         section = root.get("effects")
         if section is None:
             return []
@@ -248,7 +255,10 @@ class _Reading:
     # Recordings
 
     def channels(self, root: Located) -> tuple[dict[str, Column], Any]:
-        """Return columns by channel, and the outputs as the file has them."""
+        """Return the column of each channel that the file names, and the outputs.
+
+        The outputs have the noise, resolution and range that the file gives them.
+        """
         section = root.get("channels")
         outputs = {output.channel: output for output in self.thing.outputs}
         if section is None:
@@ -297,10 +307,10 @@ class _Reading:
         columns[name] = Column(found["column"] or name, factor)
         return found
 
-    # What may be off
+    # Allowed errors
 
     def shares(self, root: Located, key: str, names: list[str]) -> dict[str, float]:
-        """Return fractions by name."""
+        """Return the fractions that the section `key` gives, by name; {} if it is missing."""
         section = root.get(key)
         if section is None:
             return {}
@@ -308,7 +318,7 @@ class _Reading:
         return {name: float(value) for name, value in found.items() if value is not None}
 
     def errors(self, root: Located) -> dict[str, float]:
-        """Return the model error of each equation in its unit."""
+        """Return the model errors that the file gives, by equation, in the equation's unit."""
         section = root.get("model_error")
         if section is None:
             return {}
@@ -329,7 +339,7 @@ class _Reading:
         return found
 
     def _known_keys(self, section: Located, names: list[str]) -> None:
-        # A schema cannot do this: names with spaces are no fields of one.
+        # A schema cannot check this, as names with spaces cannot be its fields.
         if not isinstance(section.value, dict):
             self.problems.add(section.place, section.name, shown(section), "is not a mapping",
                               f"keys: {', '.join(names)}")  # fmt: skip
@@ -342,7 +352,10 @@ class _Reading:
         return quantity_in(entry, lambda: Physical(unit, lower).parse(entry.value), self.problems)
 
     def steering(self, root: Located) -> dict[tuple[str, str], float] | None:
-        """Return gains by input and output; None if the file does not say."""
+        """Return the gain from each input to each output that it steers.
+
+        Return None if the file does not have the section, {} if it says "none".
+        """
         section = root.get("steering")
         if section is None:
             return None
@@ -369,19 +382,19 @@ def write_plant_file(
     model: PlantModel, values: Mapping[str, float], effects: tuple[str, ...], provenance: Any,
     path: Path,
 ) -> None:  # fmt: skip
-    """Write a model file with given values of all parameters; it reads back to the same floats.
+    """Write a model file with new values of all parameters, which reads back to the same floats.
 
-    The file has the effects of the model and those given. Intervals in the provenance
-    (`effects`, `refitted`: key -> value, lower, upper) are written beside the values too, except
-    for what was refitted and not kept (`kept`). A model whose values are as they were keeps its
-    name.
+    The file switches on the model's effects and the added ones. Intervals in the provenance
+    (`effects`, `refitted`: key -> value, lower, upper) are written as comments beside the values
+    too, unless a refitted value was not kept (`kept` is false). If values or effects changed, the
+    word "revised" is appended to the model's name, once.
 
     Args:
-        model: as read.
-        values: of all parameters by name, SI.
-        effects: names of those added.
+        model: the model as it was read.
+        values: values of all parameters by name, SI.
+        effects: names of the added effects.
         provenance: where the values come from.
-        path: of the file, which is replaced.
+        path: path of the file, which is replaced.
     """
     names = [*model.effects, *(name for name in effects if name not in model.effects)]
     on = {name: keys for name, keys in catalogue(model.plant).items() if name in names}
@@ -412,7 +425,7 @@ def write_plant_file(
 
 
 class _Values:
-    """Lines of values with their units, symbols and intervals."""
+    """A writer of lines with a value, its unit, its meaning and its interval."""
 
     def __init__(
         self, values: Mapping[str, float], parameters: tuple[Parameter, ...], provenance: Any
@@ -438,7 +451,7 @@ class _Values:
 
 
 def _carried(content: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the sections that a revision does not change."""
+    """Yield, as YAML, the sections of the old file that a revision does not change."""
     for key in _CARRIED:
         if content.get(key) is not None:
             yield _dumped({key: content[key]})

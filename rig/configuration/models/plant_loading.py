@@ -1,4 +1,4 @@
-"""Loads a plant from outside this package: `--plant MODULE:OBJECT` and its model file."""
+"""A plant that a user describes in Python is loaded here: `--plant MODULE:OBJECT`, and its file."""
 
 import importlib
 import importlib.util
@@ -20,17 +20,17 @@ _EXAMPLE = "give a module and an object of it, as in axis:axis (docs/another_pla
 
 
 def load_plant(reference: str, model: str | Path | None) -> PlantModel:
-    """Return a plant from outside this package with the values of a model file.
+    """Return a plant that a user describes in Python, with the values of a model file.
 
-    The plant's `write` writes such files; `PlantModel.read` reads its recordings.
+    The plant's `write` writes a model file of the same form; `PlantModel.read` reads a recording.
 
     Args:
         reference: `module:object`, looked for in the working folder first, or `path.py:object`.
-        model: path of the model file.
+        model: path of the model file; None is reported as a problem.
 
     Raises:
-        PlantError: the module or what it describes cannot be used.
-        ConfigError: every problem of the model file.
+        PlantError: the module, or the plant it describes, cannot be used.
+        ConfigError: lists every problem of the model file.
     """
     thing = _object(reference)
     path = Path(model) if model is not None else None
@@ -51,7 +51,7 @@ def load_plant(reference: str, model: str | Path | None) -> PlantModel:
 
 
 def _object(reference: str) -> PlantDescription | Plant:
-    """Return the plant or description that a reference names."""
+    """Import the module and return the plant or description that a reference names."""
     source, _, name = reference.rpartition(":")
     if not source or not name:
         raise PlantError([f"--plant {reference}: names no object of a module; {_EXAMPLE}"])
@@ -75,7 +75,7 @@ def _object(reference: str) -> PlantDescription | Plant:
 
 @contextmanager
 def _found_from(folder: Path) -> Iterator[None]:
-    """Let modules be found in a folder first; the `rig` command does not look there by itself."""
+    """Put a folder first on the import path within the block; `rig` does not look there itself."""
     sys.path.insert(0, str(folder))
     try:
         yield
@@ -116,7 +116,7 @@ def _from_path(path: Path) -> ModuleType:
 
 
 def _broken(reference: str, error: Exception) -> str:
-    """Return what stopped a module's import, with file and line."""
+    """Return a message on the error that stopped a module's import, with file and line."""
     if isinstance(error, SyntaxError):
         where = f"{error.filename}:{error.lineno}"
     else:

@@ -1,4 +1,6 @@
-"""The key `unknown_term` of a model file: a disturbance in symbols, found or given.
+"""The key `unknown_term` of a model file gives terms that are added to the plant's equations.
+
+Such a term is a disturbance that a search found, or that a user gives, for example:
 
 unknown_term:
   - {to: force balance, of: position, form: wave, size: 180 N, pitch: 42 mm, phase: 0.4 rad}
@@ -35,7 +37,7 @@ from rig.plant import (
 KEY: Final = "unknown_term"
 _CONSTANT: Final = "constant"
 _LEAST: Final = 1e-9
-"""Least value of a pitch or a width, SI."""
+"""Smallest allowed value of a pitch or a width, SI."""
 _FORMS: Final = {_CONSTANT if form == "1" else form: form for form in FORMS}
 _EXAMPLE: Final = "write `- {to: force balance, form: constant, size: 100 N}`"
 
@@ -58,7 +60,11 @@ _OF_FORMS: Final = ("pitch", "phase", "middle", "width")
 
 
 def _places(form: str, of: str) -> dict[str, Physical]:
-    """Return the keys of a form's places, in the order in which parameters hold them."""
+    """Return the two keys, with units and limits, that locate a wave or a bump; {} for other forms.
+
+    They stand in the order in which `Parameters` holds them. `of` is the quantity along which the
+    form varies.
+    """
     if form == "wave":
         return {"pitch": Physical(QUANTITIES[of], _LEAST), "phase": Physical("rad")}
     if form == "bump":
@@ -67,7 +73,7 @@ def _places(form: str, of: str) -> dict[str, Physical]:
 
 
 def read_terms(section: Located, sources: Sources) -> dict[str, float]:
-    """Return the fields of `Parameters` that a model file's terms set; problems are recorded."""
+    """Return field -> value of `Parameters` for the terms of a model file; record the problems."""
     if section.value == "none":
         return fields_of(())
     if not isinstance(section.value, list) or len(section.value) > MOST_TERMS:
@@ -103,7 +109,7 @@ def _term(entry: Located, problems: Problems) -> AddedTerm | None:
 def _number(entry: Located, key: str, kind: Physical, problems: Problems) -> float | None:
     item = entry.get(key)
     if item is None:
-        if key != "size":  # the schema has reported a size that is missing
+        if key != "size":  # the schema reports a missing size itself
             problems.add(entry.place, entry.name, "", f"lacks the key {key}", f"add `{key}: ...`")
         return None
     return quantity_in(item, lambda: kind.parse(item.plain()), problems)

@@ -1,4 +1,4 @@
-"""YAML read with line numbers and units, and every problem of a file collected."""
+"""YAML files are read here with line numbers and units, and all problems are collected."""
 
 from lazy_loader import attach_stub
 

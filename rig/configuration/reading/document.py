@@ -1,4 +1,4 @@
-"""Reading YAML so that every value knows the file, line and column it came from."""
+"""YAML is read here so that every value has the file, line and column that it came from."""
 
 import hashlib
 from collections.abc import Hashable, Iterator
@@ -11,18 +11,18 @@ import yaml
 from .problems import Place, Problems
 
 MAX_DEPTH = 32
-# Aliases let a short file unfold without bound; ours have some thousand values at most.
+# Aliases let a short file unfold without bound; real files have some thousand values at most.
 MAX_VALUES = 200_000
 MAX_BYTES = 8_000_000
-"""Largest file that is read; no file with so few values needs more."""
+"""Size in bytes of the largest file that is read; `MAX_VALUES` values do not need more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Located:
     """A YAML value with its place: a scalar, a list of `Located`, or a dict of name to `Located`.
 
-    The place is that of the key for values in a mapping, so that an editor lands on the line to
-    change; `name` is what to call the value in a message.
+    The place of a value in a mapping is that of its key, so that an editor jumps to the line to
+    change. `name` is the name of the value in messages.
     """
 
     value: Any
@@ -30,21 +30,21 @@ class Located:
     name: str
 
     def items(self) -> Iterator[tuple[str, "Located"]]:
-        """Iterate over the entries of a mapping; anything else has none."""
+        """Iterate over keys and values of a mapping; there are none if this is no mapping."""
         if isinstance(self.value, dict):
             yield from self.value.items()
 
     def elements(self) -> list["Located"]:
-        """Return the elements of a list; anything else has none."""
+        """Return the elements of a list; [] if this is no list."""
         return self.value if isinstance(self.value, list) else []
 
     def get(self, key: str) -> "Located | None":
-        """Return the entry of a mapping; None if there is none, or if its value is empty."""
+        """Return the entry of a mapping; None if it is missing or empty, or this is no mapping."""
         entry = self.value.get(key) if isinstance(self.value, dict) else None
         return None if entry is None or entry.value is None else entry
 
     def find(self, path: tuple[str | int, ...]) -> "Located":
-        """Return the deepest existing value on the way along keys and indices."""
+        """Return the value that is reached along keys and indices, as far as the path exists."""
         here = self
         for step in path:
             try:
@@ -64,13 +64,17 @@ class Located:
 
 @dataclass
 class Sources:
-    """The files a configuration was read from, with their SHA-256, and the problems in them."""
+    """The files that a configuration was read from, with their SHA-256, and their problems."""
 
     problems: Problems = field(default_factory=Problems)
     sha256: dict[Path, str] = field(default_factory=dict)
 
     def read_bytes(self, path: Path, referrer: Located | None = None) -> bytes | None:
-        """Return a file's content and keep its hash; None, with a problem, if it is unreadable."""
+        """Return a file's content and store its hash; if it is unreadable, add a problem.
+
+        Return None then. The problem is placed at `referrer`, the value that names the file, if
+        there is one.
+        """
         try:
             content = path.read_bytes()
         except OSError as error:
@@ -83,7 +87,10 @@ class Sources:
         return content
 
     def read_yaml(self, path: Path, referrer: Located | None = None) -> Located | None:
-        """Return the mapping in a YAML file; None, with a problem, if the file holds none."""
+        """Return the mapping in a YAML file; if the file holds none, add a problem, return None.
+
+        If the file cannot be read, the problem is placed at `referrer`, the value that names it.
+        """
         content = self.read_bytes(path, referrer)
         if content is None:
             return None
@@ -120,7 +127,7 @@ class Sources:
 
 @dataclass
 class _Builder:
-    """Turns composed YAML nodes into `Located` values, and notes duplicate and unusable keys."""
+    """A builder of `Located` values from YAML nodes, which records bad keys and values."""
 
     path: Path
     loader: yaml.SafeLoader
@@ -159,7 +166,7 @@ class _Builder:
         return entries
 
     def _key(self, node: yaml.Node) -> str:
-        # Keys are names: `no:` or `1:` stays the text written, whatever YAML would make of it.
+        # Keys are names, so `no:` or `1:` stays text instead of becoming a boolean or a number.
         return str(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
 
     def _scalar(self, node: yaml.Node, place: Place, name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Fields of schemas that hold quantities: their limits, and what a value beyond them should be."""
+"""Fields of schemas that hold quantities parse a value, check its limits and suggest a remedy."""
 
 import math
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ from .quantities import QuantityError, Reading, dimension, read, unit_factor
 
 
 class Relative(NamedTuple):
-    """A deviation from the base model's value, `-4 %` as -0.04."""
+    """A deviation from the base model's value as a fraction: -0.04 for `-4 %`."""
 
     fraction: float
 
 
 class Field:
-    """Annotates a field of a schema that is read by `parse`, which raises `QuantityError`."""
+    """An annotation of a schema's field, whose `parse` reads it or raises `QuantityError`."""
 
     def parse(self, raw: object) -> Any:
-        """Return what the field holds."""
+        """Return the field's value, parsed from a value of YAML."""
         raise NotImplementedError
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """Let pydantic read the field by `parse`."""
+        """Return the schema by which pydantic reads the field, which calls `parse`."""
         return core_schema.no_info_plain_validator_function(self._validate)
 
     def _validate(self, raw: object) -> Any:
@@ -40,7 +40,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Physical(Field):
-    """Annotates a float of a schema as a quantity: SI unit, limits and the usual value."""
+    """An annotation that makes a float a quantity: SI unit, limits in SI, and its usual value."""
 
     unit: str
     lower: float = -math.inf
@@ -51,17 +51,18 @@ class Physical(Field):
         """Return the SI value of a text or bare number.
 
         Raises:
-            QuantityError: not this quantity, or outside the limits.
+            QuantityError: it is not this quantity, or it is outside the limits.
         """
         reading = read(raw, self.unit)
         self.check_range(reading)
         return reading.value
 
     def check_range(self, reading: Reading) -> None:
-        """Verify the limits.
+        """Raise unless a value is within the limits, ends included.
 
         Raises:
-            QuantityError: outside; names the limit in the unit written, and what would fit.
+            QuantityError: the value is outside. The error names the limit in the unit that the
+                file uses, and a value that would fit.
         """
         if self.lower <= reading.value <= self.upper:
             return
@@ -75,7 +76,11 @@ class Physical(Field):
         raise QuantityError(f"is {'above' if above else 'below'} {shown}", remedy)
 
     def _fitting(self, reading: Reading) -> str | None:
-        """Return the likeliest slip: decimal point or unit, nearest the usual value if known."""
+        """Return the value that was probably meant: another decimal point or unit puts it in range.
+
+        Of several candidates, the one nearest the usual value is returned, if that is known. None
+        if no such change fits.
+        """
         slips = [(reading.number.scaleb(shift), reading.unit) for shift in (-1, 1, -2, 2)]
         slips += [(reading.number, unit) for unit in dimension(self.unit).units]
         slips += [(reading.number.scaleb(shift), reading.unit) for shift in (-3, 3, -6, 6)]
@@ -90,21 +95,22 @@ class Physical(Field):
         usual = self.typical
         if usual is None or usual == 0.0:
             return fitting[0][1]
-        # Rounded, so that 13.8 MPa and 138 bar tie and the first, the smaller correction, wins.
+        # By rounding, 13.8 MPa and 138 bar tie; then the first, the smaller correction, wins.
         return min(fitting, key=lambda fit: round(abs(math.log10(abs(fit[0] / usual))), 6))[1]
 
 
 @dataclass(frozen=True)
 class Adjustable(Field):
-    """Annotates a quantity that may be given as a signed deviation from the base model's value."""
+    """An annotation of a quantity that may also be a signed deviation from the base's value."""
 
     physical: Physical
 
     def parse(self, raw: object) -> float | Relative:
-        """Return the SI value, or the deviation of a signed percentage.
+        """Return the SI value, or the deviation that a signed percentage means.
 
         Raises:
-            QuantityError: not this quantity, outside its limits, or a percentage without a sign.
+            QuantityError: it is not this quantity, outside its limits, or a percentage without a
+                sign.
         """
         if isinstance(raw, str) and raw.strip().endswith("%"):
             if raw.strip()[0] in "+-":
@@ -118,7 +124,10 @@ class Adjustable(Field):
 
 @dataclass(frozen=True)
 class Interval(Field):
-    """Annotates a pair of quantities, the lower one first; `single` admits one for both."""
+    """An annotation of a pair of quantities, the lower one first.
+
+    With `single`, a file may give one quantity that counts for both ends.
+    """
 
     physical: Physical
     single: bool = False
@@ -127,7 +136,8 @@ class Interval(Field):
         """Return the SI values of both ends.
 
         Raises:
-            QuantityError: no pair, an end that is not the quantity, or ends in the wrong order.
+            QuantityError: it is no pair, an end is not this quantity or outside its limits, or the
+                ends are in the wrong order.
         """
         if self.single and not isinstance(raw, list):
             value = self.physical.parse(raw)

@@ -1,4 +1,4 @@
-"""Where configurations are found: by path, beside the file that refers to them, or as shipped."""
+"""Configurations are found by path, beside the file that refers to them, or among the shipped."""
 
 import shutil
 from collections.abc import Callable
@@ -25,7 +25,7 @@ SUFFIXES: Final = (".yaml", ".yml", ".dbc")
 
 
 def shipped_config_dir() -> Path:
-    """Return the folder of the shipped configurations: in the wheel or the checkout.
+    """Return the folder of the shipped configurations, in the installed wheel or the checkout.
 
     Raises:
         FileNotFoundError: the installation is damaged.
@@ -38,10 +38,10 @@ def shipped_config_dir() -> Path:
 
 
 def copy_shipped(destination: Path) -> list[Path]:
-    """Copy the shipped configurations into a new or empty folder, to edit; return the files.
+    """Copy the shipped configurations into a new or empty folder; return all files there, sorted.
 
     Raises:
-        ConfigError: the folder holds something already, or cannot be written.
+        ConfigError: the folder is not empty, or cannot be written.
     """
     try:
         if destination.exists() and (not destination.is_dir() or any(destination.iterdir())):
@@ -58,14 +58,14 @@ def _refusal(path: Path, limit: str, remedy: str) -> ConfigError:
 
 
 def is_path(reference: str) -> bool:
-    """Return whether a reference is a path: it has a separator, or a configuration's suffix."""
+    """Return whether a reference is a path: it has a separator or a configuration's suffix."""
     return "/" in reference or "\\" in reference or reference.endswith(SUFFIXES)
 
 
 def reference_in(item: Located | None) -> str | None:
-    """Return the name or path that a value gives, None if it gives none.
+    """Return the name or path that a value gives; None if the value is no text and no number.
 
-    A number is a name too (`rig: 7`).
+    A number counts as a name (`rig: 7`).
     """
     if item is None or isinstance(item.value, bool):
         return None
@@ -75,11 +75,18 @@ def reference_in(item: Located | None) -> str | None:
 def resolve(
     kind: Kind, reference: str, base: Path, problems: Problems, referrer: Located | None = None
 ) -> Path | None:
-    """Return the file a reference means; None, with a problem, where there is none.
+    """Return the file that a reference means; if there is none, add a problem and return None.
 
-    A path counts from `base`, the folder of the referring file or the working directory. A name
-    is looked for in the folder of its kind within or beside `base` (so that an edited copy made
-    by `rig init` wins), in `base` itself, and then among the shipped configurations.
+    A relative path is resolved from `base`. A name is looked for in the folder of its kind within
+    `base`, beside `base` if a file refers to it (so that an edited copy made by `rig init` wins),
+    in `base` itself, and then among the shipped configurations.
+
+    Args:
+        kind: kind of configuration that is wanted.
+        reference: the path or name.
+        base: folder of the referring file, or the working directory.
+        problems: takes the problem.
+        referrer: value of a file that gives the reference; None if a user gives it.
     """
     place = referrer.place if referrer else Place(Path(reference), 0, 0)
     name = referrer.name if referrer else kind
@@ -101,9 +108,10 @@ def resolve(
 
 
 def resolve_in(kind: Kind, item: Located | None, problems: Problems) -> Path | None:
-    """Return the file that a value refers to; relative paths count from the value's own file.
+    """Return the file that a value refers to; a relative path counts from the value's own folder.
 
-    None, with a problem, if there is no such file; None without one if the value is no reference.
+    If there is no such file, add a problem and return None. If the value is no name or path, return
+    None without a problem.
     """
     reference = reference_in(item)
     if item is None or reference is None:
@@ -117,16 +125,17 @@ def load(
     base: Path | None,
     read: Callable[[Path, Sources], T | None],
 ) -> T:
-    """Return what a configuration describes, given by path or by name.
+    """Return the object that a configuration describes, which is given by path or by name.
 
     Args:
-        kind: of the configuration.
+        kind: kind of configuration.
         reference: its path or name.
-        base: folder that relative paths count from; the working directory if None.
-        read: returns what a file describes; None, with problems, if it cannot be used.
+        base: folder from which a relative path is resolved; the working directory if None.
+        read: reads a file and returns its object; if the file cannot be used, it records the
+            problems and returns None.
 
     Raises:
-        ConfigError: every problem of the file and of all it refers to.
+        ConfigError: lists every problem of the file and of all files it refers to.
     """
     sources = Sources()
     path = resolve(kind, str(reference), base or Path.cwd(), sources.problems)
@@ -137,7 +146,7 @@ def load(
 
 
 def available(kind: Kind, base: Path | None = None) -> list[str]:
-    """Return the names of the shipped configurations of a kind, and of those next to `base`."""
+    """Return the names of a kind's configurations: shipped ones, and those in or beside `base`."""
     folders = [shipped_config_dir() / FOLDERS[kind]]
     folders += [base / FOLDERS[kind], base.parent / FOLDERS[kind]] if base else []
     files = (path for folder in folders for path in folder.glob("*"))
@@ -148,7 +157,7 @@ def _folders(kind: Kind, base: Path, beside: bool) -> list[Path]:
     folders = [base / FOLDERS[kind]]
     if beside:
         folders.append(base.parent / FOLDERS[kind])
-    # In rigs/, the model `thesis` is not the rig of that name.
+    # In a folder of one kind, such as rigs/, a file of the wanted name may be of the wrong kind.
     if base.name not in FOLDERS.values():
         folders.append(base)
     return [*folders, shipped_config_dir() / FOLDERS[kind]]

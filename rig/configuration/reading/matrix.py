@@ -1,4 +1,4 @@
-"""Test matrices: one test written once, for every combination of the values of its axes."""
+"""A test matrix lets a test be written once for every combination of the values of its axes."""
 
 import re
 from collections.abc import Iterator
@@ -14,17 +14,19 @@ MAX_TESTS: Final = 10_000
 
 
 class Choice(NamedTuple):
-    """One value of an axis and how names write it."""
+    """One value of an axis, and the label that stands for it in tests' names."""
 
     label: str
     value: Located
 
 
 def expand(test: Located, problems: Problems) -> list[Located]:
-    """Return the test for every combination of its matrix, each without the matrix.
+    """Return a copy of the test, without its matrix, for every combination of the matrix's axes.
 
-    `${axis}` as a whole value is replaced by the axis's value, structured or not, whose place is
-    kept; within a longer text by the value's text. In `name` it is replaced by the label.
+    A value `${axis}` is replaced by the axis's value, which may be a list or a mapping, with its
+    place in the file. Within a longer text, `${axis}` is replaced by the value's text, and in
+    `name` by its label. [] if there are more than `MAX_TESTS` combinations. A test without a matrix
+    is returned once. Problems are recorded.
     """
     matrix = test.get("matrix")
     axes = _read_axes(matrix, problems) if matrix is not None else {}

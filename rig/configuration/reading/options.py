@@ -1,8 +1,8 @@
-"""Reads sections of a file into a dataclass of a lower layer, by the types of its fields.
+"""Sections of a file are read here into a dataclass of a lower layer, by the types of its fields.
 
 The options of a driver, register maps, the settings of the loop and of homing, and the transducers'
-data sheet are such sections. The class says what may be written, in what unit and within which
-limits, and nothing repeats that.
+data sheet are such sections. Only the class says which keys may be written, in which unit and
+within which limits.
 """
 
 from collections.abc import Callable
@@ -27,9 +27,9 @@ class Option(NamedTuple):
     """A field of a class of options.
 
     Attributes:
-        hint: its type.
-        quantity: its unit and limits, if it has any.
-        default: `...` where there is none.
+        hint: type of the field.
+        quantity: unit and limits of the field; None if it has none.
+        default: default of the field; `...` if it has none.
     """
 
     hint: Any
@@ -38,15 +38,16 @@ class Option(NamedTuple):
 
 
 def read_options(options: type[T], item: Located | None, sources: Sources) -> T | None:
-    """Return a dataclass or named tuple from a mapping with its fields as keys.
+    """Return an object of the class `options`, made from a mapping with its fields as keys.
 
-    None, with problems, where it cannot be made. No mapping at all is one without keys.
+    If it cannot be made, record the problems and return None. If `item` is None, all fields have
+    their defaults. The class is a dataclass or a named tuple.
     """
     if item is None:
         return options()
     before = sources.problems.reported
     file = read_mapping(options_schema(options), item, sources.problems)
-    # Not model_dump, which would take dataclasses apart.
+    # model_dump is not used here, as it would turn dataclasses into dicts.
     values = {key: getattr(file, key) for key in options_of(options)} if file is not None else {}
     for name, option in options_of(options).items():
         entry, reader = item.get(name), _reader(option)
@@ -68,7 +69,7 @@ def read_options(options: type[T], item: Located | None, sources: Sources) -> T 
 
 
 def options_schema(options: type) -> type[Schema]:
-    """Return the schema of a mapping that has the fields of a dataclass or named tuple as keys."""
+    """Return the schema of a mapping whose keys are the fields of a dataclass or named tuple."""
     definitions: dict[str, Any] = {
         name: (_written(option), option.default) for name, option in options_of(options).items()
     }
@@ -76,7 +77,7 @@ def options_schema(options: type) -> type[Schema]:
 
 
 def options_of(options: type) -> dict[str, Option]:
-    """Return the fields of a dataclass or named tuple that a file may give, in their order."""
+    """Return, by name, the fields of a dataclass or named tuple that a file may give, in order."""
     hints = get_type_hints(options, include_extras=True)
     if is_dataclass(options):
         usual = {f.name: _default(f) for f in fields(options) if f.init}
@@ -102,7 +103,7 @@ def _option(hint: Any, default: Any) -> Option:
 
 
 def kind_of(option: Option) -> Any:
-    """Return the type of an option, without the None of one that may be left out."""
+    """Return the type of an option; of `T | None`, return T."""
     kinds = get_args(option.hint)
     if len(kinds) == 2 and type(None) in kinds:
         return next(kind for kind in kinds if kind is not type(None))
@@ -110,7 +111,7 @@ def kind_of(option: Option) -> Any:
 
 
 def _written(option: Option) -> Any:
-    """Return the type by which a schema checks an option; Any if the option has a reader."""
+    """Return the type by which a schema checks an option; Any if `_reader` returns a function."""
     kind, quantity = kind_of(option), option.quantity
     if _reader(option) is not None:
         return Any
@@ -124,7 +125,10 @@ def _written(option: Option) -> Any:
 
 
 def _reader(option: Option) -> Callable[[Located, Sources], Any] | None:
-    """Return what reads an option; None if the option is a plain value of YAML."""
+    """Return the function that reads an option; None if the option is a plain value of YAML.
+
+    Paths, nested sections and lists of sections have such a function.
+    """
     kind = kind_of(option)
     if kind is Path:
         return _read_path
@@ -141,9 +145,10 @@ def _is_section(kind: Any) -> bool:
 
 
 def _read_path(item: Located, sources: Sources) -> Path | None:
-    """Return a path, which counts from the folder of the file that gives it.
+    """Return a path, resolved from the folder of the file that gives it.
 
-    An option named after a kind of shipped file (`dbc`) is found by name too, as these are.
+    An option that is named after a kind of shipped file (`dbc`) may also give such a file's name.
+    If it is no path or there is no such file, add a problem and return None.
     """
     reference = reference_in(item)
     if reference is None:
@@ -155,7 +160,7 @@ def _read_path(item: Located, sources: Sources) -> Path | None:
 
 
 def _read_dataclass(kind: type[T], item: Located, sources: Sources) -> T | None:
-    """Return a nested section, or one from a file of its own in `maps`, by path or name."""
+    """Return a nested section, which stands in the file or in a map file, given by path or name."""
     if reference_in(item) is None:
         return read_options(kind, item, sources)
     path = resolve_in("map", item, sources.problems)

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, collected from all its files and reported together."""
+"""The problems of a configuration are collected from all its files and reported together."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -17,7 +17,10 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One mistake: where, which field, the value found, the rule it breaks and what to do."""
+    """One mistake: its place, the field, the value, the rule that it breaks, and a remedy.
+
+    `limit` is the rule, such as "is above 3 V". Line 0 means that the place is not in a file.
+    """
 
     path: str
     line: int
@@ -36,7 +39,7 @@ class Problem:
 
 
 class ConfigError(ValueError):
-    """A configuration that cannot be used; `problems` lists every mistake found."""
+    """The error of a configuration that cannot be used; `problems` lists every mistake found."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: list[Problem] = list(problems)
@@ -45,16 +48,16 @@ class ConfigError(ValueError):
 
 @dataclass
 class Problems:
-    """Collects problems over all files of a configuration; one mistake is kept once.
+    """A collection of the problems of all files of a configuration, each of them once.
 
-    `reported` counts repetitions too: the tests of a matrix share their mistakes.
+    `reported` also counts repetitions, which occur as the tests of a matrix share their mistakes.
     """
 
     found: list[Problem] = field(default_factory=list)
     reported: int = 0
 
     def add(self, place: Place, name: str, value: object, limit: str, remedy: str = "") -> None:
-        """Record one mistake, unless the same one was recorded before."""
+        """Record one mistake, unless the same one is recorded already; count it in any case."""
         self.reported += 1
         problem = Problem(
             display_path(place.path), place.line, place.column, name, str(value), limit, remedy
@@ -68,7 +71,7 @@ class Problems:
         return any((p.path, p.line, p.column) == where for p in self.found)
 
     def raise_if_any(self) -> None:
-        """End the reading of a configuration.
+        """Raise an error with all problems, sorted by place, if there are any.
 
         Raises:
             ConfigError: at least one problem was recorded.
@@ -78,7 +81,7 @@ class Problems:
 
 
 def display_path(path: Path) -> str:
-    """Return the path as a reader at the prompt would write it: relative when below here."""
+    """Return a path as text, relative to the working directory if it lies below that."""
     try:
         return str(path.relative_to(Path.cwd()))
     except ValueError:
@@ -86,7 +89,7 @@ def display_path(path: Path) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known name closest to a misspelt one; None if none is close."""
+    """Return the known name that is closest to a misspelt one; None if none is close."""
     names = list(known)
     lowered = {name.lower(): name for name in names}
     matches = difflib.get_close_matches(word.lower(), lowered, n=1, cutoff=0.6)
@@ -94,7 +97,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def suggestion(word: str, known: Sequence[str], kind: str) -> str:
-    """Return the remedy for a misspelt name: the nearest name, else all known ones."""
+    """Return the remedy for a misspelt name: the nearest known name, else a list of all of them."""
     near = nearest(word, known)
     listing = f"{kind}: {', '.join(known)}" if known else f"there are no {kind}"
     return f"did you mean {near}?" if near else listing

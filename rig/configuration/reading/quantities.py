@@ -1,6 +1,6 @@
-"""Physical quantities as people write them, `13.8 MPa` or `0.5 L/min`, to SI floats.
+"""Physical quantities as people write them, `13.8 MPa` or `0.5 L/min`, are read as SI floats here.
 
-Arithmetic is decimal up to the last step: `9.8 um` is the float 9.8e-6 and no neighbour of it.
+The arithmetic is decimal up to the last step, so that `9.8 um` becomes exactly the float 9.8e-6.
 """
 
 import math
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Dimension(NamedTuple):
-    """What an SI unit measures, an example to show, and the units people use for it."""
+    """The quantity that an SI unit measures, an example of it, and the units that people use."""
 
     name: str
     example: str
@@ -55,7 +55,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
 
 
 def dimension(si_unit: str) -> Dimension:
-    """Return what a unit measures; a unit without an entry measures a quantity of its own name."""
+    """Return the dimension of an SI unit; for an unlisted unit, one that is made from its name."""
     plain = Dimension(f"a quantity in {si_unit}", f"1.0 {si_unit}", (si_unit,))
     return DIMENSIONS.get(si_unit, plain)
 
@@ -67,7 +67,7 @@ _ANGLE: Final = re.compile(r"rad|deg|°|turn|rev|rpm|Hz")
 
 
 class QuantityError(ValueError):
-    """A text that is not the quantity asked for: the rule it breaks and what to write."""
+    """The error of a text that is not the wanted quantity: the broken rule, and a remedy."""
 
     def __init__(self, limit: str, remedy: str) -> None:
         self.limit = limit
@@ -76,11 +76,11 @@ class QuantityError(ValueError):
 
 
 class WrongDimensionError(QuantityError):
-    """A quantity of another kind than the one asked for."""
+    """The error of a quantity of another kind than the wanted one, such as volts for metres."""
 
 
 class Reading(NamedTuple):
-    """A quantity as written: SI value, number and unit."""
+    """A quantity that was read: its SI value, and number and unit as they are written."""
 
     value: float
     number: Decimal
@@ -89,24 +89,24 @@ class Reading(NamedTuple):
 
 @cache
 def _registry() -> "pint.UnitRegistry[Any]":
-    # Imported here: pint costs a quarter of a second, and most commands read no configuration.
+    # pint takes a quarter of a second to import, which commands without quantities avoid this way.
     import pint
 
     registry: pint.UnitRegistry[Any] = pint.UnitRegistry(
         non_int_type=Decimal, on_redefinition="ignore"
     )
-    # As delivered, 1 Hz converts to 1 rad/s: a 100 Hz valve would become a 16 Hz one.
+    # By default pint converts 1 Hz to 1 rad/s, which would make a 100 Hz valve a 16 Hz one.
     registry.define("hertz = 2 * pi * radian / second = Hz")
     return registry
 
 
 @cache
 def unit_factor(unit: str, si_unit: str) -> Decimal:
-    """Return how many `si_unit` one `unit` is.
+    """Return the factor from `unit` to `si_unit`.
 
     Raises:
         QuantityError: the unit is unknown.
-        WrongDimensionError: the unit measures something else.
+        WrongDimensionError: the unit measures something else than `si_unit`.
     """
     if unit == si_unit:
         return Decimal(1)
@@ -138,10 +138,10 @@ def _parse_unit(unit: str, si_unit: str) -> "pint.Unit":
 
 
 def read(raw: object, si_unit: str) -> Reading:
-    """Return a quantity written as text, or as a bare number where it has no dimension.
+    """Return the quantity that a text gives, or a bare number if `si_unit` is "" or "rad".
 
     Raises:
-        QuantityError: it is no number or not finite, or its unit is missing or wrong.
+        QuantityError: it is no number or too large, or its unit is missing or wrong.
     """
     wanted = dimension(si_unit)
     bare_allowed = si_unit in ("", "rad")
@@ -167,7 +167,7 @@ def read(raw: object, si_unit: str) -> Reading:
 
 
 def show(value: float, si_unit: str) -> str:
-    """Return an SI value as text in the unit in which it reads best, `13.8 MPa`."""
+    """Return an SI value as text with four digits, in a unit that suits its size: `13.8 MPa`."""
     units = ("L/min",) if si_unit == "m^3/s" else dimension(si_unit).units
     scaled = [(float(Decimal(repr(value)) / unit_factor(unit, si_unit)), unit) for unit in units]
     readable = (pair for pair in scaled if 0.1 <= abs(pair[0]) < 1000.0)

@@ -1,4 +1,4 @@
-"""Validates located YAML with pydantic, and places every complaint at its line and column."""
+"""YAML is validated here with pydantic, and every problem gets its line and column."""
 
 from collections.abc import Callable
 from enum import Enum
@@ -14,7 +14,10 @@ LONGEST_VALUE = 60
 
 
 class Schema(BaseModel):
-    """One mapping of a configuration file; nested mappings are checked by their own schema."""
+    """The base class of schemas, each of which describes one mapping of a configuration file.
+
+    Mappings within it are checked by schemas of their own.
+    """
 
     model_config = ConfigDict(coerce_numbers_to_str=True, arbitrary_types_allowed=True)
 
@@ -26,10 +29,11 @@ T = TypeVar("T")
 def read_mapping(
     schema: type[S], item: Located, problems: Problems, hints: dict[str, str] | None = None
 ) -> S | None:
-    """Return the mapping read by its schema, as far as possible: a bad key counts as absent.
+    """Return a mapping validated by its schema; a key with a wrong value counts as absent.
 
-    Unknown keys, wrong values and missing keys are recorded as problems. None if a required key
-    is wrong or missing. `hints` gives the remedy for keys that belong somewhere else.
+    Unknown keys, wrong values and missing keys are recorded as problems. Return None if a required
+    key is wrong or missing, or if the value is no mapping. `hints` gives the remedy for keys that
+    belong somewhere else.
     """
     if not isinstance(item.value, dict):
         keys = ", ".join(schema.model_fields)
@@ -54,7 +58,7 @@ def read_mapping(
 
 
 def shown(item: Located) -> str:
-    """Return a value as short text for a message."""
+    """Return a value as text of at most `LONGEST_VALUE` characters for a message."""
     if isinstance(item.value, dict):
         return "a mapping"
     if isinstance(item.value, list):
@@ -65,14 +69,17 @@ def shown(item: Located) -> str:
 
 
 def elements_of(item: Located | None, problems: Problems, remedy: str) -> list[Located]:
-    """Return the elements of a list; none of None, and none, with a problem, of anything else."""
+    """Return the elements of a list; [] for None; if it is no list, add a problem and return []."""
     if item is not None and not isinstance(item.value, list):
         problems.add(item.place, item.name, shown(item), "is not a list", remedy)
     return [] if item is None else item.elements()
 
 
 def quantity_in(item: Located, read: Callable[[], T], problems: Problems) -> T | None:
-    """Return what `read` makes of a value; None, with a problem, if that is a `QuantityError`."""
+    """Return the result of `read`; if it raises `QuantityError`, add a problem, return None.
+
+    The problem is placed at `item`, the value that `read` reads.
+    """
     try:
         return read()
     except QuantityError as error:
@@ -92,7 +99,7 @@ def _add(schema: type[Schema], item: Located, detail: dict[str, Any], problems: 
     name = str(location[0]) if location else item.name
     if detail["type"] == "missing":
         unknown = [key for key, _ in item.items() if key not in schema.model_fields]
-        # The misspelt key was reported already, with this one as what it should be.
+        # If a key is a misspelling of the missing one, it was reported with this name as remedy.
         if nearest(name, unknown) is None:
             remedy = f"add `{name}: ...`"
             problems.add(item.place, item.name, "", f"lacks the key {name}", remedy)

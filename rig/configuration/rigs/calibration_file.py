@@ -1,4 +1,4 @@
-"""Calibration files: needle valves as `rig calibrate valves` measured them, for rig files."""
+"""Calibration files hold needle valves as `rig calibrate valves` measured them, for rig files."""
 
 import datetime
 import json
@@ -28,11 +28,10 @@ class NeedleReference(Schema):
 
 
 def find_needle(kind: str, item: Located, sources: Sources) -> Located | None:
-    """Return a bypass's needle from the calibration file that the rig file names.
+    """Return the needle of the bypass `kind` from the calibration file that a rig file names.
 
-    None, with a problem, if the needle or the file cannot be used.
-
-    The path counts from the folder of the file that names it.
+    If the file or its needle cannot be used, add a problem and return None. A relative path is
+    resolved from the folder of the rig file.
     """
     problems = sources.problems
     reference = read_mapping(NeedleReference, item, problems)
@@ -55,13 +54,13 @@ def find_needle(kind: str, item: Located, sources: Sources) -> Located | None:
 def dump_calibration(
     path: Path, rig: str, date: datetime.date, needles: Mapping[str, NeedleCalibration]
 ) -> None:
-    """Write a calibration file, in one step or not at all.
+    """Write a calibration file; on an error, an existing file stays as it is.
 
     Args:
-        path: of the file.
+        path: path of the file.
         rig: name of the rig.
         date: day of the calibration.
-        needles: by the fault that each one's bypass makes.
+        needles: fault -> calibrated needle of the bypass that makes this fault.
 
     Raises:
         OSError: the file cannot be written.

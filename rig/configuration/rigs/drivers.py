@@ -1,4 +1,4 @@
-"""Reads the `drivers` of a rig file: the type of each, and the options that its class declares."""
+"""The `drivers` of a rig file are read here: the type and the options of each of them."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -8,14 +8,14 @@ from rig.io import DriverError, DriverSpec, driver_class, driver_types
 
 
 class PlacedDriver(NamedTuple):
-    """A driver, and where a rig file describes it."""
+    """A driver, and the section of a rig file that describes it."""
 
     spec: DriverSpec
     item: Located
 
 
 def read_drivers(item: Located | None, sources: Sources) -> tuple[PlacedDriver, ...] | None:
-    """Return the drivers of a rig file; None, with problems, if any is unusable."""
+    """Return the drivers of a rig file; if any is unusable, record the problems and return None."""
     if item is None:
         return ()
     if not isinstance(item.value, dict):
@@ -62,7 +62,7 @@ def _read_driver(
 
 
 def _add(error: DriverError, item: Located, name: str, problems: Problems) -> None:
-    """Record what a driver refuses, at the option that its error names, else at the driver."""
+    """Record a driver's error as a problem of the option that it names, else of the driver."""
     option = item.get(error.channel)
     if option is not None:
         problems.add(option.place, error.channel, "", error.state, error.action)

@@ -1,6 +1,7 @@
-"""Checks that drivers, sensors, valves and limits of a hardware rig fit, before it is opened.
+"""These checks find out, before a hardware rig is opened, whether the parts of its file fit.
 
-What only the device shows (no such port, another identity) its driver finds out when opened.
+They cover drivers, sensors, valves and limits. A mistake that only the device shows, such as a
+missing port or another identity, is found by its driver when this is opened.
 """
 
 from operator import attrgetter
@@ -14,33 +15,37 @@ from rig.plant import TICK
 from .drivers import PlacedDriver
 
 NEEDED_INPUTS: Final = ("position_m", "pressure_1_Pa", "pressure_2_Pa")
-"""Inputs that every filter needs; without them no campaign can be judged."""
+"""Signals that every filter needs; without them no filter and no detector can run."""
 
 SENSORS: Final = {
     "supply_pressure_sensor": ("supply_pressure_Pa",),
     "load_cell": ("load_N",),
     "spool_sensor": ("spool_m", "drive_spool_m"),
 }
-"""Signals of each sensor that a rig file may have; a driver must supply one of them."""
+"""Signals of each sensor that a rig file may have; a driver must supply at least one of them."""
 
 
 def moved_faults(drivers: tuple[DriverSpec, ...]) -> tuple[str, ...]:
-    """Return the kinds of fault whose valves the drivers move: ball and needle of a bypass.
-
-    The throttle in the return line has no ball.
-    """
+    """Return the kinds of fault of which the drivers move all valves (see `valves_of`)."""
     outputs = {output for spec in drivers for output in spec.outputs}
     return tuple(kind for kind in map(str, FAULT_KINDS) if outputs.issuperset(valves_of(kind)))
 
 
 def valves_of(kind: str) -> tuple[str, ...]:
-    """Return the outputs that make a kind of fault."""
+    """Return the output signals that make a kind of fault: ball and needle of its bypass.
+
+    The throttle in the return line has a needle only.
+    """
     needle = f"{kind}_needle"
     return (needle,) if kind == Verdict.RETURN_BLOCKAGE else (f"{kind}_ball", needle)
 
 
 def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
-    """Verify that drivers supply all that a rig file needs, and share no channel and no device."""
+    """Check that a hardware rig's drivers fit its file; record a problem for each mistake.
+
+    There must be one fast driver, which writes the command. The drivers must supply the needed
+    signals and the sensors that the file has, and no two of them may share a signal or a device.
+    """
     section = root.find(("drivers",))
     _check_fast(section, drivers, problems)
     _check_channels(drivers, problems)
@@ -61,7 +66,10 @@ def check_hardware(root: Located, drivers: tuple[PlacedDriver, ...], problems: P
 def check_rates(
     root: Located, loop: LoopSettings, drivers: tuple[DriverSpec, ...], problems: Problems
 ) -> None:
-    """Verify that loop, filters and fast device agree on how often a sample comes."""
+    """Check that the rates of loop, filters and fast device fit; record a problem for each mistake.
+
+    The exchange's timeout must also be below the loop's `stale_limit`.
+    """
     if loop.exchange_timeout >= loop.stale_limit:
         timeout = root.find(("loop", "exchange_timeout"))
         limit = f"is not below the stale_limit of {show(loop.stale_limit, 's')}"
@@ -85,7 +93,7 @@ def check_rungs(
     drivers: tuple[DriverSpec, ...],
     problems: Problems,
 ) -> None:
-    """Verify that every channel with a limit of its own is read in the loop."""
+    """Check that the fast driver reads every channel for which the file gives a limit."""
     supplied = {signal for spec in drivers if spec.kind == "fast" for signal in spec.inputs}
     for rung in rungs:
         if item is not None and rung.channel not in supplied:
@@ -111,7 +119,7 @@ def _check_fast(section: Located, drivers: tuple[PlacedDriver, ...], problems: P
 
 
 def _check_channels(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
-    """Verify that no two drivers read, or write, the same signal."""
+    """Check that no two drivers read the same signal, and no two write the same one."""
     for verb, signals_of in (("read", attrgetter("inputs")), ("written", attrgetter("outputs"))):
         first: dict[str, str] = {}
         for driver in drivers:
@@ -128,7 +136,7 @@ def _check_channels(drivers: tuple[PlacedDriver, ...], problems: Problems) -> No
 
 
 def _check_devices(drivers: tuple[PlacedDriver, ...], problems: Problems) -> None:
-    """Verify that no two drivers share a connection that only one can have."""
+    """Check that no two drivers use the same connection, where only one driver can have it."""
     first: dict[str, str] = {}
     for driver in drivers:
         device = connection_of(driver.spec.options)
@@ -142,7 +150,10 @@ def _check_devices(drivers: tuple[PlacedDriver, ...], problems: Problems) -> Non
 
 
 def _check_slower(root: Located, loop: LoopSettings, spec: DriverSpec, problems: Problems) -> None:
-    """Verify that a fast device slower than the loop is meant to be, and its values may age."""
+    """Check that the file allows a fast device that is slower than the loop.
+
+    `slower_device` must not be "refuse", and `stale_limit` must be two of its periods or more.
+    """
     entry = root.find(("drivers", spec.name))
     rate, period = show(spec.rate_hz, "Hz"), 1.0 / spec.rate_hz
     if loop.slower_device == "refuse":

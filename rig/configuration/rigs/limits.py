@@ -1,7 +1,7 @@
-"""The `limits` of a rig file: what a test may ask of a rig, and what is done beyond that.
+"""The `limits` of a rig file say what a test may ask of a rig, and what is done beyond that.
 
-The limits of position and pressure make the ladder that every rig has; `channels` adds rungs for
-whatever the loop reads.
+From the limits of position and pressure follows the ladder that every rig has; the key `channels`
+adds limits (rungs) for any signal that the loop reads.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,12 +29,12 @@ from rig.plant import Model, Parameters
 from rig.recording import unit_of
 
 _GLITCH: Final = 3e-3
-"""Three samples in s: one or two beyond a limit may be a glitch of the wire."""
+"""Time in s of three samples. One or two samples beyond a limit may be a glitch of the wire."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a test may ask of a rig: position, command of either sign, chamber pressure."""
+    """The limits of a rig: position, magnitude of the command, and highest chamber pressure."""
 
     position_min_m: float
     position_max_m: float
@@ -52,7 +52,11 @@ class LimitsFile(Schema):
 
 
 def read_limits(item: Located | None, plant: Model | None, problems: Problems) -> Limits | None:
-    """Return a rig's limits, checked against its plant; None, with problems, if unusable."""
+    """Return a rig's limits; if the section is missing or unusable, return None.
+
+    If the plant is known, positions must lie within its stroke and the pressure above its supply
+    pressure. Problems are recorded.
+    """
     file = read_mapping(LimitsFile, item, problems) if item is not None else None
     if item is None or file is None:
         return None
@@ -83,8 +87,8 @@ def read_limits(item: Located | None, plant: Model | None, problems: Problems) -
 def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
     """Return the ladder that follows from a rig's limits.
 
-    A chamber above its pressure trips. A ram beyond its positions is held there, and trips halfway
-    to the end of the stroke, where holding it has failed.
+    A chamber pressure above its limit trips the rig. A ram beyond its position limits is held; if
+    it gets halfway from a limit to the end of the stroke all the same, the rig trips.
     """
     low, high = limits.position_min_m, limits.position_max_m
     far_low, far_high = 0.5 * (low + par.stroke_min), 0.5 * (high + par.stroke_max)
@@ -97,7 +101,10 @@ def usual_ladder(limits: Limits, par: Parameters) -> tuple[ChannelLimit, ...]:
 
 
 def read_ladder(item: Located | None, problems: Problems) -> tuple[ChannelLimit, ...]:
-    """Return the rungs that a rig file gives itself, under `limits: {channels: [...]}`."""
+    """Return the usable limits that a rig file lists under `limits: {channels: [...]}`.
+
+    Problems of the others are recorded.
+    """
     channels = item.get("channels") if item is not None else None
     remedy = "write a list: - {channel: ..., high: ..., action: ...}"
     elements = elements_of(channels, problems, remedy)
@@ -115,21 +122,25 @@ def read_channel_limits(
     unknown: str,
     problems: Problems,
 ) -> Iterator[tuple[Located, dict[str, Any]]]:
-    """Yield each usable limit of a list of channels with its keys, `for` as `for_s`.
+    """Yield each usable element of a list of channel limits, with the values of its keys.
+
+    The key `for` is renamed to `for_s`. A missing `low` is -inf, a missing `high` is inf; an
+    element without either is a problem.
 
     Args:
-        elements: of the list.
-        keys_of: returns the keys beside `channel`, `low` and `high`, given the type of a bound.
-        channels: whose unit is known; bounds are read in it.
+        elements: elements of the list.
+        keys_of: returns type and default of the keys beside `channel`, `low` and `high`, given the
+            type of a bound.
+        channels: channels whose unit is known; their bounds are read in this unit.
         known: channels that may have a limit here.
-        unknown: what is wrong with any other channel.
-        problems: takes what is wrong with the other limits.
+        unknown: message on a channel that is not in `known`.
+        problems: takes the mistakes.
     """
     for element in elements:
         entry = element.get("channel")
         channel = str(entry.value) if entry is not None else ""
         before = problems.reported
-        # An unknown channel has no unit: the channel alone is what is wrong with the limit.
+        # The bounds of an unknown channel cannot be checked; only the channel is reported.
         bound = Annotated[float, Physical(unit_of(channel))] if channel in channels else Any
         ends = {"channel": (str, ...), "low": (bound, -inf), "high": (bound, inf)}
         keys: dict[str, Any] = ends | keys_of(bound)

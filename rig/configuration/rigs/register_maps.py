@@ -1,4 +1,4 @@
-"""What devices call their signals: register maps of Modbus devices, DBC files of CAN ones."""
+"""Register maps of Modbus devices and DBC files of CAN devices say where signals are found."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -14,9 +14,9 @@ MAPS: Final[tuple[type[Map], ...]] = (RegisterMap, BypassRegisters)
 
 
 def read_map(path: Path, sources: Sources) -> Map | None:
-    """Return the map in a YAML file, as that of the device whose keys the file has most of.
+    """Return the map in a YAML file; if it is unusable, record the problems and return None.
 
-    None, with problems, if the map is unusable.
+    It is read as the type of map of which the file has the most keys.
     """
     root = sources.read_yaml(path)
     if root is None:
@@ -27,8 +27,8 @@ def read_map(path: Path, sources: Sources) -> Map | None:
 
 
 def read_dbc(path: Path, sources: Sources) -> "Database | None":
-    """Return the CAN messages in a DBC file; None, with a problem, if the file is no DBC file."""
-    # Imported here: cantools costs a tenth of a second, and few configurations are DBC files.
+    """Return the CAN messages in a DBC file; if it is no DBC file, add a problem, return None."""
+    # cantools takes a tenth of a second to import, and few configurations are DBC files.
     from rig.io import cantools
 
     content = sources.read_bytes(path)

@@ -1,4 +1,4 @@
-"""Rig files: what a rig is made of, what it can measure and inject, and what it must not exceed."""
+"""Rig files describe a rig: its parts, what it can measure and inject, and its limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -37,17 +37,25 @@ class Rig:
     """A rig as its file describes it.
 
     Attributes:
-        plant: the truth of a simulated rig, not what a detector knows of it; of a hardware rig,
-            what `rig check` reckons with and the emulator serves.
-        bypass_valves: the valves that make leaks, by the kind of fault each makes.
-        return_valve: the valve that blocks the return line, if there is one.
+        name: name of the rig.
+        description: text for people.
+        backend: whether the rig is simulated or hardware.
+        plant: the true physics of a simulated rig, which the detector does not know; for a hardware
+            rig, the model by which `rig check` computes and which the emulator simulates.
+        sensors: noise, range and resolution of the transducers.
+        has_supply_pressure_sensor: whether the supply pressure is measured.
+        has_load_cell: whether the load is measured.
+        has_spool_sensor: whether the spool's position is measured.
+        bypass_valves: kind of fault -> the valve that makes it.
+        return_valve: the valve that can block the return line; None if there is none.
+        limits: what a test may ask of the rig.
         gain_V_per_m: gain of the proportional position loop.
-        pace: whether its campaigns run at the wall clock or as fast as they can, unless a
-            command says so; a hardware rig knows the wall clock only.
-        ladder: what is done when a channel leaves its limits.
-        drivers: of a hardware rig, one of them fast; a simulated one has none.
+        pace: whether campaigns run at the wall clock ("real") or as fast as they can ("fast"),
+            unless a command line chooses. A hardware rig always runs at the wall clock.
+        ladder: limits of channels, each with the action that is taken beyond it.
+        drivers: drivers of a hardware rig, exactly one of them fast; () for a simulated rig.
         loop: how the loop of a hardware rig is paced and watched.
-        homing: how its encoder finds its zero; None if the encoder always knows the position.
+        homing: how the encoder finds its zero; None if the encoder always knows the position.
     """
 
     name: str
@@ -79,7 +87,7 @@ class Rig:
 
 
 class RigFile(Schema):
-    """Keys of a rig file; nested mappings have their own schemas."""
+    """Keys of a rig file; the mappings under them have their own schemas."""
 
     name: str
     description: str = ""
@@ -101,7 +109,7 @@ class RigFile(Schema):
 
 
 class PlantFile(Schema):
-    """Keys of a rig's plant: a model, and in what the rig differs from it."""
+    """Keys of a rig's plant: a model, and the changes by which the rig differs from it."""
 
     model: str
     parameters: Any = None
@@ -110,7 +118,7 @@ class PlantFile(Schema):
 
 
 def read_rig(path: Path, sources: Sources) -> Rig | None:
-    """Return the rig in a file; None, with problems, if the rig cannot be made."""
+    """Return the rig in a file; if it cannot be made, record the problems and return None."""
     root = _with_parents(path, sources, ())
     if root is None:
         return None
@@ -150,10 +158,12 @@ def read_rig(path: Path, sources: Sources) -> Rig | None:
 
 
 def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
-    """Return the rig of a file or name; relative paths count from `base`, else from here.
+    """Return the rig that a path or a name means.
+
+    `base` is the folder from which relative paths are resolved; the working directory if None.
 
     Raises:
-        ConfigError: every problem of the file, its parents and its models.
+        ConfigError: lists every problem of the file, its parents and its models.
     """
     return load("rig", reference, base, read_rig)
 
@@ -161,7 +171,11 @@ def load_rig(reference: str | Path, base: Path | None = None) -> Rig:
 def _with_parents(
     path: Path, sources: Sources, children: tuple[Path, ...], referrer: Located | None = None
 ) -> Located | None:
-    """Return the keys of a rig file, and of its parents where it does not give them itself."""
+    """Return the keys of a rig file, with its parents' values for keys that it does not give.
+
+    Name and description are not inherited. If a file is unusable, or a rig is its own ancestor, add
+    a problem and return None. `children` are the files that led here.
+    """
     if path in children:
         assert referrer is not None
         remedy = "name another parent"
@@ -201,7 +215,10 @@ def _read_drivers(
     rungs: tuple[ChannelLimit, ...],
     sources: Sources,
 ) -> tuple[DriverSpec, ...]:
-    """Return the drivers of a hardware rig; none of a simulated one, which may inherit some."""
+    """Return the drivers of a hardware rig; () for a simulated rig, even if it inherits some.
+
+    Problems are recorded, also where a simulated rig's own file has drivers.
+    """
     item = root.get("drivers")
     hardware = file is not None and file.backend == "hardware"
     if not hardware and item is not None and item.place.path == root.place.path:

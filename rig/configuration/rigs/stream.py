@@ -1,4 +1,4 @@
-"""Profiles of the live stream: where it listens, who may read, who may command."""
+"""Profiles of the live stream say where it listens, who may read it, and who may command."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -29,12 +29,12 @@ from rig.stream import (
 )
 
 OFF: Final = "off"
-"""The word that is written in place of a profile where no stream is wanted."""
+"""The text that users write in place of a profile if they want no stream."""
 DEFAULT: Final = "loopback"
 
 
 class StreamFile(Schema):
-    """Keys of a stream's profile; nested mappings have their own schemas."""
+    """Keys of a stream's profile; the mappings under them have their own schemas."""
 
     name: str
     description: str = ""
@@ -52,7 +52,7 @@ class StreamFile(Schema):
 
 
 class TlsFile(Schema):
-    """Keys of `tls`: files in PEM, whose paths count from the profile's folder."""
+    """Keys of `tls`, which name PEM files by paths that are relative to the profile's folder."""
 
     authority: str
     certificate: str
@@ -60,7 +60,7 @@ class TlsFile(Schema):
 
 
 class LoginFile(Schema):
-    """Keys of `login`; paths count from the profile's folder."""
+    """Keys of `login`; its paths are relative to the profile's folder."""
 
     user: str
     password_file: str
@@ -68,7 +68,7 @@ class LoginFile(Schema):
 
 
 class AccessFile(Schema):
-    """Keys of `access`: common names of certificates, or users."""
+    """Keys of `access`, which list common names of certificates, or names of users."""
 
     readers: list[str] = Field(default_factory=list)
     commanders: list[str] = Field(default_factory=list)
@@ -84,16 +84,18 @@ class OperatorFile(Schema):
 
 
 def load_stream(reference: str | Path, base: Path | None = None) -> StreamSettings:
-    """Return the stream that a profile describes, given by path or by name.
+    """Return the settings of the stream that a profile describes, given by path or by name.
+
+    `base` is the folder from which relative paths are resolved; the working directory if None.
 
     Raises:
-        ConfigError: every problem of the file.
+        ConfigError: lists every problem of the file.
     """
     return load("stream", reference, base, read_stream)
 
 
 def read_stream(path: Path, sources: Sources) -> StreamSettings | None:
-    """Return the stream in a file; None, with problems, if the stream cannot be made."""
+    """Return the stream's settings in a file; record problems and return None if it has any."""
     root = sources.read_yaml(path)
     if root is None:
         return None
@@ -175,7 +177,10 @@ def _operators(item: Located | None, sources: Sources) -> tuple[Operator, ...]:
 
 
 def _check_open(root: Located, settings: StreamSettings, sources: Sources) -> None:
-    """Refuse a stream that more can read, or command, than the profile says."""
+    """Record a problem where more people could read or command the stream than the profile says.
+
+    This is so, for example, if it is served beyond this machine without TLS and without a login.
+    """
 
     def refuse(name: str, value: object, limit: str, remedy: str) -> None:
         entry = root.get(name)
@@ -212,7 +217,7 @@ def _reachable(endpoints: Iterable[Endpoint]) -> list[Endpoint]:
 
 
 def stream_lines(settings: StreamSettings) -> tuple[str, ...]:
-    """Return what a stream amounts to, for `rig check`."""
+    """Return the lines by which `rig check` describes a stream."""
     known = "certificates" if settings.tls else "user and password" if settings.login else "nobody"
     may = [f"{who.name} may {', '.join(who.allow) or 'nothing'}" for who in settings.operators]
     return (

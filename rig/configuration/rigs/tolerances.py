@@ -1,4 +1,7 @@
-"""Tolerances of figures, by which two runs are compared: a YAML file of a mapping a figure."""
+"""A YAML file gives the tolerances of figures by which two runs are compared.
+
+It has one entry for each figure or group of figures.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,11 +13,11 @@ from rig.configuration.reading import Schema, Sources, read_mapping, shown, sugg
 KNOWN = (
     "status", "verdict", "onset", "latency", "leak", "residual", "friction", "bulk_modulus", "loop",
 )  # fmt: skip
-"""Beginnings of the figures' names."""
+"""Names of figures, or first words of their names."""
 
 
 class ToleranceFile(Schema):
-    """Keys of one figure's tolerance."""
+    """Keys of one figure's tolerance: absolute, relative, and in standard errors."""
 
     absolute: Annotated[float, SchemaField(ge=0.0, allow_inf_nan=False)] = 0.0
     relative: Annotated[float, SchemaField(ge=0.0, allow_inf_nan=False)] = 0.0
@@ -22,10 +25,10 @@ class ToleranceFile(Schema):
 
 
 def load_tolerances(path: Path) -> dict[str, ToleranceFile | None]:
-    """Return tolerances by figure; None for one that is to be ignored.
+    """Return figure -> tolerance from a file; the tolerance of an ignored figure is None.
 
     Raises:
-        ConfigError: every problem of the file.
+        ConfigError: lists every problem of the file.
     """
     sources = Sources()
     found: dict[str, ToleranceFile | None] = {}

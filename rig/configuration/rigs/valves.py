@@ -1,4 +1,4 @@
-"""The valves of a rig file that make its faults: bypasses for leaks, one for the return line."""
+"""The valves that make a rig's faults: bypasses for leaks, and one valve in the return line."""
 
 import datetime
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from .calibration_file import find_needle
 
 BYPASS_KINDS: Final = tuple(str(kind) for kind in FAULT_KINDS if kind != Verdict.RETURN_BLOCKAGE)
 
-# Far more than any valve of a rig: these only catch slips of unit and decimal point.
+# These limits are far beyond any real valve; they only catch slips of unit and decimal point.
 LEAKAGE: Final = Physical("m^3/(s Pa^0.5)", 0.0, 1e-6, 1e-8)
 RESISTANCE: Final = Physical("Pa/(m^3/s)^2", 1e9, 1e14, 1e13)
 TRAVEL: Final = Physical("s", 0.0, 60.0, 0.5)
@@ -31,11 +31,11 @@ TRAVEL: Final = Physical("s", 0.0, 60.0, 0.5)
 
 @dataclass(frozen=True)
 class ReturnValve:
-    """A valve in the return line that shuts partly, as a clogged filter would.
+    """A valve in the return line that shuts partly, as if a filter were clogged.
 
     Attributes:
-        name: what the rig calls it.
-        travel_s: time in s from open to its shut position.
+        name: name of the valve in messages.
+        travel_s: time in s that it takes from open to shut.
         maximum: greatest resistance in Pa/(m^3/s)^2 (turbulent, dp = R q^2).
     """
 
@@ -61,7 +61,7 @@ class NeedleFile(Schema):
 
 
 class _Points(Field):
-    """Annotates the table of a calibration, [[opening, coefficient], ...]."""
+    """The annotation of a calibration table, [[opening, coefficient], ...]."""
 
     def parse(self, raw: object) -> list[tuple[float, float]]:
         if not isinstance(raw, list) or not all(isinstance(p, list) and len(p) == 2 for p in raw):
@@ -75,7 +75,7 @@ class _Points(Field):
 
 
 class CalibratedNeedleFile(Schema):
-    """Keys of a needle valve as calibrated, with the day and name of the calibration."""
+    """Keys of a calibrated needle valve: its table, and day and name of the calibration."""
 
     points: Annotated[list[tuple[float, float]], _Points()]
     date: datetime.date | None = None
@@ -91,7 +91,7 @@ class ReturnValveFile(Schema):
 
 
 def read_bypass_valves(item: Located | None, sources: Sources) -> dict[str, BypassValve]:
-    """Return the usable bypass valves of a rig file by the fault each makes."""
+    """Return fault -> bypass valve for the usable valves of a rig file; record all problems."""
     if item is None:
         return {}
     problems = sources.problems
@@ -114,7 +114,7 @@ def read_bypass_valves(item: Located | None, sources: Sources) -> dict[str, Bypa
 
 
 def read_return_valve(item: Located | None, problems: Problems) -> ReturnValve | None:
-    """Return the valve of the return line, if the rig file describes a usable one."""
+    """Return the valve of the return line; None if the file describes none, or an unusable one."""
     if item is None:
         return None
     file = read_mapping(ReturnValveFile, item, problems)

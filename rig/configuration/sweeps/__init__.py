@@ -1,4 +1,4 @@
-"""Sweep files: distributions, motions and what a sweep runs."""
+"""Sweep files give distributions of parameters, motions and leaks, and the filter that judges."""
 
 from lazy_loader import attach_stub
 

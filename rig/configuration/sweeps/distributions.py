@@ -1,4 +1,4 @@
-"""Quantities that are drawn anew for each case of a sweep: `{uniform: [-15 %, +15 %]}`."""
+"""Quantities may be drawn anew for each case of a sweep, such as `{uniform: [-15 %, +15 %]}`."""
 
 import math
 from collections.abc import Callable
@@ -26,19 +26,19 @@ Kind = Literal["fixed", "uniform", "log_uniform", "normal", "choice"]
 KINDS: Final[tuple[Kind, ...]] = ("fixed", "uniform", "log_uniform", "normal", "choice")
 _EXAMPLE: Final = "write a quantity, or one of {uniform: [from, to]}, {log_uniform: [from, to]}, "
 _REMEDY: Final = _EXAMPLE + "{normal: [mean, deviation]} and {choice: [one, another]}"
-# Beyond this many standard deviations no float64 is drawn.
+# Probabilities are clipped by this much at both ends, where the inverse of the law is infinite.
 _TAIL: Final = 2.0**-53
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """What a quantity's values are drawn from.
+    """The distribution from which a quantity's values are drawn.
 
     Attributes:
-        kind: `fixed` (1 value), `uniform` and `log_uniform` (both ends), `normal` (mean and
-            standard deviation) or `choice` (each as likely).
-        values: of that kind, SI.
-        low, high: a normal quantity is drawn from between them.
+        kind: `fixed` (one value), `uniform` and `log_uniform` (both ends), `normal` (mean and
+            standard deviation) or `choice` (values that are equally likely).
+        values: the values that the kind needs, SI.
+        low, high: limits, SI, at which a normal distribution is cut off.
     """
 
     kind: Kind
@@ -47,7 +47,10 @@ class Distribution:
     high: float = math.inf
 
     def at(self, uniform: Array) -> Array:
-        """Return the values (n,) below which the parts `uniform` (n,) in [0, 1) of all are."""
+        """Return the distribution's quantiles (n,), SI, at the probabilities `uniform` (n,).
+
+        The probabilities are in [0, 1); if they are uniform random numbers, the result is a sample.
+        """
         first, second = self.values[0], self.values[-1]
         if self.kind == "uniform":
             return np.clip(first + (second - first) * uniform, first, second)
@@ -67,20 +70,20 @@ class Distribution:
 
     @property
     def support(self) -> tuple[float, float]:
-        """The least and the greatest value that may be drawn."""
+        """The smallest and the largest value that may be drawn, SI."""
         if self.kind == "normal":
             return self.low, self.high
         return min(self.values), max(self.values)
 
     @property
     def is_drawn(self) -> bool:
-        """Whether the values differ from case to case."""
+        """Whether the values can differ from case to case."""
         low, high = self.support
         return low != high
 
 
 class Drawn(NamedTuple):
-    """A distribution as written: values may be `Relative`, or levels in metres or volts."""
+    """A distribution as a file gives it: its values may be SI, `Relative`, or a `Level`."""
 
     kind: Kind
     values: tuple[Any, ...]
@@ -88,21 +91,23 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class Random(Field):
-    """Annotates a quantity that may be drawn; each value is read by `inner`.
+    """The annotation of a quantity that a file may give as a distribution.
 
     Attributes:
-        inner: reads a value.
-        unit: SI unit of a standard deviation; of a level, metres or volts.
+        inner: the field that reads each value.
+        unit: SI unit of a standard deviation; None for that of `inner` (metres or volts for a
+            level).
     """
 
     inner: Field
     unit: str | None = None
 
     def parse(self, raw: object) -> Drawn:
-        """Return what is written.
+        """Return the distribution that a value gives; a plain quantity is a `fixed` one.
 
         Raises:
-            QuantityError: no quantity and no distribution, or of values beyond the limits.
+            QuantityError: it is neither a quantity nor a distribution, or values are beyond the
+                limits.
         """
         if not isinstance(raw, dict):
             return Drawn("fixed", (self.inner.parse(raw),))
@@ -179,15 +184,16 @@ def _check_ends(kind: str, values: tuple[Any, ...]) -> None:
 
 
 def resolved(drawn: Drawn, base: float = 0.0, limits: Physical | None = None) -> Distribution:
-    """Return a distribution in SI.
+    """Return a distribution with absolute values in SI.
 
     Args:
-        drawn: as written; `Relative` values deviate from `base`.
-        base: what deviations count from.
-        limits: a normal quantity is drawn from between them.
+        drawn: the distribution as the file gives it.
+        base: the value from which `Relative` values deviate.
+        limits: range that the values must lie in; a normal distribution is cut off at its ends.
 
     Raises:
-        QuantityError: a deviation leads beyond the limits, or is one of zero.
+        QuantityError: a value is beyond the limits, a deviation is from zero, or the ends are in
+            the wrong order.
     """
     relative = [isinstance(value, Relative) for value in drawn.values]
     if any(relative) and base == 0.0:

@@ -1,4 +1,4 @@
-"""Sweep files: a rig, what is drawn anew for each case, and the filter that judges it."""
+"""Sweep files name a rig, the quantities drawn anew for each case, and the filter that judges."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -52,7 +52,10 @@ from .sweep_motions import read_motions
 from .sweep_plan import Sweep, SweepFilter, SweptLeaks
 
 INTERNAL_PRESSURE: Final = 2.5e6
-"""Pa. What friction puts between the chambers of a ram that moves: internal leaks count at it."""
+"""Pressure difference in Pa that friction makes between the chambers of a moving ram.
+
+The flow of an internal leak is stated at this drop.
+"""
 _SHORTEST_S: Final = 10.0
 _AFTER_ONSET_S: Final = 4.0
 _BLOCK_S: Final = 0.5
@@ -61,7 +64,7 @@ _FLOW: Final = Physical("m^3/s", 0.0, 1e-3, 1e-5)
 
 
 class SweepFile(Schema):
-    """Keys of a sweep file; nested mappings have their own schemas."""
+    """Keys of a sweep file; the mappings under them have their own schemas."""
 
     name: str
     description: str = ""
@@ -95,16 +98,18 @@ _SCHEMAS: Final = parameter_schemas(lambda quantity: Random(Adjustable(quantity)
 
 
 def load_sweep(reference: str | Path, base: Path | None = None) -> Sweep:
-    """Return the sweep of a file or name; relative paths count from `base`, else from here.
+    """Return the sweep that a path or a name means.
+
+    `base` is the folder from which relative paths are resolved; the working directory if None.
 
     Raises:
-        ConfigError: every problem of the file, its rig and its models.
+        ConfigError: lists every problem of the file, its rig and its models.
     """
     return load("sweep", reference, base, read_sweep)
 
 
 def read_sweep(path: Path, sources: Sources) -> Sweep | None:
-    """Return the sweep in a file; None, with problems, if the sweep is unusable."""
+    """Return the sweep in a file; if there is any problem, record it and return None."""
     root = sources.read_yaml(path)
     if root is None:
         return None
@@ -148,7 +153,7 @@ def read_sweep(path: Path, sources: Sources) -> Sweep | None:
 
 
 def _check_duration(file: SweepFile, root: Located, problems: Problems) -> None:
-    """Note a case that is no multiple of half a second, or too short for its detector."""
+    """Record a problem if a case's duration is no multiple of 0.5 s or too short for its filter."""
     entry = root.find(("duration",))
     duration = show(file.duration, "s")
     if abs(file.duration / _BLOCK_S - round(file.duration / _BLOCK_S)) > 1e-6:
@@ -160,7 +165,7 @@ def _check_duration(file: SweepFile, root: Located, problems: Problems) -> None:
 
 
 def _meaning(sweep: Sweep) -> dict[str, Any]:
-    """Return all that the figures of a sweep depend on, as plain values in SI."""
+    """Return everything that the results of a sweep depend on, as plain values in SI."""
     rig = sweep.rig
     return {
         "name": sweep.name,
@@ -214,7 +219,7 @@ def _read_model(root: Located, sources: Sources) -> Model | None:
 
 
 class _Parameters:
-    """Reads `parameters` and `effects`: a distribution of each field that the sweep gives."""
+    """A reader of `parameters` and `effects`, with a distribution for each field they give."""
 
     def __init__(self, base: Parameters, problems: Problems) -> None:
         self._base, self._problems = base, problems
@@ -265,7 +270,10 @@ class _Parameters:
         return self.distributions[field].support if field in self.distributions else (base, base)
 
     def _check_together(self, root: Located) -> None:
-        """Record parameters that may contradict each other in a case."""
+        """Record a problem for each pair of parameters that may contradict each other in a case.
+
+        Fields that the file gives itself are removed from the followers before.
+        """
         self.followers = {
             follower: field
             for follower, field in self.followers.items()
@@ -360,7 +368,7 @@ def _check_onset(
 
 
 def sweep_lines(sweep: Sweep) -> Iterator[str]:
-    """Yield lines on what a sweep is, for `rig check`."""
+    """Yield the lines by which `rig check` describes a sweep."""
     yield f"  {sweep.description}"
     yield (
         f"  {sweep.cases} cases of {show(sweep.duration_s, 's')} on rigs like {sweep.rig.name}, "

@@ -1,4 +1,4 @@
-"""The `motions` of a sweep: setpoints as a campaign's, with quantities that may be drawn."""
+"""The `motions` of a sweep are setpoints like a campaign's, with quantities that may be drawn."""
 
 from math import pi
 from typing import Annotated, Any, Final
@@ -32,7 +32,7 @@ _MOST_LEVELS: Final = 1000
 
 
 class MotionFile(Schema):
-    """Keys of any motion of a sweep; the others depend on the type."""
+    """Keys that every motion of a sweep has; its type decides on the other keys."""
 
     type: str
     name: str | None = None
@@ -46,7 +46,7 @@ class SweptConstantFile(MotionFile):
 
 
 class SweptSineFile(MotionFile):
-    """Keys of a sine; its phase is any, unless given."""
+    """Keys of a sine, whose phase is drawn from 0 to 2 pi unless it is given."""
 
     amplitude: _AnyLevel
     frequency: _AnyFrequency
@@ -55,7 +55,7 @@ class SweptSineFile(MotionFile):
 
 
 class SweptChirpFile(MotionFile):
-    """Keys of a chirp, which reaches its end frequency with the case."""
+    """Keys of a chirp, which reaches its end frequency at the end of the case."""
 
     amplitude: _AnyLevel
     start_frequency: _AnySweepEnd
@@ -65,7 +65,7 @@ class SweptChirpFile(MotionFile):
 
 
 class SweptMultisineFile(MotionFile):
-    """Keys of a multisine; its phases are any."""
+    """Keys of a multisine, whose phases are drawn for each case."""
 
     amplitude: _AnyLevel
     frequencies: Any
@@ -74,14 +74,14 @@ class SweptMultisineFile(MotionFile):
 
 
 class SweptStepsFile(MotionFile):
-    """Keys of steps; the last level stays."""
+    """Keys of steps, which hold each level for `hold`, and the last one to the end."""
 
     levels: Any
     hold: _AnyHold
 
 
 class SweptPseudorandomFile(MotionFile):
-    """Keys of a pseudorandom setpoint; each case has a sequence of its own."""
+    """Keys of a pseudorandom setpoint, whose sequence differs from case to case."""
 
     lower: _AnyLevel
     upper: _AnyLevel
@@ -108,7 +108,14 @@ _NOTHING: Final = Distribution("fixed", (0.0,))
 def read_motions(
     item: Located, limits: Limits | None, plant: Parameters | None, problems: Problems
 ) -> tuple[SweptMotion, ...]:
-    """Return the motions of a sweep; what is wrong with them is a problem each."""
+    """Return the usable motions of a sweep; record the problems of the others.
+
+    Args:
+        item: the list under the key `motions`.
+        limits: limits of the rig, within which motions must stay; None if they are not known.
+        plant: parameters of the rig's plant.
+        problems: takes the mistakes.
+    """
     if not item.elements():
         remedy = "write at least one: `- {type: sine, ...}`"
         problems.add(item.place, "motions", shown(item), "is not a list of motions", remedy)
@@ -125,7 +132,7 @@ def read_motions(
 
 
 class _Reader:
-    """Reads one motion."""
+    """A reader of one motion."""
 
     def __init__(
         self, item: Located, limits: Limits | None, plant: Parameters | None, problems: Problems
@@ -176,7 +183,10 @@ class _Reader:
         return self._list(key, getattr(file, "count", None))
 
     def _list(self, key: str, count: int | None) -> tuple[Distribution, ...] | None:
-        """Return a distribution for each element of a list, or `count` times the only one."""
+        """Return a distribution for each element of a list, or `count` copies of a single one.
+
+        If any is wrong, or there are too many, problems are recorded and None is returned.
+        """
         reader, most = _LISTS[key]
         entry = self._item.find((key,))
         elements = entry.elements() or [entry] * (count or 1)
@@ -202,7 +212,7 @@ class _Reader:
         return resolved(drawn, limits=limits)
 
     def _level_limits(self, quantity: Quantity) -> Physical | None:
-        """Return what a normal level is drawn from between: what the rig allows."""
+        """Return the rig's limits for levels of a quantity; None if they are not known."""
         if self._limits is None:
             return None
         if quantity == "position":
@@ -227,7 +237,7 @@ class _Reader:
                 )
 
     def _check_reach(self, motion: SweptMotion) -> None:
-        """Note a motion that may leave what the rig allows."""
+        """Record a problem if a motion may go beyond the rig's limits."""
         if self._limits is None:
             return
         low, high = reach(motion)
@@ -254,7 +264,7 @@ def _physical(key: str) -> Physical | None:
 
 
 def reach(motion: SweptMotion) -> tuple[float, float]:
-    """Return the least and the greatest setpoint that a motion may come to, m or V."""
+    """Return bounds of the setpoints that a motion may reach: lowest and highest, m or V."""
     values = motion.values
     if "amplitude" in values:
         low, high = values["mean"][0].support

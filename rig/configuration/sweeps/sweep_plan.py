@@ -1,4 +1,4 @@
-"""A sweep as its file describes it: what is drawn for each case, and what judges it."""
+"""A sweep as its file describes it: the distributions drawn for each case, and the filter."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,15 +19,15 @@ HEALTHY: Final = "healthy"
 
 @dataclass(frozen=True)
 class SweptMotion:
-    """One of the motions that cases have.
+    """One of the motions of a sweep; each case has one of them.
 
     Attributes:
-        name: in the table; its type, unless the file gives another.
-        type: as in `control.setpoints`.
-        share: weight of this motion among the others in the number of cases.
-        quantity: `position` in m, closed loop, or `command` in V, open loop.
-        values: what is drawn for each case, by key; `levels` and `frequencies` are one for each
-            element.
+        name: name in the table of cases; the type, unless the file gives a name.
+        type: type of setpoint, as in `control.setpoints`.
+        share: weight by which cases get this motion, relative to the sum of all shares.
+        quantity: `position` (m, closed loop) or `command` (V, open loop).
+        values: key of the file -> its distributions: one for each element of `levels` and
+            `frequencies`, and a single one for any other key.
     """
 
     name: str
@@ -39,15 +39,16 @@ class SweptMotion:
 
 @dataclass(frozen=True)
 class SweptLeaks:
-    """Leaks that cases have.
+    """The leaks of a sweep's cases.
 
     Attributes:
-        healthy: part of all cases that have no leak.
-        places: bypasses, each as likely.
-        size: flow in m^3/s at `pressure`, or a coefficient in m^3/(s Pa^0.5).
-        pressure: drop in Pa at which each place passes that flow; None where sizes are
+        healthy: fraction of all cases that have no leak.
+        places: kinds of leak, which are equally likely.
+        size: distribution of the flow in m^3/s at `pressure`, or of the coefficient in
+            m^3/(s Pa^0.5).
+        pressure: for each place, the drop in Pa at which the flow is stated; None where sizes are
             coefficients.
-        onset: s.
+        onset: distribution of the time in s at which the leak begins.
     """
 
     healthy: float
@@ -62,16 +63,23 @@ class Sweep:
     """A sweep, ready to be run.
 
     Attributes:
-        path: of its file.
-        rig: what every case starts from.
-        model: what filter and detector assume.
-        parameters: what is drawn of `rig.plant.parameters`, by field.
-        longest_step_s: of the plant's integration (`rig.plant.integrator`), s.
-        followers: fields that keep their proportion to another one, by field: the other one.
-        noise: factor on the deviation of every transducer.
-        source_files: SHA-256 of every file read, by path.
-        meaning: all that the figures depend on, as plain values in SI; a sweep can be resumed only
-            if this is the same.
+        path: path of its file.
+        rig: the rig that every case starts from.
+        model: the model that filter and detector assume.
+        filter_name: the filter.
+        false_alarms_per_day: rate of false alarms that the detector aims at.
+        duration_s: duration of a case.
+        longest_step_s: longest step in s of the plant's integration (`rig.plant.integrator`).
+        cases: number of cases.
+        seed: seed from which all cases are drawn.
+        parameters: field of `rig.plant.parameters` -> the distribution that it is drawn from.
+        followers: field -> another field to which it keeps its proportion.
+        noise: distribution of the factor on the standard deviation of every transducer.
+        leaks: the leaks of the cases; None if all cases are healthy.
+        motions: the motions of the cases.
+        source_files: path -> SHA-256 of every file that was read.
+        meaning: everything that the results depend on, as plain values in SI; a sweep can be
+            resumed only if this has not changed.
     """
 
     name: str
@@ -95,10 +103,10 @@ class Sweep:
 
     @property
     def ticks(self) -> int:
-        """Samples of a case."""
+        """Number of samples of a case, the first and the last included."""
         return round(self.duration_s * 1000.0) + 1
 
     @property
     def rig_s(self) -> float:
-        """Rig-seconds of all cases."""
+        """Simulated seconds of all cases together."""
         return self.cases * self.duration_s

@@ -1,4 +1,4 @@
-"""Reads CSV and gzipped CSV, fast when all cells are numbers and with line numbers when not."""
+"""CSV and gzipped CSV are read here, fast if all cells are numbers, else with line numbers."""
 
 import csv
 import gzip
@@ -23,7 +23,9 @@ _DELIMITERS: Final = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces
 
 
 def read_csv(path: str) -> Table:
-    """Read a .csv or .csv.gz: a header line, then numbers; an empty cell is NaN.
+    """Return the table in a .csv or .csv.gz file: a header line, then numbers.
+
+    An empty cell is NaN. Cells that are not numbers become NaN too and are reported as problems.
 
     Raises:
         RecordingError: the file cannot be read as a table at all.
@@ -122,7 +124,10 @@ def _is_number(text: str) -> bool:
 
 
 def _line_numbers(text: bytes) -> Callable[[int], int]:
-    """Return the map from row to line; blank lines are no rows. Lines are counted when needed."""
+    """Return a function from row (from 0) to line number (from 1); blank lines are no rows.
+
+    The lines are counted when the function is first called.
+    """
     numbers: list[int] = []
 
     def line_of(row: int) -> int:
@@ -135,7 +140,7 @@ def _line_numbers(text: bytes) -> Callable[[int], int]:
 
 
 def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
-    """Return the columns, each of shape (n,).
+    """Return the columns, each of shape (n,), of a text whose cells are all numbers or empty.
 
     Raises:
         pyarrow.ArrowInvalid: a cell is not a number, or a row has another number of cells.
@@ -150,14 +155,17 @@ def _fast_columns(text: bytes, n_columns: int) -> list[FloatArray]:
             column_types={key: pa.float64() for key in keys}, null_values=list(_MISSING)
         ),
     )
-    # A copy: pyarrow's own buffers are read-only.
+    # The columns are copied, as pyarrow's own buffers are read-only.
     return [np.array(table[key].to_numpy(), dtype=np.float64) for key in keys]
 
 
 def _careful_columns(
     path: str, text: bytes, names: Sequence[str]
 ) -> tuple[list[FloatArray], NDArray[np.bool_], list[RecordingProblem]]:
-    """Return columns of shape (n,), which cells are unreadable, (n_columns, n), and why."""
+    """Return the columns, a mask of unreadable cells, and the problems of those cells.
+
+    Each column has shape (n,), with NaN for unreadable cells; the mask has shape (n_columns, n).
+    """
     problems: list[RecordingProblem] = []
     rows: list[list[float]] = []
     unreadable: list[list[bool]] = []
@@ -189,7 +197,7 @@ def _number(cell: str) -> float | None:
     if cell in _MISSING:
         return float("nan")
     try:
-        # float() would take 1_000 for a number.
+        # float() would read 1_000 as a number.
         return None if "_" in cell else float(cell)
     except ValueError:
         return None

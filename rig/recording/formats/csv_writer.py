@@ -1,4 +1,4 @@
-"""Writes CSV and gzipped CSV that read back bit for bit."""
+"""CSV and gzipped CSV files are written here, which read back bit for bit."""
 
 import csv
 import gzip
@@ -15,12 +15,15 @@ _GZIP_LEVEL: Final = 1
 
 
 def write_csv(recording: Recording, path: Path, *, compressed: bool) -> None:
-    """Write a header line and a row a sample; a float in its shortest exact form, NaN as empty."""
+    """Write a recording as CSV: a header line, then one row per sample, gzipped if `compressed`.
+
+    Floats are written in their shortest exact form, NaN as an empty cell.
+    """
     with path.open("wb") as file:
         if not compressed:
             _write_text(recording, file)
             return
-        # Neither name nor time of writing in the header: equal recordings make equal files.
+        # The gzip header has neither name nor time, so that equal recordings make equal files.
         with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, mtime=0) as packed:
             _write_text(recording, cast(IO[bytes], packed))
 

@@ -1,4 +1,4 @@
-"""Reads recordings written by `McapWriter`: a chunk at a time, without a Python call a sample."""
+"""Recordings that `McapWriter` wrote are read here chunk by chunk, without a call per sample."""
 
 import json
 import mmap
@@ -40,21 +40,23 @@ DAMAGE: Final = (
     OverflowError,
     MemoryError,
 )
-"""What the libraries raise on damaged bytes."""
+"""Exceptions that the libraries raise on damaged bytes."""
 
 
 class ForeignSchemaError(Exception):
-    """The samples are not in McapWriter's schema, or there are none."""
+    """The error of an MCAP file without samples, or with samples in another schema than ours."""
 
 
 class SampleCollector:
-    """Takes the records of one MCAP file in their order and keeps what is a recording's.
+    """A collector of samples, events and metadata from the records of one MCAP file.
+
+    The records are given to it in the order in which they stand in the file.
 
     Attributes:
-        channels: names; empty until the samples' channel was met.
-        blocks: rows of shape (n, n_channels), in file order.
-        metadata: of the recording.
-        events: in file order.
+        channels: names of the channels; empty until the record that lists them was taken.
+        blocks: arrays of samples, each of shape (n, n_channels), in file order.
+        metadata: metadata of the recording.
+        events: events in file order.
     """
 
     def __init__(self) -> None:
@@ -67,11 +69,11 @@ class SampleCollector:
         self._event_channels: set[int] = set()
 
     def take(self, record: McapRecord) -> None:
-        """Take any record other than a chunk; those that are not a recording's are passed over.
+        """Collect the content of a record that is not a chunk; ignore records of other kinds.
 
         Raises:
-            ForeignSchemaError: samples in another schema than McapWriter's.
-            ValueError: contents that are not McapWriter's.
+            ForeignSchemaError: the samples have another schema than McapWriter's.
+            ValueError: the contents are not as McapWriter writes them.
         """
         if isinstance(record, Schema):
             self._schemas[record.id] = record
@@ -85,10 +87,10 @@ class SampleCollector:
             self.events.append(Event(**json.loads(record.data)))
 
     def take_chunk(self, chunk: Chunk) -> None:
-        """Take the records of a chunk, whatever its compression, if its checksum is right.
+        """Check a chunk's checksum, and collect its records, whatever its compression.
 
         Raises:
-            ForeignSchemaError: samples in another schema than McapWriter's.
+            ForeignSchemaError: the samples have another schema than McapWriter's.
             McapError, ZstdError, ValueError, ...: one of DAMAGE; the chunk cannot be read.
         """
         stream, length = get_chunk_data_stream(chunk, validate_crc=True)
@@ -120,7 +122,7 @@ class SampleCollector:
             names = [str(name) for name in json.loads(record.metadata["channels"])]
         except (KeyError, ValueError, TypeError):
             names = []
-        # Only an identical schema promises the fixed layout that the samples are read by.
+        # Samples are read by a fixed layout, which only an identical schema guarantees.
         if schema is None or not names or sample_schema(names) != schema.data:
             called = "none" if schema is None else f"{schema.name!r} ({schema.encoding})"
             raise ForeignSchemaError(f"topic {SAMPLES_TOPIC} has another schema: {called}")
@@ -128,7 +130,11 @@ class SampleCollector:
         self._layouts[record.id] = SampleLayout(names)
 
     def _take_samples(self, data: bytes, offset: int, channel_id: int) -> int:
-        """Take the run of samples at data[offset]; return where it ends."""
+        """Collect the run of sample records that begins at data[offset]; return the offset after it.
+
+        Raises:
+            ValueError: there is no sample record of the layout's length.
+        """
         layout = self._layouts[channel_id]
         records = layout.run_at(data, offset, channel_id)
         if not len(records):
@@ -139,7 +145,9 @@ class SampleCollector:
 
 @contextmanager
 def mapped(path: str) -> Iterator[IO[bytes]]:
-    """Map an MCAP file; a damaged length then never makes a reader allocate what is not there.
+    """Give the block an MCAP file that is mapped into memory.
+
+    Reading past its end then yields nothing, so that a damaged length allocates no huge buffer.
 
     Raises:
         RecordingError: the file is empty or not MCAP.
@@ -155,10 +163,10 @@ def mapped(path: str) -> Iterator[IO[bytes]]:
 
 
 def read_mcap(path: str) -> Table:
-    """Read a complete MCAP file written by McapWriter.
+    """Return the table in a complete MCAP file that McapWriter wrote.
 
     Raises:
-        RecordingError: the file is cut, damaged, or another program's.
+        RecordingError: the file is cut off, damaged, or written by another program.
     """
     collector = SampleCollector()
     with mapped(path) as file:
@@ -182,13 +190,13 @@ def read_mcap(path: str) -> Table:
 def columns_of(
     channels: Sequence[str], blocks: Sequence[NDArray[np.float64]]
 ) -> dict[str, FloatArray]:
-    """Return blocks of rows, shape (n, n_channels), as contiguous channels of shape (n,)."""
+    """Return channel -> values (n,), contiguous, from blocks of rows (n_block, n_channels)."""
     rows = np.concatenate(blocks) if blocks else np.empty((0, len(channels)))
     return {name: np.ascontiguousarray(rows[:, k]) for k, name in enumerate(channels)}
 
 
 def foreign(path: str, reason: str) -> RecordingError:
-    """Return the error of an MCAP file that is another program's."""
+    """Return the error of an MCAP file that another program wrote."""
     limit = "only recordings written by rig are read"
     columns = ", ".join(REPLAY_CHANNELS)
     remedy = f"export it as CSV from the program that made it, with columns {columns}"
@@ -204,10 +212,10 @@ def _ends_properly(file: IO[bytes]) -> bool:
 
 
 def _check_summary(file: IO[bytes]) -> None:
-    """Check the summary's checksum: a lost chunk index would silently shorten the recording.
+    """Check the summary's checksum, as a lost chunk index would silently shorten the recording.
 
     Raises:
-        ValueError: the summary, or the footer itself, is not as it was written.
+        ValueError: there is no summary, or the summary or the footer is damaged.
     """
     file.seek(-FOOTER_SIZE - MAGIC_SIZE, os.SEEK_END)
     footer = file.read(FOOTER_SIZE)
@@ -225,7 +233,7 @@ def _collect(file: IO[bytes], collector: SampleCollector) -> None:
     file.seek(0)
     reader = SeekingReader(file)
     summary = reader.get_summary()
-    assert summary is not None  # _check_summary has seen it
+    assert summary is not None  # _check_summary has read it
     for schema in summary.schemas.values():
         collector.take(schema)
     for channel in summary.channels.values():

@@ -1,7 +1,8 @@
-"""The MCAP file as a growing stream: start, chunks with their indexes, summary.
+"""An MCAP file is written here as a growing stream: start, chunks with their indexes, summary.
 
-Every record is the `mcap` library's own. Only its `Writer` is not used: it takes one call a
-message, some 4 ms per second of 1 kHz data; a chunk built as one numpy array costs a fraction.
+All records are those of the `mcap` library. Only its `Writer` is not used, as it needs one call per
+message, some 4 ms for a second of 1 kHz data. A chunk that is built as one numpy array costs a
+fraction of that.
 """
 
 import zlib
@@ -31,14 +32,14 @@ from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC
 from numpy.typing import NDArray
 
 COMPRESSION_LEVEL: Final = -5
-"""Level of zstd. Noisy doubles hardly shrink: level 1 saves another 10 % for twice the time."""
+"""Level of zstd. Noisy doubles hardly shrink: level 1 would save another 10 % in twice the time."""
 
 INDEX_ENTRY: Final = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
-"""One message in a chunk's index: its time (ns) and where it begins in the chunk."""
+"""An entry for one message in a chunk's index: its time (ns) and its offset in the chunk."""
 
 
 def serialised(records: Sequence[McapRecord]) -> bytes:
-    """Return records as they stand in a file."""
+    """Return the bytes of records, one after the other, as an MCAP file has them."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -46,7 +47,7 @@ def serialised(records: Sequence[McapRecord]) -> bytes:
 
 
 def index_entries(log_time: NDArray[np.uint64], offset: NDArray[np.int64]) -> NDArray[Any]:
-    """Return index entries, shape (n,), of messages at these times (ns) and chunk offsets."""
+    """Return index entries (n,) for messages with these times (n,) in ns and chunk offsets (n,)."""
     entries = np.empty(len(log_time), INDEX_ENTRY)
     entries["log_time"] = log_time
     entries["offset"] = offset
@@ -54,9 +55,9 @@ def index_entries(log_time: NDArray[np.uint64], offset: NDArray[np.int64]) -> ND
 
 
 class McapStream:
-    """An MCAP file being written; complete once `finish` has written the summary.
+    """An MCAP file that is being written; it is complete once `finish` has written the summary.
 
-    Schemas, channels and metadata go to the front, so that a file that was cut has them.
+    Schemas, channels and metadata are written first, so that a file that was cut off has them.
     """
 
     def __init__(
@@ -95,11 +96,16 @@ class McapStream:
         self._file.flush()
 
     def close(self) -> None:
-        """Close the file as it is."""
+        """Close the file as it is, without a summary unless `finish` was called."""
         self._file.close()
 
     def write_chunk(self, content: bytes, indexes: Mapping[int, NDArray[Any]]) -> None:
-        """Write Message records as one compressed chunk, with its index for each channel id."""
+        """Write Message records as one compressed chunk, followed by an index for each channel id.
+
+        Args:
+            content: the serialised Message records.
+            indexes: channel id -> its index entries (n,), at least one.
+        """
         times = np.concatenate([entries["log_time"] for entries in indexes.values()])
         first_ns, last_ns = int(times.min()), int(times.max())
         data = self._compressor.compress(content)

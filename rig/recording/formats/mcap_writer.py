@@ -1,4 +1,4 @@
-"""Writes a recording to MCAP while it is made: a killed process loses at most its last second."""
+"""A recording is written to MCAP while it is made; a killed process loses at most a second."""
 
 import json
 import re
@@ -25,7 +25,7 @@ SAMPLES_TOPIC: Final = "rig/samples"
 EVENTS_TOPIC: Final = "rig/events"
 METADATA_NAME: Final = "rig"
 CHUNK_SAMPLES: Final = 1000
-"""Samples a chunk: one second, what a kill -9 may cost."""
+"""Samples of a chunk: one second, which is the most that a killed process loses."""
 
 _SAMPLES_ID: Final = 1  # of schema and channel
 _EVENTS_ID: Final = 2
@@ -41,20 +41,20 @@ _EVENT_SCHEMA: Final = {
 
 
 class McapWriter:
-    """Writes samples and events of one recording to an MCAP file; a context manager.
+    """A context manager that writes samples and events of one recording to an MCAP file.
 
-    Samples are messages of topic `rig/samples` (protobuf, one double a channel), events of topic
-    `rig/events` (JSON); the metadata is a Metadata record `rig` at the start (a JSON text a key).
-    Every CHUNK_SAMPLES samples, and at `flush()`, what was written so far is handed to the
-    operating system and survives the death of this process (not a power cut).
+    Samples are messages of topic `rig/samples` (protobuf, one double per channel), events of topic
+    `rig/events` (JSON). The metadata is a Metadata record `rig` at the start, with one JSON text
+    per key. Every CHUNK_SAMPLES samples, and at `flush()`, all data so far is handed to the
+    operating system, so that it survives the death of this process (but not a power cut).
 
     Args:
         path: the file to make.
-        channels: names, protobuf identifiers, the first `time_s`.
-        metadata: JSON-able; kept exactly.
-        start_ns: log time of time_s = 0 (ns since an epoch), kept as metadata["start_ns"]; if not
-            given, that of the metadata, or 0.
-        overwrite: replace an existing file.
+        channels: names of the channels, which are protobuf identifiers; the first is `time_s`.
+        metadata: values that JSON can hold; they are stored exactly.
+        start_ns: log time of time_s = 0 (ns since an epoch), stored as metadata["start_ns"]; if
+            None, the one in `metadata`, or 0.
+        overwrite: whether an existing file is replaced.
 
     Raises:
         RecordingError: the file exists or its folder does not, or a channel name or metadata
@@ -107,7 +107,7 @@ class McapWriter:
         """Append samples: rows of shape (n, n_channels), in the order of the channels, SI.
 
         Raises:
-            ValueError: another shape, or a time that is not finite or before the epoch.
+            ValueError: the shape is another, or a time is not finite or before the epoch.
         """
         rows = np.asarray(rows, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != len(self._layout.channels):
@@ -130,7 +130,7 @@ class McapWriter:
                 self.flush()
 
     def event(self, time_s: float, kind: str, text: str) -> None:
-        """Note something that happened at time_s (s); on disk after the next flush.
+        """Add an event that happened at time_s (s); the next flush writes it.
 
         Raises:
             ValueError: the time is not finite or before the epoch.
@@ -148,13 +148,13 @@ class McapWriter:
         self._events += 1
 
     def flush(self) -> None:
-        """Close the chunk in progress and hand everything written so far to the system."""
+        """End the present chunk, and hand all data so far to the operating system."""
         if self._pending or self._pending_events:
             self._write_chunk()
         self._stream.flush()
 
     def close(self) -> None:
-        """Flush, complete the file and close it; harmless when repeated."""
+        """Flush, complete the file and close it; do nothing if it is closed already."""
         if self._stream.closed:
             return
         try:
@@ -242,7 +242,7 @@ def _topics(channels: Sequence[str]) -> list[Channel]:
 
 
 def channel_problems(path: str, channels: Sequence[str]) -> list[RecordingProblem]:
-    """Return what keeps these channels from being the fields of a sample."""
+    """Return a problem for each reason why these channels cannot be the fields of a sample."""
     problems = []
     if not channels or channels[0] != "time_s":
         first = repr(channels[0]) if channels else "none"

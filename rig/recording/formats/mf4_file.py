@@ -1,4 +1,4 @@
-"""Writes MF4 (ASAM MDF 4.10), as measurement tools read it; needs the extra `mf4`."""
+"""MF4 files (ASAM MDF 4.10) for measurement tools are written here; this needs the extra `mf4`."""
 
 import json
 from pathlib import Path
@@ -12,18 +12,19 @@ from rig.recording.recording import Recording
 from rig.recording.units import unit_of
 
 _VERSION: Final = "4.10"
-"""What every reader of MDF 4 understands."""
+"""A version that every reader of MDF 4 understands."""
 
 
 def write_mf4(recording: Recording, path: Path, name: str) -> None:
-    """Write a recording to an MF4 file: a channel group over time, units, events as a comment.
+    """Write a recording to an MF4 file, as one channel group with `time_s` as its master channel.
 
-    float64 is kept bit for bit; time is the group's master channel.
+    float64 values are stored bit for bit, with units; metadata and events are in the file's
+    comment, as JSON.
 
     Args:
-        recording: to be written.
-        path: the file.
-        name: of the file, for messages.
+        recording: the recording to write.
+        path: the file to write.
+        name: the file's name in messages.
 
     Raises:
         RecordingError: asammdf is not installed.

@@ -1,4 +1,7 @@
-"""Reads and writes Parquet: units in the fields' metadata, metadata and events in the schema's."""
+"""Parquet files are read and written here.
+
+The fields' metadata hold the units, the schema's metadata hold the recording's metadata and events.
+"""
 
 import json
 from collections import Counter
@@ -20,7 +23,7 @@ _EVENTS: Final = b"rig.events"
 
 
 def write_parquet(recording: Recording, path: Path) -> None:
-    """Write a recording to a Parquet file; float64 is kept bit for bit."""
+    """Write a recording to a Parquet file, with float64 values stored bit for bit."""
     schema = pa.schema(
         [
             pa.field(name, pa.float64(), metadata={"unit": unit_of(name)})
@@ -32,7 +35,7 @@ def write_parquet(recording: Recording, path: Path) -> None:
         },
     )
     arrays = [pa.array(values) for values in recording.channels.values()]
-    # Split byte streams bring the alike exponents together; dictionaries do not pay for noise.
+    # Split byte streams put similar exponents side by side; dictionaries do not pay with noise.
     pq.write_table(
         pa.table(arrays, schema=schema),
         path,
@@ -43,13 +46,15 @@ def write_parquet(recording: Recording, path: Path) -> None:
 
 
 def read_parquet(path: str) -> Table:
-    """Read a Parquet file; a null is NaN.
+    """Return the table in a Parquet file; a null is read as NaN.
+
+    A repeated column, or one that does not hold numbers, is reported among the table's problems.
 
     Raises:
         RecordingError: the file cannot be read as Parquet at all.
     """
     try:
-        # Not read_table, which fails on a column named twice.
+        # read_table is not used, as it fails if two columns have the same name.
         with pq.ParquetFile(path) as file:
             arrow = file.read()
         described = arrow.schema.metadata or {}
@@ -75,7 +80,7 @@ def read_parquet(path: str) -> Table:
             table.problems.append(
                 RecordingProblem(path, None, name, str(column.type), limit, remedy)
             )
-            # The column stands in the table all the same, lest it be reported missing as well.
+            # The table gets a column of NaN, so that it is not reported as missing too.
             table.columns[name] = np.full(len(arrow), np.nan)
             table.unreadable[name] = np.ones(len(arrow), dtype=np.bool_)
             continue

@@ -1,8 +1,8 @@
-"""One sample as a protobuf message, and a run of samples as one packed numpy array.
+"""A sample is stored as a protobuf message, and a run of samples as one packed numpy array.
 
-Every channel is a protobuf double, so all messages of a file have the same length and one numpy
-structured dtype covers MCAP record header, field tags and values: a second of data becomes bytes,
-and bytes become columns, without a Python call a sample.
+Every channel is a protobuf double, so all messages of a file have the same length. One numpy
+structured dtype therefore covers MCAP record header, field tags and values, and a second of data is
+converted to bytes, or bytes to columns, without a Python call per sample.
 """
 
 from collections.abc import Sequence
@@ -42,13 +42,13 @@ def _int_field(number: int, value: int) -> bytes:
 
 
 def sample_schema(channels: Sequence[str]) -> bytes:
-    """Return the serialised FileDescriptorSet of message rig.Sample: one double a channel.
+    """Return the serialised FileDescriptorSet of message rig.Sample, with one double per channel.
 
     Field numbers are those of google/protobuf/descriptor.proto.
     """
     fields = b""
     for number, name in enumerate(channels, 1):
-        # json_name: the default would turn pressure_1_Pa into pressure1Pa.
+        # json_name (field 10) is given, as its default would turn pressure_1_Pa into pressure1Pa.
         descriptor = (
             _bytes_field(1, name)
             + _int_field(3, number)
@@ -68,10 +68,10 @@ def sample_schema(channels: Sequence[str]) -> bytes:
 
 
 class SampleLayout:
-    """MCAP Message records of `channels` samples as a packed numpy dtype.
+    """The layout of MCAP Message records with samples of `channels`, as a packed numpy dtype.
 
     Raises:
-        ValueError: no channel, or more than MAX_CHANNELS.
+        ValueError: there is no channel, or there are more than MAX_CHANNELS.
     """
 
     def __init__(self, channels: Sequence[str]) -> None:
@@ -100,7 +100,7 @@ class SampleLayout:
         return self.dtype.itemsize - RECORD_PREFIX
 
     def blank(self, n: int, channel_id: int) -> NDArray[Any]:
-        """Return n records, shape (n,), complete but for sequence, times and values."""
+        """Return n new records, shape (n,), in which only sequence, times and values are missing."""
         records = np.zeros(n, self.dtype)
         records["opcode"] = MESSAGE_OPCODE
         records["length"] = self.record_length
@@ -110,7 +110,7 @@ class SampleLayout:
         return records
 
     def set_values(self, records: NDArray[Any], rows: NDArray[np.float64]) -> None:
-        """Write rows, shape (n, n_channels), into records, shape (n,)."""
+        """Set the values of records, shape (n,), in place to rows of shape (n, n_channels)."""
         records["narrow"]["value"] = rows[:, :_ONE_BYTE_TAGS]
         records["wide"]["value"] = rows[:, _ONE_BYTE_TAGS:]
 
@@ -118,7 +118,7 @@ class SampleLayout:
         """Return the values of records, shape (n,), as rows of shape (n, n_channels).
 
         Raises:
-            ValueError: a field tag is not where this layout has it.
+            ValueError: a field tag differs from this layout's.
         """
         if (records["narrow"]["tag"] != self._narrow).any() or (
             records["wide"]["tag"] != self._wide
@@ -130,7 +130,10 @@ class SampleLayout:
         return rows
 
     def run_at(self, data: bytes, offset: int, channel_id: int) -> NDArray[Any]:
-        """Return the run of whole sample records, shape (n,), that begins at data[offset]."""
+        """Return the unbroken run of sample records, shape (n,), that begins at data[offset].
+
+        It ends before the first record that is incomplete, or no sample of this channel id.
+        """
         count = (len(data) - offset) // self.dtype.itemsize
         records = np.frombuffer(data, self.dtype, count, offset)
         alike = (
