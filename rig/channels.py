@@ -20,7 +20,7 @@ class Kind(Enum):
     """This transducer changes slowly and is read together with the fast driver's readings. Limits
     act upon it as upon a reading, but no filter uses it, and a device may lack it."""
     SLOW = auto()
-    """A slow driver reads this value, at the rate at which its device supplies it."""
+    """A slow driver reads this value, at a rate of its own, if its device supplies it."""
     COMPUTED = auto()
     """The loop computes this column. It is listed here only to say how it is shown."""
 
@@ -161,7 +161,7 @@ READINGS: Final = names_of(Kind.READING)
 """Names of all readings, which any filter may use, in the order of `rig.plant.Reading`."""
 
 ENDS: Final = {channel.name: channel.ends for channel in CHANNELS if channel.ends is not None}
-"""Range in SI, by channel, of those transducers whose range does not stand in a rig's file."""
+"""Channel -> lower and upper end of its range in SI, for transducers that have `Channel.ends`."""
 
 SHOWN: Final = tuple(
     (channel.name, channel.shown) for channel in CHANNELS if channel.shown is not None

@@ -1,7 +1,7 @@
-"""What may not end: a thread or a callback that goes on whatever fails in it, and says what failed.
+"""A thread or callback that must not end is kept going here after an error, which is reported.
 
-A thread that ends by an exception leaves nothing but a traceback that nobody reads, and whatever it
-did is not done any more. Here it loses the one thing that failed, and somebody is told.
+A thread that ends by an exception leaves only a traceback that nobody reads, and its work is not
+done any more. With `Surviving` it only loses the one turn that failed, and the error is reported.
 """
 
 from collections.abc import Callable
@@ -12,22 +12,23 @@ from types import TracebackType
 from typing import Final
 
 MOST_TOLD: Final = 100
-"""Different failures that are told; a thread that lives for weeks fills no log."""
+"""Most different failures that are reported, so that a thread fills no log within weeks."""
 LONGEST: Final = 300
-"""Most characters of an error's type and text that are told."""
+"""Most characters of an error's type and text that are reported."""
 
 
 class Surviving:
-    """Holds back every exception that is raised under it; a context manager, entered at each turn.
+    """A context manager that suppresses and reports exceptions; it is entered at each turn.
 
-    An exception that is meant to end the program (`SystemExit`, `KeyboardInterrupt`) is not held.
+    Exceptions that are meant to end the program (`SystemExit`, `KeyboardInterrupt`) are raised on.
 
     Args:
-        what: goes on, in the words of the line that tells of a failure: "the control port".
-        tell: is given that line, each failure once; may be called from any thread.
+        what: name of the activity that goes on, for the line that reports a failure: "the control
+            port".
+        tell: is called with that line, once for each different failure, from any thread.
 
     Attributes:
-        count: how often something failed.
+        count: number of failures so far, repetitions included.
     """
 
     def __init__(self, what: str, tell: Callable[[str], object]) -> None:
@@ -37,7 +38,7 @@ class Surviving:
         self.count = 0
 
     def __enter__(self) -> None:
-        """Begin a turn."""
+        """Begin a turn, without doing anything."""
 
     def __exit__(
         self,
@@ -45,20 +46,20 @@ class Surviving:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> bool:
-        """End a turn; hold back what was raised in it."""
+        """End a turn; suppress and report an exception that was raised in it."""
         if not isinstance(error, Exception):
             return False
         self.note(error)
         return True
 
     def note(self, error: Exception) -> None:
-        """Count a failure, and tell of it if it is the first of its kind."""
+        """Count a failure, and report it if the same one was not reported before."""
         self.count += 1
         line = failure(error)
         if line in self._told or len(self._told) >= MOST_TOLD:
             return
         self._told.add(line)
-        # Where nobody can be told, the thread goes on all the same.
+        # The thread goes on even if the report fails.
         with suppress(Exception):
             self._tell(f"{self._what} goes on after a failure: {line}")
 

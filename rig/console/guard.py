@@ -100,7 +100,7 @@ class Guard:
         return None
 
     def _limited(self, scope: Scope, receive: Receive) -> Receive:
-        """Return a `receive` that refuses an HTTP request whose body exceeds `LARGEST_BODY` bytes."""
+        """Return a `receive` that raises once an HTTP request's body exceeds `LARGEST_BODY`."""
         if scope["type"] != "http":
             return receive
         taken = 0

@@ -15,7 +15,7 @@ from rig.stream import local_state, make_key, read_key
 LIFETIME_S: Final = 12 * 3600.0
 """Time in s after which a login ends: a shift."""
 FAILURES: Final = 5
-"""Number of wrong tokens from one address within `FAILURES_S`, after which it has to wait."""
+"""Wrong tokens from one address within `FAILURES_S` s after which it must wait with another one."""
 FAILURES_S: Final = 60.0
 MOST_VISITORS: Final = 200
 MOST_ADDRESSES: Final = 1000
@@ -85,8 +85,8 @@ class Visitors:
         If there are too many visitors, the oldest login ends.
 
         Raises:
-            LoginRefused: the token is wrong, or it is wrong and there were too many wrong ones
-                from this address, or the name is missing or too long.
+            LoginRefused: the token is wrong, or the name is missing or too long. After too many
+                wrong tokens from this address, the error gives a time to wait.
         """
         # Digests have the same length, so the time of the comparison shows nothing of the token.
         given = hashlib.sha256(token.strip().encode(errors="replace")).digest()

@@ -1,4 +1,4 @@
-"""Values that no such rig can show are found here; mostly the column's unit is another than named."""
+"""Implausible values are found here; mostly a column is in another unit than its name says."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -38,7 +38,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file in one step, so that a reader finds the old file or the whole new one.
+    """Write a UTF-8 text file in one step; a reader finds either the old or the whole new file.
 
     Raises:
         OSError: the file cannot be written.

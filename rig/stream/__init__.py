@@ -1,8 +1,8 @@
-"""The live stream over Zenoh: its messages, its keys, who may read and command, and a client.
+"""The live stream over Zenoh: its messages and keys, its access control, a sender and a client.
 
-Nothing here knows the loop, the plant or the compiler: a console on another machine needs this
-package, numpy, msgpack and Zenoh. The process that publishes is
-`rig.supervisor.processes.publisher`.
+This package imports neither the loop, the plant nor the compiler, so that a console on another
+machine needs only this package, numpy, msgpack and Zenoh. The process that publishes a rig's stream
+is `rig.supervisor.processes.publisher`.
 """
 
 from lazy_loader import attach_stub

@@ -1,4 +1,4 @@
-"""Gathers rows into batches of samples, and shows which rows are missing between them."""
+"""Rows are gathered here into batches of samples, whose row numbers show which rows are missing."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -14,13 +14,14 @@ _UNKNOWN_TEST: Final = 0
 
 
 class Batches:
-    """Rows as they come, given back in batches of at most `size`.
+    """A collector of rows that returns them in batches of at most `size` samples.
 
-    A batch belongs to one test and one set of channels, and has no hole in it.
+    All samples of a batch belong to one test and have the same channels, and their row numbers are
+    consecutive.
 
     Args:
-        size: samples in a batch.
-        wanted: channels to send; all, if none is named.
+        size: most samples in a batch.
+        wanted: names of the channels to send; if empty, all are sent.
     """
 
     def __init__(self, size: int, wanted: Sequence[str] = ()) -> None:
@@ -37,13 +38,18 @@ class Batches:
 
     @property
     def channels(self) -> Channels:
-        """Return what the columns are; number 0 before any are known."""
+        """The channels of the batches; their number is 0 before `set_columns` was called."""
         return self._channels
 
     def set_columns(self, names: Sequence[str], units: Sequence[str], test: int) -> bool:
-        """Take rows of such columns from now on; return whether the channels are others.
+        """Set the columns of the rows that follow; return whether the channels have changed.
 
-        What was gathered must have been flushed.
+        The rows gathered so far must have been flushed before.
+
+        Args:
+            names: names of the columns, `time_s` among them.
+            units: unit of each column.
+            test: number of the test that the rows belong to.
         """
         columns = [
             i for i, name in enumerate(names)
@@ -57,7 +63,15 @@ class Batches:
         return True
 
     def add(self, first_row: int, rows: Array, newest_ns: int) -> list[Samples]:
-        """Take rows without a hole, float64 (n, columns); return the batches that are full."""
+        """Add consecutive rows, and return the batches that are full.
+
+        If they do not continue the rows before, those are returned as a batch first.
+
+        Args:
+            first_row: number of the first row.
+            rows: float64 (n, columns), SI.
+            newest_ns: wall clock at which the last row was taken, ns since 1970.
+        """
         done: list[Samples] = []
         if self._count and first_row != self._first_row + self._count:
             done += self.flush()
@@ -71,7 +85,7 @@ class Batches:
         return done
 
     def flush(self) -> list[Samples]:
-        """Return what is gathered so far, if anything, as a batch."""
+        """Return a list with one batch of all rows that are left; [] if there are none."""
         return [self._take(self._count)] if self._count else []
 
     def _take(self, count: int) -> Samples:

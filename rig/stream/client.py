@@ -1,12 +1,13 @@
-"""Follows the streams of rigs, and sends them commands; for consoles, monitors and scripts.
+"""A client follows the streams of rigs and sends them commands, for consoles and scripts.
 
     with StreamClient(load_stream("loopback")) as client:
         client.wait_for_rig()
         print(client.snapshot().decision)
 
-Messages are taken in threads of Zenoh; every method may be called from any thread. A reader that
-does not keep up loses the oldest messages, and learns how many. Whatever anybody publishes, the
-next message is taken as well: what is none is counted in the rig's snapshot, with the reason.
+Messages are received in a thread of the client; every method may be called from any thread. A
+reader that does not keep up loses the oldest messages, and the snapshot counts them. Payloads that
+are not valid messages are counted in the rig's snapshot, with the reason of the last one, and the
+client goes on.
 """
 
 import sys
@@ -40,25 +41,25 @@ from .view import RigView, Snapshot, Window
 
 ANSWER_S: Final = 5.0
 QUEUED: Final = 4096
-"""Messages that may wait to be taken; the oldest go first."""
+"""Most messages that may wait to be processed; if there are more, the oldest are dropped."""
 POLL_S: Final = 0.005
 AGAIN_S: Final = 0.5
-"""How long nothing is tried after a failure that was none of a message."""
+"""Time in s before the client tries again after an error that concerns no single message."""
 
 OnMessage = Callable[[str, str, Mapping[str, Any]], None]
 
 
 class UnknownRigError(LookupError):
-    """No rig is known, or not the one asked for."""
+    """The error of a rig that is not known, or of several where exactly one is needed."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What became of a command.
+    """The answer to a command.
 
     Attributes:
-        accepted: whether the rig obeys.
-        reason: why not; empty if it does.
+        accepted: whether the command is obeyed.
+        reason: the reason if it is not obeyed; else empty, or a remark on how it was obeyed.
     """
 
     accepted: bool
@@ -66,22 +67,23 @@ class Answer:
 
 
 class StreamClient:
-    """Follows one rig, or all that can be reached; a context manager.
+    """A context manager that follows one rig, or all that can be reached.
 
     Args:
         settings: the profile; `rig.configuration.rigs.stream.load_stream` reads one.
-        connect: where to, instead of where the profile says.
-        rig: its id; `*` for all.
-        window_s: how long samples are kept.
-        history: whether to ask rigs that appear for what was before.
-        credentials: to command with; None: the profile's first operator, when needed.
-        on_message: is called with rig, kind and content of each message, one at a time; what it
-            raises goes to `on_failure`.
-        on_failure: is called with a line on each failure of this program that following survived;
-            from any thread. By default it is written to stderr.
+        connect: endpoints to connect to, instead of the profile's.
+        rig: id of the rig; `*` for all.
+        window_s: how long samples are stored.
+        history: whether each rig that appears is asked for its past messages.
+        credentials: name and key to sign commands with; if None, those of the profile's first
+            operator, which are read when a command is sent.
+        on_message: is called with rig, kind and content of each message, one at a time; an error
+            that it raises is passed to `on_failure`.
+        on_failure: is called with a line on each error after which the client went on; it may be
+            called from any thread. If None, the line is written to stderr.
 
     Raises:
-        StreamError: the session cannot be opened; that nobody is there is no error.
+        StreamError: the session cannot be opened. It is no error if there is no rig or router yet.
     """
 
     def __init__(
@@ -123,7 +125,7 @@ class StreamClient:
         self.close()
 
     def close(self) -> None:
-        """Follow no rig any more."""
+        """Stop following and close the session; do nothing if it is closed already."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -131,20 +133,20 @@ class StreamClient:
         if self._session is not None:
             self._tokens.undeclare()
             self._session.close()
-        # A thread that is still within Zenoh when the program ends would bring it down.
+        # A thread that is still inside Zenoh when the program ends would crash it.
         for thread in self._asking:
             thread.join()
 
     def rigs(self) -> tuple[str, ...]:
-        """Return the ids of all rigs that were heard of, dead ones included."""
+        """Return the sorted ids of all rigs that were seen on the stream, dead ones included."""
         with self._lock:
             return tuple(sorted(self._views))
 
     def wait_for_rig(self, timeout_s: float = 5.0) -> str:
-        """Return the id of the rig that is there, the first if there are several.
+        """Wait until a rig is alive, and return its id; the first id if there are several.
 
         Raises:
-            UnknownRigError: none was heard of in time.
+            UnknownRigError: no rig was alive in time.
         """
         until = time.monotonic() + timeout_s
         while time.monotonic() < until:
@@ -155,28 +157,38 @@ class StreamClient:
         raise UnknownRigError("no rig is heard of; is one running, and with a stream?")
 
     def snapshot(self, rig: str | None = None) -> Snapshot:
-        """Return what is known of a rig now; of the only one, if none is named.
+        """Return what is known of a rig now; without an id, of the only known rig.
 
         Raises:
-            UnknownRigError: it was not heard of, or there are several.
+            UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
         """
         with self._lock:
             return self._view(rig).snapshot(time.time_ns())
 
     def window(self, last_s: float, names: tuple[str, ...] = (), rig: str | None = None) -> Window:
-        """Return a rig's samples of the last seconds, of all channels if none is named.
+        """Return a rig's stored samples of the last seconds of rig time.
+
+        Args:
+            last_s: length of the window in s.
+            names: channels; all if empty.
+            rig: id of the rig; None for the only known one.
 
         Raises:
-            UnknownRigError: it was not heard of, or there are several.
+            UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
         """
         with self._lock:
             return self._view(rig).window(last_s, names)
 
     def history(self, last_s: float, rig: str | None = None, timeout_s: float = ANSWER_S) -> Window:
-        """Ask a rig for what it still has of the last seconds, and return it with what came since.
+        """Ask a rig for its past samples, and return the window of the last seconds with them.
+
+        Args:
+            last_s: how far back to ask, in s; the rig may have less.
+            rig: id of the rig; None for the only known one.
+            timeout_s: how long each question waits for its answers.
 
         Raises:
-            UnknownRigError: it was not heard of, or there are several.
+            UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
         """
         with self._lock:
             view = self._view(rig)
@@ -191,18 +203,20 @@ class StreamClient:
         timeout_s: float = ANSWER_S,
         test: str = "",
     ) -> Answer:
-        """Send a command, and return the rig's answer, or an answer that says that nobody answers.
+        """Send a signed command and return the rig's answer.
+
+        If no answer comes, the returned one is not accepted, and its reason begins "no answer".
 
         Args:
-            command: what to do.
-            rig: its id; the only one, if not given.
-            text: a remark, which is recorded with it.
-            timeout_s: how long to wait.
-            test: name of the test to skip or retry; the present one, if not given.
+            command: the command.
+            rig: id of the rig; None for the only known one.
+            text: a remark, which is recorded with the command.
+            timeout_s: how long to wait for the answer.
+            test: name of the test to skip or retry; empty for the present one.
 
         Raises:
-            UnknownRigError: the rig was not heard of, or there are several.
-            KeyFileError: this end has no key.
+            UnknownRigError: the rig is not known; or no id is given and not exactly one is known.
+            KeyFileError: the operator's key cannot be used.
         """
         with self._lock:
             view = self._view(rig)
@@ -250,13 +264,14 @@ class StreamClient:
                 view = self._view_of(rig)
                 view.token(present=present)
             if present and self._history:
-                # Answers come in threads of Zenoh, of which this is one: it must not wait for them.
+                # This runs in a thread of Zenoh, which must not wait for answers, as these come in
+                # threads of Zenoh too.
                 asking = threading.Thread(target=self._ask, args=(view, self._window_s, ANSWER_S))
                 self._asking = [*(each for each in self._asking if each.is_alive()), asking]
                 asking.start()
 
     def _ask(self, view: RigView, last_s: float, timeout_s: float) -> None:
-        """Ask a rig for what lasts, channels first, and then for what it keeps."""
+        """Ask a rig for its messages of `LASTING`, channels first, then for those of `KEPT`."""
         for kinds, parameters in ((LASTING, ""), (KEPT, f"?last={last_s:g}")):
             for kind in kinds:
                 if self._closing.is_set() or self._session is None:
@@ -266,7 +281,7 @@ class StreamClient:
                         key(view.rig, kind) + parameters,
                         timeout=timeout_s,
                         consolidation=zenoh.ConsolidationMode.NONE,
-                        # The past waits for the present: answers are sent as the question was.
+                        # Answers have the question's priority, so past messages delay no new ones.
                         priority=zenoh.Priority.DATA_LOW,
                         congestion_control=zenoh.CongestionControl.BLOCK,
                     )
@@ -295,11 +310,11 @@ class StreamClient:
             raise
 
     def _run(self) -> None:
-        """Take messages until closed; a failure is reported, and what failed is tried again."""
+        """Receive messages until the client is closed; after an error, report it and try again."""
         while not self._closing.is_set():
             with self._survives:
                 if self._session is None:
-                    # A router that is not there yet is waited for.
+                    # If the router is not there yet, try again later.
                     with suppress(UnreachableError):
                         self._follow()
                     continue
@@ -331,7 +346,7 @@ class StreamClient:
 
     @contextmanager
     def _left_aside(self, view: RigView | None) -> Iterator[None]:
-        """Take a message; whoever may publish may publish nonsense, which is counted."""
+        """Count it in the rig's view if the block raises `MessageError`, and go on."""
         try:
             yield
         except MessageError as error:
@@ -347,8 +362,8 @@ def _content(sample: zenoh.Sample) -> dict[str, Any]:
 
 
 def _answer(payload: bytes) -> Answer | None:
-    """Return the answer to a command; None if it is none."""
-    with suppress(Exception):  # whatever a parser makes of bytes that may be anything
+    """Return the answer that a payload holds; None if it holds none."""
+    with suppress(Exception):  # the parser may raise anything, as the bytes may be anything
         reply = msgpack.unpackb(payload, max_map_len=8)
         accepted, reason = reply["accepted"], reply["reason"]
         if type(accepted) is bool and type(reason) is str:

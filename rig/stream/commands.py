@@ -1,9 +1,9 @@
-"""Commands to a rig: signed by their sender, judged by the publisher before anybody hears of them.
+"""Commands to a rig are signed by their sender, and checked by the publisher before any other use.
 
-A command is a Zenoh query on `rig/<id>/v1/command/<name>`, its payload an envelope of who sends it,
-the packed body, and HMAC-SHA256 of the body with the sender's key. Refused is whatever is too
-large, malformed, from nobody known, not allowed, forged, for another rig or another session, stale,
-or was seen before.
+A command is a Zenoh query on `rig/<id>/v1/command/<name>`. Its payload is an envelope with the
+sender's name, the packed body, and HMAC-SHA256 of the body with the sender's key. A command is
+refused if it is too large, malformed, from an unknown sender, not allowed, forged, for another rig
+or another session, stale, or a repetition.
 """
 
 import hmac
@@ -23,16 +23,19 @@ from .messages import VERSION, pack
 from .settings import COMMANDS, Operator, StreamSettings
 
 LARGEST_COMMAND: Final = 2048
-"""Bytes."""
+"""Most bytes of a command's payload."""
 WINDOW_S: Final = 5.0
-"""How far the sender's clock may be from the rig's; longer on the way is stale."""
+"""Most difference in s between the sender's time in a command and the rig's clock at its arrival.
+
+A command with a larger difference is stale.
+"""
 LONGEST_TEXT: Final = 500
-"""Characters of the sender's remark."""
+"""Most characters of the sender's remark; a longer one is cut off."""
 LONGEST_TEST: Final = 200
-"""Characters of a test's name."""
+"""Most characters of a test's name; a longer one is cut off."""
 KEY_BYTES: Final = 32
 SENDERS_KEPT: Final = 1024
-"""Senders whose sequence is remembered; each for as long as what it sent is not stale."""
+"""Most senders whose last sequence number is stored, until all they sent is certainly stale."""
 
 _ENVELOPE: Final = {"version": int, "by": str, "body": bytes, "mac": bytes}
 _BODY: Final = {
@@ -44,15 +47,15 @@ _BODY_OF_A_TEST: Final = {**_BODY, "test": str}
 
 
 class KeyFileError(ValueError):
-    """A key file that cannot be used; says why, and what to do."""
+    """The error of a key file that cannot be used, with reason and remedy."""
 
 
 class Refused(Exception):  # noqa: N818 (a refusal, not a failure)
-    """A command that is not obeyed.
+    """The error of a command that is refused.
 
     Attributes:
-        why: in a word.
-        by: who it claims to be from; empty if that cannot be read.
+        why: the reason in one word, such as `stale`.
+        by: the name of the sender that the command claims; empty if it cannot be read.
     """
 
     def __init__(self, why: str, text: str, by: str = "") -> None:
@@ -62,14 +65,14 @@ class Refused(Exception):  # noqa: N818 (a refusal, not a failure)
 
 @dataclass(frozen=True)
 class Command:
-    """A command that is to be obeyed.
+    """A command that has passed all checks and is to be obeyed.
 
     Attributes:
         name: one of `COMMANDS`.
-        by: who sends it.
-        text: the sender's remark.
-        number: of the command within the rig's session.
-        test: name of the test that it is about; empty for the present one.
+        by: name of the sender.
+        text: the sender's remark, in which unprintable characters are spaces.
+        number: number of the command among those that passed in this session, from 1 on.
+        test: name of the test that the command is about; empty for the present one.
     """
 
     name: str
@@ -81,18 +84,18 @@ class Command:
 
 @dataclass(frozen=True)
 class Credentials:
-    """What a sender proves itself by: its name, and its secret key."""
+    """The name of a sender, and the secret key by which it proves that name."""
 
     name: str
     key: bytes
 
     def __repr__(self) -> str:
-        """Return the name; the key is nobody's business."""
+        """Return a text with the name only, so that the key never gets into a log."""
         return f"Credentials({self.name!r})"
 
 
 class Sender:
-    """Signs commands; each has a greater sequence number than the one before."""
+    """A signer of commands, which gives each command a greater sequence number than the last."""
 
     def __init__(
         self, credentials: Credentials, clock_ns: Callable[[], int] = time.time_ns
@@ -103,7 +106,15 @@ class Sender:
         self._sequence = 0
 
     def sign(self, rig: str, session: str, command: str, text: str = "", test: str = "") -> bytes:
-        """Return the payload of a command to a rig in its present session."""
+        """Return the signed payload of a command to a rig.
+
+        Args:
+            rig: id of the rig.
+            session: name of the present session of the rig's stream.
+            command: one of `COMMANDS`.
+            text: a remark; cut off after `LONGEST_TEXT` characters.
+            test: name of the test that it is about; empty for the present one.
+        """
         self._sequence += 1
         body = {
             "rig": rig,
@@ -120,20 +131,20 @@ class Sender:
 
 
 def seal(credentials: Credentials, body: bytes) -> bytes:
-    """Return a body in its signed envelope."""
+    """Return the payload of a command: its packed body in a signed envelope."""
     mac = hmac.digest(credentials.key, body, "sha256")
     return pack({"version": VERSION, "by": credentials.name, "body": body, "mac": mac})
 
 
 class Gate:
-    """Lets through the commands that are to be obeyed.
+    """The check that every command must pass before it is obeyed.
 
     Args:
         rig: the rig's id.
-        session: of the publisher; commands to an earlier one are refused, so that nothing has to
-            be remembered over a restart.
-        operators: who may command what, with their keys.
-        clock_ns: wall clock, ns since 1970.
+        session: name of the publisher's session. Commands to an earlier session are refused, so
+            that no sequence numbers have to be stored over a restart.
+        operators: name -> credentials and allowed commands of each operator.
+        clock_ns: returns the wall clock in ns since 1970.
     """
 
     def __init__(
@@ -150,10 +161,10 @@ class Gate:
         self._passed = 0
 
     def judge(self, name: str, payload: bytes) -> Command:
-        """Return the command that a payload on the key of `name` is.
+        """Return the command in a payload that came on the key of the command `name`.
 
         Raises:
-            Refused: it is not to be obeyed.
+            Refused: the command must not be obeyed.
         """
         if not self._operators:
             raise Refused("denied", "this stream takes no commands")
@@ -164,7 +175,7 @@ class Gate:
             raise Refused("malformed", f"is not of version {VERSION}")
         by = str(envelope["by"])[:64]
         credentials, allowed = self._operators.get(by, (None, frozenset()))
-        # Compared in any case, so that the time taken does not show whose names are known.
+        # An unknown name is compared too, so that the time does not show which names are known.
         key = credentials.key if credentials is not None else bytes(KEY_BYTES)
         genuine = hmac.compare_digest(hmac.digest(key, envelope["body"], "sha256"), envelope["mac"])
         if credentials is None:
@@ -213,10 +224,10 @@ def _mapping(
     by: str = "",
     otherwise: Mapping[str, type] | None = None,
 ) -> dict[str, Any]:
-    """Return a packed map of just these keys and types, or of those of `otherwise`.
+    """Return a packed map that has exactly the keys and types of `kinds`, or of `otherwise`.
 
     Raises:
-        Refused: it is none.
+        Refused: the payload is no such map. `by` is the sender that the error names.
     """
     most = max(len(kinds), len(otherwise or {}))
     try:
@@ -235,7 +246,7 @@ def _mapping(
 
 
 def gate_of(settings: StreamSettings, rig: str, session: str) -> Gate:
-    """Return the gate of a stream, with the keys of its operators.
+    """Return the gate of a rig's stream, after reading the keys of its operators.
 
     Raises:
         KeyFileError: a key cannot be used.
@@ -248,7 +259,7 @@ def gate_of(settings: StreamSettings, rig: str, session: str) -> Gate:
 
 
 def credentials_of(operator: Operator) -> Credentials:
-    """Return an operator's credentials from the key file.
+    """Return an operator's credentials, from its key file or else this user's own key.
 
     Raises:
         KeyFileError: the key cannot be used.
@@ -259,10 +270,10 @@ def credentials_of(operator: Operator) -> Credentials:
 
 
 def read_key(path: Path) -> bytes:
-    """Return the key in a file.
+    """Return the secret key in a file of hexadecimal digits.
 
     Raises:
-        KeyFileError: it cannot be read, is not one's own secret, or holds no key.
+        KeyFileError: the file cannot be read, others may read it, or it holds no key.
     """
     try:
         with path.open("rb") as file:
@@ -282,10 +293,10 @@ def read_key(path: Path) -> bytes:
 
 
 def make_key(path: Path) -> None:
-    """Write a new key to a file that only its owner may read, if there is none yet.
+    """Write a new key to a file that only its owner may read, unless the file exists already.
 
     Raises:
-        KeyFileError: it cannot be written.
+        KeyFileError: the file cannot be written.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
     try:
@@ -294,7 +305,7 @@ def make_key(path: Path) -> None:
         try:
             with os.fdopen(descriptor, "w", encoding="ascii") as file:
                 file.write(secrets.token_hex(KEY_BYTES) + "\n")
-            # Whoever comes second, in another process, finds the first one's key.
+            # If another process made the file meanwhile, its key stays.
             with suppress(FileExistsError):
                 os.link(part, path)
         finally:
@@ -304,16 +315,16 @@ def make_key(path: Path) -> None:
 
 
 def local_state() -> Path:
-    """Return the folder in which this user's secrets and state are kept on this machine."""
+    """Return the folder of this user's secrets and state on this machine; it may not exist yet."""
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     return state / "hydraulic-rig"
 
 
 def local_key() -> bytes:
-    """Return this user's own key on this machine; made when first asked for.
+    """Return this user's own key on this machine, which is made at the first call.
 
     Raises:
-        KeyFileError: it cannot be made or used.
+        KeyFileError: the key cannot be made or used.
     """
     path = local_state() / "stream.key"
     if not path.exists():
@@ -322,5 +333,5 @@ def local_key() -> bytes:
 
 
 def fingerprint(payload: bytes) -> str:
-    """Return a short digest of a refused payload, to find it again in a capture."""
+    """Return a short digest of a refused payload, by which it can be found in a network capture."""
     return sha256(payload).hexdigest()[:12]

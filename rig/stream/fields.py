@@ -1,9 +1,9 @@
-"""What a message of each kind may hold: the one place where what comes from outside is checked.
+"""These checks are the one place where the content of received messages is checked, by kind.
 
-Whoever may publish on a rig's keys may publish anything. What passes here has its keys of the types
-that docs/stream.md gives, and nothing in it that cannot be shown, counted with, or written as JSON:
-no infinity, no number beyond 64 bits, no nesting without end. A key that is not known here may be
-of a newer publisher; it passes if it is plain.
+Any publisher on a rig's keys can publish anything. A message that passes has values of the types
+that docs/stream.md gives, and nothing that cannot be shown, computed with, or written as JSON: no
+infinity, no number beyond 64 bits, no deep nesting. An unknown key may come from a newer publisher;
+it passes if its value is plain (`is_plain`).
 """
 
 from collections.abc import Callable, Mapping
@@ -13,11 +13,11 @@ from typing import Any, Final
 Check = Callable[[Any], bool]
 
 DEEPEST: Final = 8
-"""Maps and lists within each other; a trip in `health` has four."""
+"""Most levels of maps and lists within each other; a trip in `health` has four."""
 MOST_ROWS: Final = 1 << 62
-"""The number of a row and the length of a batch fit together into 64 bits."""
+"""Counts must be below this, so that a row's number plus a batch's length fits into 64 bits."""
 LONGEST_HEARTBEAT_S: Final = 10.0
-"""The longest that a profile may ask for (`rig.configuration.rigs.stream`)."""
+"""Longest time in s between heartbeats that a profile may set (`rig.configuration.rigs.stream`)."""
 
 
 def is_text(value: Any) -> bool:
@@ -36,27 +36,30 @@ def is_packed(value: Any) -> bool:
 
 
 def is_whole(value: Any) -> bool:
-    """Return whether a value is a whole number of 64 bits, with its sign."""
+    """Return whether a value is an integer that fits a signed 64-bit number."""
     return type(value) is int and -(1 << 63) <= value < 1 << 63
 
 
 def is_count(value: Any) -> bool:
-    """Return whether a value numbers something, from 0 on."""
+    """Return whether a value is an integer from 0 to below `MOST_ROWS`."""
     return type(value) is int and 0 <= value < MOST_ROWS
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is a finite number, or nil, which stands for one that is not known."""
+    """Return whether a value is a finite number, or None, which means that it is not known."""
     return value is None or is_whole(value) or (type(value) is float and isfinite(value))
 
 
 def is_period(value: Any) -> bool:
-    """Return whether a value is a time between heartbeats, s."""
+    """Return whether a value is a possible time between heartbeats: above 0, at most 10 s."""
     return type(value) in (int, float) and 0.0 < value <= LONGEST_HEARTBEAT_S
 
 
 def is_plain(value: Any, depth: int = DEEPEST) -> bool:
-    """Return whether a value is text, truth, number or nil, or maps and lists of such."""
+    """Return whether a value is text, boolean, number or None, or a map or list of such values.
+
+    Maps and lists may be nested `depth` levels deep.
+    """
     if type(value) is dict:
         return depth > 0 and all(is_text(k) and is_plain(v, depth - 1) for k, v in value.items())
     if type(value) is list:
@@ -65,24 +68,30 @@ def is_plain(value: Any, depth: int = DEEPEST) -> bool:
 
 
 def lists(check: Check) -> Check:
-    """Return the check of a list whose items pass a check."""
+    """Return a check that a value is a list whose items all pass `check`."""
     return lambda value: type(value) is list and all(map(check, value))
 
 
 def maps(check: Check) -> Check:
-    """Return the check of a map of any names whose values pass a check."""
+    """Return a check that a value is a map from texts to values that all pass `check`."""
     return lambda value: (
         type(value) is dict and all(is_text(k) and check(v) for k, v in value.items())
     )
 
 
 def holds(**checks: Check) -> Check:
-    """Return the check of a map: its known keys pass theirs, as far as they are there."""
+    """Return a check that a value is a map in which `wrong_keys` finds nothing wrong.
+
+    Any of the known keys may be missing.
+    """
     return lambda value: not wrong_keys(value, checks) if type(value) is dict else False
 
 
 def wrong_keys(content: Mapping[Any, Any], checks: Mapping[str, Check]) -> list[str]:
-    """Return the keys of a map whose values do not pass; values of unknown keys must be plain."""
+    """Return the keys of a map whose values do not pass their checks.
+
+    The value of a key without a check must be plain; a key that is no text is wrong too.
+    """
     return [
         str(name)[:40]
         for name, value in content.items()
@@ -93,7 +102,7 @@ def wrong_keys(content: Mapping[Any, Any], checks: Mapping[str, Check]) -> list[
 HEADER: Final[Mapping[str, Check]] = {
     "version": is_count, "session": is_text, "sequence": is_count, "sent_ns": is_whole,
 }  # fmt: skip
-"""Of every message, all of them."""
+"""Keys that every message must have, with the checks of their values."""
 
 _TIMES: Final = holds(p50_s=is_number, p99_s=is_number, max_s=is_number)
 _TRIP: Final = holds(by=is_text, cause=is_text, sentence=is_text, remedy=is_text, after_s=is_number)
@@ -144,11 +153,11 @@ FIELDS: Final[Mapping[str, Mapping[str, Check]]] = {
         "sequences": maps(is_count), "commands": is_truth,
     },
 }  # fmt: skip
-"""Known keys of each kind of message, with what their values must be."""
+"""By kind of message: its known keys, with the checks of their values."""
 
 NEEDED: Final[Mapping[str, tuple[str, ...]]] = {
     "channels": tuple(FIELDS["channels"]),
     "samples": tuple(FIELDS["samples"]),
     "heartbeat": ("heartbeat_s", "sequences"),
 }
-"""Keys without which a message of a kind says nothing; of the others any may be missing."""
+"""By kind of message: the keys that it must have; any other known key may be missing."""

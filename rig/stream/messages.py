@@ -1,8 +1,8 @@
-"""The messages of the stream, version 1: their keys, and how they become bytes; see docs/stream.md.
+"""The stream's messages, version 1, with their Zenoh keys and their bytes; see docs/stream.md.
 
-Every message is one MessagePack map with the keys of `HEADER` and those of its kind,
-both in `rig.stream.fields`. Samples are
-packed arrays within it, so that a batch costs the same however many channels it has.
+Every message is one MessagePack map with the keys of `HEADER` and those of its kind, both in
+`rig.stream.fields`. Samples are packed arrays within it, so that the time to pack a batch hardly
+depends on the number of channels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 VERSION: Final = 1
-"""Version of the schema, which is in every key and every message. Keys are added to messages
-without a new one."""
+"""Version of the schema, which is in every Zenoh key and in every message. It does not change when
+keys are added to messages."""
 
 PREFIX: Final = "rig"
 KINDS: Final = (
@@ -28,40 +28,40 @@ KINDS: Final = (
     "heartbeat",
 )  # fmt: skip
 LASTING: Final = ("channels", "decision", "health", "campaign", "progress", "state", "heartbeat")
-"""Kinds of which the newest message stands for what is so now: whoever asks for it gets it."""
+"""Kinds whose newest message is the present state; the publisher sends it to readers who ask."""
 KEPT: Final = ("samples", "event")
-"""Kinds of which the last seconds are kept for late joiners."""
+"""Kinds of which the publisher stores past messages for readers who join late."""
 
 LARGEST_MESSAGE: Final = 1 << 20
-"""Bytes that a reader takes; the publisher's batches are some kB."""
+"""Most bytes of a message that a reader accepts; the publisher's batches are some kB."""
 LONGEST_TEST_S: Final = 1e9
-"""32 years: what is beyond is no time within a test, and its square is still a number."""
+"""Largest magnitude in s of a sample's time, 32 years; a message with a larger one is refused."""
 
 
 class MessageError(ValueError):
-    """Bytes that are no message of this version."""
+    """The error of bytes, or of content, that are no message of this version."""
 
 
 def key(rig: str, kind: str) -> str:
-    """Return the key of a kind of message of a rig; `*` stands for all of either."""
+    """Return the Zenoh key of a rig's messages of a kind; `*` means all rigs, or all kinds."""
     return f"{PREFIX}/{rig}/v{VERSION}/{kind}"
 
 
 def alive_key(rig: str) -> str:
-    """Return the key of a rig's liveliness token."""
+    """Return the Zenoh key of a rig's liveliness token."""
     return key(rig, "alive")
 
 
 def command_key(rig: str, command: str) -> str:
-    """Return the key of a command to a rig."""
+    """Return the Zenoh key of a command to a rig."""
     return key(rig, f"command/{command}")
 
 
 def rig_and_kind(text: str) -> tuple[str, str]:
-    """Return rig and kind of a key.
+    """Return the rig's id and the kind of message in a Zenoh key.
 
     Raises:
-        MessageError: it is no key of this version, or of no single rig.
+        MessageError: it is no key of this version, or it does not name a single rig.
     """
     parts = text.split("/")
     if len(parts) < 4 or parts[0] != PREFIX or parts[2] != f"v{VERSION}":
@@ -72,27 +72,28 @@ def rig_and_kind(text: str) -> tuple[str, str]:
 
 
 def rig_id(name: str) -> str:
-    """Return a rig's name as one part of a key: what Zenoh gives a meaning becomes `-`."""
+    """Return a rig's id for Zenoh keys: its name with all but letters, digits, `.`, `_` as `-`."""
     kept = "".join(sign if sign.isalnum() or sign in "._-" else "-" for sign in name)
     return kept or "rig"
 
 
 def pack(content: Mapping[str, Any]) -> bytes:
-    """Return a message as bytes; of a text that is none (a lone surrogate) `?` is sent."""
+    """Return a message as bytes; a lone surrogate in a text becomes `?`."""
     return bytes(msgpack.packb(content, use_bin_type=True, unicode_errors="replace"))
 
 
 def unpack(payload: bytes) -> dict[str, Any]:
-    """Return a message of this version, its header checked; `read` checks the rest.
+    """Return the content of a message after checking its header; `read` checks the rest.
 
     Raises:
-        MessageError: too large, not MessagePack, no map, of another version, or without header.
+        MessageError: the payload is too large, not MessagePack, no map, of another version, or
+            without a valid header.
     """
     if len(payload) > LARGEST_MESSAGE:
         raise MessageError(f"{len(payload)} bytes are too many")
     try:
         content = msgpack.unpackb(payload, raw=False, strict_map_key=True)
-    except Exception as error:  # whatever a parser makes of bytes that may be anything
+    except Exception as error:  # the parser may raise anything, as the bytes may be anything
         raise MessageError(f"is no MessagePack: {error}") from None
     if not isinstance(content, dict) or content.get("version") != VERSION:
         raise MessageError(f"is no message of version {VERSION}")
@@ -101,14 +102,14 @@ def unpack(payload: bytes) -> dict[str, Any]:
 
 
 def read(kind: str, content: Mapping[str, Any]) -> "Samples | Channels | Mapping[str, Any]":
-    """Return what a message of a kind holds, once all of it was checked.
+    """Check all of a message, and return its content: `Samples`, `Channels`, or else the map.
 
     Args:
-        kind: one of `KINDS`; others are of no meaning here.
-        content: a message, from `unpack`.
+        kind: kind of the message, one of `KINDS`.
+        content: the content, from `unpack`.
 
     Raises:
-        MessageError: it is no message of this kind.
+        MessageError: the content is no message of this kind, or there is no such kind.
     """
     _check_header(content)
     if kind == "samples":
@@ -125,10 +126,10 @@ def _check_header(content: Mapping[str, Any]) -> None:
 
 
 def _check(kind: str, content: Mapping[str, Any]) -> None:
-    """Look whether what a message holds is of its kind.
+    """Raise unless the content of a message has the needed keys and valid values of its kind.
 
     Raises:
-        MessageError: it is not.
+        MessageError: it has not, or there is no such kind.
     """
     if kind not in FIELDS:
         raise MessageError(f"{kind[:40]}: is no kind of message")
@@ -145,13 +146,13 @@ class Samples:
     """A batch of samples.
 
     Attributes:
-        channels_id: number of the message `channels` that names the columns.
-        first_row: number of the first row since the session's start; rows that are missing between
-            one batch and the next were lost on the way, or overwritten before they were sent.
-        test: number of the test they belong to, 0 outside.
-        newest_ns: wall clock at which the newest of them was taken, ns since 1970.
-        time_s: (n,) time of each, s.
-        values: (n, channels) SI.
+        channels_id: the `id` of the message `channels` that names the columns.
+        first_row: number of the first row since the session's start. Rows that are missing between
+            two batches were lost on the way, or overwritten before they were sent.
+        test: number of the test that the samples belong to; 0 outside of tests.
+        newest_ns: wall clock at which the newest sample was taken, ns since 1970.
+        time_s: (n,) time of each sample within its test, s.
+        values: (n, channels) values, SI, float32.
     """
 
     channels_id: int
@@ -162,7 +163,7 @@ class Samples:
     values: Singles
 
     def content(self) -> dict[str, Any]:
-        """Return what a message holds of it."""
+        """Return the batch as the content of a message."""
         return {
             "channels_id": self.channels_id,
             "first_row": self.first_row,
@@ -175,10 +176,11 @@ class Samples:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Samples":
-        """Return the batch that a message holds.
+        """Return the batch in the content of a message.
 
         Raises:
-            MessageError: it holds none, its arrays do not fit each other, or its times are none.
+            MessageError: the content is no batch, its arrays do not have the stated length, or a
+                time is not finite or beyond `LONGEST_TEST_S`.
         """
         _check("samples", content)
         rows, packed = content["rows"], (content["time_s"], content["values"])
@@ -202,22 +204,22 @@ class Samples:
 
 @dataclass(frozen=True)
 class Channels:
-    """Names and units of the columns of samples."""
+    """Names and units of the columns of samples, with the number by which batches refer to them."""
 
     number: int
     names: tuple[str, ...]
     units: tuple[str, ...]
 
     def content(self) -> dict[str, Any]:
-        """Return what a message holds of it."""
+        """Return the channels as the content of a message."""
         return {"id": self.number, "names": list(self.names), "units": list(self.units)}
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> "Channels":
-        """Return the channels that a message names.
+        """Return the channels in the content of a message.
 
         Raises:
-            MessageError: it does not.
+            MessageError: the content names no channels, or not as many units as names.
         """
         _check("channels", content)
         names, units = tuple(content["names"]), tuple(content["units"])
@@ -227,7 +229,7 @@ class Channels:
 
 
 def finite(value: Any) -> Any:
-    """Return a value for a message: numbers that are none (NaN, infinite) become None."""
+    """Return a value for a message, with plain types, and None in place of NaN and infinity."""
     if isinstance(value, Mapping):
         return {str(name): finite(item) for name, item in value.items()}
     if isinstance(value, str | bytes | bool | int) or value is None:

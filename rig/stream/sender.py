@@ -1,4 +1,4 @@
-"""Sends a rig's messages: numbered, kept for late joiners, and never waiting for a reader."""
+"""A rig's messages are numbered, stored for late joiners, and sent without waiting for readers."""
 
 import queue
 import secrets
@@ -16,27 +16,27 @@ from rig.surviving import Surviving
 from .messages import KEPT, LASTING, VERSION, alive_key, key, pack
 
 QUESTIONS_KEPT: Final = 64
-"""Late joiners' questions that may wait; more are not answered, and ask again."""
+"""Most questions of late joiners that may wait; further ones are dropped without an answer."""
 MESSAGES_KEPT: Final = 10_000
-"""Messages that are kept of either kind of `KEPT`: samples of minutes, and more events than a rig
-has in a day."""
+"""Most messages that are stored of each kind of `KEPT`: samples of minutes, or more events than a
+rig has in a day."""
 
 _BEFORE_ALL: Final = -1
 
 
 class StreamSender:
-    """The sending end of one rig's stream, from its making to `close`.
+    """The sending end of one rig's stream, which is open until `close` is called.
 
     Args:
-        session: opened; is not closed.
+        session: an open Zenoh session, which is not closed here.
         rig: the rig's id.
-        history_s: how long samples are kept for late joiners.
-        on_failure: is called, from another thread, with a line on an answer to a late joiner that
-            failed; the next one is answered.
+        history_s: how long samples are stored for late joiners.
+        on_failure: is called, from another thread, with a line on each answer to a late joiner that
+            failed; later questions are answered all the same.
 
     Attributes:
-        name: of this session of the stream, new with every publisher.
-        sequences: number of the newest message of each kind.
+        name: random name of this session of the stream.
+        sequences: kind -> sequence number of its newest message, from 0 on.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class StreamSender:
         self._queryable = session.declare_queryable(key(rig, "*"), self._asked)
 
     def send(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Send a message; it is dropped for readers that do not keep up."""
+        """Number, store and send a message; it is dropped for readers that do not keep up."""
         sequence = self.sequences.get(kind, _BEFORE_ALL) + 1
         self.sequences[kind] = sequence
         now_ns = time.time_ns()
@@ -73,7 +73,7 @@ class StreamSender:
         self._publisher(kind).put(payload)
 
     def close(self) -> None:
-        """End the stream: readers see at once that the rig is no longer there."""
+        """End the stream; readers see at once, by the liveliness token, that the rig has gone."""
         self._queryable.undeclare()
         self._token.undeclare()
         with suppress(queue.Full):
@@ -83,7 +83,7 @@ class StreamSender:
 
     def _publisher(self, kind: str) -> zenoh.Publisher:
         if kind not in self._publishers:
-            # All of one priority: a heartbeat then arrives after what it says was sent before it.
+            # All kinds have one priority, so a heartbeat arrives after the messages it counts.
             self._publishers[kind] = self._session.declare_publisher(
                 key(self._rig, kind),
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -107,7 +107,10 @@ class StreamSender:
             self._questions.put_nowait(query)
 
     def _answer(self) -> None:
-        """Answer questions, one after the other; a reader that is slow delays the next one only."""
+        """Answer questions one after the other until `close`.
+
+        A slow reader only delays the answers to others, not the stream.
+        """
         while True:
             query = self._questions.get()
             if query is None:
@@ -121,7 +124,10 @@ class StreamSender:
                 query.reply(key(self._rig, kind), payload)
 
     def _asked_for(self, query: zenoh.Query) -> dict[str, list[bytes]]:
-        """Return the messages that a question is about, by kind."""
+        """Return, by kind, the packed messages that a question asks for.
+
+        Its parameter `last` limits stored ones to the last seconds; without it all are returned.
+        """
         since_ns = 0
         with suppress(ValueError):
             last_s = float(query.parameters.get("last") or "nan")

@@ -1,4 +1,4 @@
-"""Zenoh sessions as a profile asks for them: addresses, certificates, users, access control."""
+"""Zenoh sessions are opened here by a profile: addresses, certificates, users, access control."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,14 +13,19 @@ from .settings import Access, Endpoint, Login, StreamSettings, Tls
 ANY_PORT: Final = Endpoint("tcp", "127.0.0.1", 0)
 RETRY_MS: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 DROP_WAIT_US: Final = 1000
-"""How long a message waits for room before it is dropped: what a slow reader costs the others."""
+"""Time in us that a message waits for room in a reader's queue before it is dropped.
+
+A slow reader can delay the others by this time.
+"""
 QUEUED_BATCHES: Final = 16
-"""Batches of 64 KiB that may wait for a reader's connection, the most that Zenoh allows: a router
-or reader that is not run for a tenth of a second loses nothing of a hundred rigs."""
+"""Batches of 64 KiB that may wait for a reader's connection, the most that Zenoh allows.
+
+A router or reader that does not run for a tenth of a second then loses nothing of a hundred rigs.
+"""
 LARGEST_RECEIVED: Final = 64 * 1024
-"""Bytes of a message that a publisher takes: it is sent commands and questions only."""
+"""Most bytes of a message that a publisher receives, as it only gets commands and questions."""
 REACH_MS: Final = 2000
-"""How long a router is waited for."""
+"""Time in ms within which a router must be reached."""
 MOST_SESSIONS: Final = 512
 
 _STREAM: Final = f"{PREFIX}/*/v{VERSION}/*"
@@ -32,22 +37,23 @@ _READING: Final = (
 
 
 class StreamError(ValueError):
-    """A stream that cannot be opened; says where, why, and what to do."""
+    """The error of a stream that cannot be opened, with address, reason and remedy."""
 
 
 class UnreachableError(StreamError):
-    """A router that is not there now; it may be later."""
+    """The error of a router that is not reached now; it may be reached later."""
 
 
 def publisher_session(settings: StreamSettings) -> zenoh.Session:
-    """Return the session that publishes a rig's stream.
+    """Return an open session that publishes a rig's stream.
 
-    On loopback any number of rigs share the port: the first holds it, the others listen on another
-    one and make themselves known there, and one of them takes the port when the first is gone.
+    On loopback any number of rigs share the profile's port. The first rig listens on it; the others
+    listen on free ports and connect to the first, which makes them known to readers. When the first
+    has gone, another one takes over the port.
 
     Raises:
-        UnreachableError: there is no router.
-        StreamError: it cannot be opened.
+        UnreachableError: the router is not reached.
+        StreamError: the session cannot be opened.
     """
     listen, connect = list(settings.listen), list(settings.connect)
     if _is_shared(settings):
@@ -63,24 +69,26 @@ def publisher_session(settings: StreamSettings) -> zenoh.Session:
 
 
 def subscriber_session(settings: StreamSettings, connect: Sequence[Endpoint] = ()) -> zenoh.Session:
-    """Return a session that follows streams, and connects again by itself whenever it must.
+    """Return an open session that follows streams, and reconnects by itself.
 
-    One by way of a router (`client`) must find it now; the others wait for no one.
+    In mode `client` the router must be reached now; in other modes the session opens even if nobody
+    is there yet.
 
     Args:
         settings: the rigs' profile, or one with the certificate or user of this end.
-        connect: where the rigs are; if not given, what the profile listens on or connects to.
+        connect: endpoints of the rigs; if empty, those that the profile connects to or else listens
+            on.
 
     Raises:
-        UnreachableError: there is no router.
-        StreamError: it cannot be opened.
+        UnreachableError: the router is not reached.
+        StreamError: the session cannot be opened.
     """
     where = tuple(connect) or settings.connect or settings.listen
     shared = all(endpoint.is_loopback and endpoint.protocol == "tcp" for endpoint in where)
     alone = settings.tls is None and settings.login is None and shared
     mine = replace(
         settings,
-        # A peer goes on without a connection until there is one; a client must have it to begin.
+        # A peer opens without a connection and waits for one; a client needs one to open.
         mode="client" if settings.mode == "client" else "peer",
         listen=(ANY_PORT,) if alone else (),
         connect=where,
@@ -91,10 +99,10 @@ def subscriber_session(settings: StreamSettings, connect: Sequence[Endpoint] = (
 
 
 def check_files(settings: StreamSettings) -> None:
-    """Look whether the files that a profile names are there.
+    """Raise unless all files that a profile names can be read.
 
     Raises:
-        StreamError: one is not, or cannot be read.
+        StreamError: a file does not exist or cannot be read.
     """
     tls, login = settings.tls, settings.login
     files = [] if tls is None else [tls.authority, tls.certificate, tls.private_key]
@@ -169,17 +177,17 @@ def _login(login: Login) -> dict[str, Any]:
 
 
 def access_control(access: Access, *, by_name: bool) -> dict[str, Any]:
-    """Return Zenoh's access control for what `access` allows; everything else is denied.
+    """Return Zenoh's access control, which permits what `access` allows and denies all else.
 
-    Keys are matched by inclusion: a subscriber of more than the stream's keys gets nothing.
+    A subscription is only allowed if all its keys are the stream's; one to more keys gets nothing.
 
     Args:
         access: who may do what.
-        by_name: whether they are common names of certificates, not users.
+        by_name: whether its names are common names of certificates, rather than users.
     """
     both, into, out = ["ingress", "egress"], ["ingress"], ["egress"]
     rules = [
-        # What a rig sends goes out; what comes in from a reader are its wishes.
+        # Seen from the rig, its messages go out to a reader, and the reader's requests come in.
         _rule("read", out, ("put", "reply", "liveliness_token", "declare_queryable"), _STREAM),
         _rule("ask", into, (*_READING[2:4], *_READING[6:]), _STREAM),
         _rule("command", into, ("query",), _COMMANDS),

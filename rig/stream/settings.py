@@ -1,4 +1,4 @@
-"""What a stream's profile says: where it listens, who may read, who may command, what is sent."""
+"""The settings of a stream: where it listens, who may read, who may command, what is sent."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,12 @@ PROTOCOLS: Final = ("tcp", "tls")
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where Zenoh listens or connects: `tcp/127.0.0.1:7447`, `tls/rig.example:7447`.
+    """An address at which Zenoh listens or connects, such as `tls/rig.example:7447`.
 
     Attributes:
         protocol: `tcp` or `tls`.
-        host: name or address, without brackets.
-        port: 0 for any free one.
+        host: host name or IP address, without brackets.
+        port: the port; 0 for any free one.
     """
 
     protocol: str
@@ -34,7 +34,7 @@ class Endpoint:
         """Return the endpoint that a text names.
 
         Raises:
-            ValueError: it names none; says what is wrong.
+            ValueError: the text is no endpoint; the message says what is wrong with it.
         """
         protocol, slash, address = text.partition("/")
         host, colon, port = address.rpartition(":")
@@ -48,7 +48,7 @@ class Endpoint:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this machine is reached by it."""
+        """Whether the endpoint is on loopback, so that only this machine reaches it."""
         parts = self.host.split(".")
         is_address = len(parts) == 4 and all(part.isdecimal() for part in parts)
         return self.host in LOOPBACK_NAMES or (is_address and parts[0] == "127")
@@ -61,12 +61,12 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Tls:
-    """Certificates of both ends; each end verifies the other's (mutual TLS).
+    """The certificates for mutual TLS, by which each end verifies the other.
 
     Attributes:
-        authority: of the authority that signed all of them, PEM.
-        certificate: of this end, PEM.
-        private_key: of that certificate, PEM.
+        authority: PEM file with the certificate of the authority that signed all others.
+        certificate: PEM file with the certificate of this end.
+        private_key: PEM file with the private key of this end's certificate.
     """
 
     authority: Path
@@ -76,12 +76,13 @@ class Tls:
 
 @dataclass(frozen=True)
 class Login:
-    """User and password by which ends know each other.
+    """The user and password by which an end that connects proves who it is.
 
     Attributes:
-        user: of this end.
-        password_file: holds its password.
-        users: of the end that listens: lines `user:password` of all that may connect.
+        user: user name of this end.
+        password_file: file that holds this end's password.
+        users: file with lines `user:password` of all who may connect, for an end that listens;
+            None for one that only connects.
     """
 
     user: str
@@ -91,12 +92,14 @@ class Login:
 
 @dataclass(frozen=True)
 class Access:
-    """Who may do what: common names of certificates, or users; everybody else may do nothing.
+    """The access control of a stream; names that are not listed may do nothing.
+
+    The names are common names of certificates with TLS, else users.
 
     Attributes:
-        readers: may read the stream.
-        commanders: may read it, and send commands; which ones, `Operator` says.
-        rigs: may publish a stream; of a router that rigs connect to.
+        readers: names that may read the stream.
+        commanders: names that may read the stream and send commands; `Operator` says which ones.
+        rigs: names that may publish a stream, for a router to which rigs connect.
     """
 
     readers: tuple[str, ...] = ()
@@ -106,12 +109,13 @@ class Access:
 
 @dataclass(frozen=True)
 class Operator:
-    """Somebody who may command, known by a secret key.
+    """Somebody who may send commands, which are signed with a secret key.
 
     Attributes:
-        name: who it is, in logs and recordings.
-        allow: which commands; no others.
-        key_file: holds the key, 64 hexadecimal digits; None: this user's own on this machine.
+        name: name in logs and recordings.
+        allow: the commands that are allowed.
+        key_file: file with the key, 64 hexadecimal digits; None for this user's own key on this
+            machine.
     """
 
     name: str
@@ -121,20 +125,21 @@ class Operator:
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """A stream; the default listens on this machine only, and takes no command at all.
+    """The settings of a stream; the default listens on this machine only and accepts no command.
 
     Attributes:
-        mode: of the Zenoh session: `peer` for a direct connection, `client` by way of a router.
-        listen: where it listens.
-        connect: what it connects to, such as a router.
-        tls: certificates, None without TLS.
-        login: user and password, None without.
-        access: who may do what; None: whoever connects may read.
-        operators: who may command, and what; nobody, if not given.
+        mode: mode of the Zenoh session: `peer` for direct connections, `client` for a connection
+            to a router, or `router`.
+        listen: endpoints at which it listens.
+        connect: endpoints to which it connects, such as a router's.
+        tls: certificates; None without TLS.
+        login: user and password; None without.
+        access: who may do what; if None, everybody who can connect may read.
+        operators: who may send which commands; if empty, nobody may.
         batch: samples in a message.
-        history_s: how much of the past a late joiner can ask for.
-        heartbeat_s: time between two heartbeats.
-        channels: which channels are sent; all, if none is named.
+        history_s: length in s of the past that a late joiner can ask for.
+        heartbeat_s: time in s between two heartbeats.
+        channels: names of the channels that are sent; if empty, all are sent.
     """
 
     mode: Mode = "peer"
@@ -151,5 +156,5 @@ class StreamSettings:
 
     @property
     def is_local(self) -> bool:
-        """Whether this machine alone is reached."""
+        """Whether all endpoints are on loopback, so that the stream stays on this machine."""
         return all(endpoint.is_loopback for endpoint in (*self.listen, *self.connect))

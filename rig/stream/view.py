@@ -1,6 +1,6 @@
-"""What a reader knows of one rig: newest messages, last seconds of samples, what is missing.
+"""A view collects what a reader knows of one rig: newest messages, last samples, what is missing.
 
-Nothing here knows Zenoh: messages go in, by whatever way they came, and snapshots come out.
+It does not use Zenoh: received messages are given to it, and it returns snapshots and windows.
 """
 
 from collections import deque
@@ -21,21 +21,24 @@ EVENTS_SHOWN: Final = 100
 VERDICTS_SHOWN: Final = 50
 GAPS_SHOWN: Final = 50
 CHANNELS_KEPT: Final = 100
-"""Sets of channels of all sessions; a run has one for each kind of test."""
+"""Most messages `channels` of all sessions that are stored; a run has one for each kind of test."""
 HOLES_KEPT: Final = 1000
-"""Gaps that rows of the past may still fill."""
+"""Most gaps between rows that are stored, which past rows may still fill."""
 DEAD_AFTER: Final = 4.0
-"""Heartbeats of silence after which a stream is dead, whatever its liveliness token says."""
+"""Number of heartbeat periods without a message after which a stream counts as dead.
+
+This is so even if its liveliness token is still there.
+"""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Something that did not arrive.
+    """A gap: messages or rows that did not arrive.
 
     Attributes:
-        at_ns: wall clock here when it was noticed, ns since 1970.
-        kind: of the messages, or `rows` for samples themselves.
-        missing: how many messages, or rows.
+        at_ns: wall clock of the reader when the gap was noticed, ns since 1970.
+        kind: kind of the missing messages, or `rows` for rows of samples.
+        missing: number of missing messages, or rows.
     """
 
     at_ns: int
@@ -45,27 +48,28 @@ class Gap:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What is known of a rig at a moment; plain values, SI.
+    """The knowledge that a reader has of a rig at one moment, as plain values in SI.
 
     Attributes:
-        rig: its id.
-        session: of the publisher; empty before anything came.
-        alive: whether it is there: its liveliness token stands, and its heartbeat is fresh.
-        age_s: since its last message came; None if none ever did.
-        restarts: how often its publisher began anew.
-        names: of the channels; `units` go with them.
-        time_s: of the newest sample.
-        test: number of the test that sample belongs to.
-        latest: newest value of each channel, NaN where there is none.
-        rate_hz: samples that came in the last second.
-        decision: the newest message of its kind, as in docs/stream.md; empty if none came. So are
-            `health`, `campaign`, `progress` and `state`.
-        verdicts: decisions at which the verdict changed, oldest first.
-        events: the last ones, oldest first.
-        gaps: the last ones, oldest first.
-        missing: messages (by kind) and `rows` that did not arrive, in all.
-        refused: how many messages on its keys were none, and were left aside.
-        refusal: why the last of them was; empty if none was.
+        rig: the rig's id.
+        session: name of the publisher's session; empty before any message came.
+        alive: whether the rig's liveliness token is there and its last message is recent enough.
+        age_s: time since its last message came; None if none ever came.
+        restarts: number of times that a new session replaced an earlier one.
+        names: names of the channels of the newest sample.
+        units: units of these channels.
+        time_s: time of the newest sample within its test, s; NaN if there is none.
+        test: number of the test that the newest sample belongs to; 0 outside of tests.
+        latest: channel -> value of the newest sample; NaN where it was not measured.
+        rate_hz: number of samples that came in the last second.
+        decision: content of the newest message `decision`, as in docs/stream.md; empty if none
+            came. The same holds for `health`, `campaign`, `progress` and `state`.
+        verdicts: the last decisions at which verdict or test changed, oldest first.
+        events: the last events, oldest first.
+        gaps: the last gaps, oldest first.
+        missing: kind -> number of messages that did not arrive in all, and `rows` for rows.
+        refused: number of payloads on the rig's keys that were not valid messages.
+        refusal: why the last of these was not valid; empty if there was none.
     """
 
     rig: str
@@ -93,7 +97,11 @@ class Snapshot:
 
     @property
     def life(self) -> Life:
-        """Whether the rig is there: `ended` has said goodbye, `dead` has gone silent."""
+        """Whether the rig is there.
+
+        It is `unheard` if no message came yet, and `live` if it is alive. Otherwise it is `ended`
+        if its campaign was reported as ended, and `dead` if not.
+        """
         if self.age_s is None:
             return "unheard"
         if self.alive:
@@ -106,10 +114,10 @@ class Window:
     """The last samples of a rig, oldest first.
 
     Attributes:
-        row: (n,) number of each row in the session; a jump is a gap.
-        time_s: (n,) time within its test, s.
-        test: (n,) number of its test.
-        values: (n,) each, by channel, SI; NaN where it was not measured.
+        row: (n,) number of each sample's row in the session; a jump is a gap.
+        time_s: (n,) time of each sample within its test, s.
+        test: (n,) number of each sample's test.
+        values: channel -> (n,) values, SI; NaN where it was not measured or not sent.
     """
 
     row: NDArray[np.int64]
@@ -120,7 +128,7 @@ class Window:
 
 @dataclass(frozen=True)
 class _Received:
-    """A batch, with the number of the session that it came in."""
+    """A received batch with its channels, the time of its arrival, and whether it was asked for."""
 
     samples: Samples
     channels: Channels
@@ -129,11 +137,11 @@ class _Received:
 
 
 class RigView:
-    """What is known of one rig; see the module. Not thread-safe.
+    """A collector of one rig's messages, as the module describes; it is not thread-safe.
 
     Args:
-        rig: its id.
-        window_s: how long samples are kept.
+        rig: the rig's id.
+        window_s: how long samples are stored after their arrival.
     """
 
     def __init__(self, rig: str, window_s: float = 30.0) -> None:
@@ -166,19 +174,24 @@ class RigView:
         return self._session
 
     def token(self, *, present: bool) -> None:
-        """Take note that the rig's liveliness token appeared or went."""
+        """Record whether the rig's liveliness token is there."""
         self._token = present
 
     def refuse(self, why: str) -> None:
-        """Take note that something on the rig's keys was no message of it."""
+        """Count a payload on the rig's keys that was not a valid message, with the reason."""
         self._refused += 1
         self._refusal = why
 
     def take(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
-        """Take a message as it comes.
+        """Process a message that the rig has just sent.
+
+        Args:
+            kind: kind of the message.
+            content: its content, from `unpack`.
+            received_ns: wall clock at its arrival, ns since 1970.
 
         Raises:
-            MessageError: its content is not what its kind has; nothing was taken of it.
+            MessageError: the content is not valid for its kind; nothing of it is used.
         """
         held = read(kind, content)
         if content["session"] != self._session:
@@ -191,14 +204,19 @@ class RigView:
             self._file(kind, held, content, received_ns)
 
     def take_past(self, kind: str, content: Mapping[str, Any], received_ns: int) -> None:
-        """Take a message that was asked for: what is known already, or older, is left out.
+        """Process a past message that was asked for; ignore it if it is known or superseded.
+
+        Args:
+            kind: kind of the message.
+            content: its content, from `unpack`.
+            received_ns: wall clock at its arrival, ns since 1970.
 
         Raises:
-            MessageError: its content is not what its kind has; nothing was taken of it.
+            MessageError: the content is not valid for its kind; nothing of it is used.
         """
         held = read(kind, content)
         if content["session"] != self._session:
-            # Of a publisher that began anew it may be the first that is heard.
+            # The answer may be the first message that comes from a publisher that has restarted.
             if content["sent_ns"] < self._sent_ns:
                 return
             self._begin_session(content["session"])
@@ -213,7 +231,7 @@ class RigView:
             self._file(kind, held, content, received_ns)
 
     def snapshot(self, now_ns: int) -> Snapshot:
-        """Return what is known now."""
+        """Return what is known of the rig at the wall clock `now_ns`, ns since 1970."""
         newest = self._batches[-1] if self._batches else None
         names = newest.channels.names if newest else ()
         values = newest.samples.values[-1] if newest else ()
@@ -243,15 +261,18 @@ class RigView:
         )
 
     def is_alive(self, now_ns: int) -> bool:
-        """Return whether the rig is there: a hang leaves the token, and ends the heartbeat."""
+        """Return whether the rig's token is there and its last message is recent enough.
+
+        Both are needed, as a publisher that hangs keeps its token but sends no heartbeat.
+        """
         if not self._token or self._last_ns is None:
             return False
         return 1e-9 * (now_ns - self._last_ns) < DEAD_AFTER * self._heartbeat_s
 
     def window(self, last_s: float, names: tuple[str, ...] = ()) -> Window:
-        """Return the samples of the last seconds of rig time, all channels if none is named.
+        """Return the stored samples of the last seconds of rig time; all channels if none is named.
 
-        Tests follow each other in it; a channel that a batch does not have is NaN there.
+        The window may cover several tests. A channel is NaN in batches that do not have it.
         """
         batches = self._last_batches(last_s)
         if not names:
@@ -268,7 +289,7 @@ class RigView:
         )
 
     def _last_batches(self, last_s: float) -> list[_Received]:
-        """Return the batches whose samples together last so long, newest batch included."""
+        """Return the newest batches whose samples together last at least `last_s`, oldest first."""
         chosen: list[_Received] = []
         lasted = 0.0
         for batch in reversed(self._batches):
@@ -282,11 +303,11 @@ class RigView:
         if self._session:
             self._restarts += 1
         self._session, self._is_begun = name, False
-        # The channels of the session before are kept: should it have been a stranger who spoke in
-        # between, the rows that follow are still those of the rig.
+        # The channels of the earlier session stay: if a stranger has sent this message, the rig's
+        # next samples still need them.
         self._sequences.clear()
-        # What an earlier publisher said of test, verdict and trips is not so now, and its numbers
-        # say nothing of how new an answer of this one is.
+        # Test, verdict and trips of an earlier session are out of date, and its sequence numbers
+        # cannot be compared with those of the new one.
         self._lasting.clear()
 
     def _number(self, kind: str, sequence: int, received_ns: int) -> None:
@@ -328,7 +349,7 @@ class RigView:
         if kind == "heartbeat":
             self._heartbeat(content, received_ns)
         elif kind == "campaign":
-            # What a run says first is worth a line though the run before ended with the same.
+            # The first verdict of a run is listed even if the run before ended with the same one.
             self._is_new |= content.get("begun_ns") != self._lasting.get(kind, {}).get("begun_ns")
         elif kind == "decision":
             before = self._verdicts[-1] if self._verdicts else {}
@@ -338,7 +359,10 @@ class RigView:
             self._is_new = False
 
     def _heartbeat(self, content: Mapping[str, Any], received_ns: int) -> None:
-        """Take the numbers of what was sent before it: what is not here by now was lost."""
+        """Compare a heartbeat's sequence numbers with those received; record what is missing.
+
+        Messages that were sent before the heartbeat and have not come by now are lost.
+        """
         self._heartbeat_s = float(content["heartbeat_s"])
         for kind, sequence in content["sequences"].items():
             last = self._sequences.get(kind)
@@ -347,7 +371,10 @@ class RigView:
                 self._sequences[kind] = sequence
 
     def _begin_rows(self, samples: Samples) -> None:
-        """Forget the rows of another run: a publisher that begins anew within a run counts on."""
+        """Drop the stored rows if a session's first batch has a lower row number than they have.
+
+        They are of another run then, as a publisher that restarts within a run counts on.
+        """
         if not self._is_begun and samples.first_row < (self._next_row or 0):
             self._batches.clear()
             self._holes.clear()
@@ -357,7 +384,7 @@ class RigView:
     def _append(self, samples: Samples, received_ns: int) -> None:
         self._begin_rows(samples)
         if samples.first_row < (self._next_row or 0) and self._has_rows(samples):
-            return  # an answer overtook it
+            return  # the answer to a question has brought these rows already
         if self._next_row is not None and samples.first_row > self._next_row:
             self._lost("rows", samples.first_row - self._next_row, received_ns)
             self._holes.append((self._next_row, samples.first_row))
@@ -371,7 +398,7 @@ class RigView:
             self._batches.popleft()
 
     def _insert(self, samples: Samples, received_ns: int) -> None:
-        """Put a batch of the past in front of those that came by themselves."""
+        """Insert a past batch among the stored ones, in the order of their row numbers."""
         channels = self._channels.get((self._session, samples.channels_id))
         if channels is None or len(channels.names) != samples.values.shape[1]:
             return
@@ -385,7 +412,7 @@ class RigView:
         self._next_row = max(self._next_row or 0, samples.first_row + len(samples.time_s))
 
     def _fill(self, begin: int, end: int) -> None:
-        """Take note that rows that were missing came after all."""
+        """Remove the rows from `begin` to before `end` from the gaps, and from the missing ones."""
         left: list[tuple[int, int]] = []
         for first, last in self._holes:
             found = min(end, last) - max(begin, first)
@@ -427,7 +454,7 @@ def _column(batches: list[_Received], name: str) -> Singles:
 
 
 def _period_s(samples: Samples) -> float:
-    """Return the time between two samples; the usual 1 ms where a batch does not show it."""
+    """Return the time in s between two samples; 1 ms for a batch of a single sample."""
     if len(samples.time_s) < 2:
         return 1e-3
     return max(float(np.median(np.diff(samples.time_s))), 1e-6)

@@ -1,4 +1,4 @@
-"""Runs a hardware session: its processes, its state machine, and every way out of it."""
+"""The supervisor runs a hardware session: its processes, its states, and its end in any case."""
 
 from lazy_loader import attach_stub
 

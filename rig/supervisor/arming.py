@@ -1,4 +1,4 @@
-"""From a connected rig to one that tests can be run on: armed, and homed."""
+"""These functions arm and home a connected rig, so that tests can be run on it."""
 
 import time
 from collections.abc import Mapping
@@ -15,25 +15,25 @@ from .moves import preparing_moves
 from .states import Event, State
 
 SETTLE_S: Final = 20.0
-"""How long pump, valves and ram may take to be where they were asked to be."""
+"""Time in s within which pump, valves and ram must be in the state that was asked for."""
 RESET_S: Final = 120.0
-"""How long the operator may take to press reset."""
+"""Time in s within which the operator must press reset."""
 HOMING_PERIOD_S: Final = 0.02
 WITHIN_LIMITS_M: Final = 0.02
-"""How far within its limits the ram is when they begin to be watched."""
+"""Distance in m from the position limits to which the ram is moved before they are watched."""
 
 
 def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: str) -> None:
-    """Set slow outputs, and wait until their feedback is there.
+    """Set slow outputs, and wait until their feedback shows the wanted values.
 
     Args:
         rig: the rig.
-        wanted: values by output.
-        state: what the error says if they are not there within `SETTLE_S`.
-        action: what the error asks for then.
+        wanted: output -> value.
+        state: the state that the error names if the feedback does not come within `SETTLE_S`.
+        action: the remedy that the error names then.
 
     Raises:
-        TripError: they are not there in time, a trip or a stop.
+        TripError: the feedback does not come in time, or the rig tripped or was stopped.
     """
     rig.write(wanted)
     rig.wait(lambda: not rig.off(wanted), SETTLE_S, state, action)
@@ -42,11 +42,11 @@ def bring(rig: ConnectedRig, wanted: Mapping[str, float], state: str, action: st
 def arm(rig: ConnectedRig) -> None:
     """Load the pump, shut the bypasses, and have the operator enable the valve.
 
-    Nothing is loaded while the emergency stop is open.
+    The state machine refuses this while the emergency stop is open.
 
     Raises:
-        TripError: the emergency stop is open, something is not where it should be, nobody pressed
-            reset, a trip or a stop.
+        TripError: the emergency stop is open, pump or valves do not follow, nobody pressed reset
+            in time, or the rig tripped or was stopped.
     """
     rig.wait(
         lambda: np.isfinite(rig.latest("position_m")), ANSWER_S,
@@ -77,10 +77,11 @@ def arm(rig: ConnectedRig) -> None:
 
 
 def home(rig: ConnectedRig) -> None:
-    """Find the encoder's zero, unless it is known; leave the ram within its limits.
+    """Find the encoder's zero, unless the rig is homed; leave the ram held within its limits.
 
     Raises:
-        TripError: no stroke end that can be trusted was found, a trip or a stop.
+        TripError: no stroke end was found reliably, homing is not allowed before a run, or the rig
+            tripped or was stopped.
     """
     if rig.state is not State.NOT_HOMED:
         return
@@ -128,7 +129,7 @@ def home(rig: ConnectedRig) -> None:
 
 
 def _come_within_limits(rig: ConnectedRig) -> None:
-    """Move a ram off its stop, as gently as it came; the limits are trusted from then on."""
+    """Move a ram from its end stop into its position limits, and wait until it is there."""
     limits = rig.configured.limits
     inside = np.clip(
         rig.latest("position_m") + rig.offset_m,

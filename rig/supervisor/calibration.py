@@ -1,8 +1,8 @@
-"""Calibrating the needle valves of a rig's bypasses by its flow meters.
+"""The needle valves of a rig's bypasses are calibrated here by its flow meters.
 
-The meters are zeroed at rest with all balls shut. Then, for each bypass, the needle goes through
-its openings up and down with the ball open, and each is measured during a slow stroke in the
-direction that puts the greater pressure on the bypass.
+The zero of each meter is measured at rest with all balls shut. Then, for each bypass, the needle
+goes through its openings up and down with the ball open. Each opening is measured during a slow
+stroke in the direction that puts the greater pressure on the bypass.
 """
 
 import datetime
@@ -35,11 +35,11 @@ from .strokes import Samples
 Array = NDArray[np.float64]
 
 BATCH_TICKS: Final = round(0.5 / TICK)
-"""Five times the lag of a flow meter: successive means hardly know of each other."""
+"""Ticks of a batch mean: five times a flow meter's lag, so that means are nearly independent."""
 ZERO_S: Final = 40.0
-"""Long beside a stroke: what the zero is off by is in every measurement."""
+"""Time in s in which the zeros are measured; it is long, as their error is in all measurements."""
 TRIES: Final = 3
-"""Strokes in which a measurement must settle."""
+"""Most strokes for one measurement; the flow must settle in one of them."""
 
 
 _UNMETERED: Final = "rely on its data sheet: `needle: {maximum: ..., rangeability: ...}`"
@@ -48,7 +48,7 @@ OnMeasured = Callable[[str, Measurement], None]
 
 
 class Way(NamedTuple):
-    """How the flow through a bypass is measured."""
+    """The meter and the stroke by which the flow through a bypass is measured."""
 
     meter: str
     direction: float
@@ -60,35 +60,37 @@ WAYS: Final = {
     str(Verdict.EXTERNAL_LEAKAGE_2): Way("flow_2_m3_per_s", -1.0),
     str(Verdict.INTERNAL_LEAKAGE): Way("flow_internal_m3_per_s", 1.0),
 }
-"""The bypasses with a flow meter, by the fault each makes."""
+"""Fault -> how the flow through its bypass is measured, for bypasses with a flow meter."""
 
 
 class Motions(Protocol):
-    """What a calibration asks of a rig; see `rig.supervisor.strokes.Strokes`."""
+    """The motions that a calibration needs of a rig; see `rig.supervisor.strokes.Strokes`."""
 
     def shut_bypasses(self) -> None:
         """Shut every ball valve and needle."""
 
     def open_bypass(self, kind: str, opening: float) -> None:
-        """Open the ball valve of a bypass, and its needle as far as given."""
+        """Open the ball valve of a bypass, and its needle to `opening`, 0 to 1."""
 
     def feedback(self, kind: str) -> float:
-        """Return where the needle of a bypass says it is."""
+        """Return the opening, 0 to 1, that the needle of a bypass reports."""
 
     def rest(self, duration_s: float) -> Samples:
-        """Hold the ram and return what is read."""
+        """Hold the ram for a time in s, and return the samples of that time."""
 
     def stroke(self, direction: float) -> Samples:
-        """Move the ram and return what is read meanwhile."""
+        """Move the ram slowly out (1) or in (-1), and return the samples of the motion."""
 
 
 def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
-    """Return the bypass valves to calibrate, by the fault each makes.
+    """Return fault -> bypass valve for the valves to calibrate.
 
-    These are all that can be calibrated if none is asked for.
+    Args:
+        rig: the rig.
+        asked: the faults whose bypasses are to be calibrated; if empty, all that can be.
 
     Raises:
-        CalibrationError: one that was asked for cannot be calibrated, or none can be.
+        CalibrationError: an asked one cannot be calibrated, none can be, or the rig is simulated.
     """
     if rig.backend != "hardware":
         raise _refusal(rig.name, "backend", rig.backend, "has no valves to measure",
@@ -102,7 +104,7 @@ def calibratable(rig: Rig, asked: Sequence[str] = ()) -> dict[str, BypassValve]:
 
 
 def _obstacle(rig: Rig, kind: str) -> RequestProblem | None:
-    """Return what keeps a valve from being calibrated."""
+    """Return the problem that prevents the calibration of a bypass; None if there is none."""
     if kind not in WAYS:
         return RequestProblem(rig.name, kind, "its flow", "passes no flow meter", _UNMETERED)
     if kind not in rig.injectable:
@@ -122,19 +124,19 @@ def calibrate(
     date: datetime.date,
     on_measured: OnMeasured = lambda kind, measurement: None,
 ) -> dict[str, NeedleCalibration]:
-    """Return the needles of bypass valves as measured, by the fault each makes.
+    """Measure the needles of bypass valves, and return fault -> calibrated needle.
 
     Args:
-        motions: the rig.
-        valves: those to calibrate; see `calibratable`.
-        openings: to measure at, from 0 to 1, increasing.
-        return_pressure_Pa: that external bypasses lead to.
-        date: of the calibration.
-        on_measured: is called with each measurement as it comes.
+        motions: moves the rig's ram and bypass valves.
+        valves: fault -> bypass valve, for those to calibrate; see `calibratable`.
+        openings: needle openings to measure at, from 0 to 1, increasing.
+        return_pressure_Pa: pressure of the return line, into which external bypasses lead.
+        date: day of the calibration.
+        on_measured: is called with fault and measurement after each measurement.
 
     Raises:
-        CalibrationError: what was measured is no calibration; says why.
-        BypassError: what was measured does not increase with the opening.
+        CalibrationError: the measurements make no calibration; the error says why.
+        BypassError: the measured coefficients do not increase with the opening.
         TripError: the rig tripped or was stopped.
     """
     zeros = measure_zeros(motions, valves)
@@ -152,10 +154,10 @@ def calibrate(
 
 
 def measure_zeros(motions: Motions, kinds: Iterable[str]) -> dict[str, Estimate]:
-    """Return what the meter of each bypass reads without flow, m^3/s; every bypass is shut.
+    """Shut every bypass, and return fault -> zero of its bypass's meter, in m^3/s.
 
     Raises:
-        CalibrationError: a meter reads nothing.
+        CalibrationError: a meter gives no readings.
         TripError: the rig tripped or was stopped.
     """
     motions.shut_bypasses()
@@ -171,18 +173,18 @@ def measure_needle(
     return_pressure_Pa: float,  # noqa: N803
     on_measured: Callable[[Measurement], None] = lambda measurement: None,
 ) -> tuple[Measurement, ...]:
-    """Return what a bypass passes at each needle opening, up and down; it is shut at the end.
+    """Measure a bypass at each needle opening, first upwards, then downwards; shut it at the end.
 
     Args:
-        motions: the rig.
-        kind: the bypass, one of `WAYS`.
-        openings: 0 to 1, increasing.
-        zero: of its meter.
-        return_pressure_Pa: that external bypasses lead to.
-        on_measured: is called with each measurement as it comes.
+        motions: moves the rig's ram and bypass valves.
+        kind: the fault that the bypass makes, one of `WAYS`.
+        openings: needle openings, 0 to 1, increasing.
+        zero: zero of the bypass's meter, m^3/s.
+        return_pressure_Pa: pressure of the return line, into which external bypasses lead.
+        on_measured: is called after each measurement.
 
     Raises:
-        CalibrationError: a meter reads nothing, or the flow does not settle.
+        CalibrationError: the meter gives no readings, or the flow does not settle.
         TripError: the rig tripped or was stopped.
     """
     measured = []
@@ -224,10 +226,10 @@ def _measure(
 
 
 def _metered(samples: Samples, kind: str) -> Array:
-    """Return the flow through a bypass as metered.
+    """Return the metered flow through a bypass, (n,), m^3/s.
 
     Raises:
-        CalibrationError: half of it or more is missing.
+        CalibrationError: more than half of the samples are missing.
     """
     meter = WAYS[kind].meter
     flow = samples.flows[:, METERS.index(meter)]

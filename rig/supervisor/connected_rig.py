@@ -1,4 +1,4 @@
-"""The rig while a session is connected to it: processes, board, state machine, and the ways out."""
+"""A rig to which a session is connected, with its processes, its board and its state machine."""
 
 import os
 import time
@@ -49,31 +49,31 @@ from .event_log import EventLog, loop_channel
 from .states import VALVE_ENABLED, Conditions, Event, IllegalTransition, SessionState, State
 
 OPEN_S: Final = 300.0
-"""How long opening may take: the loop may have to be compiled first."""
+"""Time in s within which a part must open its devices; the loop may have to be compiled first."""
 LOOK_S: Final = 3.0
-"""How often it is looked, while a part opens its devices, whether it still does."""
+"""Period in s at which it is checked, while a part opens its devices, that it has not ended."""
 ANSWER_S: Final = 10.0
 SAFE_S: Final = 20.0
-"""How long slow drivers may take to be safe."""
+"""Time in s within which slow drivers must reach their safe state."""
 STOP_S: Final = 5.0
-"""How long bringing the motion to rest may take."""
+"""Time in s within which the motion must come to rest."""
 POLL_S: Final = 0.01
 SHOWN_ROWS: Final = 20
 SHOWN_S: Final = 0.2
-"""Rows of the loop that show the safe state to whoever watches, and how long they may take."""
+"""At the end, `SHOWN_ROWS` more rows show the safe state to viewers, within `SHOWN_S` seconds."""
 RECENT_S: Final = 0.25
-"""How old the newest value of a channel may be."""
+"""Greatest age in s of a value that `ConnectedRig.latest` returns."""
 NEEDLE_TOLERANCE: Final = 0.02
-"""Part of its stroke by which a needle may be off: what its driver takes for arrived."""
+"""Fraction of its stroke by which a needle may be off; its driver has the same tolerance."""
 LOG: Final = "session.log"
-"""What the processes write to stderr, in the run's folder; removed if it stays empty."""
+"""File in the run's folder that takes the processes' stderr; it is removed if it stays empty."""
 
 _FEEDBACK: Final = {"drive_target": "drive_state", "pump_load": "pump_loaded"}
-"""The slow inputs that show outputs of another name."""
+"""Slow output -> slow input that is its feedback, where their names differ."""
 
 
 class Stop(Protocol):
-    """Whether somebody asked for an end; see `rig.runner.campaign.stopping.StopFlag`."""
+    """A flag by which somebody asks for the end; see `rig.runner.campaign.stopping.StopFlag`."""
 
     @property
     def requested(self) -> bool:
@@ -81,29 +81,31 @@ class Stop(Protocol):
 
     @property
     def reason(self) -> str:
-        """Why."""
+        """The reason why it shall end."""
 
 
 class ConnectedRig:
-    """A rig on hardware, from `connect` to `leave`; the supervisor's main thread is here.
+    """A rig on hardware, which is connected from `connect` to `leave`.
+
+    Its methods run in the supervisor's main thread.
 
     Args:
-        rig: with its drivers.
-        filter_name: the filter that the loop shall run.
-        model: what the filter assumes.
-        directory: of the run; a trip report goes there.
-        stop: whether somebody asked for an end.
+        rig: the rig's configuration, with its drivers.
+        filter_name: the filter that the loop runs.
+        model: the model that the filter assumes.
+        directory: folder of the run, in which a trip report is written.
+        stop: the flag by which somebody asks for the end.
         say: shows a line to the operator.
-        onlooker: is called with the shared memory, and with each state.
-        journal: keeps what another master drives, in words.
+        onlooker: is called with the board once connected, and with each state.
+        journal: is called with a sentence when another master drives a part of the rig.
 
     Attributes:
-        configured: the rig as configured.
-        model: what the filter assumes.
-        offset_m: added to the encoder's position, once it is homed.
-        board: shared by all processes, once connected.
-        parts: the processes.
-        opened: what came of opening the fast device.
+        configured: the rig's configuration.
+        model: the model that the filter assumes.
+        offset_m: offset in m that is added to the encoder's position; 0 before homing.
+        board: the memory that all processes share; it exists once connected.
+        parts: the processes; they exist once connected.
+        opened: the loop's answer to the order to open the fast device.
     """
 
     board: Board
@@ -137,19 +139,19 @@ class ConnectedRig:
 
     @property
     def state(self) -> State:
-        """What the session is doing."""
+        """The present state of the session."""
         return self._state.state
 
     @property
     def has_tripped(self) -> bool:
-        """Whether anybody has tripped."""
+        """Whether any part of the session has tripped."""
         return self._safety.tripped
 
     def connect(self) -> None:
-        """Open and verify every device, and start to watch; nothing moves.
+        """Start the processes and the safety thread, open and verify every device; move nothing.
 
         Raises:
-            DriverError: a device is in use, is not there, or is not what was configured.
+            DriverError: a device is in use, does not answer, or is not the configured one.
         """
         self._devices.enter_context(exclusive(self.configured.drivers))
         self.handle(Event.CONNECT)
@@ -217,7 +219,7 @@ class ConnectedRig:
         self._say_grants()
 
     def _opened(self, part: Child, order: object) -> Any:
-        """Return what a part answers once its devices are open; nothing is watched yet."""
+        """Send a part the order to open its devices, and return its answer, unless stopped."""
         part.send(order)
         began = time.monotonic()
         while True:
@@ -239,10 +241,10 @@ class ConnectedRig:
                 self.say(f"{lack}; to get it: {grant.remedy}")
 
     def handle(self, event: Event) -> None:
-        """Go to the next state.
+        """Go to the state that follows on an event.
 
         Raises:
-            TripError: the state machine refuses, with the reason, or the rig has tripped meanwhile.
+            TripError: the state machine refuses the event, or the rig has tripped meanwhile.
         """
         self.note("session", event.value)
         try:
@@ -259,7 +261,7 @@ class ConnectedRig:
             return Conditions()
         words = self.board.words
         stands = Action(int(words[Word.ACTION])) >= Action.HOLD
-        # What a device does not report cannot forbid anything.
+        # A missing reading is NaN, which differs from 0, so it forbids nothing.
         return Conditions(
             estop_closed=self.latest("estop_closed") != 0.0,
             valve_enabled=self.latest("valve_enabled") != 0.0,
@@ -268,18 +270,22 @@ class ConnectedRig:
         )
 
     def latest(self, channel: str) -> float:
-        """Return the newest value of a channel that came in the last quarter second, else NaN."""
+        """Return the newest value of a channel of the rows, at most `RECENT_S` old; else NaN."""
         values = RingReader(self.board).latest(round(RECENT_S * self.configured.loop.rate))
         known = values[:, self._channels.index(channel)]
         known = known[np.isfinite(known)]
         return float(known[-1]) if known.size else float("nan")
 
     def slow(self, channel: str) -> float:
-        """Return the newest value of a slow channel, NaN if there is none."""
+        """Return the newest value of a slow channel, of any age; NaN if there is none."""
         return float(self.board.slow[SLOW_INPUTS.index(channel)])
 
     def ask(self, part: Child, order: object, timeout_s: float) -> Any:
-        """Return a part's answer; the safety thread goes on to beat while it is waited for."""
+        """Send an order to a part and return its answer; show meanwhile that the supervisor works.
+
+        Raises:
+            ChildError: the part has ended, or did not answer in time.
+        """
         part.send(order)
         until = time.monotonic() + timeout_s
         while True:
@@ -291,16 +297,21 @@ class ConnectedRig:
                     raise
 
     def note(self, who: str, what: str) -> None:
-        """Note who did what, for a trip report."""
+        """Record who did what, for a trip report."""
         self._event_log.note(who, what)
 
     def _compiles(self, name: str) -> None:
-        """Note that something was not compiled in time: it keeps the supervisor from beating."""
+        """Report that a function is compiled during the session, which delays the supervisor."""
         self.note("supervisor", f"compiles {name}")
         self.say(f"supervisor: compiles {name}, which was to be done before; report this")
 
     def wait(self, done: Callable[[], bool], timeout_s: float, state: str, action: str) -> None:
-        """Wait for the rig; end by a TripError on a trip, a stop, or if it takes too long."""
+        """Wait until `done` returns True.
+
+        Raises:
+            TripError: it takes longer than `timeout_s`, with `state` and `action` as message, or
+                the rig tripped or was stopped.
+        """
         until = time.monotonic() + timeout_s
         self.check()
         while not done():
@@ -310,7 +321,11 @@ class ConnectedRig:
             self.check()
 
     def check(self) -> None:
-        """Show the safety thread that the supervisor works; raise on a trip or a stop."""
+        """Show the safety thread that the supervisor works.
+
+        Raises:
+            TripError: the rig has tripped, or somebody asked for the end.
+        """
         self.alive()
         if self._safety.tripped:
             raise self.tripped()
@@ -318,7 +333,7 @@ class ConnectedRig:
             raise StopRequestedError(f"stopped by {self._stop.reason}")
 
     def segment(self, drive: Drive, **changes: Any) -> orders.Segment:
-        """Return a segment that belongs to no test."""
+        """Return a segment that belongs to no test, with `changes` to the rig's usual settings."""
         segment = orders.Segment(
             0,
             drive,
@@ -332,19 +347,19 @@ class ConnectedRig:
         return replace(segment, **changes)
 
     def switch_to(self, segment: orders.Segment) -> None:
-        """Have the loop go over to a segment, which is given its number here."""
+        """Give a segment the next number, and make the loop switch to it."""
         words = self.board.words
         number = int(words[Word.SWITCH]) + 1
         self.parts.loop.ask(replace(segment, number=number), ANSWER_S)
         words[Word.SWITCH] = number
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Set slow outputs, those that some driver has."""
+        """Set slow outputs; outputs that no driver has are ignored."""
         mine = {name: value for name, value in outputs.items() if name in self._outputs}
         self.parts.field.send(WriteOutputs(mine))
 
     def off(self, wanted: Mapping[str, float]) -> list[str]:
-        """Return the slow outputs whose feedback is not where they were asked to be."""
+        """Return the slow outputs whose feedback is missing or differs from the wanted value."""
         off = []
         for name, value in wanted.items():
             feedback = _FEEDBACK.get(name, name)
@@ -364,14 +379,14 @@ class ConnectedRig:
         return self._event_log.tripped(self.board, self._channels)
 
     def stopped(self, error: LoopStoppedError) -> TripError:
-        """Return the error for a motion that the loop ended by itself."""
+        """Return the error to raise when the loop has ended a motion by itself; report a trip."""
         if error.action is Action.TRIP or self.has_tripped:
             return self.tripped()
         self.note("loop", str(error))
         return TripError(str(error))
 
     def alive(self) -> None:
-        """Show the safety thread that the supervisor works; show what the loop indicates."""
+        """Show the safety thread that the supervisor works; report a newly indicated cause."""
         self._safety.alive()
         words = self.board.words
         indicated = int(words[Word.ACTION_CAUSE]), int(words[Word.ACTION_CHANNEL])
@@ -383,7 +398,7 @@ class ConnectedRig:
         self.say(f"loop: {sentence}; {remedy}")
 
     def ramp_down(self) -> None:
-        """Bring the motion to rest and have the valve disabled."""
+        """Bring the motion to rest and have the valve disabled; trip if that is not confirmed."""
         if self.state is State.ARMING:
             self.handle(Event.DISARM)
         if self.state not in VALVE_ENABLED or self.state is State.RAMPING_DOWN:
@@ -401,7 +416,7 @@ class ConnectedRig:
                 self._safety.trip(Cause.NULL_NOT_CONFIRMED)
 
     def _is_at_rest(self) -> bool:
-        """Return whether the device shows the valve at null and disabled, as far as it can."""
+        """Return whether no reading contradicts that the valve is at null and disabled."""
         enabled, command = self.latest("valve_enabled"), self.latest("device_command_V")
         return not (enabled == 1.0 or abs(command) > NULL_V)
 
@@ -409,7 +424,7 @@ class ConnectedRig:
         """Bring everything to its safe state, and end the processes.
 
         Raises:
-            TripError: the rig tripped, and that was not reported yet, or something is not safe.
+            TripError: the rig tripped and that was not reported yet, or a part is not safe.
         """
         ended: TripError | None = None
         unsafe: dict[str, str] = {}
@@ -428,7 +443,7 @@ class ConnectedRig:
         self.handle(Event.DISCONNECT)
         line = "; ".join(f"{part}: not safe: {failure}" for part, failure in unsafe.items())
         if line and self._safety.tripped:
-            # The trip reports what came first.
+            # The error of the trip, which came first, is not replaced by this one.
             self.say(line)
         elif line:
             ended = TripError(f"{line}; look at the rig before going near it")
@@ -436,7 +451,7 @@ class ConnectedRig:
             raise ended
 
     def _make_field_safe(self) -> Mapping[str, str]:
-        """Have the slow drivers safe; return what each could not do, by its name."""
+        """Bring the slow drivers to their safe state; return driver -> failure for unsafe ones."""
         try:
             safety: Safety = self.ask(self.parts.field, MakeSafe(), SAFE_S)
         except ChildError as error:
@@ -447,7 +462,7 @@ class ConnectedRig:
         return safety.failures
 
     def _let_it_be_seen(self) -> None:
-        """Have the loop's rows show what is safe now, before there are no more of them."""
+        """Wait for some more rows, which show viewers the safe state before the loop ends."""
         enough = int(self.board.words[Word.ROWS]) + SHOWN_ROWS
         until = time.monotonic() + SHOWN_S
         while self.board.words[Word.ROWS] < enough and time.monotonic() < until:
@@ -455,7 +470,7 @@ class ConnectedRig:
             time.sleep(POLL_S)
 
     def _close_loop(self) -> Mapping[str, str]:
-        """Have the loop close its device; return why that is not safe, if it is not."""
+        """Make the loop close its device; return "loop" -> failure if it is not safe, else {}."""
         try:
             closed: orders.Closed = self.parts.loop.ask(orders.Close(), ANSWER_S)
         except ChildError as error:

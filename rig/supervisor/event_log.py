@@ -1,4 +1,4 @@
-"""What happens while a session is connected, and what a trip report shows of it."""
+"""The log of a connected session, and the trip report that is made from it."""
 
 import time
 from collections.abc import Callable
@@ -14,9 +14,9 @@ from rig.supervisor.processes import Driven, News, trips_of
 from .trip_report import Confirmation, Note, TripReport, kept_trip_report, trip_error
 
 LAST_S: Final = 2.0
-"""How much of the rig's last seconds a trip report shows, of all channels."""
+"""Length in s of the last samples of all channels that a trip report holds."""
 LAST_NEWS_S: Final = 0.2
-"""How long a trip report waits for what the slow drivers have to report once all is safe."""
+"""Time in s for which a trip report waits for reports of slow drivers after everything is safe."""
 
 _STEPS: Final = {
     "valve null": Word.VALVE_NULL_AT,
@@ -32,13 +32,13 @@ def loop_channel(board: Board) -> str:
 
 
 class EventLog:
-    """Log of a session: who did what, what another master drove, and the report of the trip.
+    """The log of a session: who did what, what another master drove, and the trip report.
 
     Args:
-        rig: as configured.
-        directory: of the run; a trip report goes there.
+        rig: the rig's configuration.
+        directory: folder of the run, in which a trip report is written.
         say: shows a line to the operator.
-        journal: keeps what another master drives, in words.
+        journal: is called with a sentence when another master drives a part of the rig.
     """
 
     def __init__(
@@ -63,11 +63,11 @@ class EventLog:
         return self._report is not None
 
     def note(self, who: str, what: str) -> None:
-        """Note who did what, now."""
+        """Record who did what, at the present time."""
         self._notes.append(Note(time.monotonic_ns(), who, what))
 
     def take(self, news: News) -> None:
-        """Note what a part reports, and show it to the operator."""
+        """Record what a part reports, and show it to the operator."""
         text = news.text
         if isinstance(news, Driven):
             self._driven[news.who, news.part] = news
@@ -77,14 +77,14 @@ class EventLog:
         self._say(f"{news.who}: {text}")
 
     def tripped(self, board: Board, channels: tuple[str, ...]) -> TripError:
-        """Return the trip as an error; the first time, its report is made and kept.
+        """Return the error of the trip; at the first call, make and write the trip report.
 
         Args:
-            board: shared by all processes.
+            board: the memory that all processes share.
             channels: names of a row's columns.
         """
         if self._report is None:
-            # Slow drivers are read again only now; what ails one may be why the loop tripped.
+            # Slow drivers are read again now, and an error of one may be why the loop tripped.
             time.sleep(LAST_NEWS_S)
             self._report = self._trip_report(board, channels)
             self._reported = kept_trip_report(self._report, self._directory, self._say)

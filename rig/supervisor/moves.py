@@ -1,4 +1,4 @@
-"""Turns the faults of a test into moves of the valves that make them."""
+"""The faults of a test are turned here into moves of the valves that make them."""
 
 from collections.abc import Iterable, Mapping
 from math import inf
@@ -14,13 +14,17 @@ Outputs = Mapping[str, float]
 Move = tuple[int, Outputs]
 
 RAMP_STEP_S: Final = 0.1
-"""Time between the steps in which a needle follows a ramp: what slow I/O and its drive resolve."""
+"""Time in s between the steps by which a needle follows a ramp.
+
+Slow I/O and the needle's drive cannot follow shorter ones.
+"""
 
 
 def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
-    """Return the outputs before a test: all balls shut, needles where their first fault needs them.
+    """Return output -> value before a test: balls shut, needles as their first faults need them.
 
-    So a leak begins with the turn of its ball and not with the slow needle.
+    A leak then begins with the turn of its ball, and not with the slow motion of its needle. A
+    needle without a fault is shut; the throttle in the return line is open.
     """
     outputs: dict[str, float] = {}
     for kind in rig.injectable:
@@ -34,11 +38,11 @@ def preparing_moves(rig: Rig, faults: Iterable[Fault]) -> dict[str, float]:
 
 
 def moves(rig: Rig, faults: Iterable[Fault]) -> tuple[Move, ...]:
-    """Return what to set at which tick of a test to make its faults, in the order of the ticks.
+    """Return the moves that make the faults of a test: (tick, output -> value), by tick.
 
     Args:
-        rig: has the valves; `check` saw to it that they pass what is asked.
-        faults: of one test.
+        rig: a rig whose valves can make the faults, as `check` has verified.
+        faults: the faults of one test.
     """
     made: list[Move] = []
     previous_end: dict[str, float] = {}
@@ -70,7 +74,7 @@ def _moves_of(rig: Rig, fault: Fault, previous_end_s: float | None) -> list[Move
 
 
 def _opening(rig: Rig, fault: Fault, since_s: float) -> float:
-    """Return where the needle stands for a fault, some time after it began."""
+    """Return the needle's opening, 0 to 1, for a fault `since_s` seconds after it began."""
     share = 1.0 if fault.ramp_s == 0.0 else min(since_s / fault.ramp_s, 1.0)
     if fault.kind == Verdict.RETURN_BLOCKAGE:
         assert rig.return_valve is not None

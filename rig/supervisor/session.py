@@ -1,6 +1,6 @@
-"""A session with a rig on hardware, as a bench for the tests of a campaign, and each of its tests.
+"""A session with a rig on hardware is a bench on which a campaign runs its tests.
 
-The campaign runner steps through a `HardwareTest`; its rows are kept by a `TestRecord`.
+The campaign runner steps through a `HardwareTest`, which it records by a `TestRecord`.
 """
 
 import json
@@ -46,24 +46,24 @@ from .states import Event, State
 Array = NDArray[np.float64]
 
 FINISH_S: Final = 10.0
-"""How long the recorder may take to complete a file."""
+"""Time in s within which the recorder must complete a file."""
 
 
 class Session:
-    """A rig on hardware, as a bench for the tests of a campaign; a context manager.
+    """A context manager that makes a rig on hardware a bench for the tests of a campaign.
 
-    Entering it connects, verifies, arms and homes the rig. Leaving it brings everything to its
-    safe state, whatever happened.
+    On entry it connects, verifies, arms and homes the rig. On exit it brings everything to its safe
+    state, also after an error.
 
     Args:
-        rig: not connected yet.
+        rig: a rig that is not connected yet.
 
     Attributes:
-        rig: while the session is entered, it is armed and homed.
+        rig: the rig, which is armed and homed within the session.
 
     Raises:
-        DriverError: on entering: a device is not there, or not what was configured.
-        TripError: on entering: the rig could not be armed or homed.
+        DriverError: on entry, a device does not answer or is not the configured one.
+        TripError: on entry, the rig could not be armed or homed.
     """
 
     live = True
@@ -85,17 +85,27 @@ class Session:
         self.rig.leave()
 
     def reading(self, channel: str) -> float:
-        """Return the newest value of a channel, fast or slow; NaN if it has none."""
+        """Return the newest value of a channel, fast or slow; NaN if there is none."""
         if channel in SLOW_INPUTS and channel not in METERS:
             return self.rig.slow(channel)
         return self.rig.latest(channel)
 
     def idle(self) -> None:
-        """Look after the rig while its ram is held between two tests."""
+        """Check the rig while its ram is held between two tests.
+
+        Raises:
+            TripError: the rig has tripped, or somebody asked for the end.
+        """
         self.rig.check()
 
     def loop(self, test: CampaignTest, memory: FilterMemory, assumed: Model) -> "HardwareTest":
-        """Return the loop of a test, before the ram is brought to its start."""
+        """Return the loop of a test, which has not moved the ram to its start yet.
+
+        Args:
+            test: the test.
+            memory: memory of the filter, at its start.
+            assumed: the model that the filter assumes.
+        """
         ticks = round(test.duration_s / TICK)
         open_loop = test.setpoint.quantity == "command"
         segment = self.rig.segment(
@@ -122,7 +132,15 @@ class Session:
     def writer(
         self, path: Path, channels: tuple[str, ...], metadata: Mapping[str, Any]
     ) -> Iterator["TestRecord"]:
-        """Record the present test to a new file, by the recorder's process."""
+        """Record the present test to a new file within the block, by the recorder's process.
+
+        At the end of the block the file is completed.
+
+        Args:
+            path: the file.
+            channels: names of the rows' columns.
+            metadata: metadata of the recording; the loop's grants and rate are added.
+        """
         grants = [asdict(grant) for grant in self.rig.opened.grants]
         loop = {"grants": grants, "exchange_rate_hz": self.rig.opened.rate_hz}
         content = {**metadata, "loop": loop}
@@ -137,11 +155,11 @@ class Session:
             record.finish()
 
     def _ask_recorder(self, order: object, timeout_s: float) -> None:
-        """Ask the recorder for something, and wait for its answer.
+        """Send the recorder an order, and wait for its answer.
 
         Raises:
-            TripError: the recorder is gone, so that the safety thread trips. What the recorder
-                flushed before is on disk.
+            TripError: the recorder is gone, so that the safety thread trips. Samples that the
+                recorder has flushed are on disk.
         """
         try:
             self.rig.ask(self.rig.parts.recorder, order, timeout_s)
@@ -149,13 +167,22 @@ class Session:
             self.rig.wait(lambda: False, ANSWER_S, str(error), "see the session's log")
 
     def prepare(self, test: CampaignTest, segment: int) -> None:
-        """Bring the bypass valves to where a test begins, and schedule its faults."""
+        """Set the bypass valves for the start of a test, and schedule the moves of its faults.
+
+        Args:
+            test: the test.
+            segment: number of its segment.
+        """
         wanted = preparing_moves(self.rig.configured, test.faults)
         bring(self.rig, wanted, "the bypass valves are not where the test begins", "look at them")
         self.rig.parts.field.send(FollowMoves(segment, moves(self.rig.configured, test.faults)))
 
     def begin(self, event: Event) -> None:
-        """Ask the state machine for the next step of a test."""
+        """Go to the state of the next step of a test.
+
+        Raises:
+            TripError: the state machine refuses the event, or the rig has tripped.
+        """
         self.rig.alive()
         self.rig.handle(event)
 
@@ -163,23 +190,26 @@ class Session:
         """Show the safety thread that the supervisor works.
 
         Raises:
-            TripError: somebody tripped, whatever rows still come.
+            TripError: a part has tripped, even if rows still come.
         """
         self.rig.alive()
         if self.rig.has_tripped:
             raise self.rig.tripped()
 
     def detected(self, what: str) -> None:
-        """Note what the detector found, for a trip report."""
+        """Record a fault that the detector has confirmed, for a trip report."""
         self.rig.note("detector", what)
 
     def end_test(self, *, completed: bool) -> None:
-        """Take every fault away; bring the ram to rest unless the loop holds it already."""
+        """End every fault of a test; bring the motion to rest unless the test is `completed`.
+
+        After a completed test the loop holds the ram already. After a trip nothing is done.
+        """
         if self.rig.has_tripped:
             return
         self.rig.write(preparing_moves(self.rig.configured, ()))
         if completed:
-            # A test that is ended before its first tick never ran.
+            # A test that is ended before its first tick is in POSITIONING, or in ARMED already.
             to_armed = {State.POSITIONING: Event.POSITIONED, State.RUNNING: Event.DONE}
             if self.rig.state in to_armed:
                 self.rig.handle(to_armed[self.rig.state])
@@ -187,7 +217,7 @@ class Session:
             self.rig.ramp_down()
 
     def stopped(self, error: LoopStoppedError) -> TripError:
-        """Return the error for a test that the loop ended by itself."""
+        """Return the error to raise when the loop has ended a test by itself."""
         return self.rig.stopped(error)
 
 
@@ -214,7 +244,7 @@ class HardwareTest:
 
     @property
     def number(self) -> int:
-        """Number of the test's segment; the loop gets ready for it."""
+        """The number of the test's segment; reading it makes the loop ready for the segment."""
         return self._wire.ready()
 
     @property
@@ -223,10 +253,10 @@ class HardwareTest:
         return self._wire.ticks_left
 
     def position(self) -> None:
-        """Bring the ram to its start.
+        """Bring the ram to the start position of the test.
 
         Raises:
-            TripError: the rig tripped, or cannot be brought there.
+            TripError: the rig tripped, or the ram cannot be brought there.
         """
         try:
             self._session.begin(Event.POSITION)
@@ -235,10 +265,10 @@ class HardwareTest:
             raise self._session.stopped(error) from None
 
     def inject(self) -> None:
-        """Bring the bypass valves to where the test begins, and schedule its faults.
+        """Set the bypass valves for the start of the test, and schedule its faults.
 
         Raises:
-            TripError: the rig tripped, or cannot be brought there.
+            TripError: the rig tripped, or the valves do not follow.
         """
         try:
             self._session.prepare(self._test, self.number)
@@ -250,7 +280,7 @@ class HardwareTest:
         """Return the rows of the next ticks; see `rig.runner.campaign.bench.Loop`.
 
         Raises:
-            TripError: the rig tripped, or left the motion that was asked for.
+            TripError: the rig tripped, or the loop has ended the motion by itself.
         """
         if not self._begun:
             self._session.begin(Event.RUN)
@@ -262,7 +292,7 @@ class HardwareTest:
             raise self._session.stopped(error) from None
 
     def decided(self, row: Array) -> None:
-        """Hand the loop a decision, and note a fault that it confirms."""
+        """Pass a decision of the detector, as a row, to the loop; note a newly confirmed fault."""
         found = confirmed_fault(row)
         if found and found != self._found:
             self._session.detected(found)
@@ -270,11 +300,15 @@ class HardwareTest:
         self._wire.decided(row)
 
     def end_early(self) -> None:
-        """Have the ram held when the test is ended, instead of the valve disabled."""
+        """Make `safe_state` hold the ram, as after a completed test, with the valve enabled."""
         self._early = True
 
     def safe_state(self) -> None:
-        """End the test: every fault away; a ram that is still under way is brought to rest."""
+        """End the test and its faults; repeated calls do nothing.
+
+        After a completed test, or `end_early`, the ram is held; otherwise the motion is brought to
+        rest and the valve disabled.
+        """
         if self._ended:
             return
         self._ended = True
@@ -285,9 +319,9 @@ class HardwareTest:
 
 
 class TestRecord:
-    """The recording of a test by the recorder's process; rows reach it through the ring."""
+    """The recording of a test, which the recorder's process makes of the rows in the ring."""
 
-    __test__ = False  # not a pytest class, whatever its name
+    __test__ = False  # pytest must not take this for a class of tests because of its name
 
     def __init__(
         self,
@@ -304,26 +338,26 @@ class TestRecord:
         self._last_s = 0.0
 
     def write(self, rows: Array) -> None:
-        """Count rows that the recorder takes from the ring itself."""
+        """Count rows and their timing; the recorder reads the rows from the ring by itself."""
         self._timing.take(rows)
         self._rows += len(rows)
         self._last_s = float(rows[-1, 0]) if len(rows) else self._last_s
 
     def event(self, time_s: float, kind: str, text: str) -> None:
-        """Note something that happened at a time of the test."""
+        """Add an event at a time of the test, s, to the recording."""
         # If the recorder is gone, `finish` raises an error for that.
         with suppress(ChildError):
             self._process.send(NoteInRecording(time_s, kind, text))
 
     def timing(self) -> Mapping[str, Any]:
-        """Return how well the loop kept its time so far."""
+        """Return statistics of the loop's timing so far."""
         return self._timing.summary()
 
     def finish(self) -> None:
-        """Add the loop's timing, show it in short, and have the file completed.
+        """Add the loop's timing as an event, show it in short, and have the file completed.
 
         Raises:
-            TripError: the recorder is gone; what it flushed is on disk.
+            TripError: the recorder is gone; samples that it has flushed are on disk.
         """
         summary = self._timing.summary()
         self.event(self._last_s, TIMING, json.dumps(summary))

@@ -1,4 +1,4 @@
-"""The session's state machine: one table of what may follow what, and under which conditions."""
+"""The session's state machine is one table of the allowed transitions and their conditions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,22 +7,22 @@ from typing import Final, NamedTuple
 
 
 class State(Enum):
-    """What the session is doing."""
+    """A state of the session."""
 
     OFF = "off"
-    """Not connected."""
+    """The session is not connected to the rig."""
     CONNECTING = "connecting"
     """Devices are opened, verified and set up; nothing moves."""
     DISARMED = "disarmed"
-    """Connected, valve at null and disabled; the emergency stop counts as latched."""
+    """The rig is connected; its valve is at null and disabled, and needs a reset to be enabled."""
     ARMING = "arming"
-    """The reset lamp is lit, and the operator is waited for."""
+    """The reset lamp is lit, and the session waits for the operator to press reset."""
     NOT_HOMED = "not homed"
-    """Valve enabled, position unknown: the ram is at rest, and only homing may move it."""
+    """The valve is enabled but the position unknown: only homing may move the ram."""
     HOMING = "homing"
     """The ram looks for its stroke end, slowly and gently."""
     ARMED = "armed"
-    """Homed and held at rest by the position loop."""
+    """The rig is homed, and the position loop holds the ram at rest."""
     POSITIONING = "positioning"
     """The ram is brought to the start of a test."""
     RUNNING = "running"
@@ -30,20 +30,20 @@ class State(Enum):
     HOLDING = "holding"
     """A limit or the operator stopped the motion; the ram is held within its limits."""
     RAMPING_DOWN = "ramping down"
-    """The motion is brought to rest; the valve is disabled then."""
+    """The motion is brought to rest, after which the valve is disabled."""
     TRIPPED = "tripped"
-    """Valve to null and disabled, bypass shut, pump unloaded; latched."""
+    """The valve goes to null and is disabled, bypasses are shut, the pump is unloaded; latched."""
 
 
 class Event(Enum):
-    """What happens to the session: asked by the operator or the campaign, or reported."""
+    """An event: a request of the operator or the campaign, or a report of the rig."""
 
     CONNECT = "connect"
     CONNECTED = "connected"
     CONNECTION_FAILED = "connection failed"
     ARM = "arm"
     RESET_PRESSED = "reset pressed"
-    """A rising edge of the reset button while its lamp was lit, and the valve was enabled."""
+    """The operator pressed the reset button while its lamp was lit, and the valve is enabled."""
     HOME = "home"
     HOMED = "homed"
     HOMING_FAILED = "homing failed"
@@ -74,19 +74,19 @@ VALVE_ENABLED: Final = frozenset(
         State.RAMPING_DOWN,
     }
 )
-"""States in which the valve may be enabled; entered only from ARMING, by the reset button."""
+"""States in which the valve may be enabled; the only way in is from ARMING, by the reset button."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the guards look at, as last reported by the rig.
+    """The conditions that guards check, as the rig last reported them.
 
     Attributes:
-        estop_closed: the emergency stop's chain is closed.
-        valve_enabled: the device reports the valve enabled.
-        homed: the encoder's zero is known.
-        standing: what stands against motion at present, in words; empty if nothing does.
-        unconfirmed: steps of a trip that were not confirmed, in words; empty if all were.
+        estop_closed: whether the emergency stop's chain is closed.
+        valve_enabled: whether the device reports the valve as enabled.
+        homed: whether the encoder's zero is known.
+        standing: the reason in words why motion is forbidden now; empty if it is not.
+        unconfirmed: the steps of a trip, in words, that were not confirmed; empty if all were.
     """
 
     estop_closed: bool = False
@@ -100,9 +100,9 @@ class Guard(NamedTuple):
     """A condition of a transition.
 
     Attributes:
-        name: what must hold.
-        holds: whether it does.
-        reason: why the event is refused if not, with what to do.
+        name: the condition in words.
+        holds: returns whether the condition is met.
+        reason: returns why the event is refused if it is not met, with a remedy.
     """
 
     name: str
@@ -139,7 +139,7 @@ _CONFIRMED: Final = Guard(
 
 
 class Transition(NamedTuple):
-    """One row of the table: what an event leads to in a state, if the guards allow it."""
+    """One row of the table: an event leads from a state to the state `to`, if all guards hold."""
 
     state: State
     event: Event
@@ -186,17 +186,17 @@ TRANSITIONS: Final = (
     _T(_S.TRIPPED, _E.ACKNOWLEDGE, _S.DISARMED, (_ESTOP, _CONFIRMED)),
     _T(_S.TRIPPED, _E.DISCONNECT, _S.OFF),
 )
-"""Everything that may happen; what is not here is refused."""
+"""All allowed transitions; an event that is not listed for a state is refused in it."""
 
 
 class IllegalTransition(Exception):  # noqa: N818 (a refusal, not a failure)
-    """An event that the session refuses, with the reason.
+    """The error of an event that the session refuses.
 
     Attributes:
-        state: in which it was refused.
-        event: what was refused.
-        reason: why, with what to do.
-        allowed: events that the table knows in that state.
+        state: the state in which the event was refused.
+        event: the event.
+        reason: why it was refused, with a remedy.
+        allowed: the events that the table lists for that state.
     """
 
     def __init__(self, state: State, event: Event, reason: str) -> None:
@@ -207,15 +207,15 @@ class IllegalTransition(Exception):  # noqa: N818 (a refusal, not a failure)
 
 
 def allowed_events(state: State) -> tuple[Event, ...]:
-    """Return the events that the table knows in a state, guards aside."""
+    """Return the events that the table lists for a state, whether their guards hold or not."""
     return tuple(dict.fromkeys(row.event for row in TRANSITIONS if row.state is state))
 
 
 def next_state(state: State, event: Event, conditions: Conditions) -> State:
-    """Return the state that follows.
+    """Return the state to which an event leads from a state, under the present conditions.
 
     Raises:
-        IllegalTransition: the table has no such row, or its guards do not hold.
+        IllegalTransition: the table has no such row, or no such row's guards all hold.
     """
     reasons: list[str] = []
     for row in TRANSITIONS:
@@ -230,20 +230,20 @@ def next_state(state: State, event: Event, conditions: Conditions) -> State:
 
 
 class SessionState:
-    """The state that a session is in.
+    """The state machine of a session.
 
     Attributes:
-        state: the present one; begins OFF.
+        state: the present state; OFF at first.
     """
 
     def __init__(self) -> None:
         self.state = State.OFF
 
     def handle(self, event: Event, conditions: Conditions) -> State:
-        """Go to the state that follows, and return it.
+        """Go to the state that follows on an event, and return it.
 
         Raises:
-            IllegalTransition: refused; the state stays as it is.
+            IllegalTransition: the event is refused; the state stays as it is.
         """
         self.state = next_state(self.state, event, conditions)
         return self.state

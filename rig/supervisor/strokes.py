@@ -1,7 +1,7 @@
-"""Slow strokes of the ram with a bypass open: what a calibration measures in.
+"""A calibration measures during slow strokes of the ram with a bypass open.
 
-At rest an open bypass empties its chamber, or levels both, and little flows; a ram that moves
-pushes its friction, some 2.5 MPa, through the bypass as long as it moves.
+At rest the pressure across an open bypass falls away, and little flows. The friction of a moving
+ram keeps up a pressure difference of some 2.5 MPa, which drives flow through the bypass.
 """
 
 from typing import Final, NamedTuple
@@ -22,27 +22,28 @@ Array = NDArray[np.float64]
 
 STROKE_S: Final = 6.0
 RETURN_S: Final = 2.5
-"""How long the ram takes back to where a stroke begins, its coming to rest included."""
+"""Time in s in which the ram returns to where a stroke begins and comes to rest there."""
 SPEED: Final = 0.05
-"""m/s. Fast enough that friction is smooth, slow beside what the valve passes."""
+"""Speed of a stroke in m/s: fast enough for smooth friction, slow beside what the valve can do."""
 _MARGIN_M: Final = 0.05
-"""How far strokes stay from the limits of position: room for the loop to lag and to overshoot."""
+"""Distance in m of strokes from the position limits, as the loop may lag and overshoot."""
 _BATCH_TICKS: Final = 250
 
 
 class Samples(NamedTuple):
-    """What was read during a motion, one row a tick; NaN where a sample is missing."""
+    """The samples of a motion, one row per tick; NaN where a sample is missing."""
 
     flows: Array
-    """(n, 3), m^3/s, in the order of `METERS`."""
+    """Flows (n, 3) in m^3/s, in the order of `METERS`."""
     pressures: Array
-    """(n, 2), Pa."""
+    """Pressures (n, 2) of chambers 1 and 2 in Pa."""
 
 
 class Strokes:
-    """Slow strokes of an armed and homed rig's ram, and its bypass valves between them.
+    """The motions for a calibration: it moves the ram of an armed and homed rig, and its bypasses.
 
-    Every method raises `TripError` on a trip, a stop, or if the rig is not where it should be.
+    Every method that moves something raises `TripError` if the rig trips or is stopped, or if the
+    valves do not follow.
     """
 
     def __init__(self, rig: ConnectedRig) -> None:
@@ -57,19 +58,19 @@ class Strokes:
         self._move(preparing_moves(self._rig.configured, ()))
 
     def open_bypass(self, kind: str, opening: float) -> None:
-        """Open the ball valve of a bypass, and its needle as far as given."""
+        """Open the ball valve of a bypass, and its needle to `opening`, 0 to 1."""
         self._move({f"{kind}_ball": 1.0, f"{kind}_needle": opening})
 
     def feedback(self, kind: str) -> float:
-        """Return where the needle of a bypass says it is; NaN if it does not say."""
+        """Return the opening, 0 to 1, that the needle of a bypass reports; NaN if none."""
         return self._rig.slow(f"{kind}_needle")
 
     def rest(self, duration_s: float) -> Samples:
-        """Hold the ram in mid stroke and return what is read."""
+        """Hold the ram in mid stroke for a time in s, and return the samples of that time."""
         return self._follow(np.full(round(duration_s / TICK), self._middle_m))
 
     def stroke(self, direction: float) -> Samples:
-        """Move the ram at constant speed, 1 out or -1 in, and return what is read meanwhile."""
+        """Move the ram at constant speed, out (1) or in (-1), and return the samples meanwhile."""
         way = np.linspace(-0.5, 0.5, round(STROKE_S / TICK))
         return self._follow(self._middle_m + direction * self._length_m * way)
 

@@ -1,4 +1,4 @@
-"""What is kept of a trip: the cause that came first, what was done, the last seconds of the rig."""
+"""A trip report holds the first-out cause, the steps of the trip, and the rig's last seconds."""
 
 import json
 import os
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 SCHEMA: Final = "rig-trip"
 STAGES: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s", "age_s")
-"""Columns of a row whose statistics a report gives; see `rig.loop.wire.layout.TIMINGS`."""
+"""Columns of a row with timings whose statistics a report gives; see `rig.loop.wire.layout`."""
 _UNCONFIRMED: Final = {
     "valve null": Cause.NULL_NOT_CONFIRMED,
     "bypass shut": Cause.BYPASS_NOT_SHUT,
@@ -32,7 +32,7 @@ _UNCONFIRMED: Final = {
 
 @dataclass(frozen=True)
 class Note:
-    """A line of the report: who did or asked what, and when (CLOCK_MONOTONIC in ns)."""
+    """A note in the report: who did or asked for what, and when (CLOCK_MONOTONIC in ns)."""
 
     at_ns: int
     who: str
@@ -41,10 +41,11 @@ class Note:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """One step of a trip: "valve null", "bypass shut" or "pump unloaded".
+    """The confirmation of one step of a trip.
 
     Attributes:
-        at_ns: when the device confirmed it, CLOCK_MONOTONIC; 0 or less if it never did.
+        what: the step: "valve null", "bypass shut" or "pump unloaded".
+        at_ns: when the device confirmed it, CLOCK_MONOTONIC in ns; 0 or less if it never did.
     """
 
     what: str
@@ -53,17 +54,17 @@ class Confirmation:
 
 @dataclass(frozen=True)
 class TripReport:
-    """All that is known of one trip.
+    """A report with all that is known of one trip.
 
     Attributes:
-        trips: who tripped, with cause and time (CLOCK_MONOTONIC in ns); at least one.
-        confirmations: steps of the trip, in their order.
-        notes: who asked what, in order of time.
+        trips: part that tripped -> (cause, time), CLOCK_MONOTONIC in ns; at least one.
+        confirmations: the steps of the trip, in their order.
+        notes: who did or asked for what, in order of time.
         channels: names of the rows' columns, `time_s` first.
-        rows: float64 (n, columns), the last seconds of the loop; may be empty.
-        channel: what the loop's cause concerns, a name in `FAST_INPUTS`; empty if nothing.
-        limits: the ladder in force.
-        driven: what another master drove although it was held in its safe state.
+        rows: float64 (n, columns), the last rows of the loop; may be empty.
+        channel: the channel that the loop's cause concerns, one of `FAST_INPUTS`; empty if none.
+        limits: the limits of the rig's channels.
+        driven: reports on parts that another master drove out of their safe state.
     """
 
     trips: Mapping[str, tuple[Cause, int]]
@@ -77,7 +78,7 @@ class TripReport:
 
     @property
     def first(self) -> tuple[str, Cause, int]:
-        """Who tripped first, why, and when: the first-out cause."""
+        """The first-out cause: who tripped first, the cause, and the time in ns."""
         who = min(self.trips, key=lambda name: self.trips[name][1])
         return who, *self.trips[who]
 
@@ -88,7 +89,7 @@ class TripReport:
 
     @property
     def value(self) -> float:
-        """Value of the channel concerned when the loop tripped, or last before; NaN if unknown."""
+        """The last known value of the concerned channel up to the loop's trip; NaN if unknown."""
         if self.concerned not in self.channels or not len(self.rows):
             return float("nan")
         values = self.rows[:, self.channels.index(self.concerned)]
@@ -101,7 +102,7 @@ class TripReport:
 
     @property
     def limit(self) -> float:
-        """The limit that was left, in the channel's unit; NaN if the cause is no limit."""
+        """The limit that the channel exceeded, in its unit; NaN if the cause is no limit."""
         bounds = {Cause.LIMIT_LOW: max, Cause.LIMIT_HIGH: min}
         cause = self.first[1]
         if cause not in bounds:
@@ -129,7 +130,7 @@ class TripReport:
         return f"tripped: {self.sentence}; {explain(self.first[1], self.concerned).remedy}"
 
     def stages(self) -> dict[str, dict[str, float]]:
-        """Return median, p99 and maximum of each stage in the rows, s."""
+        """Return median, 99th percentile and maximum of each timing in the rows, in s."""
         found: dict[str, dict[str, float]] = {}
         for name in STAGES:
             if name not in self.channels:
@@ -142,7 +143,7 @@ class TripReport:
         return found
 
     def lines(self) -> list[str]:
-        """Return the report for the terminal, the first-out cause first."""
+        """Return the report as lines for the terminal, the first-out cause first."""
         who, cause, at_ns = self.first
         lines = [f"tripped by the {who}: {self.sentence}", f"  remedy: {explain(cause).remedy}"]
         for step in self.confirmations:
@@ -168,7 +169,7 @@ class TripReport:
         return lines
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON; times in s after the first-out trip, null for unknown."""
+        """Return the report as JSON values; times are in s after the first trip, or None."""
         who, cause, at_ns = self.first
 
         def after_s(when: int) -> float | None:
@@ -211,11 +212,14 @@ class TripReport:
 
 
 def write_trip_report(report: TripReport, directory: Path, path: Path | None = None) -> Path:
-    """Write `trip-<n>.json`, with `.txt` and the last rows as `.csv` beside it; return the first.
+    """Write a report as `trip-<n>.json`, `.txt` and `.csv` (the last rows); return the JSON's path.
 
-    A report that was written before, to `path`, is written anew.
+    Each file is written in one step, the largest last, as a disk may be almost full.
 
-    Each file appears whole or not at all, the largest last: a disk may be almost full.
+    Args:
+        report: the report.
+        directory: the folder; the files get the first number that is free.
+        path: path of an earlier version of the report, which is replaced; None if there is none.
 
     Raises:
         OSError: the folder cannot be written to.
@@ -239,7 +243,7 @@ def write_trip_report(report: TripReport, directory: Path, path: Path | None = N
 def kept_trip_report(
     report: TripReport, directory: Path, say: Callable[[str], None], path: Path | None = None
 ) -> Path | None:
-    """Write a trip report; if it cannot be written, show it, and return nothing."""
+    """Write a trip report and return its path; if it cannot be written, show it and return None."""
     try:
         return write_trip_report(report, directory, path)
     except OSError as error:
@@ -250,7 +254,7 @@ def kept_trip_report(
 
 
 def trip_error(report: TripReport, path: Path | None) -> TripError:
-    """Return the error by which a trip ends what was being done; it names the report, if kept."""
+    """Return the error that a trip raises: the report's summary, and the report's path, if any."""
     return TripError(report.summary + (f" ({path})" if path is not None else ""), path)
 
 

@@ -30,8 +30,8 @@ STYLES: Final = {
 class CampaignProgress(Observer):
     """An observer that writes one line per test, when the test ends.
 
-    On a terminal, a bar with the live verdict stands in the line's place until then. It is a
-    context manager, which removes the bar and releases the terminal at its end.
+    On a terminal, a bar with the live verdict is shown in the line's place until then. The observer
+    is a context manager, which removes the bar and releases the terminal at its end.
 
     Args:
         screen: where the lines are written.

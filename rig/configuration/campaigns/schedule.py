@@ -29,7 +29,10 @@ MOST_TIMES: Final = 1000
 
 
 class Missed(StrEnum):
-    """What the scheduler does about an entry's times at which it was not running itself."""
+    """A policy on an entry's times that passed while the scheduler was not running.
+
+    They are skipped, or the campaign is run once, or once for each of them.
+    """
 
     SKIP = "skip"
     RUN_ONCE = "run_once"
@@ -277,7 +280,7 @@ def _check_cron(entry: Located, text: str, sources: Sources) -> None:
 
 
 def _check_campaign(item: Located, sources: Sources) -> tuple[str, str | None]:
-    """Read and check an entry's campaign and rig; return their absolute paths as `rig run` takes.
+    """Read and check an entry's campaign and rig, and return their absolute paths.
 
     The rig is None if the entry names none. Problems are added to those of `sources`.
     """

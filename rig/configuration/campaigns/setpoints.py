@@ -76,7 +76,7 @@ Phase = Annotated[float, Physical("rad", -1e3, 1e3)]
 
 
 class SetpointContext(NamedTuple):
-    """What a setpoint needs of its test.
+    """The values of a test that its setpoint needs.
 
     Attributes:
         duration_s: duration of the test.

@@ -62,8 +62,8 @@ _OF_FORMS: Final = ("pitch", "phase", "middle", "width")
 def _places(form: str, of: str) -> dict[str, Physical]:
     """Return the two keys, with units and limits, that locate a wave or a bump; {} for other forms.
 
-    They stand in the order in which `Parameters` holds them. `of` is the quantity along which the
-    form varies.
+    Their order is that in which `Parameters` holds them. `of` is the quantity along which the form
+    varies.
     """
     if form == "wave":
         return {"pitch": Physical(QUANTITIES[of], _LEAST), "phase": Physical("rad")}

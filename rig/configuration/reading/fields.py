@@ -76,10 +76,10 @@ class Physical(Field):
         raise QuantityError(f"is {'above' if above else 'below'} {shown}", remedy)
 
     def _fitting(self, reading: Reading) -> str | None:
-        """Return the value that was probably meant: another decimal point or unit puts it in range.
+        """Return, as text, the value that was probably meant, with another decimal point or unit.
 
-        Of several candidates, the one nearest the usual value is returned, if that is known. None
-        if no such change fits.
+        It is within the limits. Of several candidates, the one nearest the usual value is returned,
+        or the first if no usual value is known. None if no candidate is within the limits.
         """
         slips = [(reading.number.scaleb(shift), reading.unit) for shift in (-1, 1, -2, 2)]
         slips += [(reading.number, unit) for unit in dimension(self.unit).units]

@@ -160,7 +160,7 @@ def _read_path(item: Located, sources: Sources) -> Path | None:
 
 
 def _read_dataclass(kind: type[T], item: Located, sources: Sources) -> T | None:
-    """Return a nested section, which stands in the file or in a map file, given by path or name."""
+    """Return a nested section, written in place or in a map file that is given by path or name."""
     if reference_in(item) is None:
         return read_options(kind, item, sources)
     path = resolve_in("map", item, sources.problems)

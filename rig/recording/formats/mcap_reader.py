@@ -50,7 +50,7 @@ class ForeignSchemaError(Exception):
 class SampleCollector:
     """A collector of samples, events and metadata from the records of one MCAP file.
 
-    The records are given to it in the order in which they stand in the file.
+    The records must be given to it in file order.
 
     Attributes:
         channels: names of the channels; empty until the record that lists them was taken.
@@ -130,7 +130,7 @@ class SampleCollector:
         self._layouts[record.id] = SampleLayout(names)
 
     def _take_samples(self, data: bytes, offset: int, channel_id: int) -> int:
-        """Collect the run of sample records that begins at data[offset]; return the offset after it.
+        """Collect the run of sample records that begins at data[offset]; return its end's offset.
 
         Raises:
             ValueError: there is no sample record of the layout's length.

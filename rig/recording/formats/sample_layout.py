@@ -100,7 +100,7 @@ class SampleLayout:
         return self.dtype.itemsize - RECORD_PREFIX
 
     def blank(self, n: int, channel_id: int) -> NDArray[Any]:
-        """Return n new records, shape (n,), in which only sequence, times and values are missing."""
+        """Return n new records, shape (n,), that only lack sequence, times and values."""
         records = np.zeros(n, self.dtype)
         records["opcode"] = MESSAGE_OPCODE
         records["length"] = self.record_length

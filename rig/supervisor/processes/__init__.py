@@ -1,4 +1,4 @@
-"""The processes of a session besides the supervisor's, and how it watches over them."""
+"""The processes of a session beside the supervisor, and the safety thread that watches them."""
 
 from lazy_loader import attach_stub
 

@@ -1,8 +1,8 @@
-"""A part of the session in a process of its own, and the pipe to it.
+"""A part of the session runs in a process of its own, a child, which has a pipe to the supervisor.
 
 Orders and answers are Python objects over `multiprocessing.Pipe`, between processes of this program
-only. A child is in a session (setsid) of its own: Ctrl-C at the terminal reaches the supervisor
-alone, which ends it in order.
+only. A child has a process session (setsid) of its own, so that Ctrl-C at the terminal only reaches
+the supervisor, which then ends the child in order.
 """
 
 import contextlib
@@ -24,23 +24,23 @@ from rig.loop import Board, TripError
 from rig.surviving import Surviving, failure
 
 _GRACE_S: Final = 10.0
-"""How long a child may take to end by itself before it is killed."""
+"""Time in s within which a child must end by itself; then it is killed."""
 
 
 class ChildError(TripError):
-    """A child that ended, or does not answer; the message names it.
+    """The error of a child that has ended or does not answer; the message names it.
 
-    To whoever it stops the rig has tripped: the safety thread sees the same, and makes it safe.
+    It is a `TripError`, as the safety thread notices the same failure and makes the rig safe.
     """
 
 
 @dataclass(frozen=True)
 class News:
-    """What a child reports without being asked.
+    """A report that a child sends without being asked.
 
     Attributes:
-        at_ns: when it happened, CLOCK_MONOTONIC in ns.
-        who: which part of the rig.
+        at_ns: time of the event, CLOCK_MONOTONIC in ns.
+        who: the part of the rig or of the software that it concerns.
         text: what happened.
     """
 
@@ -50,14 +50,14 @@ class News:
 
 
 class Child:
-    """A process of the session.
+    """A process of the session, as the supervisor sees it; it is started at once.
 
     Args:
-        name: what messages call it.
-        module: its module, whose `main()` finds board and pipe by `child_ends`.
-        board: shared with it.
-        log: file that its stderr is appended to, and what fails in `on_news`.
-        on_news: is called with its `News`, in a thread of its own.
+        name: name of the process in messages.
+        module: module whose `main()` the process runs; that gets board and pipe by `child_ends`.
+        board: memory that the process shares.
+        log: file to which its stderr is appended, and also errors of `on_news`.
+        on_news: is called with each `News` of the process, in a thread for this purpose.
     """
 
     def __init__(
@@ -75,7 +75,8 @@ class Child:
         self._survives = Surviving(f"hearing the {name} process", self._note_failure)
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         descriptors = (board.fd, theirs.fileno())
-        # Imported, not run as __main__: the classes of its orders are then those of the sender.
+        # The module is imported rather than run as __main__, so that the classes of its orders are
+        # the same as the sender's.
         program = f"from {module} import main; main()"
         with log.open("ab") as stderr, theirs:
             self._process = subprocess.Popen(
@@ -91,17 +92,17 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """The process id."""
         return self._process.pid
 
     @property
     def exit_code(self) -> int | None:
-        """Its exit code, minus the signal that killed it, or None while it runs."""
+        """The exit code; -n if signal n killed the process; None while it runs."""
         return self._process.poll()
 
     @property
     def ended(self) -> str:
-        """How it ended, in words; empty while it runs."""
+        """A text on how the process ended; empty while it runs."""
         code = self.exit_code
         if code is None:
             return ""
@@ -110,10 +111,10 @@ class Child:
         return f"ended with exit code {code}"
 
     def send(self, order: object) -> None:
-        """Send an order.
+        """Send an order to the process.
 
         Raises:
-            ChildError: it has ended.
+            ChildError: the process has ended.
         """
         try:
             self._pipe.send(order)
@@ -121,10 +122,10 @@ class Child:
             raise self._gone() from None
 
     def answer(self, timeout_s: float) -> Any:
-        """Return its next answer; an answer that is an exception is raised.
+        """Return the next answer of the process; if it is an exception, raise it.
 
         Raises:
-            ChildError: none came in time, or it has ended.
+            ChildError: no answer came in time, or the process has ended.
         """
         try:
             answer = self._answers.get(timeout=timeout_s)
@@ -144,8 +145,11 @@ class Child:
         return self.answer(timeout_s)
 
     def end(self) -> None:
-        """Close the pipe, upon which it leaves its part of the rig safe and ends; else kill it."""
-        # A reader blocked in a pipe does not see it closed: half of it is shut down first.
+        """Close the pipe, and wait until the process has ended; kill it after 10 s.
+
+        When the pipe is closed, the process brings its part of the rig to the safe state and ends.
+        """
+        # A thread that is blocked in reading the pipe does not notice `close`, so shut it down.
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as end:
             end.shutdown(socket.SHUT_RDWR)
         try:
@@ -157,7 +161,7 @@ class Child:
         self._pipe.close()
 
     def _read(self) -> None:
-        """Take what it sends until its pipe is closed, whatever fails of a message."""
+        """Receive messages until the pipe is closed; a message that cannot be read ends nothing."""
         while True:
             try:
                 message = self._pipe.recv()
@@ -165,7 +169,7 @@ class Child:
                 self._answers.put(_CLOSED)
                 return
             except Exception as error:
-                # It may have been an answer: whoever waits for one learns why there is none.
+                # It may have been an answer, so a caller that waits for one gets this error.
                 why = f"sent what cannot be read: {failure(error)}"
                 self._answers.put(ChildError(f"{self.name} process: {why}"))
                 continue
@@ -180,7 +184,7 @@ class Child:
             log.write(f"{line}\n")
 
     def _gone(self) -> ChildError:
-        # The pipe is closed a moment before the process can be asked how it ended.
+        # The pipe closes a moment before the exit code is known.
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_GRACE_S)
         return ChildError(f"{self.name} process: {self.ended or 'closed its pipe'}")
@@ -190,7 +194,10 @@ _CLOSED: Final = object()
 
 
 def child_ends() -> tuple[Board, Connection]:
-    """Return board and pipe of the child that this process is, from its command line."""
+    """Return the board and the pipe that this process, a child, has by its command line.
+
+    From then on the process ignores SIGINT.
+    """
     board_fd, pipe_fd = (int(argument) for argument in sys.argv[1:3])
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.set_inheritable(board_fd, False)
@@ -199,7 +206,7 @@ def child_ends() -> tuple[Board, Connection]:
 
 
 def obeyed_next(pipe: Connection, wait_s: float, obey: Callable[[object], None]) -> bool:
-    """Have the next order on a child's pipe obeyed, if one comes within `wait_s` seconds.
+    """Wait up to `wait_s` seconds for an order on a child's pipe, and call `obey` with it.
 
     Returns:
         False if the supervisor has closed its end of the pipe, else True.

@@ -1,7 +1,7 @@
-"""What another master does to a rig that is in its safe state: counted, and reported now and then.
+"""Moves that another master makes on a rig in its safe state are counted and reported here.
 
-Whoever holds a part of the rig in its safe state brings it back there; a master that goes on would
-otherwise fill log and report with the same line.
+The process that keeps a part of the rig in its safe state brings it back there each time. Reports
+are limited in rate, so that a master that goes on does not fill the log with the same line.
 """
 
 import time
@@ -14,22 +14,22 @@ from rig.io import BALLS, DriveState, H
 from .child import News
 
 REPEAT_S: Final = 1.0
-"""Time between two lines on the same part of the rig."""
+"""Shortest time in s between two reports on the same part of the rig."""
 
 _THROTTLE: Final = "return_blockage_needle"
 _FREE: Final = 0.1
-"""Part of its stroke by which a needle may be off: more than its driver takes for arrived."""
+"""Fraction of its stroke above which the throttle counts as moved; its driver tolerates less."""
 
 
 @dataclass(frozen=True)
 class Driven(News):
-    """A part of the rig that was found driven while it was held in its safe state.
+    """A report on a part of the rig that another master drove out of its safe state.
 
     Attributes:
-        part: which one.
-        times: how often it was found so.
-        first_ns: when first, CLOCK_MONOTONIC in ns.
-        last_ns: when last.
+        part: the part of the rig.
+        times: how often it was found driven.
+        first_ns: when it was first found driven, CLOCK_MONOTONIC in ns.
+        last_ns: when it was last found driven, CLOCK_MONOTONIC in ns.
     """
 
     part: str
@@ -39,18 +39,20 @@ class Driven(News):
 
     @property
     def sentence(self) -> str:
-        """What was found, and how often."""
+        """A sentence on what was found, and how often."""
         often = "once" if self.times == 1 else f"{self.times} times"
         return f"{self.part} driven by another master: {self.text}, {often}"
 
 
 class Tally:
-    """Counts by part; reports each part at once, and then at most every `REPEAT_S`.
+    """A counter of moves by another master, which reports them with a limited rate.
+
+    The first move of a part is reported at once, later ones at most every `REPEAT_S`.
 
     Args:
-        who: which part of the software counts.
-        report: is called with what is to be reported.
-        clock: CLOCK_MONOTONIC in ns.
+        who: the part of the software that counts.
+        report: is called with each report.
+        clock: returns CLOCK_MONOTONIC in ns.
     """
 
     def __init__(
@@ -66,13 +68,21 @@ class Tally:
         self._reported: dict[str, Driven] = {}
 
     def found(self, part: str, what: str) -> None:
-        """Count a part that is driven now."""
+        """Count that a part was found driven now; `what` says how."""
         now, known = self._clock(), self._found.get(part)
         times, first_ns = (known.times + 1, known.first_ns) if known else (1, now)
         self.counted(part, what, times, first_ns, now)
 
     def counted(self, part: str, what: str, times: int, first_ns: int, last_ns: int) -> None:
-        """Take over what was counted of a part so far."""
+        """Set the count of a part to what somebody else has counted so far.
+
+        Args:
+            part: the part of the rig.
+            what: what was found.
+            times: how often it was found driven.
+            first_ns: when first, CLOCK_MONOTONIC in ns.
+            last_ns: when last, CLOCK_MONOTONIC in ns.
+        """
         now = self._clock()
         self._found[part] = Driven(now, self._who, what, part, times, first_ns, last_ns)
         reported = self._reported.get(part)
@@ -80,7 +90,7 @@ class Tally:
             self._say(part)
 
     def report_rest(self) -> None:
-        """Report what was counted since the last report."""
+        """Report each part whose count has grown since its last report."""
         for part, found in self._found.items():
             if self._reported[part].times != found.times:
                 self._say(part)
@@ -91,10 +101,10 @@ class Tally:
 
 
 def departures(values: Mapping[str, float]) -> dict[str, str]:
-    """Return what of slow inputs is not as in the safe state, by the part concerned.
+    """Return part -> state for each part of the rig whose slow inputs differ from the safe state.
 
     Args:
-        values: as a driver read them, SI; NaN is no value and departs from nothing.
+        values: slow input -> value that a driver read, SI; NaN does not count as a difference.
     """
     found = {}
     for name, value in values.items():

@@ -1,9 +1,9 @@
-"""The field process: serves the slow drivers, makes the scheduled moves, shuts the bypasses.
+"""The field process serves the slow drivers, makes the scheduled moves, and shuts the bypasses.
 
-It publishes what they read on the board, and trips if a driver that moves something fails. On
-anybody's trip, or a silence of loop or supervisor, it brings its drivers to their safe state in the
-order of a trip: valve drive, bypass valves, pump. It keeps them there: whatever leaves that state
-is reported as driven by another master, and brought back.
+It writes the drivers' readings to the board, and trips if a driver that moves something fails. When
+any part has tripped, or loop or supervisor is silent, it brings its drivers to their safe state in
+the order of a trip: valve drive, bypass valves, pump. It keeps them there: a part that leaves its
+safe state is reported as driven by another master, and brought back.
 """
 
 import time
@@ -21,20 +21,20 @@ from .child import News, child_ends, obeyed_next
 from .driven import Tally, departures
 
 CYCLE_S: Final = 0.01
-"""Time between two looks at moves, orders and drivers; each driver is asked at its own rate."""
+"""Period in s at which moves, orders and drivers are looked after; drivers have their own rates."""
 
 _NULL_FIRST_S: Final = 0.2
-"""How long a trip waits for the valve's null before the bypasses are shut all the same."""
+"""Time in s for which a trip waits for the valve's null; then the bypasses are shut in any case."""
 
 _REPEAT_S: Final = 1.0
-"""Time between two complaints of the same driver, and between two attempts to make it safe."""
+"""Time in s between two reports on the same driver, and between two attempts to make it safe."""
 
 Outputs = Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class OpenField:
-    """Open the drivers; the answer is a tuple of their names, or the `DriverError`."""
+    """The order to open the drivers; the answer is a tuple of their names, or a `DriverError`."""
 
     drivers: tuple[DriverSpec, ...]
     settings: LoopSettings
@@ -42,14 +42,17 @@ class OpenField:
 
 @dataclass(frozen=True)
 class WriteOutputs:
-    """Set outputs now; no answer: the board shows what comes of it."""
+    """The order to set outputs now; there is no answer, but the board shows the feedback."""
 
     outputs: Outputs
 
 
 @dataclass(frozen=True)
 class FollowMoves:
-    """Outputs to set at ticks of a segment, in order; replaces what was scheduled before."""
+    """The order to set outputs at ticks of a segment, which replaces the earlier schedule.
+
+    `moves` are pairs of tick and outputs, in the order of the ticks.
+    """
 
     segment: int
     moves: tuple[tuple[int, Outputs], ...]
@@ -57,12 +60,12 @@ class FollowMoves:
 
 @dataclass(frozen=True)
 class MakeSafe:
-    """Bring every driver to its safe state; the answer is a `Safety`."""
+    """The order to bring every driver to its safe state; the answer is a `Safety`."""
 
 
 @dataclass(frozen=True)
 class Safety:
-    """What came of a safe state: what each driver could not do, by its name."""
+    """The answer to `MakeSafe`: driver -> why it is not in its safe state; empty if all are."""
 
     failures: Mapping[str, str] = field(default_factory=dict)
 
@@ -73,12 +76,12 @@ class _Served:
     due: float = 0.0
     complained_at: float = -_REPEAT_S
     failure: str = ""
-    """Why it is not in the safe state that it is meant to be in; empty if it is, or need not be."""
+    """Why the driver is not in its safe state although it should be; else empty."""
     tried_at: float = 0.0
 
 
 class FieldProcess:
-    """Serves the drivers of one session; see the module."""
+    """The field process of one session, which serves its slow drivers as the module describes."""
 
     def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
@@ -92,7 +95,7 @@ class FieldProcess:
         self._tally = Tally("field", self._report)
 
     def run(self) -> None:
-        """Serve until the pipe is closed; leave everything safe."""
+        """Serve until the pipe is closed; then bring the drivers to their safe state, and close."""
         try:
             while obeyed_next(self._pipe, CYCLE_S, self._obey):
                 self.cycle()
@@ -103,7 +106,7 @@ class FieldProcess:
                 served.driver.close()
 
     def cycle(self) -> None:
-        """Make the moves that are due, and ask every driver that is due."""
+        """Make the moves that are due, check for trips, and read every driver that is due."""
         now = time.monotonic()
         if not self._safe:
             self._make_moves()
@@ -158,7 +161,7 @@ class FieldProcess:
             self._safe, served.failure = False, ""
             word = _CONFIRMED.get(rank_of(served.driver.outputs))
             if word is not None:
-                # What was confirmed before it moved says nothing of where it is afterwards.
+                # The confirmation of the safe state is void once the driver moves again.
                 self._words[word] = 0
             try:
                 served.driver.write(mine)
@@ -174,7 +177,7 @@ class FieldProcess:
                 served.complained_at = now
                 self._complain(served, error)
             if self._safe and served.driver.outputs:
-                # From here, only a new connection brings it to its safe state.
+                # After a failed read, only a new connection can bring it to its safe state.
                 served.failure, served.tried_at = str(error), now
         self._publish(values)
         found = departures(values) if self._safe else {}
@@ -184,9 +187,10 @@ class FieldProcess:
             self._bring_to_safe_state(served)
 
     def _bring_to_safe_state(self, served: _Served) -> None:
-        """Make a driver safe, and confirm that; why it is not safe is its `failure`, reported once.
+        """Bring a driver to its safe state, and confirm that on the board.
 
-        A driver that failed is tried again from time to time, for as long as this process lives.
+        If it fails, the reason becomes the driver's `failure` and is reported once. The driver is
+        tried again every second for as long as this process lives.
         """
         failed_before = bool(served.failure)
         try:
@@ -201,7 +205,7 @@ class FieldProcess:
             self._report(News(time.monotonic_ns(), served.driver.name, "is in its safe state now"))
         word = _CONFIRMED.get(rank_of(served.driver.outputs))
         if word is not None and not self._words[word]:
-            # Once more confirms nothing anew: it has been so since the first.
+            # Only the first confirmation counts: the part has been safe since then.
             self._words[word] = time.monotonic_ns()
 
     def _publish(self, values: Mapping[str, float]) -> None:
@@ -212,7 +216,7 @@ class FieldProcess:
             self._board.slow_at[index] = at
 
     def _complain(self, served: _Served, error: DriverError) -> None:
-        """Report to the supervisor; trip if the driver moves something."""
+        """Report a driver's error to the supervisor; trip if the driver has outputs."""
         moves = bool(served.driver.outputs)
         if moves and not self._words[Word.FIELD_TRIP]:
             self._trip(_cause_of(served.driver, error))
@@ -235,14 +239,14 @@ class FieldProcess:
             (Word.LOOP_BEAT, settings.loop_silence, Cause.LOOP_LOST),
             (Word.SUPERVISOR_BEAT, settings.supervisor_silence, Cause.SUPERVISOR_LOST),
         ):
-            # A part that never beat is not yet there.
+            # A part that has never beaten has not started yet.
             if words[word] and now - words[word] > silence_s * 1e9:
                 self._trip(cause)
                 return True
         return False
 
     def _make_safe(self) -> Safety:
-        """Bring the drivers to their safe state in the order of a trip."""
+        """Bring the drivers to their safe state in the order of a trip; return each failure."""
         self._safe = True
         self._moves = []
         self._wait_for_null()
@@ -252,10 +256,10 @@ class FieldProcess:
             self._bring_to_safe_state(served)
             if not served.failure:
                 try:
-                    # Whoever asked for it may end soon: the board shows the safe state before.
+                    # The session may end soon, so the safe state is written to the board now.
                     self._publish(served.driver.read())
                 except DriverError as error:
-                    # It may be raised once only, and say why the rig had to be made safe.
+                    # A driver may raise this only once, and it may be the reason of the trip.
                     self._report_error(served, error)
             self._words[Word.FIELD_BEAT] = time.monotonic_ns()
         return Safety(
@@ -270,7 +274,7 @@ class FieldProcess:
             time.sleep(1e-3)
 
     def _report(self, message: object) -> None:
-        # Without a supervisor there is nobody to report to; what it would have done is done here.
+        # If the supervisor is gone nobody takes the report, and the process goes on without.
         with suppress(OSError):
             self._pipe.send(message)
 
@@ -280,7 +284,7 @@ _CONFIRMED: Final = {_BYPASS_RANK: Word.BYPASS_SHUT_AT, _PUMP_RANK: Word.PUMP_UN
 
 
 def rank_of(outputs: Iterable[str]) -> int:
-    """Return the place of a driver with these outputs in the order of a trip."""
+    """Return the place, from 0, that a driver with these outputs has in the order of a trip."""
     moved = set(outputs)
     if "drive_target" in moved:
         return _DRIVE_RANK
@@ -298,8 +302,11 @@ _CAUSES: Final = {
 
 
 def _cause_of(driver: Driver, error: DriverError) -> Cause:
-    """Return whether the driver is lost, or a channel of it does not do what it should."""
-    # What a device refuses by another name, such as a register, is no fault of a valve.
+    """Return the cause of a trip for a driver's error: the driver is lost, or a channel is faulty.
+
+    A channel is faulty if the error names a channel of the driver.
+    """
+    # An error may name something else, such as a register, which is no fault of a valve.
     channels = {*driver.inputs, *driver.outputs}
     return _CAUSES[rank_of(driver.outputs)][not channels.isdisjoint(error.channel.split(", "))]
 

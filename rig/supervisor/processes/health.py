@@ -1,4 +1,4 @@
-"""How the loop and the parts of the session are, from the board, for the live stream."""
+"""The health of the loop and of the session's parts is read from the board for the live stream."""
 
 import time
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from .safety_thread import trips_of
 Array = NDArray[np.float64]
 
 TIMED: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s", "age_s")
-"""Columns of a tick's timings; a simulated rig has none."""
+"""Columns of a row that hold a tick's timings; the rows of a simulated rig have none."""
 BEATS: Final = {
     "loop": Word.LOOP_BEAT,
     "field": Word.FIELD_BEAT,
@@ -30,7 +30,10 @@ STEPS: Final = {
 
 
 class Health:
-    """Gathers the rows between two messages of health; see docs/stream.md for what they hold."""
+    """A collector of the rows between two messages `health`, whose content it makes.
+
+    docs/stream.md describes that content.
+    """
 
     def __init__(self, board: Board) -> None:
         self._board, self._words = board, board.words
@@ -39,13 +42,13 @@ class Health:
         self._since = time.monotonic()
 
     def take(self, rows: Array, channels: Sequence[str]) -> None:
-        """Count the next rows, float64 (n, channels)."""
+        """Add the next rows, float64 (n, channels)."""
         if not self._timed:
             self._timed = {name: channels.index(name) for name in TIMED if name in channels}
         self._rows.append(rows)
 
     def content(self) -> dict[str, Any]:
-        """Return how things are, and have been since the last call."""
+        """Return the content of a message: the present state, and timings since the last call."""
         words, now = self._words, time.monotonic()
         rows = np.concatenate(self._rows) if self._rows else None
         self._rows, since, self._since = [], self._since, now
@@ -85,7 +88,11 @@ class Health:
         return "" if index == NO_CHANNEL else FAST_INPUTS[index]
 
     def _trips(self) -> dict[str, Any]:
-        """Return who tripped and why, the first one first, and what was made safe since."""
+        """Return who tripped and why, in order of time, and which steps of the trip were confirmed.
+
+        Times are in s after the first trip; the time of an unconfirmed step is None. {} if nobody
+        tripped.
+        """
         found = [
             (at_ns, who, cause) for who, (cause, at_ns) in trips_of(self._board).items()
         ]  # fmt: skip

@@ -1,8 +1,9 @@
-"""The loop process: owns the fast driver, and runs segments on it in a thread of its own.
+"""The loop process owns the fast driver, and runs segments on it in a thread of its own.
 
-The thread spends its life in one compiled function (`rig.loop.wire.cycle`), without the
-interpreter's lock; orders and signals come to the main thread. Every way out leaves the device in
-its safe state: an order, SIGTERM, the supervisor's end, a trip that was not confirmed, a crash.
+The thread is almost always in one compiled function (`rig.loop.wire.cycle`), without the
+interpreter's lock; the main thread receives orders and signals. However the process ends (by an
+order, SIGTERM, the supervisor's end, a trip that was not confirmed, a crash), it brings the device
+to its safe state.
 """
 
 import contextlib
@@ -47,26 +48,26 @@ from .child import News, child_ends
 from .driven import Tally
 
 _POLL_S: Final = 0.05
-"""How soon a signal, or the end of the loop's thread, is noticed."""
+"""Period in s at which the main thread looks for signals and for the end of the loop's thread."""
 
 _REPEAT_S: Final = 1.0
-"""Time between two attempts to reach a device that did not confirm its safe state."""
+"""Time in s between two attempts to reach a device that did not confirm its safe state."""
 
 _LOOK_S: Final = 0.1
-"""Time between two looks, over connections of their own, at a valve that the loop left."""
+"""Time in s between two checks, by connections of their own, of a valve that the loop has left."""
 
 _LEFT: Final = (
     "the loop has left its connection, which did not confirm that the valve is at null; "
     "end this session and start another"
 )
-"""What is answered to an order that no loop is left to obey."""
+"""The answer to orders after the loop has ended by itself."""
 
 _NEVER: Final = -1
 """Number of a segment that is never switched to: the loop returns from it at once."""
 
 
 class LoopProcess:
-    """Serves one fast driver for one session; see the module."""
+    """The loop process of one session, which serves its fast driver as the module describes."""
 
     def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
@@ -104,7 +105,7 @@ class LoopProcess:
                 self._pipe.send(Closed(failure))
 
     def terminate(self) -> None:
-        """Leave the device safe and end, soon; for a signal's handler."""
+        """Make `run` end soon, with the device in its safe state; signal handlers may call this."""
         self._terminated = True
 
     def _serve(self) -> Cause:
@@ -150,7 +151,7 @@ class LoopProcess:
         self._pace = pace(order.settings, driver.rate_hz)
         self._interlock = interlock(order.limits, order.tolerances)
         self._segments[order.first.number] = order.first
-        # Compiled, or loaded, before time matters.
+        # This compiles or loads the loop's function before its time matters.
         with telling_of_compiling(lambda name: self._report(f"compiles {name}")):
             self._run_segment(_NEVER, order.first)
         arguments = (order.settings.cpu, order.settings.priority)
@@ -160,7 +161,7 @@ class LoopProcess:
         self._pipe.send(Opened(self._grants, driver.rate_hz))
 
     def _loop(self, cpu: int | None, priority: int) -> None:
-        """Run segments as they are switched to; the loop's thread."""
+        """Run one segment after another, as the supervisor switches to them; the loop's thread."""
         try:
             with RealTime(cpu, priority) as real_time:
                 self._grants = real_time.grants
@@ -184,7 +185,7 @@ class LoopProcess:
                          Word.ACTION_CAUSE):  # fmt: skip
                 self._words[word] = 0
         elif segment.offset_m != self._offset_m and not self._words[Word.LOOP_TRIP]:
-            # The position jumps because it is counted anew; the interlock must not mind.
+            # A new offset makes the position jump, which the interlock must not take for a fault.
             self._interlock.memory.clear()
         self._offset_m = segment.offset_m
         if segment.homed is not None:
@@ -217,7 +218,10 @@ class LoopProcess:
         )
 
     def _rescue(self) -> Cause:
-        """Hold the valve of a loop that ended by itself at null until the session ends."""
+        """Trip, and keep the valve of a loop that ended by itself at null until the session ends.
+
+        Return the cause for which the process ends then.
+        """
         self._trip(Cause.CRASH)
         self._tend_null()
         failure = self._safe_state()
@@ -235,7 +239,14 @@ class LoopProcess:
         return self._ended_by
 
     def _look_again(self, failure: str) -> str:
-        """Look at a valve that the loop left; return why it is not known to be at null, if so."""
+        """Check a valve that the loop has left, and bring it back to null if needed.
+
+        Args:
+            failure: why it was not confirmed at null at the last check; empty if it was.
+
+        Returns:
+            Why it is not confirmed at null now; empty if it is.
+        """
         try:
             driven = self._driver.driven()
             if driven and not failure:
@@ -252,9 +263,10 @@ class LoopProcess:
         return found
 
     def _tend_null(self) -> None:
-        """Report a valve that another master drives, and have the device latch its null.
+        """If another master drives the valve, report that, and make the device latch its null.
 
-        The loop nulls it at its next tick; a device that latches takes no command afterwards.
+        The loop itself nulls the valve at its next tick. A device that has latched its null accepts
+        no command afterwards.
         """
         found = self._memory.found.copy()
         if found[Found.TIMES] == 0:
@@ -269,7 +281,11 @@ class LoopProcess:
                 self._report(f"the valve is not latched at null: {failure}")
 
     def _end(self, cause: Cause) -> str:
-        """Leave loop and driver; return why the safe state was not confirmed, empty if it was."""
+        """End the loop and close the driver in its safe state.
+
+        Return why the safe state was not confirmed; empty if it was. Trip with `cause`, unless it
+        is NONE.
+        """
         if cause != Cause.NONE:
             self._trip(cause)
         self._memory.counts[Count.LEAVE] = 1
@@ -306,7 +322,7 @@ class LoopProcess:
 
 
 def _in_words(found: Integers) -> str:
-    """Return what another master did to the valve, by `Found`."""
+    """Return in words what another master did to the valve; `found` is indexed by `Found`."""
     parts = []
     if found[Found.ENABLED]:
         parts.append("enabled")

@@ -1,16 +1,16 @@
-"""What a session reports to whoever looks on; nothing depends on it."""
+"""The base class of objects that a session informs of its progress; nothing depends on them."""
 
 from rig.loop import Board
 
 
 class Onlooker:
-    """Is called as a session on hardware goes on; does nothing. Derive, and override what you need.
+    """An observer of a session on hardware, whose methods do nothing; override them as needed.
 
-    Calls come from the session itself, which waits for them to return.
+    The session itself calls the methods, and waits for them to return.
     """
 
     def connected(self, board: Board, channels: tuple[str, ...]) -> None:
-        """Take note of the shared memory, whose rows have these columns."""
+        """Learn that the session is connected, with this board, whose rows have these columns."""
 
     def came_to(self, state: str) -> None:
-        """Take note of the session's new state."""
+        """Learn the session's new state."""

@@ -1,8 +1,9 @@
-"""The publisher: takes rows from the ring to the live stream, in a process of its own.
+"""The publisher sends rows from the ring to the live stream, in a process of its own.
 
-It reads the ring as the recorder does, and disturbs neither it nor the loop: what it has no time
-for, or what a reader does not take, is dropped, the oldest first, and counted. If it is killed it
-is started again (`rig.supervisor.processes.streaming`), and goes on with the rows that are there.
+It reads the ring as the recorder does, and disturbs neither the recorder nor the loop: rows that it
+has no time for, and messages that a reader does not take, are dropped, the oldest first, and
+readers can count them. If it is killed, it is started again (`rig.supervisor.processes.streaming`),
+and goes on with the rows that are still in the ring.
 """
 
 import itertools
@@ -46,28 +47,29 @@ from .health import Health
 POLL_S: Final = 0.005
 HEALTH_S: Final = 1.0
 MOST_ROWS: Final = 500
-"""Rows in a turn, so that orders and heartbeats are never late."""
+"""Most rows that are sent in one turn, so that orders and heartbeats are never late."""
 MOST_WAITING: Final = 10_000
-"""Rows in arrears at which the oldest are given up: what is live is what is new."""
+"""Most rows that may wait to be sent; if there are more, all but the newest 500 are dropped."""
 FLUSH_S: Final = 0.1
-"""How long a batch may be gathered: a slow rig is live, too."""
+"""Time in s after which a batch is sent even if it is not full, for rigs with slow rows."""
 COMMANDS_WAITING: Final = 32
 ANSWER_S: Final = 3.0
-"""How long the supervisor may take to say whether it obeys."""
+"""Time in s within which the supervisor must answer whether it obeys a command."""
 REFUSALS_REPORTED: Final = 5
-"""Refusals in a second that are reported one by one; the others are counted."""
+"""Most refusals that are reported one by one within a second; further ones are only counted."""
 NICENESS: Final = 5
 
 
 @dataclass(frozen=True)
 class Open:
-    """Open the stream; the answer is None, or its error.
+    """The order to open the stream; the answer is None, or an error if it cannot be opened.
 
     Attributes:
         settings: the profile.
         rig: the rig's id.
-        channels: the rows' columns, unless `Columns` names others for their segment.
-        note: an event to send at once, such as that it was started again; empty for none.
+        channels: names of the rows' columns, in segments for which no `Columns` was sent.
+        note: text of an event to send at once, such as that the publisher was started again; empty
+            for none.
     """
 
     settings: StreamSettings
@@ -78,7 +80,7 @@ class Open:
 
 @dataclass(frozen=True)
 class Columns:
-    """What the columns of a segment's rows are."""
+    """The order that gives the names of the columns of a segment's rows, and its test's number."""
 
     segment: int
     channels: tuple[str, ...]
@@ -87,7 +89,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Send:
-    """Send a message."""
+    """The order to send a message of a kind with this content."""
 
     kind: str
     content: Mapping[str, Any]
@@ -95,11 +97,11 @@ class Send:
 
 @dataclass(frozen=True)
 class Obeyed:
-    """What the supervisor makes of a command.
+    """The supervisor's answer to a command.
 
     Attributes:
-        number: of the command.
-        refusal: why it is not obeyed; empty if it is.
+        number: number of the command.
+        refusal: why the command is not obeyed; empty if it is.
     """
 
     number: int
@@ -108,14 +110,14 @@ class Obeyed:
 
 @dataclass(frozen=True)
 class Asked(News):
-    """A command that came by the stream, and is genuine and allowed."""
+    """The report of a command that came by the stream and has passed the gate."""
 
     command: Command
 
 
 @dataclass
 class _Waiting:
-    """A command that the supervisor has been handed."""
+    """A command for which the supervisor's answer is awaited, until a monotonic time in s."""
 
     query: zenoh.Query
     command: Command
@@ -123,7 +125,7 @@ class _Waiting:
 
 
 class Publisher:
-    """Serves one stream until the pipe is closed."""
+    """The publisher of one stream, which works until its pipe is closed."""
 
     def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
@@ -143,7 +145,7 @@ class Publisher:
         self._heartbeat_at = self._health_at = self._flushed_at = 0.0
 
     def run(self) -> None:
-        """Serve."""
+        """Wait for the order `Open`, open the stream, and publish until the pipe is closed."""
         order = self._pipe.recv()
         assert isinstance(order, Open)
         try:
@@ -196,7 +198,7 @@ class Publisher:
     def _obey(self, order: object) -> None:
         if isinstance(order, Columns):
             self._columns[order.segment] = order
-            # Of a session that lasts for weeks, the last tests are enough.
+            # A session may last for weeks, and only the last segments are still needed.
             while len(self._columns) > 100:
                 del self._columns[min(self._columns)]
         elif isinstance(order, Send):
@@ -230,7 +232,7 @@ class Publisher:
             self._send(self._batches.add(int(numbers[begin]), rows[begin:end], newest_ns))
 
     def _newest_ns(self) -> int:
-        """Return when the newest row was written, wall clock; the loop's beat shows it."""
+        """Return the wall clock of the newest row, ns since 1970, which the loop's beat shows."""
         beat = int(self._board.words[Word.LOOP_BEAT])
         now_ns = time.time_ns()
         return now_ns if not beat else now_ns - (time.monotonic_ns() - beat)
@@ -276,14 +278,14 @@ class Publisher:
                 self._reply(waiting.query, "the supervisor does not answer")
 
     def _command_came(self, query: zenoh.Query) -> None:
-        """Queue a command; a thread of Zenoh."""
+        """Queue a command, or count it if too many wait; a thread of Zenoh calls this."""
         try:
             self._commands.put_nowait(query)
         except queue.Full:
             self._overrun += 1
 
     def _put_came(self, sample: zenoh.Sample) -> None:
-        """Refuse what is no query: nobody would hear the answer."""
+        """Count a command that is no query, to be refused, as it cannot be answered."""
         self._overrun += 1
 
     def _take_commands(self) -> None:
@@ -302,7 +304,7 @@ class Publisher:
         name = str(query.key_expr).rpartition("/")[2]
         payload = b""
         if query.payload is not None:
-            # What is oversized is not copied; its length is all that the gate looks at.
+            # An oversized payload is not copied, as the gate only looks at its length.
             size = len(query.payload)
             payload = bytes(query.payload) if size <= LARGEST_COMMAND else bytes(size)
         try:
@@ -323,7 +325,7 @@ class Publisher:
         return f"{command.name} by {command.by} {state}{said}"
 
     def _refuse(self, text: str, by: str, payload: bytes) -> None:
-        """Log a refusal, in the session's log and in the stream, but not a flood of them."""
+        """Report a refusal in the session's log and as an event; after too many, only count it."""
         now = time.monotonic()
         self._refused = [at for at in self._refused if now - at < 1.0]
         if len(self._refused) >= REFUSALS_REPORTED:
@@ -341,7 +343,7 @@ class Publisher:
             self._event("refused", f"{count} more commands refused")
 
     def _report_failures(self) -> None:
-        """Report what failed, in the session's log and in the stream."""
+        """Report errors that the publisher survived, in the session's log and as events."""
         while not self._failures.empty():
             line = self._failures.get()
             self._event("error", line)
@@ -355,7 +357,7 @@ class Publisher:
     def _reply(self, query: zenoh.Query, refusal: str) -> None:
         with suppress(zenoh.ZError), query:
             key = str(query.key_expr)
-            # A command to all rigs at once (`rig/*/...`) is answered for this one.
+            # The answer to a command to all rigs at once (`rig/*/...`) is this rig's only.
             query.reply(key, pack({"accepted": not refusal, "reason": refusal}))
 
     def _event(self, kind: str, text: str) -> None:
@@ -366,6 +368,6 @@ class Publisher:
 def main() -> None:
     """Run as the publisher of a session."""
     board, pipe = child_ends()
-    # Behind the recorder, whatever this process's readers ask of it.
+    # The recorder has precedence, however much this process's readers ask of it.
     os.nice(NICENESS)
     Publisher(board, pipe).run()

@@ -1,8 +1,8 @@
-"""The recorder: takes the rows of a test from the ring to its MCAP file, in a process of its own.
+"""The recorder writes the rows of a test from the ring to its MCAP file, in a process of its own.
 
-It flushes twice a second, so that a kill -9 of anything costs a second of data at most. If the
-supervisor is gone it writes what is in the ring and why the others tripped, closes the file and
-ends. Its exit code is the `errno` of what stopped it.
+It flushes twice a second, so that the death of any process costs at most a second of data. If the
+supervisor is gone, the recorder writes the rest of the ring and the cause of the trip, closes the
+file and ends. If an error of the operating system stops it, its exit code is the `errno`.
 """
 
 import os
@@ -28,20 +28,20 @@ Array = NDArray[np.float64]
 
 POLL_S: Final = 0.02
 FLUSH_S: Final = 0.5
-"""Half of the second that a kill may cost: the machine may hold this process up besides."""
+"""Period in s of flushing: half of the second that a kill may cost, as flushing may be delayed."""
 _DRAIN_S: Final = 0.5
-"""How long rows may still come after the supervisor is gone: the loop ramps down and ends."""
+"""Time in s for which rows are awaited after the supervisor is gone, while the loop ramps down."""
 
 
 @dataclass(frozen=True)
 class BeginRecording:
-    """Record the rows of one segment to a new file.
+    """The order to record the rows of one segment to a new file; the answer is its number.
 
     Attributes:
         segment: number of the segment, as in the rows' column `segment`.
         path: the file.
-        channels: the rows' columns.
-        metadata: of the recording.
+        channels: names of the rows' columns.
+        metadata: metadata of the recording.
         start_ns: wall clock of the segment's tick 0, ns since 1970.
     """
 
@@ -54,7 +54,7 @@ class BeginRecording:
 
 @dataclass(frozen=True)
 class NoteInRecording:
-    """Note an event at a time of the segment."""
+    """The order to add an event at a time of the segment, s."""
 
     time_s: float
     kind: str
@@ -63,13 +63,13 @@ class NoteInRecording:
 
 @dataclass(frozen=True)
 class FinishRecording:
-    """Complete the file once it holds `rows` rows; the answer is how many it holds."""
+    """The order to complete the file once it holds `rows` rows; the answer is how many it holds."""
 
     rows: int
 
 
 class Recorder:
-    """Writes one file at a time; see the module."""
+    """The recorder, which writes one file at a time, as the module describes."""
 
     def __init__(self, board: Board, pipe: Connection) -> None:
         self._board = board
@@ -84,7 +84,7 @@ class Recorder:
         self._flushed_at = 0.0
 
     def run(self) -> None:
-        """Record until the pipe is closed, or the supervisor is silent for good."""
+        """Record until the supervisor closes the pipe or is gone; then complete the file."""
         try:
             while obeyed_next(self._pipe, POLL_S, self._obey):
                 self._take_rows()
@@ -110,7 +110,7 @@ class Recorder:
         self._writer = McapWriter(
             order.path, order.channels, order.metadata, start_ns=order.start_ns
         )
-        # A file that is cut right after its birth shows at least which test it was to be.
+        # A file that is cut off right after this has at least the metadata of its test.
         self._writer.flush()
         self._pipe.send(order.segment)
 
@@ -144,7 +144,7 @@ class Recorder:
             self._take_rows()
 
     def _note_trip(self) -> None:
-        """Note the first-out cause in an unfinished file: nobody is left to report it."""
+        """Add the first-out cause to a file that is not finished, as nobody else reports it."""
         trips = trips_of(self._board).values()
         if self._writer is not None and trips:
             cause, _ = min(trips, key=lambda trip: trip[1])
@@ -162,7 +162,7 @@ def main() -> None:
     try:
         Recorder(board, pipe).run()
     except OSError as error:
-        # A disk that is full for the recording is full for the log: that must not hide it.
+        # If the disk is full, this line may fail too, which must not hide the first error.
         with suppress(OSError):
             os.write(sys.stderr.fileno(), f"recorder: {error}\n".encode())
         sys.exit(error.errno or 1)

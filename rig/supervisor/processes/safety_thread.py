@@ -1,8 +1,8 @@
-"""The safety thread beats for the supervisor, sees what fails, and stands in for dead parts.
+"""The safety thread beats for the supervisor, watches the other parts, and acts for dead ones.
 
-A thread of the supervisor. Whatever trips, it sees to it that valve, bypasses and pump are safe: it
-waits for the parts that are alive to confirm, and does by connections of its own what they do not,
-again and again for as long as it lives.
+It is a thread of the supervisor. After any trip it ensures that valve, bypasses and pump are safe:
+it waits until the living parts confirm that, and makes the rest safe by connections of its own,
+which it repeats for as long as it lives.
 """
 
 import threading
@@ -22,13 +22,13 @@ from .field import rank_of
 
 POLL_S: Final = 0.01
 MAIN_SILENCE_S: Final = 5.0
-"""How long the supervisor's own work may take without a sign of life before it stops beating."""
+"""Time in s without a sign of life of the main thread, after which this thread beats no more."""
 
 NULL_WAIT_S: Final = 0.5
-"""How long the loop may take to have the valve's null confirmed."""
+"""Time in s within which the loop must confirm that the valve is at null."""
 
 FIELD_WAIT_S: Final = 10.0
-"""How long the field process may take to have bypasses shut and pump unloaded confirmed."""
+"""Time in s within which the field process must confirm bypasses shut and pump unloaded."""
 
 TRIPS: Final = {
     "loop": (Word.LOOP_TRIP, Word.LOOP_TRIP_AT),
@@ -42,7 +42,7 @@ Report = Callable[[str, str], None]
 
 @dataclass(frozen=True)
 class Parts:
-    """The processes of a session."""
+    """The processes that the safety thread watches: loop, field and recorder."""
 
     loop: Child
     field: Child
@@ -50,15 +50,15 @@ class Parts:
 
 
 class SafetyThread:
-    """Watches the parts of a session, from `start` to `stop`.
+    """The safety thread of a session, which watches its parts from `start` to `stop`.
 
     Args:
-        board: shared by all of them.
+        board: the memory that all parts share.
         parts: the processes.
-        settings: after how long a silence which part counts as lost.
-        drivers: as configured, to make connections of its own.
-        report: called with who and what, for the trip report; from the safety thread.
-        found: called with what another master drives; from the safety thread.
+        settings: gives the silences after which a part counts as lost.
+        drivers: the rig's drivers, by which the thread makes connections of its own.
+        report: is called, from the safety thread, with who did what, for the trip report.
+        found: is called, from the safety thread, with each report on another master.
     """
 
     def __init__(
@@ -86,32 +86,35 @@ class SafetyThread:
         self._thread = threading.Thread(target=self._run, name="safety", daemon=True)
 
     def start(self) -> None:
-        """Begin to beat and to watch."""
+        """Start the thread, which beats for the supervisor and watches the parts from then on."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End; the parts are on their own from now on."""
+        """End the thread; nobody watches the parts any more."""
         self._stopping.set()
         self._thread.join()
         self._tally.report_rest()
 
     def alive(self) -> None:
-        """Show that the supervisor's main thread goes on."""
+        """Record a sign of life of the supervisor's main thread, which calls this."""
         self._alive_at = time.monotonic()
 
     @property
     def tripped(self) -> bool:
-        """Whether anybody has tripped."""
+        """Whether any part has tripped."""
         return any(self._words[word] for word, _ in TRIPS.values())
 
     def trip(self, cause: Cause) -> None:
-        """Trip, in the supervisor's name."""
+        """Trip in the name of the supervisor, unless it has tripped already."""
         if not self._words[Word.SUPERVISOR_TRIP]:
             self._words[Word.SUPERVISOR_TRIP_AT] = time.monotonic_ns()
             self._words[Word.SUPERVISOR_TRIP] = cause
 
     def wait_until_safe(self, timeout_s: float = 2.0 * FIELD_WAIT_S) -> bool:
-        """Return whether, after a trip, everything that could be done was done in time."""
+        """Wait, after a trip, until the thread has made safe what it can; return whether in time.
+
+        A part that could not be made safe does not change the result.
+        """
         until = time.monotonic() + timeout_s
         while not self._safe.wait(POLL_S) and time.monotonic() < until:
             self.alive()
@@ -131,12 +134,15 @@ class SafetyThread:
                     self._kept_at = time.monotonic()
 
     def _say(self, who: str, what: str) -> None:
-        # What cannot be reported to anybody is done all the same.
+        # An error of the report must not keep the thread from its work.
         with suppress(Exception):
             self._report(who, what)
 
     def _failed(self, line: str) -> None:
-        """Trip: who cannot watch does not let the rig move; then go on, to make it safe."""
+        """Trip after an error of this thread, as the rig must not move unwatched; report the error.
+
+        The thread goes on, and makes the rig safe.
+        """
         self.trip(Cause.CRASH)
         self._say("supervisor", line)
 
@@ -172,12 +178,15 @@ class SafetyThread:
         )
 
     def _is_silent(self, word: Word, silence_s: float) -> bool:
-        # A part that never beat is not yet there.
+        # A part that has never beaten has not started yet.
         beat = int(self._words[word])
         return beat != 0 and time.monotonic_ns() - beat > silence_s * NS
 
     def _make_safe(self) -> None:
-        """See to it that valve, bypasses and pump are safe, in this order, by whoever is left."""
+        """Ensure that valve, bypasses and pump are safe, in this order.
+
+        The loop and the field process do it if they are alive, else this thread does.
+        """
         loop, field = self._parts.loop, self._parts.field
         if not self._confirmed((Word.VALVE_NULL_AT,), loop, Cause.LOOP_LOST, NULL_WAIT_S):
             fast = [spec for spec in self._drivers if spec.kind == "fast"]
@@ -188,7 +197,10 @@ class SafetyThread:
             self._by_own_connection(sorted(slow, key=lambda spec: rank_of(spec.outputs)))
 
     def _confirmed(self, words: tuple[Word, ...], part: Child, lost: Cause, wait_s: float) -> bool:
-        """Wait for a part to confirm steps, unless it is lost; return whether it did."""
+        """Wait up to `wait_s` until a part has confirmed steps; return whether all are confirmed.
+
+        The wait ends at once if the part has ended or counts as `lost`.
+        """
         until = time.monotonic() + wait_s
         while not all(self._words[word] for word in words) and time.monotonic() < until:
             if part.ended or any(self._words[trip] == lost for trip, _ in TRIPS.values()):
@@ -206,7 +218,10 @@ class SafetyThread:
                 self._say(spec.name, "made safe by the supervisor's own connection")
 
     def _is_made_safe(self, spec: DriverSpec) -> bool:
-        """Bring a device to its safe state; report why it is not, unless it was not before."""
+        """Bring a device to its safe state by a new connection; return whether that succeeded.
+
+        The reason of a failure is reported, unless the device was unsafe already.
+        """
         self._beat()
         try:
             driver = spec.create()
@@ -214,7 +229,7 @@ class SafetyThread:
                 driver.safe_state()
             finally:
                 driver.close()
-        except Exception as error:  # whatever it is, the drivers after this one are made safe
+        except Exception as error:  # after any error the next drivers must still be made safe
             if spec.name not in self._unsafe:
                 why = str(error) if isinstance(error, DriverError) else failure(error)
                 self._say(spec.name, f"not confirmed safe: {why}")
@@ -223,13 +238,16 @@ class SafetyThread:
         return True
 
     def _keep_safe(self) -> None:
-        """Look at what was made safe by connections of this thread's own, and make it so again."""
+        """Check the devices that this thread made safe itself, and make each of them safe again.
+
+        Devices that another master has driven meanwhile are counted.
+        """
         for spec in self._kept.values():
             if self._stopping.is_set():
                 return
             if spec.name not in self._unsafe:
                 for part, what in _found_driven(spec).items():
-                    # What cannot be reported to anybody is made safe again all the same.
+                    # An error of the report must not keep the device from being made safe.
                     with suppress(Exception):
                         self._tally.found(part, what)
             if self._is_made_safe(spec) and spec.name in self._unsafe:
@@ -238,7 +256,10 @@ class SafetyThread:
 
 
 def _found_driven(spec: DriverSpec) -> dict[str, str]:
-    """Return what of a device is driven, by the part; nothing if the device does not report it."""
+    """Return part -> state for each part of a device that another master drives.
+
+    {} if nothing is driven, or the device cannot be read.
+    """
     try:
         driver = spec.create()
         try:
@@ -249,12 +270,12 @@ def _found_driven(spec: DriverSpec) -> dict[str, str]:
             return departures(driver.read())
         finally:
             driver.close()
-    except Exception:  # what cannot be read is made safe all the same
+    except Exception:  # the caller makes a device safe even if it cannot be read
         return {}
 
 
 def trips_of(board: Board) -> Mapping[str, tuple[Cause, int]]:
-    """Return who tripped, why, and when (CLOCK_MONOTONIC in ns)."""
+    """Return part -> (cause, time) for each part that has tripped, CLOCK_MONOTONIC in ns."""
     return {
         who: (Cause(int(board.words[word])), int(board.words[at]))
         for who, (word, at) in TRIPS.items()

@@ -1,7 +1,7 @@
-"""The supervisor's end of the live stream: starts the publisher, watches it, hands it what happens.
+"""The supervisor's end of the live stream starts the publisher, watches it, and sends it orders.
 
-Nothing here waits for the publisher. What is sent to it goes through a queue of bounded length, and
-rows through shared memory; if it dies or hangs it is killed and started again.
+The session never waits for the publisher: orders go through a queue of bounded length, and rows
+through shared memory. If the publisher dies or hangs, it is killed and started again.
 """
 
 import os
@@ -27,31 +27,36 @@ from .publisher import Asked, Columns, Obeyed, Open, Send
 Array = NDArray[np.float64]
 
 OPEN_S: Final = 30.0
-"""How long the publisher may take to open its stream."""
+"""Time in s within which the publisher must open its stream."""
 SILENCE_S: Final = 5.0
-"""How long a publisher may give no sign of life before it is killed."""
+"""Time in s without a beat after which a publisher is killed."""
 POLL_S: Final = 0.1
 RESTART_S: Final = (0.2, 1.0, 5.0, 30.0)
-"""Time before a publisher is started again: longer each time, unless it worked for a while."""
+"""Times in s before a publisher is started again, for the first, second, ... failure in a row.
+
+A failure after `WORKED_S` of work counts as the first again.
+"""
 WORKED_S: Final = 60.0
 ORDERS_KEPT: Final = 2000
-"""Orders that may wait for the publisher; the oldest go first."""
+"""Most orders that may wait for the publisher; if there are more, the oldest are dropped."""
 END_S: Final = 1.0
-"""How long the last messages may take to be sent."""
+"""Time in s within which the last messages must be sent at the end."""
 
 OnCommand = Callable[[Command], str]
 
 
 class Stream:
-    """A rig's live stream, from `attach` to `close`; every method returns at once.
+    """A rig's live stream, which is published from `attach` to `close`.
+
+    Every method but `close` returns at once.
 
     Args:
         settings: the profile.
         rig: the rig's id.
-        log: file that the publisher's stderr is appended to.
-        say: shows a line to the operator; is called from any thread.
-        on_command: is called with a command that is genuine and allowed, from a thread of its own;
-            returns why it is not obeyed, or an empty text.
+        log: file to which the publisher's stderr is appended.
+        say: shows a line to the operator; it is called from any thread.
+        on_command: is called, from another thread, with each command that has passed the gate;
+            returns why it is not obeyed, or an empty text if it is.
     """
 
     def __init__(
@@ -83,12 +88,17 @@ class Stream:
 
     @property
     def pid(self) -> int | None:
-        """Process id of the publisher; None while there is none."""
+        """The process id of the publisher; None while no publisher works."""
         child = self._child
         return None if child is None else child.pid
 
     def attach(self, board: Board, channels: tuple[str, ...]) -> None:
-        """Begin to publish a board's rows; they have these columns if `columns` names no others."""
+        """Start the publisher, and publish the rows that are written to a board from now on.
+
+        Args:
+            board: the board with the ring of rows.
+            channels: names of the rows' columns, in segments for which `columns` was not called.
+        """
         self._board = Board.attach(os.dup(board.fd))
         self._channels = channels
         self._board.words[Word.PUBLISHED] = self._board.words[Word.ROWS]
@@ -98,13 +108,13 @@ class Stream:
         self._sender.start()
 
     def columns(self, segment: int, channels: tuple[str, ...], test: int) -> None:
-        """Say what the columns of a segment's rows are, and of which test they are."""
+        """Set the names of the columns of a segment's rows, and the number of their test."""
         columns = Columns(segment, channels, test)
         self._columns.append(columns)
         self._order(columns)
 
     def send(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Send a message of a kind, plain values in it."""
+        """Send a message of a kind, whose content holds plain values."""
         order = Send(kind, content)
         if kind in LASTING:
             with self._lock:
@@ -112,12 +122,19 @@ class Stream:
         self._order(order)
 
     def event(self, who: str, kind: str, text: str, time_s: float | None = None) -> None:
-        """Send an event, at a time of the present test if it has one."""
+        """Send an event.
+
+        Args:
+            who: who caused it.
+            kind: kind of event, such as `trip`.
+            text: what happened.
+            time_s: time within the present test, s; None if it has none.
+        """
         content = {"at_ns": time.time_ns(), "time_s": time_s, "who": who, "kind": kind}
         self.send("event", {**content, "text": text})
 
     def close(self) -> None:
-        """Send what is still to be sent, within a second, and end the publisher."""
+        """Send the orders that still wait, for at most a second, and end the publisher."""
         until = time.monotonic() + END_S
         while self._orders and self._child is not None and time.monotonic() < until:
             time.sleep(POLL_S / 10)
@@ -138,7 +155,7 @@ class Stream:
         self._wanted.set()
 
     def _send_orders(self) -> None:
-        """Hand over orders as they come. This thread may be held up: nobody waits for it."""
+        """Send orders to the publisher as they come, in a thread for which nobody waits."""
         while not self._closing.is_set():
             self._wanted.wait()
             self._wanted.clear()
@@ -160,10 +177,10 @@ class Stream:
             except (ChildError, OSError, UnreachableError) as error:
                 ended = str(error)
             except ValueError as error:
-                # What is configured cannot be opened: again would be no better.
+                # The stream cannot be opened as configured, so trying again is of no use.
                 self._say(f"stream: {error}; the run goes on without")
                 return
-            except Exception as error:  # whatever it is, it may not be so the next time
+            except Exception as error:  # any other error may not occur at the next attempt
                 ended = failure(error)
             else:
                 ended = self._until_ended(child)
@@ -177,10 +194,15 @@ class Stream:
             self._closing.wait(wait_s)
 
     def _start(self, note: str) -> Child:
-        """Return a publisher that publishes.
+        """Start a publisher, and return it once its stream is open.
+
+        A publisher that is started again first gets the columns and the lasting messages so far.
+
+        Args:
+            note: text of an event that it sends at once; empty at the first start.
 
         Raises:
-            ChildError: it does not.
+            ChildError: the publisher ended, or did not open its stream in time.
             ValueError: the stream cannot be opened as configured.
         """
         assert self._board is not None
@@ -211,7 +233,10 @@ class Stream:
         return child
 
     def _until_ended(self, child: Child) -> str:
-        """Wait for a publisher to end, or to hang; return how it ended."""
+        """Wait until a publisher ends or hangs; end it, and return a text on how it ended.
+
+        The text is empty if the stream is closed before.
+        """
         assert self._board is not None
         while not self._closing.wait(POLL_S):
             beat = int(self._board.words[Word.PUBLISHER_BEAT])
@@ -230,7 +255,7 @@ class Stream:
         self._say(f"{news.who}: {news.text}")
 
     def _refusal_of(self, command: Command) -> str:
-        """Have a command obeyed; return why it was not, empty if it was."""
+        """Pass a command to `on_command`; return why it is not obeyed, or "" if it is."""
         try:
             return self._on_command(command)
         except Exception as error:
@@ -239,7 +264,7 @@ class Stream:
 
 
 def _end(child: Child) -> None:
-    """End a publisher. One that hangs is killed: nothing is lost with it."""
+    """End a publisher; kill it after `END_S`, as nothing is lost with it."""
     if not child.ended:
         patience = threading.Timer(END_S, _kill, (child.pid,))
         patience.start()
@@ -256,15 +281,15 @@ def _kill(pid: int) -> None:
 
 
 class RowFeed:
-    """Rows of a simulated rig, which has no ring, for the stream.
+    """A feed of rows to the stream for a simulated rig, which has no ring itself.
 
-    A rig that goes as fast as it can makes more rows than anybody can look at: of these, a sample
-    is sent now and then, and the others are counted as missing.
+    A rig that runs as fast as it can makes more rows than anybody can look at. Of these, at most
+    `MOST` rows are sent every `EVERY_S` seconds, and readers count the others as missing.
 
     Args:
-        stream: not attached yet.
-        channels: the rows' columns.
-        live: whether rows come at the wall clock, and all are sent.
+        stream: the stream, which must not be attached yet; it is attached here.
+        channels: names of the rows' columns.
+        live: whether rows come at the wall clock; then all are sent.
     """
 
     EVERY_S: Final = 0.02
@@ -278,11 +303,11 @@ class RowFeed:
         stream.attach(self._board, (*channels, "segment", "row"))
 
     def close(self) -> None:
-        """Give up the memory; the stream has its own hold of it."""
+        """Close this feed's handle of the ring's memory; the stream has a handle of its own."""
         os.close(self._board.fd)
 
     def add(self, rows: Array, segment: int) -> None:
-        """Add rows, float64 (n, channels), of a segment."""
+        """Add rows, float64 (n, channels), of a segment; if not live, some may be left out."""
         first, self._row = self._row, self._row + len(rows)
         now = time.monotonic()
         if not self._live:
