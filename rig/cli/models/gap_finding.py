@@ -229,12 +229,12 @@ def _lines(result: GapResult) -> Iterator[Text | str]:
         yield f"where: {line}"
     yield gap_words(result)
     for experiment in result.experiments[:1]:
-        apart = " and ".join(map(in_words, experiment.effects))
+        effects = " and ".join(map(in_words, experiment.effects))
         if experiment.campaign:
             sure = f"predicted z {experiment.z:.0f}"
-            yield f"to tell {apart} apart: {experiment.motion} ({sure})"
+            yield f"to tell {effects} apart: {experiment.motion} ({sure})"
         else:
-            yield f"{apart} cannot be told apart: {experiment.motion}"
+            yield f"{effects} cannot be told apart: {experiment.motion}"
 
 
 def _table(result: GapResult, *, plain: bool) -> Table:
