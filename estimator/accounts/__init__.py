@@ -1,7 +1,7 @@
-"""Oil accounts: what flows into a chamber, less what moves and compresses, block by block.
+"""Oil accounts: the oil that entered a chamber, less what moved the ram or was compressed.
 
-A leak is what an account lacks. The sums are kept as a regression, so that what else could explain
-them is fitted along.
+Oil that is missing in an account has leaked, or the model is wrong. A regression over the accounts
+fits the known weaknesses of the model along with a fault.
 """
 
 from lazy_loader import attach_stub

@@ -1,4 +1,4 @@
-"""Noise of the oil accounts that lasts from block to block, told from the last two minutes."""
+"""Noise of the oil accounts that lasts from block to block, as the last two minutes show it."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -13,13 +13,13 @@ from .sums import SHAPE_COUNT
 Array = NDArray[np.float64]
 
 RECENT: Final = 240
-"""Blocks whose residuals tell whether noise lasts from block to block: two minutes."""
+"""Number of blocks (two minutes) whose residuals show whether noise lasts from block to block."""
 MOST_LASTING: Final = 0.9
-"""Greatest autocorrelation from block to block that is believed."""
+"""Upper bound of the autocorrelation from block to block; a greater estimate is cut to it."""
 
 
 class RecentBlocks:
-    """The last `RECENT` blocks: missing flow, nuisances and faults, in units of their noise."""
+    """Keeps missing flow, nuisances and faults of the last `RECENT` blocks, in units of noise."""
 
     def __init__(self) -> None:
         self._blocks = 0
@@ -28,20 +28,26 @@ class RecentBlocks:
         self._faults = np.zeros((RECENT, 2, SHAPE_COUNT))
 
     def add(self, missing: Array, nuisances: Array, faults: Array) -> None:
-        """Add a block: float64 (2,), (2, n) and (2, 6); the oldest goes."""
+        """Add a block; if there are `RECENT` of them, it replaces the oldest.
+
+        Args:
+            missing: missing flow of both chambers, float64 (2,).
+            nuisances: signatures of the nuisances, float64 (2, n).
+            faults: signatures of the faults and of a shift of the null, float64 (2, 6).
+        """
         at = self._blocks % RECENT
         self._missing[at], self._nuisances[at], self._faults[at] = missing, nuisances, faults
         self._blocks += 1
 
     def residuals(self, nuisances: Array, faults: Sequence[tuple[int, int, float]] = ()) -> Array:
-        """Return what given nuisances and faults leave of the missing flow, block by block.
+        """Return the missing flow of each block less what given nuisances and faults explain.
 
         Args:
-            nuisances: their sizes, float64 (n,).
-            faults: index, first block and coefficient of each.
+            nuisances: sizes of the nuisances, in standard deviations, float64 (n,).
+            faults: for each fault its index, the index of its first block, and its coefficient.
 
         Returns:
-            float64 (n, 2), by chamber.
+            float64 (blocks, 2), oldest block first, one column for each chamber.
         """
         order = np.arange(max(self._blocks - RECENT, 0), self._blocks)
         at = order % RECENT
@@ -54,15 +60,16 @@ class RecentBlocks:
 
 
 def lasting_noise(residuals: Array, model_error: float = 1.0) -> float:
-    """Return by how much noise that lasts from block to block raises the variance of a mean.
+    """Return the factor by which noise that lasts from block to block raises a mean's variance.
+
+    For an autocorrelation rho from block to block it is (1 + rho) / (1 - rho) (Priestley 1981,
+    section 5.3.2), with rho limited to 0 .. `MOST_LASTING`, so that it is never less than one. An
+    estimate of rho from the residuals of a fit is uncertain and too low. Two of its standard
+    errors, 1 / sqrt(2 n) each, are therefore added.
 
     Args:
-        residuals: of the two chambers, float64 (n, 2), block by block.
-        model_error: of the two standard errors below, the part that is allowed for.
-
-    For an autocorrelation of rho from block to block it is (1 + rho) / (1 - rho) (Priestley 1981,
-    section 5.3.2). Few residuals tell rho badly, and being what a fit has left they tell it too
-    low: two standard errors, 1 / sqrt(2 n) each, are added. Never less than one.
+        residuals: residuals of both chambers, float64 (n, 2), oldest block first.
+        model_error: factor on the two standard errors that are added.
     """
     power = float((residuals**2).sum())
     if power == 0.0:

@@ -1,13 +1,13 @@
-"""How often noise alone takes a sequential test over a limit, and the limit for a stated rate.
+"""Crossings: how often noise alone exceeds the limit of a sequential test, and limits for a rate.
 
-A standard score of a change with an unknown onset is normal at any time and for any onset, but no
-two of them are independent: what one block adds enters all onsets before it. Noise takes their
-maximum over a high limit b, in one direction, at a rate per block of
+A sequential test computes a score for each possible onset of a change. Without a change each score
+is standard normal, but the scores are dependent, as a block enters those of all onsets before it.
+Noise takes the maximum of the scores over a high limit b, in one direction, at a rate per block of
 
     r(b) = b phi(b) / 2 * integral of x nu(x)^2 dx,    nu(x) = exp(-0.583 x),
 
 with x from b / w_most^0.5 to b / w_least^0.5 for onsets w_least to w_most blocks ago (Siegmund and
-Venkatraman 1995, Ann. Statist. 23, theorem 1, there for both signs and all onsets).
+Venkatraman 1995, Ann. Statist. 23, theorem 1, which is for both signs and all onsets).
 """
 
 from functools import lru_cache
@@ -16,18 +16,18 @@ from statistics import NormalDist
 from typing import Final
 
 LEAST_LIMIT: Final = 2.0
-"""Below it the approximation, which is for rare events, does not hold."""
+"""Least limit in standard deviations for which the approximation, made for rare events, holds."""
 _STEEPNESS: Final = 2.0 * 0.583
 _ROUNDS: Final = 20
 
 
 def crossing_rate(limit: float, least: int, most: int) -> float:
-    """Return how often a block the score of one direction exceeds a limit.
+    """Return the rate per block at which the greatest score of one direction crosses a limit.
 
     Args:
-        limit: in standard deviations, `LEAST_LIMIT` or more.
-        least: blocks since the latest onset.
-        most: blocks since the earliest one.
+        limit: the limit in standard deviations, `LEAST_LIMIT` or more.
+        least: number of blocks since the latest onset.
+        most: number of blocks since the earliest onset.
     """
     density = exp(-0.5 * limit * limit) / sqrt(2.0 * pi)
     return 0.5 * limit * density * _spread(limit, least, most)
@@ -35,7 +35,10 @@ def crossing_rate(limit: float, least: int, most: int) -> float:
 
 @lru_cache(maxsize=4096)
 def limit_at(rate: float, least: int, most: int) -> float:
-    """Return the limit that one direction exceeds at a rate per block; at least `LEAST_LIMIT`."""
+    """Return the limit that the greatest score crosses at a rate per block (`crossing_rate`).
+
+    The limit is in standard deviations and not below `LEAST_LIMIT`; arguments as there.
+    """
     limit = 4.0
     for _ in range(_ROUNDS):
         height = 0.5 * limit * _spread(limit, least, most) / (rate * sqrt(2.0 * pi))
@@ -46,20 +49,31 @@ def limit_at(rate: float, least: int, most: int) -> float:
 
 
 def student_quantile(probability: float, freedom: float) -> float:
-    """Return the value that Student's t exceeds with a (small) probability, to 3 %.
+    """Return the value that Student's t exceeds with a small probability, accurate to 3 %.
 
-    Wallace's transformation of the normal quantile (Wallace 1959, Ann. Math. Stat. 30).
+    It is Wallace's transformation of the normal quantile (Wallace 1959, Ann. Math. Stat. 30).
+
+    Args:
+        probability: probability of exceeding the value, on one side.
+        freedom: degrees of freedom.
     """
     return _students(-NormalDist().inv_cdf(probability), freedom)
 
 
 def noise_limit(rate: float, least: int, most: int, freedom: float) -> float:
-    """Return what a score whose noise is estimated exceeds at a rate per block (`limit_at`)."""
+    """Return `limit_at` for scores that are divided by an estimated noise (Student's t).
+
+    Args:
+        rate: crossings per block.
+        least: number of blocks since the latest onset.
+        most: number of blocks since the earliest onset.
+        freedom: degrees of freedom of the estimated noise.
+    """
     return _students(limit_at(rate, least, most), freedom)
 
 
 def between(exact: float, bound: float, model_error: float) -> float:
-    """Return the limit for a model that is exact (0) to one that errs as usual (1 and more)."""
+    """Return a limit interpolated by `model_error`: `exact` at 0, `bound` at 1 and above."""
     allowed = min(model_error, 1.0)
     return (1.0 - allowed) * exact + allowed * bound
 
@@ -70,7 +84,7 @@ def _students(z: float, freedom: float) -> float:
 
 
 def _spread(limit: float, least: int, most: int) -> float:
-    """Return the integral of x nu(x)^2 over the onsets."""
+    """Return the integral of x nu(x)^2 from limit / most^0.5 to limit / least^0.5."""
     return _below(limit / sqrt(least)) - _below(limit / sqrt(most))
 
 

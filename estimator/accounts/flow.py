@@ -1,14 +1,15 @@
-"""Keeps an oil account of each chamber: what the valve should have let in, less where it went.
+"""The oil account of each chamber: the flow that should have entered, less what is accounted for.
 
 Integrated over a block of half a second (longer while a chamber is dry), eq. 2.3 balances without
 friction, load or acceleration:
 
     valve flow in = swept volume + compression + leaks.
 
-What is missing is a leak, or an error of the model. The account of a block is therefore one row
-per chamber, with the missing flow and, beside it, how it would look if each leak, or each known
-weakness of the model, were there. Measured noise is small here: one encoder count in half a second
-is 0.002 L/min. That is what makes small leaks visible (docs/decisions/0006-oil-account.md).
+Flow that is missing in this balance is a leak or an error of the model. The account of a block is
+one row for each chamber. It holds the missing flow, and the missing flow that each fault and each
+known weakness of the model would make. The noise of an account is small: one encoder count in half
+a second is 0.002 L/min. This is what makes small leaks visible
+(docs/decisions/0006-oil-account.md).
 """
 
 from dataclasses import dataclass, field
@@ -49,43 +50,51 @@ BLOCK_S: Final = BLOCK_TICKS * TICK
 
 _SIGMA: Final = np.array([nuisance.sigma for nuisance in NUISANCES])
 _LONGEST: Final = 16 * BLOCK_TICKS
-"""Cavities open and close again, so an account is only drawn up when neither chamber is dry; until
-then its block grows, by half a second at a time, and is given up after 8 s."""
+"""Samples (8 s) after which a block is given up because a chamber is still dry.
+
+Cavities open and close again. A block therefore ends only when neither chamber is dry; until then
+it grows by half a second at a time."""
 
 
 _SHARE: Final = 0.01
-"""Weight of the latest sample in the averages of the spool and of its noise: they take 0.1 s."""
+"""Weight of the latest sample in the running averages of the spool and of its noise, which thus
+cover some 0.1 s."""
 SPOOL_NOISE: Final = 0.43 * DATA_SHEET.spool_noise
-"""m: what a transducer's noise makes of the product filter's estimate of a spool at rest. Where the
-estimate varies by more than that, the spool moves."""
+"""Standard deviation in m of the product filter's estimate of a spool at rest, by the transducer's
+noise. If the estimate varies by more, the spool moves."""
 
 _REACH: Final = 5
-"""Ticks from one measured sample to the next that the filter bridges. In between, the flow is that
-of the valve's model, whose spool is off by 2 um (`product_noise`): by 0.2 L/min, anew from gap to
-gap. Over the n gaps of a block that is 0.2 L/min / n^0.5: 0.02 L/min at 5 ms, twice the noise that
-the test expects of a block (`noise.NOISE`), which it finds and allows for."""
+"""Greatest number of ticks from one measured sample to the next that count as bridged.
+
+In between, the flow is that of the valve's model, whose spool is off by 2 um (`product_noise`).
+This makes 0.2 L/min, independent from gap to gap. Over the n gaps of a block it is
+0.2 L/min / n^0.5, or 0.02 L/min with gaps of 5 ms. That is twice the noise that the test expects of
+a block (`noise.NOISE`); the test estimates the noise and allows for it."""
 _BRIDGED_PART: Final = 0.9
-"""Part of a block's time that must have been bridged for it to count."""
+"""Least part of a block's time that must be bridged for the block to be complete."""
 
 
 @dataclass(frozen=True)
 class AccountBlock:
-    """The account of both chambers over half a second or more; flows in m^3/s, block averages.
+    """The account of both chambers over half a second or more; flows are block averages in m^3/s.
 
     Attributes:
-        start_s, end_s: time of the last sample before the block, and of its last.
-        missing: float64 (2,), flow that entered by the model and is nowhere to be found.
-        nuisances: float64 (2, n), missing flow of a rig that has one standard deviation of each of
-            `NUISANCES` more than the model.
+        start_s, end_s: time of the last sample before the block, and time of its last sample, s.
+        missing: float64 (2,), flow that entered the chamber according to the model and that
+            neither moved the ram nor was compressed.
+        nuisances: float64 (2, n), missing flow of a rig that exceeds the model by one standard
+            deviation of each of `NUISANCES`.
         faults: float64 (2, 5), missing flow per unit coefficient of each of `FAULTS` (SI; for
             supply leakage per Pa of lost supply pressure).
-        sizes: float64 (5,), mean absolute flow per unit coefficient.
-        complete: whether measured samples bridged enough of the block, and all sums are finite.
-        doubts: float64 (2,), what nuisances may add to the missing flow beyond these linear terms.
+        sizes: float64 (5,), mean absolute flow of each fault per unit coefficient.
+        complete: whether measured samples bridged enough of the block and all sums are finite;
+            only complete blocks are tested.
+        doubts: float64 (2,), flow that nuisances may add to the missing flow beyond their linear
+            terms.
         position_range: least and greatest position of the ram, m.
         supply_pressure: mean measured supply pressure, Pa; NaN if it was not measured.
-        supply_flow: mean flow that the valve drew from the supply meanwhile, and the mean of its
-            signed square (m^6/s^2); NaN likewise.
+        supply_flow: mean flow that the valve drew from the supply at the same samples, m^3/s, and
+            the mean of its signed square, m^6/s^2; NaN if the supply pressure was not measured.
     """
 
     start_s: float
@@ -105,18 +114,18 @@ class AccountBlock:
 def _accumulate(samples, null, par, last, row, rows):
     """Add samples to the running block `row`; move finished blocks to `rows`, return their number.
 
-    Between calls `last` keeps samples in the block, last spool, p1, p2, position, samples since a
-    measured one, average of the spool and of its squared deviation from that. Samples are -1 while
-    no block can begin, for want of a sample before it or because a chamber is dry. Samples before
-    the filter has started are NaN and passed over.
+    Samples before the filter has started (NaN) are passed over.
 
     Args:
-        samples: (7, n), the arguments of `FlowAccount.add` in their order.
-        null: (null bias, how far that may be off), m.
-        par: the `Parameters` assumed.
-        last: (8,), updated.
+        samples: (7, n), the first seven arguments of `FlowAccount.add` in their order.
+        null: null bias of the spool and its standard deviation, m.
+        par: the `Parameters` that are assumed.
+        last: (8,), memory between calls, updated. It holds the number of samples in the block (-1
+            while no block can begin, because there is no sample before it or a chamber is dry),
+            the last spool, p1, p2 and position, the number of samples since a measured one, and
+            running averages of the spool and of its squared deviation.
         row: (WIDTH,) sums of the running block, updated.
-        rows: (blocks, WIDTH), to be filled.
+        rows: (blocks, WIDTH), filled with the finished blocks.
     """
     finished = 0
     for k in range(samples.shape[1]):
@@ -169,7 +178,7 @@ def _accumulate(samples, null, par, last, row, rows):
 
 
 class FlowAccount:
-    """Accumulates samples into `AccountBlock`s, any number of samples at a time."""
+    """Collects samples into `AccountBlock`s; any number of samples may be added at a time."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -178,7 +187,7 @@ class FlowAccount:
 
     @property
     def samples_left(self) -> int:
-        """Samples before which the present block cannot end."""
+        """Return the least number of further samples with which a block can be finished."""
         samples = int(self._last[0])
         return BLOCK_TICKS - samples % BLOCK_TICKS if samples >= 0 else BLOCK_TICKS + 1
 
@@ -198,16 +207,17 @@ class FlowAccount:
         """Add samples (float64 (n,) each, SI) and return the blocks they finish.
 
         Args:
-            time_s: 1 kHz.
-            spool: estimated; NaN before the filter has started, as the pressures and position.
+            time_s: time of each sample, at 1 kHz.
+            spool: estimated spool position; NaN before the filter has started, like the estimated
+                pressures and position.
             p1: estimated pressure of chamber 1.
             p2: estimated pressure of chamber 2.
-            position: estimated.
-            fresh: 1 where position and both pressures were measured, else 0; a block counts as
-                complete when such samples, at most 5 ms apart, bridge nine tenths of it.
-            supply: measured supply pressure; NaN or None where it was not.
-            null_bias: of the rig's spool, m: tells which edges are open.
-            null_spread: how far the null bias may be off, m.
+            position: estimated position of the ram.
+            fresh: 1 where position and both pressures were measured, else 0. A block is complete
+                if such samples, at most 5 ms apart, bridge nine tenths of it.
+            supply: measured supply pressure, NaN where it is missing; None if it is not measured.
+            null_bias: null bias of the rig's spool, m; it decides which edges are open.
+            null_spread: standard deviation of the null bias, m.
         """
         if supply is None:
             supply = np.full(time_s.size, np.nan)
@@ -239,8 +249,8 @@ def _block(row: Array) -> AccountBlock:
 def reference_drop(parameters: Parameters, fault: str) -> float:
     """Return the pressure drop in Pa at which a leak's flow is quoted.
 
-    Half the supply pressure; for internal leaks, what a ram that moves slowly against its friction
-    needs, half as much again as the slip friction (table 2.1).
+    It is half the supply pressure. For internal leaks it is the difference of the chamber pressures
+    that a slow ram needs against its friction: 1.5 times the slip friction (table 2.1).
     """
     if fault == "internal_leakage":
         return 1.5 * parameters.coulomb / parameters.piston_area
@@ -248,5 +258,5 @@ def reference_drop(parameters: Parameters, fault: str) -> float:
 
 
 def reference_flow(parameters: Parameters, fault: str, coefficient: float) -> float:
-    """Return the flow in m^3/s that a leak coefficient (SI) passes at that drop (eq. 5.2)."""
+    """Return the flow in m^3/s of a leak coefficient (SI) at the `reference_drop` (eq. 5.2)."""
     return coefficient * sqrt(reference_drop(parameters, fault))

@@ -1,4 +1,4 @@
-"""Nuisances and a few faults of the oil accounts fitted together, and how sure the last one is."""
+"""The joint fit of nuisances and a few faults to the oil accounts, with the last fault's error."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -12,29 +12,30 @@ from .sums import SHIFT, AccountSums, FaultProducts, product_weights, square_wei
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Stretch = tuple[int, int]
-"""Blocks from one mark on, up to another mark, before which the stretch ends."""
+"""Indices of two marks: the stretch has the blocks from the first mark up to the second."""
 
 _MOST_LEVERAGE: Final = 0.999
-"""Leverage of a block that settles a coefficient all alone, but for round-off."""
+"""Upper bound of a block's leverage. A block that alone determines a coefficient has leverage one,
+by which could not be divided."""
 
 
 class JointFit:
-    """Least squares of missing flows on all nuisances and some faults, each from its mark on.
+    """Least squares of the missing flows on all nuisances and some faults, each from its mark on.
 
     Args:
-        sums: the blocks.
-        products: the same blocks' `AccountSums.faults_since`.
-        faults: indices into `FAULTS`, or `SHIFT`, whose size is within `NULL_SHIFT`.
-        marks: where each begins.
-        variance: of the noise.
-        passed_over: stretches whose blocks do not count, each from a mark to another, in their
-            order and apart (`around`).
+        sums: sums over the blocks.
+        products: `AccountSums.faults_since` of these sums.
+        faults: indices into `FAULTS`, or `SHIFT`, which has a prior of `NULL_SHIFT`.
+        marks: index of the mark at which each of them begins.
+        variance: noise variance, in units of the expected noise.
+        passed_over: stretches whose blocks do not count, in increasing order, without overlap
+            (as from `around`).
 
     Attributes:
-        nuisances: float64 (n,), in standard deviations.
-        coefficients: of the faults, SI, float64 (faults,).
+        nuisances: sizes of the nuisances in standard deviations, float64 (n,).
+        coefficients: coefficients of the faults, SI units, float64 (faults,).
         error: variance of the last coefficient if noise is the same in all blocks.
-        explained: drop of the weighted sum of squares by all of them.
+        explained: reduction of the weighted sum of squares by all columns together.
     """
 
     def __init__(
@@ -69,7 +70,13 @@ class JointFit:
         self.error = variance * float(inverse[-1, -1])
 
     def _since(self, series: Array, marks: Integers, *of: Integers) -> Array:
-        """Return sums since marks, of which `series` has all, less what is passed over."""
+        """Return sums from the given marks on, without the blocks that are passed over.
+
+        Args:
+            series: sums since each mark, first axis the marks.
+            marks: indices of the marks.
+            of: indices into the further axes of `series`.
+        """
         counted = np.array(_from(series, marks, of))
         for first, last in self._passed_over:
             counted -= _from(series, np.maximum(marks, first), of)
@@ -77,11 +84,14 @@ class JointFit:
         return counted
 
     def _present(self, mark: int) -> Array:
-        """Return which columns there are between a mark and the next: float64 (n + faults,)."""
+        """Return 1 for each column that acts between a mark and the next, else 0: (n + faults,)."""
         return np.append(np.ones(NUISANCE_COUNT), [float(m <= mark) for m in self._marks])
 
     def _influences(self) -> tuple[Array, Array]:
-        """Return what each block pulled the last coefficient by, and its leverage (marks,) each."""
+        """Return each block's influence on the last coefficient, and its leverage: (marks,) each.
+
+        Where old marks were thinned out, an entry stands for all blocks between two marks.
+        """
         forms = np.empty((self._sums.marks, 2))
         for start in sorted({0, *self._marks}):
             present = self._present(start)
@@ -96,23 +106,24 @@ class JointFit:
         return forms[:, 0], np.clip(forms[:, 1], 0.0, _MOST_LEVERAGE)
 
     def error_of_sum(self, count: int) -> float:
-        """Return the variance of the sum of the last coefficients."""
+        """Return the variance of the sum of the last `count` coefficients."""
         return self._variance * float(self._inverse[-count:, -count:].sum())
 
     def uneven_error(self) -> float:
         """Return the variance of the last coefficient if noise differs from block to block.
 
-        After Eicker, Huber and White; residuals grown by their leverage (MacKinnon and White 1985).
+        It is the estimate of Eicker, Huber and White, with residuals enlarged by their leverage
+        (MacKinnon and White 1985).
         """
         influence, leverage = self._influences()
         return float((influence**2 / (1.0 - leverage)).sum())
 
     def left_out(self) -> tuple[Array, Array]:
-        """Return the last coefficient as it would be without the blocks after each mark.
+        """Return what the last coefficient would be if the blocks after a mark were left out.
 
-        These are the blocks up to the next mark: one, or several where old marks were thinned out.
-        Nothing is fitted anew: what the other columns explain stays as in the whole fit. Blocks
-        that are passed over change nothing.
+        Entry j is for the blocks between mark j and the next: one block, or several where old
+        marks were thinned out. The other coefficients stay as they are. Leaving out blocks that
+        are passed over anyway changes nothing.
 
         Returns:
             The coefficients and their variances, (marks,) each. A variance is the larger of that
@@ -125,7 +136,11 @@ class JointFit:
         return self._fitted[-1] - influence / kept, np.maximum(self.error, uneven) / kept
 
     def began_before(self) -> float:
-        """Return for what part of the time since the mark before the last fault was there."""
+        """Return for what part of the interval before its mark the last fault was already present.
+
+        The interval reaches from the previous mark to the last fault's own mark. The result is 0 to
+        1, and 0 if there is no previous mark.
+        """
         before = self._marks[-1] - 1
         if before < 0:
             return 0.0
@@ -139,14 +154,15 @@ class JointFit:
 
 
 def around(marks: Iterable[int], last: int, after: int = 1) -> list[Stretch]:
-    """Return the stretches around onsets whose blocks belong neither before them nor after.
+    """Return the stretches around onsets in which a fault may be present for part of a block.
 
-    A fault begins somewhere in a block: in that before its mark, or in that after it.
+    A fault that is found at a mark may have begun in the block before the mark or in the one after
+    it. Stretches that touch are merged.
 
     Args:
-        marks: where faults begin or change.
-        last: number of marks.
-        after: marks after an onset that are passed over.
+        marks: indices of the marks at which faults begin or change.
+        last: number of marks, at which the last stretch ends.
+        after: number of intervals between marks that are included after each onset.
     """
     stretches: list[Stretch] = []
     for mark in sorted(set(marks)):
@@ -158,7 +174,7 @@ def around(marks: Iterable[int], last: int, after: int = 1) -> list[Stretch]:
 
 
 def _from(series: Array, marks: Integers, of: Sequence[Integers]) -> Array:
-    """Return sums from marks on, of which `series` has all; there is none from the last mark on."""
+    """Return sums from the given marks on, taken from `series`; 0 for a mark beyond its end."""
     there = marks < len(series)
     sums = series[np.minimum(marks, len(series) - 1), *of]
     return np.asarray(
@@ -167,9 +183,9 @@ def _from(series: Array, marks: Integers, of: Sequence[Integers]) -> Array:
 
 
 def _inverse(normal: Array) -> Array:
-    """Invert a normal matrix whose columns differ by many orders of magnitude.
+    """Return the inverse of a normal matrix whose columns differ by many orders of magnitude.
 
-    A fault of which nothing was to be seen has a column of zeros; its coefficient is left at zero.
+    A fault that shows in no block has a column of zeros; its coefficient will then be zero.
     """
     diagonal = np.diagonal(normal)
     seen = diagonal > 0.0
@@ -179,6 +195,6 @@ def _inverse(normal: Array) -> Array:
     try:
         inverse = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:
-        # Nothing was to be seen of a fault between two of its marks: they share its coefficient.
+        # A fault does not show between two of its marks, which then share its coefficient.
         inverse = np.linalg.pinv(scaled, hermitian=True)
     return np.asarray(scale[:, None] * inverse * scale)

@@ -1,4 +1,4 @@
-"""What the sensors' noise and the model's errors make of an account: its noise, and a dead zone."""
+"""Noise of an account by the sensors and by errors of the model, and the dead zones of faults."""
 
 from typing import Final
 
@@ -13,30 +13,35 @@ from .nuisances import NUISANCES, nuisance_index
 Array = NDArray[np.float64]
 
 NOISE: Final = 0.01
-"""Expected noise of one block's missing flow by errors of the model, L/min."""
+"""Standard deviation in L/min of a block's missing flow that errors of the model are expected to
+make."""
 SENSOR_ERRORS: Final = {
     "spool_null_bias": 2.9e-8,
     "pressure_1_bias": 1.4e3,
     "pressure_2_bias": 1.4e3,
 }
-"""What sensors' noise makes of the means over a block, one standard deviation, m and Pa: 1 um and
-30 kPa a sample over 500 of them; the filter takes two fifths off the spool's (docs/detection.md).
-They enter an account as the nuisances of that name do, both chambers at once."""
+"""Standard deviations of block means by the sensors' noise, in m and Pa.
+
+They follow from 1 um and 30 kPa a sample over 500 samples; the filter removes two fifths of the
+spool's (docs/detection.md). Each enters both chambers' accounts like the nuisance of its name."""
 OWN_NOISE: Final = 0.0006
-"""L/min, of each chamber beside that: what the ends of a block are not known by."""
+"""Further noise of each chamber alone, L/min: pressures and position at the ends of a block are not
+known exactly."""
 DEAD_ZONE: Final = (0.01, 0.01, 0.015, 0.04, 0.04)
-"""Flow in L/min that no fault is claimed for, by fault: what the model may still be wrong by after
-the nuisances. 0.1 um of metering edge is 0.01 L/min; edges near null, where a ram that is held
-works, look most like an internal leak; supply and return pressures wander by more than leaks."""
+"""Flow in L/min that each of `FAULTS` must exceed to be claimed: the error of the model that may be
+left after the nuisances.
+
+0.1 um of metering edge is 0.01 L/min. Edges near null, where a ram that is held works, look most
+like an internal leak. Supply and return pressures wander by more than leaks."""
 _DEAD_ZONE: Final = np.array(DEAD_ZONE)
 _LEAST_PART: Final = np.array([0.0, 0.0, 0.0, 0.25, 0.25])
-"""Part of each fault's dead zone that stays however exact a model is said to be: what supply and
-return do is not linear in their tolerances, by which the accounts follow them."""
+"""Part of each fault's dead zone that stays even if the model is said to be exact. The accounts
+follow supply and return linearly in their tolerances, which is not quite right."""
 RELATIVE_DEAD_ZONE: Final = 0.05
-"""Beside a fault, another one must exceed this part of its flow too, and a fault that is down to it
-has gone: the leak law is not exact."""
+"""Part of a leak's flow by which the leak law may be wrong. A second fault must exceed this part of
+the first one's flow, and a fault that has fallen to this part of its size counts as ended."""
 MOST_MODEL_ERROR: Final = 10.0
-"""Greatest factor on what is allowed for errors of the model."""
+"""Greatest permitted value of `model_error`, the factor on what is allowed for model errors."""
 _SENSORS: Final = [nuisance_index(name) for name in SENSOR_ERRORS]
 _IN_SIGMAS: Final = np.array(
     [
@@ -47,7 +52,7 @@ _IN_SIGMAS: Final = np.array(
 
 
 def checked_model_error(model_error: float) -> float:
-    """Return a factor on what is allowed for errors of the model.
+    """Return `model_error` unchanged if it is a permitted factor.
 
     Raises:
         ValueError: it is not within 0 to `MOST_MODEL_ERROR`.
@@ -60,20 +65,23 @@ def checked_model_error(model_error: float) -> float:
 
 
 def sensor_noise(block: AccountBlock) -> Array:
-    """Return the covariance (2, 2) of what sensors make of a block's missing flows, (m^3/s)^2."""
+    """Return the covariance (2, 2) of a block's missing flows by sensor noise, in (m^3/s)^2."""
     errors = block.nuisances[:, _SENSORS] * _IN_SIGMAS
     own = (OWN_NOISE * LITRE_PER_MINUTE) ** 2
     return np.asarray(errors @ errors.T + own * np.eye(2))
 
 
 def whitening(block: AccountBlock, model_error: float) -> Array:
-    """Return what makes a block's expected noise white and 1, float64 (2, 2), s/m^3.
+    """Return the matrix that scales a block's expected noise to independent unit variances.
 
-    Where nuisances may do more than their signatures say, the account counts for less.
+    A block with large `doubts` has more expected noise, so that it counts for less.
 
     Args:
         block: the account.
         model_error: factor on what is allowed for errors of the model.
+
+    Returns:
+        float64 (2, 2), s/m^3, to be multiplied from the left with missing flows and signatures.
     """
     model = np.full(2, model_error * NOISE * LITRE_PER_MINUTE)
     model = np.hypot(model, model_error * block.doubts)
@@ -81,7 +89,7 @@ def whitening(block: AccountBlock, model_error: float) -> Array:
 
 
 def dead_zones(model_error: float) -> Array:
-    """Return the flow in L/min that no fault is claimed for, by fault, float64 (5,).
+    """Return the flow in L/min that each fault must exceed to be claimed, float64 (5,).
 
     Args:
         model_error: factor on what is allowed for errors of the model.

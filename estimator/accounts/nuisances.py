@@ -1,4 +1,4 @@
-"""The known weaknesses of the model of the rig that an oil account may show, with tolerances."""
+"""The nuisances: known weaknesses of the rig's model that oil accounts show, with tolerances."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 class Nuisance(NamedTuple):
-    """A known weakness of the model: its size (one standard deviation) before any data is seen."""
+    """A known weakness of the model with its prior standard deviation, `sigma`, the tolerance."""
 
     name: str
     sigma: float
@@ -22,14 +22,17 @@ class Nuisance(NamedTuple):
 
 
 _HALF_SUPPLY: Final = 6.9e6
-"""Pa, at which a chamber's leak is quoted; internal leaks at 2.5 MPa (`flow.reference_drop`)."""
+"""Pressure drop in Pa at which a chamber's leak is quoted; internal leaks are quoted at 2.5 MPa
+(`flow.reference_drop`)."""
 _BEARING: Final = 0.03 * LITRE_PER_MINUTE / sqrt(_HALF_SUPPLY)
 _SEAL: Final = 0.05 * LITRE_PER_MINUTE / sqrt(2.5e6)
 _LEAK_UNIT: Final = "m^3/(s Pa^0.5)"
 
 EDGE_REACHES: Final = (1e-6, 2e-6, 4e-6)
-"""Spool travels from null, m, over which a metering edge departs from the ideal one. Together they
-make up overlaps and rounded edges of up to some 5 um, which no single straight line does."""
+"""Spool travels from null, in m, over which a metering edge differs from the ideal one.
+
+The three nuisances `edge_...` together describe overlaps and rounded edges of up to some 5 um; a
+single straight line does not."""
 
 NUISANCES: Final = (
     Nuisance("spool_null_bias", 1e-5, "m", "section 3.2.1: 9.8e-6 m on the thesis's rig"),
@@ -58,22 +61,24 @@ NUISANCES: Final = (
 )
 NUISANCE_COUNT: Final = len(NUISANCES)
 DRIFT: Final = 0.03
-"""Part of its tolerance that a nuisance may wander in minutes, or from one recording to another:
-0.3 um of spool null (0.03 L/min), 3 kPa of a transducer. More would hide what it is to show."""
+"""Part of its tolerance by which a nuisance may drift in minutes, or from one recording to another.
+
+This is 0.3 um of spool null (0.03 L/min), or 3 kPa of a transducer. A larger value would hide the
+leaks that a baseline is to reveal."""
 
 
 def nuisance_index(name: str) -> int:
-    """Return where a nuisance stands in `NUISANCES`.
+    """Return the index of a nuisance in `NUISANCES`.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: there is no nuisance of that name.
     """
     return [nuisance.name for nuisance in NUISANCES].index(name)
 
 
 NULL_SHIFT: Final = 0.01
-"""Part of its tolerance that the spool's null may shift by in the seconds in which a fault begins:
-0.1 um, 0.01 L/min (one standard deviation)."""
+"""Standard deviation of a shift of the spool's null in the seconds in which a fault begins, as a
+part of the null's tolerance: 0.1 um, or 0.01 L/min."""
 
 
 @dataclass(frozen=True)
@@ -85,4 +90,4 @@ class NuisanceBelief:
 
 
 UNINFORMED: Final = NuisanceBelief(np.zeros(NUISANCE_COUNT), np.eye(NUISANCE_COUNT))
-"""Nothing known but the tolerances."""
+"""The belief before any data: mean zero, and each nuisance within its tolerance."""

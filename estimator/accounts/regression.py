@@ -1,4 +1,4 @@
-"""Bayesian linear regression of missing flows on nuisances, and what one more column would explain.
+"""Bayesian linear regression of missing flows on nuisances, with scores of one further column.
 
     y = F theta + k u + e,      theta ~ N(0, 1),      e ~ N(0, v)
 
@@ -23,17 +23,20 @@ from .sums import FaultProducts
 Array = NDArray[np.float64]
 
 NOISE_WEIGHT: Final = 8.0
-"""How many values' worth of belief stands behind a noise variance of one."""
+"""Weight of the prior noise variance, which is one, in the estimate: it counts like this many
+values."""
 LEAST_VARIANCE: Final = 0.25
-"""The noise variance of a model that errs as usual is never believed to be less."""
+"""Lower bound of the estimated noise variance for a model with the usual errors."""
 _LEAST_INFORMATION: Final = 1e-6
-"""Below this part of its raw information a column is all nuisance, up to round-off."""
+"""If the nuisances leave a column less than this part of its information, they explain it entirely,
+up to round-off."""
 
 
 def least_variance(model_error: float) -> float:
-    """Return the noise variance that is believed at least.
+    """Return the lower bound of the estimated noise variance, in units of the expected noise.
 
-    Sensors are no quieter than on their data sheets; what a model errs by may be less than usual.
+    It is 1 for an exact model (`model_error` 0), as sensors are no quieter than on their data
+    sheets. It falls to `LEAST_VARIANCE` at 1, as errors of the model may be smaller than usual.
     """
     return 1.0 - (1.0 - LEAST_VARIANCE) * min(model_error, 1.0)
 
@@ -43,9 +46,10 @@ class Scores:
     """What each fault's column would explain beside the nuisances, float64 (marks, 5) each.
 
     Attributes:
-        coefficient: its estimate.
-        information: the estimate's variance is `variance / information`; 0 for an invisible column.
-        explained: drop of the weighted sum of squares if the column is taken in.
+        coefficient: estimated coefficient of the fault.
+        information: information on the coefficient, whose variance is `variance / information`; 0
+            for a column that the nuisances explain entirely.
+        explained: reduction of the weighted sum of squares if the column is included.
         variance: noise variance that would be left.
     """
 
@@ -57,10 +61,14 @@ class Scores:
 
 @njit(cache=True, error_model="numpy")
 def _noise_variance(values, projected, squares, count, least):
-    """Return the noise variance that is its own re-estimate (MacKay 1992), and F's freedom.
+    """Return the noise variance by fixed-point iteration (MacKay 1992), and F's degrees of freedom.
 
-    `values` are the eigenvalues of F'F, `projected` is F'y in their axes, `squares` is y'y;
-    the variance is `least` at least.
+    Args:
+        values: eigenvalues of F'F, (m,).
+        projected: F'y in the axes of the eigenvectors, (m,).
+        squares: y'y.
+        count: number of values in y.
+        least: lower bound of the variance.
     """
     variance = 1.0
     used = 0.0
@@ -82,19 +90,19 @@ def _noise_variance(values, projected, squares, count, least):
 
 @njit(cache=True, error_model="numpy")
 def _score(rotated, squares, products, values, projected, total, freedom, variance, least):
-    """Return the fields of `Scores` (4, marks, faults), beside a shift of unknown size.
+    """Return the fields of `Scores` (4, marks, faults), each fault fitted with a shift of the null.
 
     Args:
-        rotated: products of faults and shift with F, in the axes of `values`, (marks, faults + 1,
-            m).
+        rotated: products of faults and shift with F, in the axes of the eigenvectors of F'F,
+            (marks, faults + 1, m).
         squares: products of faults and shift with each other, (marks, faults + 1, faults + 1).
-        products: those with y, (marks, faults + 1).
+        products: products of faults and shift with y, (marks, faults + 1).
         values: eigenvalues of F'F, (m,).
-        projected: F'y in their axes, (m,).
+        projected: F'y in the axes of the eigenvectors, (m,).
         total: y'y.
         freedom: degrees of freedom of the noise variance that is left.
-        variance: noise variance to weigh with.
-        least: noise variance that is believed at least.
+        variance: noise variance by which nuisances are weighed against noise.
+        least: lower bound of the noise variance that is left.
     """
     m = values.size
     faults = products.shape[1] - 1
@@ -143,18 +151,18 @@ def _score(rotated, squares, products, values, projected, total, freedom, varian
 
 
 class Regression:
-    """The regression of y on F, from their products.
+    """The regression of y on F, computed from their products.
 
     Args:
         squares: F'F, float64 (m, m).
         products: F'y, float64 (m,).
         total: y'y.
-        count: values in y.
-        least: noise variance that is believed at least.
+        count: number of values in y.
+        least: lower bound of the noise variance.
 
     Attributes:
-        variance: the noise variance, estimated with the data.
-        freedom: degrees of freedom behind it, less one for a column more.
+        variance: the estimated noise variance.
+        freedom: degrees of freedom of the noise variance once one further column is fitted.
     """
 
     def __init__(
@@ -173,12 +181,12 @@ class Regression:
         self.freedom = NOISE_WEIGHT + count - used - 1.0
 
     def score(self, crossed: Array, products: FaultProducts, variance: float) -> Scores:
-        """Score every fault from every mark on as a further column.
+        """Return the scores of every fault from every mark on, as one further column each.
 
         Args:
-            crossed: their products with the nuisances, float64 (marks, 6, m).
-            products: their other products.
-            variance: noise variance to weigh nuisances against noise with.
+            crossed: products of faults and null shift with F, float64 (marks, 6, m).
+            products: products of faults and null shift with each other and with y.
+            variance: noise variance by which nuisances are weighed against noise.
         """
         rotated = (crossed.reshape(-1, self._values.size) @ self._vectors).reshape(crossed.shape)
         whole = np.ascontiguousarray

@@ -1,9 +1,10 @@
-"""The columns of a block of the oil account, and what one sample adds to them, compiled.
+"""The columns of a block of the oil account, and compiled code that adds one sample to them.
 
-A row of sums holds, in this order: end time, part of its time bridged, samples, measured supply
-pressure, number of its samples with one, flow drawn from the supply and its signed square at these,
-by chamber 1 and 2 the missing flow, the nuisances and the faults, then the faults' sizes, the
-doubts by chamber, and the least and greatest position.
+A row of sums holds, in this order: the end time, the part of its time that is bridged, the number
+of samples, the sum of the measured supply pressure, the number of samples with one, the flow drawn
+from the supply at these samples and its signed square; then pairs of values for chambers 1 and 2,
+of the missing flow, of each nuisance and of each fault; then the faults' sizes, the doubts for
+chambers 1 and 2, and the least and greatest position.
 """
 
 from math import erfc, exp, pi, sqrt
@@ -34,7 +35,7 @@ from .nuisances import EDGE_REACHES, NUISANCE_COUNT, nuisance_index
 FAULT_COUNT: Final = len(FAULTS)
 INTERNAL_LEAKAGE: Final = FAULTS.index("internal_leakage")
 SUPPLY_LEAKAGE: Final = FAULTS.index("supply_leakage")
-"""Index of the first fault that is no leak of a chamber."""
+"""Index in `FAULTS` of the first fault that is not a leak of a chamber."""
 
 END: Final = 0
 BRIDGED: Final = 1
@@ -80,28 +81,33 @@ _LEAK_1, _LEAK_2, _LEAK_12, _SUPPLY_LEAK, _BLOCKAGE = range(FAULT, SIZE, 2)
 _REACH_1, _REACH_2, _REACH_4 = EDGE_REACHES
 
 _LEAST_DROP: Final = 1e5
-"""Pa: keeps the slope of the orifice law finite where the pressure drop vanishes."""
+"""Least pressure drop in Pa for the slope of the orifice law, which is infinite at zero drop."""
 _DROP_ERROR: Final = 2e5
-"""Pa: how far a pressure drop may be off (priors of the pressures). Where it is no larger than
-that, the orifice law is not linear in the error."""
+"""Error in Pa that a pressure drop may have, by the priors of the pressures. At drops that are no
+larger, the orifice law is not linear in the error."""
 _RADIUS_SCALE: Final = 1e-6
-"""m: the edge radius at which its flow is linearised."""
+"""Edge radius in m at which the flow past a rounded edge is linearised."""
 _ROOT_OF_TWO: Final = sqrt(2.0)
 _PEAK: Final = sqrt(2.0 / pi)
 """Mean absolute value of a standard normal number."""
 _FAR: Final = 4.0
-"""Standard deviations from an edge at which noise neither opens it nor feigns a flow past it."""
+"""Number of standard deviations from an edge beyond which noise of the spool does not open it."""
 _BLUR_REACH: Final = 3e-6
-"""m: within this of null no straight line holds for the flow past real edges (`edge_*`'s sigma)."""
+"""Distance in m from null within which the flow past real edges is not linear (the tolerance of
+the nuisances `edge_...`)."""
 _BLUR: Final = 3e-7
-"""m: what the opening may be off by there, a tenth of that tolerance, after the nuisances."""
+"""Error of the opening in m that is left there after the nuisances: a tenth of that tolerance."""
 
 
 @inlined
 def _rectified(distance, deviation):
-    """Return what noise adds to the mean of an absolute value: E|d + e| - |d|, e normal, in m.
+    """Return what noise e adds to the mean of an absolute value: E|d + e| - |d|, in m.
 
-    Twice what it adds to the mean opening of an edge that opens from d = 0 on.
+    It is twice what the noise adds to the mean opening of an edge that opens from d = 0 on.
+
+    Args:
+        distance: d, m.
+        deviation: standard deviation of the normal noise e, m.
     """
     away = abs(distance)
     if away >= _FAR * deviation:
@@ -113,9 +119,10 @@ def _rectified(distance, deviation):
 
 @inlined
 def _doubt(conductance, drop):
-    """Return what an error of the drop (Pa) adds to a flow beyond its linear term, m^3/s.
+    """Return the nonlinear error in m^3/s that `_DROP_ERROR` of a drop in Pa makes in a flow.
 
-    A root differs from its tangent by drop^0.5 (error / drop)^2 / 8, and by error^0.5 at no drop.
+    A root differs from its tangent by drop^0.5 (error / drop)^2 / 8, and by error^0.5 at zero drop;
+    the result passes smoothly from one to the other. `conductance` is the flow per root of drop.
     """
     ratio = abs(drop) / _DROP_ERROR
     return abs(conductance) * sqrt(_DROP_ERROR) / (1.0 + 8.0 * ratio * sqrt(ratio))
@@ -123,7 +130,11 @@ def _doubt(conductance, drop):
 
 @inlined
 def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
-    """Return flows per opening of edges with laps, or of unlike ports; `g1`, `g2` of plain ones."""
+    """Return the flows per opening (m^2/s) of a valve with laps or unlike ports.
+
+    `g1` and `g2` are the flows per opening of plain edges, into chamber 1 and out of chamber 2, and
+    so are the two values returned. Pressures are in Pa, the opening is in m.
+    """
     if abs(opening) < par.valve_deadband:
         g1 = g2 = 0.0
     elif abs(lapped(opening, par)) < par.valve_underlap_leakage:
@@ -135,23 +146,23 @@ def _real_gains(opening, g1, g2, p1, p2, supply, back, par):
 
 @njit(cache=True, error_model="numpy")
 def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
-    """Add one sample's flows and signatures to the sums in `row`.
+    """Add the valve's flows of one sample, and all signatures that follow from them, to `row`.
 
-    A signature is the missing flow of a rig with one unit more of a weakness than the model. The
-    null bias only tells which edges are open; its flow is left to the nuisance, so that a leak
-    cannot hide in it. Where the bias is not known well enough to tell the edges, their difference
-    is in doubt.
+    A signature is the missing flow of a rig that exceeds the model by one unit of a weakness. The
+    null bias only decides which edges are open; the flow that it adds is left to its nuisance, so
+    that a leak cannot hide in it. Where it is too uncertain to decide this, the difference between
+    the edges goes into the doubts.
 
     Args:
-        spool: its displacement in the middle of the sample, m.
-        spool_rate: m/s.
-        steady: the spool's displacement averaged over its noise, m.
-        deviation: of that noise in `spool`, one standard deviation, m.
-        null: the spool's null bias, and how far that may be off, m.
+        spool: displacement of the spool in the middle of the sample, m.
+        spool_rate: velocity of the spool, m/s.
+        steady: displacement of the spool averaged over its noise, m.
+        deviation: standard deviation of the noise in `spool`, m.
+        null: null bias of the spool and its standard deviation, m.
         p1: pressure of chamber 1, Pa.
         p2: pressure of chamber 2, Pa.
-        par: the `Parameters` assumed.
-        row: (WIDTH,) sums; flows in m^3/s.
+        par: the `Parameters` that are assumed.
+        row: (WIDTH,) sums, updated; flows in m^3/s.
     """
     conductance = valve_conductance(par)
     null_bias, null_spread = null
@@ -172,7 +183,7 @@ def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
         q2 -= g2 * (true_opening - opening)
     slope_1 = 0.5 * q1 / max(drop_1, _LEAST_DROP)
     slope_2 = 0.5 * q2 / max(drop_2, _LEAST_DROP)
-    # Noise about null opens one edge, then the other, of which no oil knows.
+    # Noise of the spool's estimate about null seems to open one edge, then the other; take it off.
     lap = par.valve_deadband - par.valve_underlap_leakage
     forth = 0.5 * conductance * _rectified(steady + null_bias - lap, deviation)
     reverse = 0.5 * conductance * _rectified(steady + null_bias + lap, deviation)
@@ -237,7 +248,7 @@ def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
     row[SIZE] += abs(e1)
     row[SIZE + 1] += abs(e2)
     row[SIZE + 2] += abs(e12)
-    # A flow that noise lets through tells nothing of the lines, and errs as the account does.
+    # Where noise decides whether an edge is open, the flow says nothing about the lines.
     if away > _FAR * deviation:
         fed, returned = (slope_1, slope_2 * q2 * q2) if extending else (slope_2, slope_1 * q1 * q1)
         chamber = 0 if extending else 1
@@ -260,15 +271,15 @@ def add_sample(spool, spool_rate, steady, deviation, null, p1, p2, par, row):
 
 @inlined
 def add_supply(opening, p1, p2, supply, par, row):
-    """Add a measured supply pressure, and what the valve draws at it, to the sums in `row`.
+    """Add a measured supply pressure, and the flow that the valve draws at it, to `row`.
 
     Args:
-        opening: of the valve, null bias included, m.
+        opening: opening of the valve, null bias included, m.
         p1: pressure of chamber 1, Pa.
         p2: pressure of chamber 2, Pa.
         supply: measured supply pressure, Pa.
-        par: the `Parameters` assumed.
-        row: (WIDTH,) sums; flow in m^3/s.
+        par: the `Parameters` that are assumed.
+        row: (WIDTH,) sums, updated; flow in m^3/s.
     """
     drop = supply - (p1 if opening >= 0.0 else p2)
     drawn = valve_conductance(par) * abs(lapped(opening, par)) * signed_root(drop)
@@ -280,24 +291,24 @@ def add_supply(opening, p1, p2, supply, par, row):
 
 @njit(cache=True, error_model="numpy")
 def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
-    """Add what moved the ram and what was compressed in one sample to the sums in `row`.
+    """Add the flows that moved the ram and compressed the oil in one sample to `row`.
 
     Args:
-        position: of the ram in the middle of the sample, m.
-        moved: how fast it moved, m/s.
+        position: position of the ram in the middle of the sample, m.
+        moved: velocity of the ram, m/s.
         p1: pressure of chamber 1 in the middle of the sample, Pa.
-        p2: pressure of chamber 2, Pa.
-        rise_1: how fast it rose, Pa/s.
-        rise_2: as `rise_1` of chamber 2.
-        par: the `Parameters` assumed.
-        row: (WIDTH,) sums; flows in m^3/s.
+        p2: pressure of chamber 2 in the middle of the sample, Pa.
+        rise_1: rate of the pressure of chamber 1, Pa/s.
+        rise_2: rate of the pressure of chamber 2, Pa/s.
+        par: the `Parameters` that are assumed.
+        row: (WIDTH,) sums, updated; flows in m^3/s.
     """
     v1, v2 = chamber_volumes(position, par)
     stored_1, stored_2 = v1 * rise_1, v2 * rise_2
     soft_1, soft_2 = aeration_compliance(p1, par), aeration_compliance(p2, par)
     squeezed_1, squeezed_2 = stored_1 / par.bulk_modulus, stored_2 / par.bulk_modulus
     swept = par.piston_area * moved
-    # Little air adds to the oil's own compliance; what is beyond that is left to the nuisance.
+    # The model's air adds linearly to the oil's compliance; a difference is left to the nuisance.
     row[MISSING] -= swept + squeezed_1 + par.entrained_air * soft_1 * stored_1
     row[MISSING + 1] += swept - squeezed_2 - par.entrained_air * soft_2 * stored_2
     # A stiffer oil stores less: more of it is missing.
@@ -309,16 +320,18 @@ def add_motion(position, moved, p1, p2, rise_1, rise_2, par, row):
 
 @njit(cache=True, error_model="numpy")
 def add_terms(spool, position, moved, p1, p2, par, row):
-    """Add the flows of the model's terms in symbols to the sums in `row`.
+    """Add the flows of the model's terms in symbols (`rig.plant.added_terms`) to `row`.
+
+    The command is taken to be the one that the spool has reached.
 
     Args:
-        spool: its displacement in the middle of the sample, m; it has followed its command.
-        position: of the ram, m.
-        moved: how fast it moved, m/s.
+        spool: displacement of the spool in the middle of the sample, m.
+        position: position of the ram, m.
+        moved: velocity of the ram, m/s.
         p1: pressure of chamber 1, Pa.
         p2: pressure of chamber 2, Pa.
-        par: the `Parameters` assumed.
-        row: (WIDTH,) sums; flows in m^3/s.
+        par: the `Parameters` that are assumed.
+        row: (WIDTH,) sums, updated; flows in m^3/s.
     """
     command = spool / par.valve_gain
     row[MISSING] += added(FLOW_1, moved, position, spool, p1, p2, command, par)

@@ -1,9 +1,9 @@
-"""Sums over oil accounts, bounded in size however long the rig runs.
+"""Sums over oil accounts, whose size is bounded however long the rig runs.
 
-A regression of the accounts needs sums of products only. They are kept up to now and before each of
-some marks, which are the onsets that a fault may have. When the marks are full, those go that lie
-closest together for their age: the last 50 s keep a mark for every block, the past one for every
-small part of its age.
+A regression of the accounts needs sums of products only. They are stored for all blocks up to now,
+and for the blocks before each mark; a mark is a place between blocks at which a fault may begin.
+When the marks are full, some are removed: the last 50 s keep a mark for every block, and earlier
+marks get sparser with age.
 """
 
 from collections.abc import Collection, Sequence
@@ -24,14 +24,16 @@ from .row import FAULT_COUNT
 Array = NDArray[np.float64]
 
 MARKS: Final = 240
-"""Marks kept: two minutes of half seconds."""
+"""Greatest number of marks: one for every half second of two minutes."""
 _SHARP: Final = 100
-"""Blocks of the recent past that all keep their marks."""
+"""Number of latest blocks (50 s) that all keep their marks."""
 _PARTS: Final = (32, 16, 8, 4, 2)
-"""Parts of its age by which older marks may lie apart, tried in turn until a quarter is free."""
+"""Divisors that set the spacing of older marks: up to their age divided by this. They are tried in
+turn until a quarter of the marks is free."""
 
 SHIFT: Final = FAULT_COUNT
-"""Index, behind the faults, of a shift of the spool's null: no fault, but it may begin as one."""
+"""Index, after those of the faults, of a shift of the spool's null. It is no fault, but it may look
+like the beginning of one."""
 SHAPE_COUNT: Final = FAULT_COUNT + 1
 
 _N: Final = NUISANCE_COUNT
@@ -55,7 +57,7 @@ _FAULT_PARTS: Final = (_LL, _LF, _LY, _SIZE, _SECONDS, _BLOCKS, _SUPPLY)
 
 @njit(cache=True, error_model="numpy")
 def _add_products(missing, nuisances, faults, total):
-    """Add a block's products to the packed sums."""
+    """Add the products of a block to the packed sums `total` (see above for their order)."""
     for c in range(2):
         y = missing[c]
         total[_YY] += y * y
@@ -74,11 +76,11 @@ def _add_products(missing, nuisances, faults, total):
 
 
 class AccountSums:
-    """Sums of products of the blocks so far, and before each mark.
+    """Sums of products over all blocks so far, and over the blocks before each mark.
 
     Attributes:
-        blocks: complete blocks added.
-        marks: marks kept at present; mark j lies before block `mark_blocks[j]`.
+        blocks: number of blocks added.
+        marks: number of marks at present; mark j lies before block `mark_blocks[j]`.
     """
 
     def __init__(self) -> None:
@@ -88,13 +90,13 @@ class AccountSums:
         self._before = np.zeros((MARKS + 1, _WIDTH))
         self._mark_blocks = np.zeros(MARKS, dtype=np.int64)
         self._starts = np.zeros(MARKS)
-        # Least and greatest position of the blocks between a mark and the next.
+        # Least and greatest position of the ram in the blocks between a mark and the next.
         self._low = np.zeros(MARKS)
         self._high = np.zeros(MARKS)
 
     @property
     def mark_blocks(self) -> NDArray[np.int64]:
-        """Index of the block after each mark: int64 (marks,)."""
+        """Return the index of the block that follows each mark: int64 (marks,)."""
         return self._mark_blocks[: self.marks]
 
     def add(
@@ -103,13 +105,13 @@ class AccountSums:
         rows: tuple[Array, Array, Array],
         kept: Collection[int] = (),
     ) -> None:
-        """Add a block.
+        """Add a block and a mark before it; if the marks are full, thin them out first.
 
         Args:
             block: the block.
-            rows: its missing flow (2,), nuisances (2, n), faults and null shift (2, 6), in units of
-                its noise.
-            kept: blocks whose marks are not to be thinned out.
+            rows: the block's missing flow (2,), nuisances (2, n), and faults with null shift
+                (2, 6), in units of its expected noise.
+            kept: indices of blocks whose marks must not be removed.
         """
         if self.marks == MARKS:
             self._thin(kept)
@@ -142,7 +144,10 @@ class AccountSums:
         self.marks = count
 
     def _spaced(self, parts: int, kept: Collection[int]) -> NDArray[np.int64]:
-        """Return the marks without which others would lie apart by more than their age / parts."""
+        """Return the indices of the marks to keep so that gaps stay below their age / parts.
+
+        Marks of the last `_SHARP` blocks and of the blocks in `kept` are always among them.
+        """
         blocks = [*self._mark_blocks.tolist(), self.blocks]
         stay = [0]
         for j in range(1, MARKS):
@@ -153,27 +158,31 @@ class AccountSums:
         return np.array(stay)
 
     def mark_of(self, block: int) -> int:
-        """Return the mark before a block, or the next one if that is gone."""
+        """Return the index of the mark before a block, or of the next mark if that was removed."""
         return int(np.searchsorted(self.mark_blocks, block))
 
     def start_s(self, mark: int) -> float:
-        """Return the time at which the block after a mark starts."""
+        """Return the time in s at which the block after a mark starts."""
         return float(self._starts[mark])
 
     def mark_at(self, time_s: float) -> int:
-        """Return the first mark at or after a time; `marks` if there is none."""
+        """Return the index of the first mark at or after a time in s; `marks` if there is none."""
         return int(np.searchsorted(self._starts[: self.marks], time_s - 1e-6))
 
     def travel(self, mark: int) -> float:
-        """Return the range of the ram's position in m since a mark."""
+        """Return the difference of the greatest and least position in m since a mark."""
         since = slice(mark, self.marks)
         return float(self._high[since].max() - self._low[since].min())
 
     def nuisances(self, without: Sequence[tuple[int, int]] = ()) -> tuple[Array, Array, float]:
-        """Return products of nuisances (n, n), with missing flow (n,), and of missing flow.
+        """Return the sums of the products that involve no faults.
 
         Args:
-            without: the blocks from the one mark to the other do not count, of each of these.
+            without: pairs of marks; the blocks between the two marks of a pair do not count.
+
+        Returns:
+            Nuisances with nuisances (n, n), nuisances with missing flow (n,), and the missing flow
+            squared.
         """
         total = self._total
         for first, last in without:
@@ -184,7 +193,7 @@ class AccountSums:
         return self._total if mark == self.marks else self._before[mark]
 
     def faults_since(self) -> "FaultProducts":
-        """Return the sums of the faults' products since each mark."""
+        """Return the sums of all products with faults, from each mark up to now."""
         since = self._total[_LL:_SUPPLY] - self._before[: self.marks, _LL:_SUPPLY]
         parts = (since[:, a - _LL : b - _LL] for a, b in pairwise(_FAULT_PARTS))
         squares, crossed, products, sizes, seconds, blocks = parts
@@ -197,15 +206,15 @@ class AccountSums:
         )
 
     def weighted(self, weights: Array, first: int, last: int) -> Array:
-        """Return weighted sums of the products between each mark and the next, first to last - 1.
+        """Return weighted sums of the products between each mark and the next.
 
         Args:
-            weights: of `square_weights` or `product_weights`, float64 (width, k).
-            first: mark.
-            last: mark; `marks` stands for now.
+            weights: columns from `square_weights` or `product_weights`, float64 (width, k).
+            first: index of the first mark.
+            last: index of the last mark; `marks` stands for now.
 
         Returns:
-            float64 (last - first, k).
+            float64 (last - first, k); row i covers the blocks from mark first + i to the next.
         """
         sums = self._before[first : last + 1] @ weights
         if last == self.marks:
@@ -216,20 +225,24 @@ class AccountSums:
         """Return the faults' mean absolute flows per unit coefficient (5,), L/min.
 
         Args:
-            mark: from which on.
-            last: mark up to which; None: up to now.
+            mark: index of the mark from which they are averaged.
+            last: index of the mark up to which they are averaged; None means up to now.
         """
         end = self._total if last is None else self._at(last)
         sums = end - self._before[mark]
         return np.asarray(sums[_SIZE : _SIZE + FAULT_COUNT] / sums[_SECONDS])
 
     def seconds(self, first: int, last: int | None = None) -> float:
-        """Return the seconds that are accounted for from mark to mark, or to now."""
+        """Return the duration in s of all blocks from mark `first` to mark `last`, or to now."""
         end = self._total if last is None else self._before[last]
         return float(end[_SECONDS] - self._before[first, _SECONDS])
 
     def supply(self, first: int, last: int | None = None) -> tuple[float, float, float]:
-        """Return count, mean and spread of the blocks' supply pressures (Pa) from mark to mark."""
+        """Return count, mean and standard deviation of the measured supply pressures of blocks.
+
+        The blocks are those from mark `first` to mark `last`, or to now. Pressures are in Pa; mean
+        and deviation are NaN if no block has one.
+        """
         end = self._total if last is None else self._before[last]
         count, total, squares = end[_SUPPLY:] - self._before[first, _SUPPLY:]
         if count == 0.0:
@@ -240,14 +253,16 @@ class AccountSums:
 
 @dataclass(frozen=True)
 class FaultProducts:
-    """Sums of the faults' products since each mark.
+    """Sums of the products with faults, over the blocks from each mark up to now.
+
+    The six fault columns are the five of `FAULTS` and a shift of the spool's null (`SHIFT`).
 
     Attributes:
-        squares: with faults, float64 (marks, 6, 6); last comes a shift of the spool's null.
-        crossed: with nuisances, float64 (marks, 6, n).
-        products: with missing flow, float64 (marks, 6).
-        sizes: mean absolute flow per unit coefficient, L/min, float64 (marks, 5).
-        blocks: how many blocks, float64 (marks,).
+        squares: products of fault columns with each other, float64 (marks, 6, 6).
+        crossed: products of fault columns with nuisances, float64 (marks, 6, n).
+        products: products of fault columns with missing flow, float64 (marks, 6).
+        sizes: mean absolute flow of each fault per unit coefficient, L/min, float64 (marks, 5).
+        blocks: number of blocks, float64 (marks,).
     """
 
     squares: Array
@@ -258,9 +273,10 @@ class FaultProducts:
 
 
 def product_weights(left: Array, faults: Sequence[int]) -> Array:
-    """Return weights (width,) of the packed sums that add up to left' X'y.
+    """Return weights (width,) with which the packed sums add up to left' X'y.
 
-    X has the nuisances and these faults as columns, `left` is float64 (n + faults,).
+    The columns of X are the nuisances and the given faults; `left` is float64 (n + faults,), and y
+    is the missing flow.
     """
     weights = np.zeros(_WIDTH)
     weights[_FY:_YY] = left[:_N]
@@ -270,7 +286,10 @@ def product_weights(left: Array, faults: Sequence[int]) -> Array:
 
 
 def square_weights(left: Array, right: Array, faults: Sequence[int]) -> Array:
-    """Return weights (width,) of the packed sums that add up to left' X'X right."""
+    """Return weights (width,) with which the packed sums add up to left' X'X right.
+
+    X is as in `product_weights`; `left` and `right` are float64 (n + faults,).
+    """
     weights = np.zeros(_WIDTH)
     weights[_FF:_FY] = (left[:_N, None] * right[:_N]).ravel()
     for c, i in enumerate(faults, start=_N):

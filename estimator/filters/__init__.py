@@ -1,6 +1,6 @@
-"""Kalman filters of the rig: the product's own, and the three of the thesis for reference.
+"""Kalman filters of the rig: the product filter, and two filters of the thesis for reference.
 
-`registry` tells them by name. All are compiled; a filter's state is a `FilterMemory`.
+`registry` lists them by name. All are compiled; `FilterMemory` holds a filter's state.
 """
 
 from lazy_loader import attach_stub

@@ -1,13 +1,14 @@
-"""Tells when a filter is lost: by its innovations against what it expects of them, and by NaN.
+"""Detection of a lost filter: its innovations are far larger than expected, or it has become NaN.
 
-The squared innovations of a window, each over its expected variance, are of chi-square if the model
-is right. It never is: a budget of model errors covers what is usual, and what is unusual (a stroke
-end struck, a leak that opens) makes innovations larger for a while without the filter being lost.
-So a window counts as lost only beyond what innovations `TOLERATED` times as large as expected
-would show once in 1e9 windows, that is in 16 years. No reading counts for more than `LARGEST`: a
-spike is no divergence. Lost is as well who ends a window with a leak far below zero, or a spool's
-null where no valve has it. If a window is lost again right after a reset, the model is wrong rather
-than the filter lost: the next reset then waits for a good window, or for ten seconds.
+The squared innovations of a window, each divided by its expected variance, follow a chi-square
+distribution if the model is right. No model is. Usual errors are covered by the filter's noise;
+unusual events (a ram that strikes a stroke end, a leak that opens) make innovations larger for a
+while, without the filter being lost. A window therefore counts as lost only if its sum exceeds a
+bound that innovations `TOLERATED` times as large as expected exceed once in 1e9 windows (16 years).
+No reading counts for more than `LARGEST`, as a spike is no divergence. A filter is also lost if a
+window ends with a leak far below zero, or with a spool's null that no valve has. If windows are
+lost again right after a reset, rather the model is wrong: the next reset then waits for a good
+window, or for ten seconds.
 """
 
 from math import isfinite, sqrt
@@ -16,45 +17,46 @@ from typing import Final
 from rig.plant import inlined
 
 SQUARES: Final = 0
-"""Index in a `Watch` row: sum of squared innovations of the window."""
+"""Index in the array `watch`: sum of squared innovations of the window."""
 READINGS: Final = 1
-"""Index: how many squares were summed, the degrees of freedom."""
+"""Index in `watch`: number of squares in that sum, which is its degrees of freedom."""
 TICKS: Final = 2
-"""Index: ticks of the window so far."""
+"""Index in `watch`: number of ticks of the window so far."""
 RESETS: Final = 3
-"""Index: how often the filter has started anew since its first sample."""
+"""Index in `watch`: how often the filter has started anew since its first sample."""
 PATIENCE: Final = 4
-"""Index: windows to wait before the next reset, unless one is good."""
+"""Index in `watch`: number of lost windows before the next reset; a good window sets it to 0."""
 SUPPLY: Final = 5
-"""Index: the newest supply pressure, Pa."""
+"""Index in `watch`: the newest supply pressure, Pa."""
 
 WINDOW: Final = 500.0
-"""Ticks: half a second, in which every state but leaks and null settles."""
+"""Length of a window in ticks: half a second, in which all states but leaks and null settle."""
 TOLERATED: Final = 3.0
+"""Factor by which innovations may exceed their expected standard deviation."""
 LARGEST: Final = 100.0
-"""The most that the squared innovation of one reading counts for: ten standard deviations."""
+"""Upper bound of one reading's squared innovation in the sum: ten standard deviations."""
 QUANTILE: Final = 6.0
 """Quantile of the normal distribution at 1 - 1e-9, from which the bound of a window follows."""
 PAUSE: Final = 20.0
-"""Windows that the filter has after a reset before it may be reset again."""
+"""Number of lost windows (10 s) after a reset before the filter is reset again."""
 
 
 @inlined
 def clear_window(watch):
-    """Begin a window."""
+    """Begin a new window in `watch`: set its sums and its count of ticks to zero."""
     watch[SQUARES] = watch[READINGS] = watch[TICKS] = 0.0
 
 
 @inlined
 def take_innovation(watch, square):
-    """Count a squared innovation, over its expected variance, into the window."""
+    """Add a squared innovation, divided by its expected variance, to the window in `watch`."""
     watch[SQUARES] += min(square, LARGEST)
     watch[READINGS] += 1.0
 
 
 @inlined
 def count_reset(watch):
-    """Count a reset and begin a window."""
+    """Count a reset of the filter in `watch` and begin a new window."""
     watch[RESETS] += 1.0
     watch[PATIENCE] = PAUSE
     clear_window(watch)
@@ -62,7 +64,10 @@ def count_reset(watch):
 
 @inlined
 def _bound(readings):
-    """Return the quantile of chi-square (Wilson and Hilferty 1931) times the tolerated square."""
+    """Return the bound of a window's sum for a number of readings, its degrees of freedom.
+
+    It is the chi-square quantile (Wilson and Hilferty 1931) times `TOLERATED` squared.
+    """
     spread = 2.0 / (9.0 * readings)
     root = 1.0 - spread + QUANTILE * sqrt(spread)
     return TOLERATED * TOLERATED * readings * root * root * root
@@ -70,7 +75,7 @@ def _bound(readings):
 
 @inlined
 def is_finite(x, factors):
-    """Return whether a state (n,) and the factors (n, n) of its covariance are finite."""
+    """Return whether a state (n,) and the diagonal of its covariance's factors are all finite."""
     total = 0.0
     for i in range(x.size):
         total += abs(x[i]) + factors[i, i]
@@ -79,11 +84,14 @@ def is_finite(x, factors):
 
 @inlined
 def is_lost(watch, possible):
-    """Count a tick and return whether the filter has to start anew; found out window by window.
+    """Count a tick; at the end of a window, return whether the filter must start anew.
 
     Args:
-        watch: the row kept for this.
-        possible: whether the estimates are what a rig can have.
+        watch: memory with the indices above, updated.
+        possible: whether leaks and null bias are in a range that a rig can have.
+
+    Returns:
+        False within a window; True at its end if it is lost and the filter may be reset again.
     """
     watch[TICKS] += 1.0
     if watch[TICKS] < WINDOW:

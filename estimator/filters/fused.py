@@ -1,4 +1,4 @@
-"""Fused multiply-add for compiled code: one rounding, the same bits wherever it is inlined."""
+"""Fused multiply-add for compiled code, which rounds once and gives the same bits everywhere."""
 
 import ctypes
 from collections.abc import Callable
@@ -21,8 +21,11 @@ def _fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
 
 
 def _c_fma() -> Callable[[float, float, float], float]:
-    """Return the C library's, for NUMBA_DISABLE_JIT; Python has none before 3.13."""
-    # What numpy is linked with is loaded, the mathematics of C among it.
+    """Return `fma` of the C library, for runs with NUMBA_DISABLE_JIT.
+
+    Python itself has no such function before 3.13.
+    """
+    # The C mathematics library is loaded already, as numpy is linked with it.
     function = ctypes.CDLL(None).fma
     function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * 3
     return cast(Callable[[float, float, float], float], function)
@@ -31,4 +34,5 @@ def _c_fma() -> Callable[[float, float, float], float]:
 _INTERPRETED: Final = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 fma = _c_fma() if _INTERPRETED else cast(Callable[[float, float, float], float], intrinsic(_fma))
-"""a*b + c rounded once (IEEE 754 fusedMultiplyAdd), of floats or lanes."""
+"""Function of (a, b, c) that returns a*b + c, rounded once (IEEE 754 fusedMultiplyAdd), for floats
+or lanes."""

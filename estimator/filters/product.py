@@ -1,24 +1,25 @@
-"""The product's filter: load, three leak coefficients and spool null bias beside the rig's states.
+"""The product filter, whose states include the load, three leak coefficients and the null bias.
 
-An extended Kalman filter on `estimator.filters.product_model` in UD form (`estimator.filters.ud`).
-The prediction moves the first six states only, and those after it are random walks with noise of
-their own: it takes an orthogonalisation of six rows and five rank-one additions. Measurements are
-independent, so that they correct one after the other.
+It is an extended Kalman filter with the model of `estimator.filters.product_model`, in UD form
+(`estimator.filters.ud`). The prediction changes the first six states only. The other five are
+random walks, each with noise of its own. A prediction therefore takes an orthogonalisation of six
+rows and five rank-one additions. The noises of the measurements are independent, so that the
+measurements correct the state one after the other.
 
-What is measured:
+The filter uses the readings as follows:
 
-- position, both pressures and, if there is one, the spool. Readings that are missing (NaN), beyond
-  the transducer's range or saturated are skipped.
-- The supply pressure is an input of the prediction, as the command is: a reading is taken for the
-  supply from the tick before, and kept until the next. Its noise moves the flow of an edge by far
-  less than the 0.1 L/min of the budget. Without a transducer it is the model's.
-- Not the load cell. It sees the environment's part of the load alone; the other part, friction,
-  is not known to better than some 1000 N nor white, whereas the pressures show the whole load to
-  some 30 N in a sample. As a measurement of this state it would only bias it.
+- Position, both pressures and, if there is one, the spool are measurements. Readings that are
+  missing (NaN), beyond the transducer's range or saturated are skipped.
+- The supply pressure is an input of the prediction, as the command is. A reading counts for the
+  tick that ends with it, and holds until the next reading. Its noise changes the flow of an edge by
+  far less than the 0.1 L/min of the noise budget. Without a transducer, the model's value is used.
+- The load cell is not used. It measures the environment's part of the load alone. The other part,
+  friction, is known to some 1000 N only and is not white, whereas the pressures show the whole load
+  to some 30 N in a sample. As a measurement, the load cell would only bias the load.
 
-Estimates are kept within what the rig can be (`Ranges`), so that a prediction through seconds
-without readings stays finite. `estimator.filters.divergence` tells when a filter is lost; then it
-starts anew.
+Estimates are limited to what the rig can be (`Ranges`), so that a prediction through seconds
+without readings stays finite. `estimator.filters.divergence` detects when the filter is lost; the
+filter then starts anew.
 """
 
 from math import isfinite
@@ -49,24 +50,26 @@ from .ud import add_noise, correct, forget, orthogonalise, variance_of
 Array = NDArray[np.float64]
 
 _NOISES: Final = 4
-"""Dynamic states with process noise of their own: both pressures, velocity, spool velocity."""
+"""Number of predicted states with process noise: both pressures, velocity, spool velocity."""
 
 _PATH_ROWS: Final = -(-PATH_SIZE // STATE_COUNT)
 _SCRATCH_ROWS: Final = 2 + 2 * DYNAMIC
 WORK_SHAPE: Final = (_SCRATCH_ROWS + _PATH_ROWS, STATE_COUNT)
-"""Shape of the array `work` of `product_step`: what `estimator.filters.divergence` keeps, a vector,
-the Jacobian, the rows to orthogonalise, and the command path's memory
+"""Shape of the array `work` of `product_step`.
+
+Its rows hold, in this order: the array `watch` of `estimator.filters.divergence`, a scratch vector,
+the Jacobian, the rows to orthogonalise, and the memory of the command path
 (`estimator.filters.readings`)."""
 
 
 @njit(cache=True, error_model="numpy")
 def start_product(x, factors, command, reading, par, noise, work):
-    """Set the state (11,) and its covariance's factors (11, 11) by a first sample.
+    """Set the state (11,) and the factors (11, 11) of its covariance from a first sample, in place.
 
-    The arguments are those of `product_step`, but for the command: it is held from this sample on.
-    For want of a spool reading the command's is taken; leaks and null bias start from what the
-    model says of them. Without position or a pressure all states are NaN, and the next sample is
-    the first.
+    The arguments are those of `product_step`, except that the command is held from this sample on.
+    Without a spool reading, the spool starts where the command puts it; leaks and null bias start
+    from the model. If position or a pressure is missing, all states are NaN and the next sample
+    counts as the first.
     """
     work[0, SUPPLY] = par.supply_pressure
     work[0, RESETS] = work[0, PATIENCE] = 0.0
@@ -82,15 +85,15 @@ def start_product(x, factors, command, reading, par, noise, work):
 
 @inlined
 def _between(reading, lower, upper):
-    """Return a reading, or NaN where the transducer is beyond its range or saturated."""
+    """Return the reading if it lies strictly between the bounds, else NaN."""
     return reading if lower < reading < upper else np.nan
 
 
 @inlined
 def _in_range(reading, par, ranges):
-    """Return position, both pressures and spool as the readings show them.
+    """Return true position, pressures 1 and 2, and spool that the readings show, SI.
 
-    They follow `estimator.filters.readings`; of a reading out of its range comes NaN.
+    Gains and biases are undone (`estimator.filters.readings`). A value out of its range is NaN.
     """
     p1 = _between(reading[1], ranges.pressure_min, ranges.pressure_max)
     p2 = _between(reading[2], ranges.pressure_min, ranges.pressure_max)
@@ -130,17 +133,18 @@ def _start_from(x, factors, command, shown, par, noise):
 
 @inlined
 def _predict_factors(factors, jacobian, noise, rows, weights):
-    """Replace the factors of P by those of Phi P Phi^T + Q.
+    """Replace the factors of P, in place, by those of Phi P Phi^T + Q.
 
-    Zeros and identity of Phi are left out (`estimator.filters.product_model.DYNAMIC`). The lower
-    right part of U is that of the random walks and stays.
+    Q here has the noise of the first six states only. Products with zeros and ones of Phi are left
+    out (`estimator.filters.product_model.DYNAMIC`). The lower right part of U belongs to the random
+    walks and does not change.
 
     Args:
         factors: (11, 11), updated.
-        jacobian: (6, 11), the rows of Phi that are not the identity's.
+        jacobian: the first six rows of Phi, (6, 11); the others are those of the identity.
         noise: `ProductNoise`.
         rows: scratch (6, 10).
-        weights: scratch (10,).
+        weights: scratch (10,) or longer.
     """
     for j in range(STATE_COUNT):
         s1, s2, s3, s4 = jacobian[1, j], jacobian[2, j], jacobian[3, j], jacobian[4, j]
@@ -172,7 +176,10 @@ def _predict_factors(factors, jacobian, noise, rows, weights):
 
 @inlined
 def predict(x, factors, command, supply, par, noise, jacobian, rows, vector):
-    """Advance state and factors by a tick; see `product_step` and `_predict_factors`."""
+    """Predict state and factors one tick ahead, in place; `supply` is the supply pressure in Pa.
+
+    The other arguments are as in `product_step` and `_predict_factors`; `vector` is scratch (11,).
+    """
     predict_product(x, command, supply, par, jacobian)
     _predict_factors(factors, jacobian, noise, rows, vector)
     add_noise(factors, 6, noise.load, vector)
@@ -189,7 +196,10 @@ def _kept(value, bound):
 
 @inlined
 def confine(x, ranges):
-    """Keep the states within what the rig can be; pressures below zero stand for a cavity."""
+    """Limit the states, in place, to what the rig can be (`Ranges`).
+
+    Pressures may be negative, as a pressure below zero stands for a cavity.
+    """
     x[0] = _kept(x[0], ranges.opening)
     for i in (1, 2):
         x[i] = _kept(x[i], 2.0 * ranges.pressure_max)
@@ -203,13 +213,17 @@ def confine(x, ranges):
 
 @inlined
 def _is_possible(x, ranges):
-    """Return whether leaks and null bias are what a rig can have."""
+    """Return whether the estimated leaks and null bias are in a range that a rig can have."""
     return min(x[7], x[8], x[9]) > -ranges.negative_leakage and abs(x[10]) < ranges.null_bias
 
 
 @inner
 def _reset(x, factors, command, shown, par, noise, work):
-    """Start anew from a sample; for what it lacks, from the old estimate or the middle."""
+    """Start the filter anew from a sample, in place, and count the reset in `work`.
+
+    A missing position or pressure is replaced by the old estimate; if that is not finite, by the
+    middle of the range or half the supply pressure.
+    """
     position, p1, p2, spool = shown
     ranges = noise.ranges
     if np.isnan(position):
@@ -229,16 +243,17 @@ def product_step(x, factors, command, reading, par, noise, work, out):
 
     Args:
         x: state (11,), updated in place.
-        factors: of its covariance (11, 11), as in `estimator.filters.ud`, updated in place.
+        factors: factors of the covariance (11, 11), as in `estimator.filters.ud`, updated in place.
         command: command in V held since the last sample; NaN leaves the spool where it is.
         reading: measured position (m), pressures of chambers 1 and 2 (Pa), spool (m) and supply
-            pressure (Pa, the last one holds); what is NaN or out of range is skipped.
-        par: `Parameters` the filter assumes.
-        noise: `ProductNoise`.
-        work: float64 of `WORK_SHAPE`: its first row is the filter's memory of its own health
-            (`estimator.filters.divergence`), the rest scratch.
-        out: float64 (10,): innovations, a posteriori residuals and innovation variances of
-            position, pressure 1 and pressure 2; resets so far.
+            pressure (Pa). A value that is NaN or out of range is skipped; for the supply pressure,
+            the last value then still holds.
+        par: `Parameters` that the filter assumes.
+        noise: `ProductNoise` that the filter assumes.
+        work: float64 of `WORK_SHAPE`, updated: the memory `watch` of
+            `estimator.filters.divergence`, scratch, and the memory of the command path.
+        out: float64 (10,), overwritten: innovations, a posteriori residuals and innovation
+            variances of position, pressure 1 and pressure 2 each, then the number of resets so far.
     """
     ranges = noise.ranges
     watch, vector = work[0], work[1]
@@ -259,7 +274,7 @@ def product_step(x, factors, command, reading, par, noise, work, out):
         command = acting_command(path, command, par)
     fed = watch[SUPPLY]
     if (par.supply_droop != 0.0) & (fed == par.supply_pressure):
-        # Never measured: what the model says that its line leaves of it.
+        # The supply pressure was never measured: take the model's pressure behind its line.
         fed = settled_supply(x[0] + x[10], x[1], x[2], par)
     predict(x, factors, command, fed, par, noise, jacobian, rows, vector)
     out[0] = position - x[3]
@@ -274,7 +289,8 @@ def product_step(x, factors, command, reading, par, noise, work, out):
         take_innovation(watch, correct(x, factors, 3, position, noise.position, vector))
     for index, pressure in ((1, p1), (2, p2)):
         if pressure < DRY:
-            # The oil's compression is not what the model says: nothing is learnt from it.
+            # The model's compression does not hold in a dry chamber: the pressure is set to the
+            # reading, and the other states are not corrected by it.
             x[index] = pressure
             forget(factors, index, noise.pressure, vector)
         elif not np.isnan(pressure):

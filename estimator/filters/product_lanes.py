@@ -1,8 +1,9 @@
-"""The product filter of many independent rigs at once, one in each lane (`rig.lanes`).
+"""The product filters of several independent rigs at once, one in each lane (`rig.lanes`).
 
-A lane takes the common step while its sample is an ordinary one: all of position, pressures and
-spool measured within their ranges, neither chamber dry. Any other sample, and the one that ends a
-window of `estimator.filters.divergence`, it takes alone, by `product_step` itself.
+All lanes advance together in one common step. That is valid for a lane whose sample is ordinary:
+position, pressures and spool are measured and within their ranges, and neither chamber is dry. A
+lane with any other sample, or with the sample that ends a window of
+`estimator.filters.divergence`, is advanced on its own by `product_step`.
 """
 
 from typing import Final, NamedTuple
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 
 _WATCHED: Final = WORK_SHAPE[1]
 _COLUMNS: Final = 10
-# Rows of a sample.
+# Indices of the rows of a sample.
 _POSITION: Final = 0
 _P1: Final = 1
 _P2: Final = 2
@@ -36,28 +37,28 @@ _COMMAND: Final = 5
 
 
 class _Memory(NamedTuple):
-    """What the filters keep between samples, and scratch."""
+    """The memory of all filters between samples, and scratch arrays."""
 
     x: Array
-    """(11, LANES) states; NaN where a filter has not had a sample yet."""
+    """States (11, LANES); NaN where a filter has not started yet."""
     factors: Array
-    """(11, 11, LANES), as in `estimator.filters.ud`."""
+    """Factors of the covariances (11, 11, LANES), as in `estimator.filters.ud`."""
     watch: Array
-    """(11, LANES), what `estimator.filters.divergence` keeps."""
+    """Memory of `estimator.filters.divergence`, (11, LANES)."""
     held: Array
-    """(1, LANES) command since the last sample, V."""
+    """Command in V held since the last sample, (1, LANES)."""
     x_one: Array
-    """Scratch (LANES, 11) of filters that take a sample alone."""
+    """Scratch (LANES, 11): states of filters that are advanced on their own."""
     factors_one: Array
-    """Scratch (LANES, 11, 11) of those."""
+    """Scratch (LANES, 11, 11): factors of filters that are advanced on their own."""
     work_one: Array
-    """Scratch (LANES, *WORK_SHAPE) of those."""
+    """Scratch (LANES, *WORK_SHAPE): `work` of filters that are advanced on their own."""
     jacobian: Array
-    """Scratch (6, 11, LANES)."""
+    """Scratch (6, 11, LANES) of the common step."""
     rows: Array
-    """Scratch (6, 10, LANES)."""
+    """Scratch (6, 10, LANES) of the common step."""
     vector: Array
-    """Scratch (11, LANES)."""
+    """Scratch (11, LANES) of the common step."""
 
 
 @inlined
@@ -67,7 +68,10 @@ def _within(reading, lower, upper):
 
 @inlined
 def _is_ordinary(x, watch, position, p1, p2, spool, ranges):
-    """Return where a sample can be taken by the common step."""
+    """Return in which lanes the sample is ordinary, so that the common step is valid.
+
+    It is not at the end of a window of `estimator.filters.divergence` or before the filter started.
+    """
     wet = max(ranges.pressure_min, DRY)
     return (
         _within(position, ranges.position_min, ranges.position_max)
@@ -80,14 +84,14 @@ def _is_ordinary(x, watch, position, p1, p2, spool, ranges):
 
 @inlined
 def _in_transducers_range(p1, p2, ranges):
-    """Return where both pressures, as read, are within their transducers' range."""
+    """Return in which lanes both pressure readings (Pa) are within their transducers' range."""
     lower, upper = ranges.pressure_min, ranges.pressure_max
     return _within(p1, lower, upper) & _within(p2, lower, upper)
 
 
 @inlined
 def _take_all(memory, position, p1, p2, spool, supply, par, noise):
-    """Take a sample in all lanes."""
+    """Advance all lanes in place by an ordinary sample: true readings in SI, and `Parameters`."""
     x, factors, watch = in_lanes(memory.x), in_lanes(memory.factors), in_lanes(memory.watch)
     vector, ranges = in_lanes(memory.vector), noise.ranges
     known = _within(supply, ranges.pressure_min, ranges.pressure_max)
@@ -122,15 +126,15 @@ def _put_back(lane, memory):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def product_lane_ticks(memory, readings, par, noise, states):
-    """Run the product filter over samples of `LANES` rigs.
+    """Run the product filters of `LANES` rigs over their samples.
 
     Args:
         memory: `_Memory`, updated.
-        readings: (ticks, 6, LANES): position, pressures 1 and 2, spool, supply pressure, and the
-            command from there on.
+        readings: (ticks, 6, LANES), SI: position, pressures 1 and 2, spool, supply pressure, and
+            the command in V that is held from this sample on.
         par: `Parameters` that all filters assume.
-        noise: `ProductNoise`.
-        states: (ticks, 11, LANES), to be filled with the estimates.
+        noise: `ProductNoise` that all filters assume.
+        states: (ticks, 11, LANES), filled with the estimates.
     """
     align_stack()
     out = np.empty(len(OUTPUTS))
@@ -170,12 +174,12 @@ class ProductLanes:
     """The product filters of `LANES` rigs that all assume one model.
 
     Args:
-        model: what the filters assume.
+        model: the model that the filters assume.
         sensors: data sheet of the transducers.
 
     Raises:
-        ValueError: the model has a delay or a play of the command, or a supply droop: each filter
-            would need a memory of its own.
+        ValueError: the model has a command delay, valve hysteresis or supply droop, which filters
+            in lanes do not support.
     """
 
     def __init__(self, model: Model, sensors: SensorParameters = DATA_SHEET) -> None:
@@ -202,7 +206,7 @@ class ProductLanes:
 
     @property
     def resets(self) -> NDArray[np.int64]:
-        """How often each filter (LANES,) was found lost and has started anew."""
+        """Return how often each filter was found lost and has started anew: (LANES,)."""
         return self._memory.watch[RESETS].astype(np.int64)
 
     @property
@@ -232,11 +236,11 @@ class ProductLanes:
         self._started = True
 
     def advance(self, readings: Array) -> Array:
-        """Take samples and return the estimates.
+        """Advance all filters by some samples and return the estimates.
 
         Args:
-            readings: float64 (ticks, 6, LANES), rows as `rig.loop.lane_ticks.LANE_READINGS`; NaN is
-                skipped. The first sample ever starts the filters.
+            readings: float64 (ticks, 6, LANES), rows as `rig.loop.lane_ticks.LANE_READINGS`; a NaN
+                is skipped. The very first sample starts the filters.
 
         Returns:
             float64 (ticks, 11, LANES), rows as `estimator.filters.product_model.STATES`.

@@ -1,11 +1,11 @@
-"""The product filter's model of the rig: its states, their prediction and its Jacobian.
+"""The product filter's model of the rig: its states, their prediction and the Jacobian.
 
-Friction and environment are one load state (section 6.3), so that no friction law is assumed. The
-thesis filter takes one forward Euler step a millisecond, which the oil column does not survive
-(docs/model.md). This one takes two leapfrog steps (Stoermer and Verlet): half a kick of the
-velocity, position and pressures with that velocity, the other half of the kick. An undamped
-oscillation stays bounded up to omega h = 2 and errs by (omega h)^2 / 24 in frequency; here omega h
-is at most 0.6, at the ends of the stroke.
+Friction and environment together are one load state (section 6.3), so that no friction law is
+assumed. The thesis filter takes one forward Euler step a millisecond, with which the oil column is
+unstable (docs/model.md). This model takes two leapfrog steps (Stoermer and Verlet). Each advances
+the velocity by half a step, then position and pressures with that velocity by a whole one, then the
+velocity by the other half. An undamped oscillation stays bounded up to omega h = 2, with a relative
+error of the frequency of (omega h)^2 / 24; here omega h is at most 0.6, at the stroke ends.
 """
 
 from math import copysign, cos, cosh, exp, sin, sinh, sqrt
@@ -47,21 +47,24 @@ STATES: Final = (
 STATE_COUNT: Final = len(STATES)
 
 DYNAMIC: Final = 6
-"""States that the prediction changes, the first ones. Spool and spool velocity (0, 5) depend on
-each other only, pressures, position and velocity (1 to 4) on every state."""
+"""Number of states that the prediction changes; they come first.
+
+Spool and spool velocity (0, 5) depend on each other only; pressures, position and velocity (1 to 4)
+depend on every state."""
 _SUBSTEPS: Final = 2
 _SUBSTEP: Final = TICK / _SUBSTEPS
 UNLIMITED: Final = NOMINAL.valve_rate_limit
-"""m/s; slower, and the spool's greatest speed is looked at."""
+"""Spool speed limit in m/s from which on the limit is ignored."""
 _ROOT_WIDTH: Final = 1e4
-"""Pa, a third of the pressure noise: below this drop the orifice law is made smooth."""
+"""Pressure drop in Pa, a third of the pressure noise, below which the orifice law is smoothed."""
 
 
 @inner
 def _valve_step(par):
-    """Return the exact transition of spool and spool velocity over a substep (eq. 2.5), by rows.
+    """Return the exact transition matrix of the spool over a substep (eq. 2.5), row by row.
 
-    Of the deviation from the steady state, at any damping.
+    It acts on the spool's deviation from its steady state (m) and on the spool velocity (m/s), and
+    holds at any damping.
     """
     rate, damping = par.valve_natural_frequency, par.valve_damping
     decay = exp(-damping * rate * _SUBSTEP)
@@ -86,7 +89,8 @@ def _valve_step(par):
 def _smooth_root(drop):
     """Return the signed root of a pressure drop (Pa^0.5, `rig.plant.signed_root`) and its slope.
 
-    Within 10 kPa of zero a cubic takes over in value and slope, so that the slope stays finite.
+    The slope is in Pa^-0.5. Within 10 kPa of zero a cubic replaces the root, with the same value
+    and slope at 10 kPa, so that the slope stays finite.
     """
     near = abs(drop) < _ROOT_WIDTH
     size = sqrt(select(near, _ROOT_WIDTH, abs(drop)))
@@ -101,11 +105,22 @@ def _smooth_root(drop):
 
 @inlined
 def _real_edges(opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par):
-    """Return roots, slopes and flows past edges with laps, or of unlike ports (docs/model.md).
+    """Return flows and slopes of a valve with laps or unlike ports (docs/model.md).
 
-    For chamber 1, then 2: the flow's slope by the opening over the conductance, that by the
-    pressure likewise, the flow (m^3/s), and its slope by the pressure. `e1` to `slope_e2` are the
-    roots of the drops from the chambers to the return, and their slopes.
+    Args:
+        opening: opening of the valve, null bias included, m.
+        p1: pressure of chamber 1, Pa.
+        p2: pressure of chamber 2, Pa.
+        supply: supply pressure, Pa.
+        e1: smoothed root of the drop from chamber 1 to the return.
+        slope_e1: slope of that root.
+        e2: smoothed root of the drop from chamber 2 to the return.
+        slope_e2: slope of that root.
+        par: the `Parameters` that are assumed.
+
+    Returns:
+        Four values for port 1, then for port 2: derivative of the flow by the opening and by the
+        pressure, both divided by the conductance; the flow (m^3/s); its derivative by the pressure.
     """
     conductance = valve_conductance(par)
     second = 1.0 - par.valve_flow_asymmetry
@@ -113,7 +128,8 @@ def _real_edges(opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par):
     moves = select(abs(opening) >= par.valve_deadband, 1.0, 0.0)
     forth = max(par.valve_underlap_leakage + lap, 0.0)
     reverse = max(par.valve_underlap_leakage - lap, 0.0)
-    # Shut edges do not move; of an edge without lap both start at null, and one is taken.
+    # Within the deadband the flow does not change with the opening. Without laps both edges start
+    # to open at null; one of them is chosen.
     opens = select((forth > 0.0) | ((forth == 0.0) & (reverse == 0.0)), moves, 0.0)
     closes = select(reverse > 0.0, moves, 0.0)
     fed_1, slope_fed_1 = _smooth_root(supply - p1)
@@ -132,9 +148,10 @@ def _real_edges(opening, p1, p2, supply, e1, slope_e1, e2, slope_e2, par):
 
 @inlined
 def _softening(pressure, par):
-    """Return what entrained air leaves of the bulk modulus, and that share's relative slope (1/Pa).
+    """Return the share of the bulk modulus that entrained air leaves, and its relative slope.
 
-    As `rig.plant.dynamics.aeration_softening`.
+    The share (0 to 1) is that of `rig.plant.dynamics.aeration_softening`; the slope is its
+    derivative by the pressure, divided by the share, in 1/Pa.
     """
     air = par.entrained_air
     if air == 0.0:
@@ -150,12 +167,19 @@ def _softening(pressure, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def predict_product(x, command, supply, par, jacobian):
-    """Advance the state (11,) by one tick of constant command and fill the Jacobian's rows (6, 11).
+    """Advance the state (11,) by one tick, in place, and fill the Jacobian's first rows (6, 11).
 
-    The spool follows eq. 2.5 exactly; pressures follow eq. 2.3 with the flows of eqs. 2.1, 2.2 and
-    5.2, at the supply pressure `supply`, air in the oil and the model's terms in symbols included:
-    those of flows and spool, at the state before, without their slope; a force is the load's. Row
-    order is that of `STATES`; rows 6 to 10 would be the identity's.
+    The spool follows eq. 2.5 exactly. The pressures follow eq. 2.3 with the flows of eqs. 2.1, 2.2
+    and 5.2 and with air in the oil. The model's terms in symbols that act on flows and spool are
+    computed from the state before the tick and do not enter the Jacobian; forces among them belong
+    to the load state. Rows 6 to 10 of the Jacobian are those of the identity and are not stored.
+
+    Args:
+        x: state in the order of `STATES`, updated.
+        command: command in V, constant over the tick.
+        supply: supply pressure, Pa.
+        par: the `Parameters` that are assumed.
+        jacobian: (6, 11), overwritten.
     """
     h = _SUBSTEP
     valve = _valve_step(par)
@@ -193,7 +217,7 @@ def predict_product(x, command, supply, par, jacobian):
         reached = steady + valve[0] * deviation + valve[1] * spool_velocity
         spool_velocity = valve[2] * deviation + valve[3] * spool_velocity
         if par.valve_rate_limit < UNLIMITED:
-            # The slope is left as it is: a spool that slews is measured, or hardly known.
+            # The Jacobian ignores the limit: a spool at its limit is measured, or hardly known.
             reach = h * par.valve_rate_limit
             reached = min(max(reached, spool - reach), spool + reach)
             limit = par.valve_rate_limit
@@ -266,7 +290,7 @@ def predict_product(x, command, supply, par, jacobian):
         p1 += d1
         p2 += d2
 
-        # Two half kicks in a row are one, but for the last.
+        # Two successive half steps of the velocity are one whole step; the last one stays half.
         kick = (h if substep < _SUBSTEPS - 1 else 0.5 * h) / mass
         velocity += kick * (area * (p1 - p2) - load)
         for j in range(STATE_COUNT):

@@ -1,4 +1,4 @@
-"""What the product filter assumes of sensors and of its own errors, and what it holds possible.
+"""The noise that the product filter assumes, and the ranges to which it limits readings and states.
 
 Sensor variances and ranges follow the data sheets; the rest is a stated budget of model errors.
 """
@@ -9,32 +9,34 @@ from typing import Final, NamedTuple
 from rig.plant import LITRE_PER_MINUTE, TICK, Parameters, SensorParameters, valve_conductance
 
 DRY: Final = 1e5
-"""Below this pressure (Pa) a chamber may hold a vapour cavity, whose volume no sensor sees: three
-times the noise of a 20.7 MPa transducer."""
+"""Pressure in Pa below which a chamber may hold a vapour cavity, whose volume no sensor measures.
+
+It is three times the noise of a 20.7 MPa transducer."""
 
 _ZERO_SHIFT: Final = 0.02
-"""Part of a transducer's range by which its zero may be off: a reading lower than its least by the
-vacuum and more than this is none."""
+"""Part of a transducer's range by which its zero may be off. A reading that is below the least one
+by more than a vacuum and this shift is skipped."""
 _VACUUM: Final = 1e5
 _HEADROOM: Final = 1.5
-"""Times the supply pressure that a chamber may reach when a load or the ram's momentum compresses
-it."""
+"""Greatest pressure of a chamber as a multiple of the supply pressure, when a load or the ram's
+momentum compresses the oil."""
 _FINEST: Final = 2.0**-16
-"""Part of a transducer's range that is its least noise: no converter on such a rig resolves
-more."""
+"""Least noise of a transducer as a part of its range, the resolution of the best converter on such
+a rig."""
 _FULL_COMMAND: Final = 10.0
 _NEGATIVE_LEAK: Final = 2.0 * LITRE_PER_MINUTE
-"""Largest estimate of a leak of the wrong sign, m^3/s at half the supply pressure: some twice what
-a stroke end feigns where the bulk modulus is wrong by 15 %."""
+"""Greatest estimate of a leak of negative sign, m^3/s at half the supply pressure. It is some twice
+the estimate that a stroke end causes if the bulk modulus is wrong by 15 %."""
 _NULL_BIAS: Final = 5e-5
-"""m; the range of `Parameters.spool_null_bias`."""
+"""Greatest null bias of a spool, m: the range of `Parameters.spool_null_bias`."""
 
 
 class Ranges(NamedTuple):
-    """What a reading can be (others are skipped), and what a state can be.
+    """Bounds of readings and states, SI units.
 
-    A reading on its bound is a saturated one. States are kept within the bounds down to `leakage`;
-    with one beyond the last two a filter is lost.
+    Readings on or beyond `position_min` to `spool` are skipped; one on its bound is saturated.
+    States are limited by the fields up to `leakage` (see `product.confine`). A filter whose leak is
+    below -`negative_leakage`, or whose null bias is beyond `null_bias`, is lost.
     """
 
     position_min: float
@@ -51,9 +53,11 @@ class Ranges(NamedTuple):
 
 
 class ProductNoise(NamedTuple):
-    """Noise the product filter assumes: variances of the sensors and a stated model-error budget.
+    """Noise that the product filter assumes, as variances in SI units squared.
 
-    Process variances are per millisecond. `initial` are the standard deviations of P0.
+    The fields `position`, `pressure` and `spool` are variances of the sensors. The fields up to
+    `null_bias` are process variances per millisecond, by a stated budget of model errors. `initial`
+    holds the standard deviations of the states at the start (P0).
     """
 
     position: float
@@ -70,15 +74,16 @@ class ProductNoise(NamedTuple):
 
 
 def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductNoise:
-    """Return the filter's noise variances for given sensors.
+    """Return the noise variances and ranges that the product filter assumes for given sensors.
 
-    The encoder's error is uniform over one count. The budget: the valve model is off by 2 um (white
-    over its bandwidth), a chamber's flow by 0.1 L/min, the load moves by 150 N/ms (it carries the
-    friction, which turns around within some 20 ms), a leak by 0.1 L/min at half supply pressure in
-    a second, the spool's null by 0.02 um in a second.
+    The encoder's error is uniform over one count. The budget of model errors: the valve model is
+    off by 2 um (white over its bandwidth) and a chamber's flow by 0.1 L/min. The load changes by
+    150 N/ms, as it includes friction, which reverses within some 20 ms. In a second a leak changes
+    by 0.1 L/min at half supply pressure, and the spool's null by 0.02 um.
 
-    P0 takes the first samples to their noise, the null to 5 um, leaks to 0.02 L/min: a leak and a
-    shifted null look alike at first, and what is there from the start is taken for the null.
+    At the start, measured states have the noise of the first sample, the null 5 um and leaks
+    0.02 L/min. A leak and a shifted null look alike at first; this choice lets the filter explain
+    a difference that is there from the start by the null.
     """
     half_supply = 0.5 * parameters.supply_pressure
     spool_acceleration = 2e-6 * parameters.valve_natural_frequency**2
@@ -103,7 +108,7 @@ def product_noise(sensors: SensorParameters, parameters: Parameters) -> ProductN
 
 
 def _ranges(sensors: SensorParameters, parameters: Parameters) -> Ranges:
-    """Return the ranges: of position, the stroke and half of what the dead volumes add to it."""
+    """Return the ranges; that of the position is the stroke and half the length of dead volumes."""
     highest = max(sensors.pressure_max, _HEADROOM * parameters.supply_pressure)
     span = sensors.pressure_max - sensors.pressure_min
     opening = max(2.0 * sensors.spool_range, _HEADROOM * parameters.valve_gain * _FULL_COMMAND)

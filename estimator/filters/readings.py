@@ -1,13 +1,13 @@
-"""What the model says lies between rig and filter, undone: transducers, command path, lines.
+"""Corrections for the modelled effects between rig and filter: transducers, command path, lines.
 
-The one place where filters and accounts turn readings into what they show of the rig, and a
-command into what acts on the spool. For a model without effects all of it is the identity, to the
+Filters and accounts use only these functions to turn readings into true values and a command into
+the command that acts on the spool. For a model without effects all of them change nothing, to the
 last bit.
 
-Not undone: `pressure_lag` (its inverse would multiply the noise by lag over tick), `position_delay`
-(a reading moved on by the estimated velocity feeds that back, and diverges at 5 ms),
-`position_backlash` (which side of the play the encoder is on is not known from one sample) and
-`supply_ripple` (a transducer shows it, and its phase is no rig's).
+Some effects are not corrected. The inverse of `pressure_lag` would multiply the noise by lag over
+tick. A correction of `position_delay` by the estimated velocity would feed that velocity back and
+diverge at 5 ms. With `position_backlash`, one sample does not show on which side of the play the
+encoder is. A `supply_ripple` is seen by the transducer, and its phase on a rig is unknown.
 """
 
 from rig.lanes import select
@@ -24,7 +24,7 @@ from rig.plant import (
 
 @inlined
 def true_pressures(p1, p2, par):
-    """Return the pressures in Pa that readings show: (reading - bias) / gain."""
+    """Return the true pressures of both chambers in Pa from readings: (reading - bias) / gain."""
     return (
         (p1 - par.pressure_1_bias) / par.pressure_1_gain,
         (p2 - par.pressure_2_bias) / par.pressure_2_gain,
@@ -33,18 +33,18 @@ def true_pressures(p1, p2, par):
 
 @inlined
 def true_position(position, par):
-    """Return the position in m that a reading shows, scaled back."""
+    """Return the true position in m from a reading: reading / gain."""
     return position / par.position_gain
 
 
 @inner
 def acting_command(path, command, par):
-    """Return the command in V that acts on the spool over a tick, on the average.
+    """Return the mean command in V that acts on the spool over a tick, after delay and play.
 
     Args:
-        path: memory (`rig.plant.command_effects`), updated.
-        command: sent for this tick, V.
-        par: the `Parameters` assumed.
+        path: memory of the command path (`rig.plant.command_effects`), updated.
+        command: command sent for this tick, V.
+        par: the `Parameters` that are assumed.
     """
     if par.command_delay != 0.0:
         before, after, late = delayed_command(path, command, par.command_delay)
@@ -54,9 +54,15 @@ def acting_command(path, command, par):
 
 @inlined
 def _loss(opening, drop, restriction, par):
-    """Return what a line loses in Pa to the flow through an edge of the valve in series with it.
+    """Return the pressure loss in Pa of a line in series with an open edge of the valve.
 
-    From q^2 = c^2 y^2 (drop - R q^2), with the drop of both together.
+    It follows from q^2 = c^2 y^2 (drop - R q^2), with c the conductance of the valve.
+
+    Args:
+        opening: opening y of the valve, null bias included, m.
+        drop: pressure drop over line and edge together, not negative, Pa.
+        restriction: R of the line, Pa/(m^3/s)^2.
+        par: the `Parameters` that are assumed.
     """
     passed = valve_conductance(par) * (abs(lapped(opening, par)) + par.valve_underlap_leakage)
     square = passed * passed
@@ -65,7 +71,11 @@ def _loss(opening, drop, restriction, par):
 
 @inlined
 def settled_supply(opening, p1, p2, par):
-    """Return the supply pressure in Pa at the valve, its line settled (Merritt 1967, ch. 3)."""
+    """Return the supply pressure in Pa at the valve once its line is settled.
+
+    The droop of the line at the valve's flow is taken off (Merritt 1967, ch. 3). The opening (m)
+    includes the null bias; p1 and p2 are the chamber pressures in Pa.
+    """
     supply = par.supply_pressure
     if par.supply_droop == 0.0:
         return supply
@@ -75,7 +85,11 @@ def settled_supply(opening, p1, p2, par):
 
 @inlined
 def settled_return(opening, p1, p2, par):
-    """Return the return pressure in Pa at the valve, its line settled (Merritt 1967, ch. 3)."""
+    """Return the return pressure in Pa at the valve once its line is settled.
+
+    The back pressure of the line at the valve's flow is added (Merritt 1967, ch. 3). The opening
+    (m) includes the null bias; p1 and p2 are the chamber pressures in Pa.
+    """
     back = par.return_pressure
     if par.return_back_pressure == 0.0:
         return back

@@ -1,7 +1,7 @@
-"""The filters by name, behind one compiled step that the loop and the replay both call.
+"""The filters by name, with one compiled step that the loop and the replay both call.
 
-Every filter takes the same measurements and writes the same ten outputs a sample; its states are
-its own. A code tells compiled loops which filter it is.
+All filters take the same measurements and write the same ten outputs for a sample, but their states
+differ. In compiled code a filter is identified by its `code`.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +24,8 @@ from .ud import dense_covariance
 Array = NDArray[np.float64]
 
 PRODUCT: Final = None
-"""No number: where it is chosen the compiler leaves out the others, half of what there is to do."""
+"""Code of the product filter. It is None and not a number, so that the compiler knows it by type
+and leaves out the other filters, which are half of its work."""
 THESIS_6: Final = 1
 THESIS_7: Final = 2
 
@@ -40,22 +41,25 @@ OUTPUTS: Final = (
     "innovation_variance_pressure_2_Pa2",
     "filter_resets",
 )
-"""What every filter writes a sample: z - H x(-), z - H x(+), the innovation's variance, and how
-often it has started anew for being lost (`estimator.filters.divergence`; the thesis's never do)."""
+"""Names of the ten outputs that every filter writes for a sample.
+
+They are the innovations z - H x(-), the residuals z - H x(+), the variances of the innovations, and
+how often the filter was lost and has started anew (`estimator.filters.divergence`; always 0 for the
+thesis filters)."""
 
 _THESIS_STATES: Final = STATES[:6]
 
 
 @dataclass(frozen=True)
 class Filter:
-    """A filter that can be chosen by name."""
+    """A filter that can be chosen by name, with the names of its states and a summary for users."""
 
     name: str
     code: int | None
     states: tuple[str, ...]
     summary: str
     factored: bool = False
-    """Whether the covariance is kept as its factors (`estimator.filters.ud`)."""
+    """Whether the covariance is stored as its factors (`estimator.filters.ud`)."""
 
 
 FILTERS: Final = {
@@ -81,7 +85,7 @@ def filter_named(name: str) -> Filter:
     """Return a filter by name.
 
     Raises:
-        ValueError: there is no such filter; the message lists those there are.
+        ValueError: there is no filter of that name; the message lists the existing ones.
     """
     try:
         return FILTERS[name]
@@ -91,14 +95,14 @@ def filter_named(name: str) -> Filter:
 
 @dataclass
 class FilterMemory:
-    """A filter's state between samples.
+    """The memory of one running filter between samples; its arrays are updated in place.
 
     Attributes:
-        filter: which filter.
-        x: state vector.
-        covariance: P, or its factors where the filter is `factored`.
-        noise: what the product filter assumes.
-        work: the product filter's memory of its own health, and scratch.
+        filter: the filter.
+        x: estimated states, (states,).
+        covariance: covariance P of the states, or its factors if the filter is `factored`.
+        noise: noise that the product filter assumes.
+        work: the product filter's `work` array (`product.WORK_SHAPE`).
     """
 
     filter: Filter
@@ -109,18 +113,18 @@ class FilterMemory:
 
     @property
     def dense_covariance(self) -> Array:
-        """P, square over the filter's states."""
+        """Return the covariance P, (states, states)."""
         return dense_covariance(self.covariance) if self.filter.factored else self.covariance
 
     def copy(self) -> "FilterMemory":
-        """Return a filter that goes on from here by itself."""
+        """Return a copy that continues from the present state independently of this one."""
         return replace(
             self, x=self.x.copy(), covariance=self.covariance.copy(), work=self.work.copy()
         )
 
     @property
     def resets(self) -> int:
-        """How often the filter has started anew for being lost."""
+        """Return how often the filter was lost and has started anew."""
         return int(self.work[0, RESETS])
 
 
@@ -136,24 +140,24 @@ def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET
 
 
 class CompiledFilter(NamedTuple):
-    """A filter as compiled code takes it: which it is, what it assumes, and where it writes."""
+    """The memory of one running filter in the form that compiled code takes."""
 
     code: int | None
-    """Which filter."""
+    """`PRODUCT`, `THESIS_6` or `THESIS_7`."""
     x: Array
-    """(states,) the newest estimates; updated."""
+    """The newest estimates, (states,); updated."""
     covariance: Array
-    """As in `FilterMemory`; updated."""
+    """The covariance or its factors, as in `FilterMemory`; updated."""
     parameters: Parameters
-    """Of the rig, as the filter assumes them."""
+    """Parameters of the rig that the filter assumes."""
     noise: ProductNoise
-    """What the product filter assumes of the transducers."""
+    """Noise that the product filter assumes."""
     work: Array
     """The product filter's memory and scratch; updated."""
 
 
 def compiled_filter(memory: FilterMemory, assumed: Parameters) -> CompiledFilter:
-    """Return a filter's memory for compiled code, which goes on in the same arrays."""
+    """Return a filter's memory in the form for compiled code, which updates the same arrays."""
     return CompiledFilter(
         memory.filter.code, memory.x, memory.covariance, assumed, memory.noise, memory.work
     )
@@ -161,12 +165,14 @@ def compiled_filter(memory: FilterMemory, assumed: Parameters) -> CompiledFilter
 
 @inner
 def filter_start(filt, command, reading):
-    """Take the first sample. The thesis filters start from their printed x0 (section 4.5).
+    """Start the product filter with its first sample; the thesis filters ignore it.
+
+    The thesis filters start from their printed x0 (section 4.5).
 
     Args:
-        filt: `CompiledFilter`; updated.
-        command: V, held from this sample on.
-        reading: as in `product_step`.
+        filt: `CompiledFilter`, updated.
+        command: command in V that is held from this sample on.
+        reading: the sample, as in `product_step`.
     """
     if filt.code is None:
         start_product(
@@ -176,16 +182,20 @@ def filter_start(filt, command, reading):
 
 @inlined
 def filter_step(filt, command, reading, out):
-    """Advance a filter by one sample; see `product_step` for the arguments.
+    """Advance a filter (`CompiledFilter`) by one sample, in place, and fill `out` (10,).
 
-    The thesis filters use neither the spool nor the supply pressure.
+    The arguments are as in `product_step`, and `out` is as `OUTPUTS`. The thesis filters use
+    neither spool nor supply pressure.
     """
     _step_of(filt.code, filt, command, reading, out)
 
 
 @inlined
 def _step_of(code, filt, command, reading, out):
-    """Advance the filter of a code, an argument of its own: the compiler leaves out the others."""
+    """Advance the filter of the given code, as `filter_step` does.
+
+    The code is an argument of its own so that the compiler leaves out all other filters.
+    """
     x, covariance, par = filt.x, filt.covariance, filt.parameters
     if code is None:
         product_step(x, covariance, command, reading, par, filt.noise, filt.work, out)
@@ -216,11 +226,11 @@ class FilterRun:
     """A filter's estimates over a recording.
 
     Attributes:
-        filter: which filter.
-        time_s: float64 (n,).
-        states: float64 (n, filter states), a posteriori, SI, columns as `filter.states`.
+        filter: the filter.
+        time_s: time of each sample, float64 (n,).
+        states: estimates after each sample, float64 (n, states), SI, columns as `filter.states`.
         outputs: float64 (n, 10), columns as `OUTPUTS`; the first row starts the filter and is NaN.
-        covariance: final covariance P, square over the filter's states.
+        covariance: covariance P after the last sample, (states, states).
     """
 
     filter: Filter
@@ -230,22 +240,22 @@ class FilterRun:
     covariance: Array
 
     def state(self, name: str) -> Array:
-        """Return one state's trajectory by its name in `filter.states`."""
+        """Return one state's estimates (n,) by its name in `filter.states`."""
         return self.states[:, self.filter.states.index(name)]
 
     @property
     def innovation(self) -> Array:
-        """Innovations of position (m), pressure 1 and pressure 2 (Pa): float64 (n, 3)."""
+        """Return the innovations of position (m), pressures 1 and 2 (Pa): float64 (n, 3)."""
         return self.outputs[:, 0:3]
 
     @property
     def residual(self) -> Array:
-        """A posteriori residuals of position (m), pressures 1 and 2 (Pa): (n, 3) (eq. 4.24)."""
+        """Return the residuals of position (m), pressures 1 and 2 (Pa): (n, 3) (eq. 4.24)."""
         return self.outputs[:, 3:6]
 
     @property
     def reset_times_s(self) -> Array:
-        """When the filter was found lost and started anew, s: one entry a reset."""
+        """Return the times in s at which the filter was found lost and started anew."""
         return self.time_s[1:][np.diff(self.outputs[:, 9]) > 0.0]
 
 
@@ -260,16 +270,16 @@ def run_filter(
     """Run a filter over a recording's samples, as the loop would have.
 
     Args:
-        time_s: float64 (n,), 1 kHz.
+        time_s: time of each sample at 1 kHz, float64 (n,).
         command: float64 (n,), V; row k is held from sample k to k + 1.
         measured: float64 (n, 4 or 5): position (m), pressures 1 and 2 (Pa), spool (m) and, from a
-            rig that measures it, supply pressure (Pa); NaN is skipped.
-        model: the model the filter assumes.
+            rig that measures it, supply pressure (Pa); a NaN is skipped.
+        model: the model that the filter assumes.
         name: a name in `FILTERS`.
         sensors: data sheet of the transducers.
 
     Raises:
-        ValueError: no filter of that name, or arrays of different lengths.
+        ValueError: there is no filter of that name, or the arrays' shapes do not fit.
     """
     rows = time_s.size
     if measured.shape not in ((rows, 4), (rows, 5)) or command.shape != time_s.shape:

@@ -10,21 +10,22 @@ from rig.jit import njit
 Array = NDArray[np.float64]
 
 THESIS_WINDOW: Final = 4000
-"""Samples averaged (section 4.4): four seconds at 1 kHz."""
+"""Number of samples that are averaged (section 4.4): four seconds at 1 kHz."""
 
 
 class MovingAverage(NamedTuple):
-    """Memory of a moving average over n samples; made by `start_moving_average`.
+    """The memory of a moving average over n samples; `start_moving_average` makes it.
 
-    The window always consists of the end of one block of n samples and the start of the next. Sums
-    from each sample to the end of the old block are kept, so that nothing is ever subtracted: no
-    error builds up, and a residual of a diverged filter is forgotten as soon as it leaves.
+    Samples are divided into blocks of n. The window consists of the end of the old block and the
+    start of the new one. For each sample of the old block the sum from there to the block's end is
+    stored, so that nothing is ever subtracted: no rounding error builds up, and the huge residual
+    of a diverged filter leaves no trace once it is out of the window.
 
     Attributes:
-        sums: (n,) up to the present position the new block's absolute values, then the old block's
-            sums from there to its end.
-        counts: (n,) the same for the number of values that are not NaN.
-        present: (3,) position in the block, sum and count of the new block.
+        sums: (n,), before the present position the new block's absolute values, and from there on
+            the old block's sums to its end.
+        counts: (n,), the same for the number of values that are not NaN.
+        present: (3,), position in the new block, sum and count of the new block so far.
     """
 
     sums: Array
@@ -45,10 +46,11 @@ def start_moving_average(n: int = THESIS_WINDOW) -> MovingAverage:
 
 @njit(cache=True, error_model="numpy")
 def moving_average_step(memory: MovingAverage, residual: float) -> float:
-    """Take one residual and return the mean absolute value of the last n, NaN ones left out.
+    """Add one residual and return the mean absolute value of the last n, NaN residuals left out.
 
-    Before n samples have come, the mean of those there are; NaN if all of them are NaN. O(1) on
-    average: the n-th sample of a block costs n additions.
+    Before n residuals have come, it is the mean of those so far. It is NaN if all of them are NaN.
+    The time is O(1) on average, but the n-th sample of a block costs n additions. `memory` is
+    updated in place.
     """
     sums, counts, present = memory
     n = sums.size
@@ -81,8 +83,8 @@ def _fill(residual: Array, memory: MovingAverage, averages: Array) -> None:
 def moving_average_absolute(residual: Array, n: int = THESIS_WINDOW) -> Array:
     """Return the moving average of absolute values over the last n samples, (N,) as `residual`.
 
-    NaN residuals are left out; the first n - 1 values average the samples there are. Bit for bit
-    what `moving_average_step` gives sample by sample.
+    NaN residuals are left out; the first n - 1 values are means of the samples so far. The result
+    is bit for bit that of `moving_average_step` for sample after sample.
 
     Raises:
         ValueError: n is below 1, or `residual` is not one-dimensional.
@@ -95,7 +97,7 @@ def moving_average_absolute(residual: Array, n: int = THESIS_WINDOW) -> Array:
 
 
 def extend_moving_average(memory: MovingAverage, residual: Array) -> Array:
-    """Return the moving averages (n,) at each of n more residuals; `memory` carries on."""
+    """Add residuals (m,) to `memory`, in place, and return the moving average after each (m,)."""
     averages = np.empty(residual.size)
     _fill(np.ascontiguousarray(residual), memory, averages)
     return averages

@@ -1,21 +1,23 @@
 """The two filters of the thesis, kept as references under their names: thesis-6 and thesis-7.
 
-Extended Kalman filters with forward Euler prediction at 1 kHz and the printed tuning. They measure
-position, p1 and p2 (eq. 4.23; with seven states eq. 6.21 gains a column of zeros). Nothing is done
-against their divergence: forward Euler does not hold the oil column (docs/model.md), an estimate
-may leave the stroke, and the printed P0 (a spool known to 100 m) costs more digits than a double
-has, so that variances may turn negative in the first steps. The outputs show it as it is.
-Where this differs from the printed text:
+They are extended Kalman filters with forward Euler prediction at 1 kHz and the printed tuning. They
+measure position, p1 and p2 (eq. 4.23; with seven states eq. 6.21 gets a further column of zeros).
+Nothing is done against their divergence: forward Euler is unstable for the oil column
+(docs/model.md), an estimate may leave the stroke, and the printed P0 (a spool known to 100 m) costs
+more digits than a double has, so that variances may turn negative in the first steps. The outputs
+show all this unchanged. The filters differ from the printed text in these points:
 
-- the corrections to the equations listed in docs/model.md;
-- `u` is the command held over the interval that ends with this sample;
-- square roots of pressure drops are floored (`estimator.filters.thesis_model.PRESSURE_DROP_FLOOR`);
-- R being diagonal, the measurements correct one after the other: algebraically eq. 4.18;
-- P is kept symmetric: its upper triangle is computed, the lower one copied.
+- They have the corrections to the equations that docs/model.md lists.
+- `u` is the command held over the interval that ends with this sample.
+- Square roots of pressure drops have a floor
+  (`estimator.filters.thesis_model.PRESSURE_DROP_FLOOR`).
+- As R is diagonal, the measurements correct one after the other, which equals eq. 4.18.
+- P stays symmetric: its upper triangle is computed and copied to the lower one.
 
-A step writes `out` (9,): 0 to 2 the innovations z - H x(-), 3 to 5 the a posteriori residuals
-z - H x(+) (eq. 4.24), 6 to 8 the innovation variances, the diagonal of H P(-) H' + R; each in the
-order position (m), p1, p2 (Pa). A measurement that is NaN is skipped; its three outputs are NaN.
+A step writes `out` (9,): 0 to 2 are the innovations z - H x(-), 3 to 5 the a posteriori residuals
+z - H x(+) (eq. 4.24), and 6 to 8 the innovation variances, the diagonal of H P(-) H' + R; each in
+the order position (m), p1, p2 (Pa). A measurement that is NaN is skipped; its three outputs are
+NaN.
 """
 
 from typing import Final
@@ -38,20 +40,20 @@ THESIS6_MEASUREMENT_NOISE: Final = (1e-4, 1e6, 1e6)
 """Diagonal of R (chapter 5): position in m^2, pressures in Pa^2, as printed."""
 
 THESIS7_PROCESS_NOISE: Final = (1e-20, 1e4, 1e4, 1e-6, 1e-4, 1e-20, 1e2)
-"""Diagonal of Q (section 7.2), SI squared, the states above and F_e."""
+"""Diagonal of Q (section 7.2), SI squared, states [x_sp, p1, p2, x_a, v, v_sp, F_e]."""
 
 THESIS7_MEASUREMENT_NOISE: Final = (1e-4, 1e5, 1e5)
 """Diagonal of R (section 7.2): position in m^2, pressures in Pa^2."""
 
 INITIAL_STATE: Final = (0.0, 6.8e6, 6.8e6, 0.0, 0.0, 0.0, 0.0)
-"""x0 (sections 4.5 and 7.2); the six-state filter takes the first six."""
+"""x0, SI (sections 4.5 and 7.2); the six-state filter takes the first six values."""
 
 INITIAL_VARIANCE: Final = 1e4
-"""Every diagonal element of P0 (section 4.5)."""
+"""Value of every diagonal element of P0 (section 4.5)."""
 
 
 def initial_state(with_load: bool) -> tuple[Array, Array]:
-    """Return x0 and P0 as printed: (6,) and (6, 6), or (7,) and (7, 7) with the load as a state."""
+    """Return x0 and P0 as printed: (6,) and (6, 6), or (7,) and (7, 7) if `with_load`."""
     x = np.array(INITIAL_STATE if with_load else INITIAL_STATE[:6])
     return x, INITIAL_VARIANCE * np.eye(x.size)
 
@@ -66,7 +68,7 @@ def _seven(x: Array) -> Vector:
     return x[0], x[1], x[2], x[3], x[4], x[5], x[6]
 
 
-# Inlined by force: handing over the parameters one by one would add a quarter to the step's time.
+# Forced inline: passing the parameters one by one would add a quarter to the time of a step.
 @njit(cache=True, error_model="numpy", forceinline=True)
 def thesis6_step(
     x: Array,
@@ -81,14 +83,14 @@ def thesis6_step(
     """Advance the six-state filter by one sample (eqs. 2.15 to 2.17, 4.17 to 4.20).
 
     Args:
-        x: (6,) a posteriori state, updated in place.
-        P: (6, 6) its covariance, updated in place.
+        x: (6,), a posteriori state, updated in place.
+        P: (6, 6), covariance of the state, updated in place.
         u: command in V held since the last sample.
         z_position: measured position in m, or NaN.
         z_p1: measured pressure of chamber 1 in Pa, or NaN.
         z_p2: measured pressure of chamber 2 in Pa, or NaN.
-        parameters: what the filter assumes of the rig.
-        out: (9,) innovations, residuals and innovation variances (see the module).
+        parameters: parameters of the rig that the filter assumes.
+        out: (9,), overwritten: innovations, residuals and innovation variances (see the module).
     """
     predicted, entries = linearised_6(_six(x), u, parameters)
     thesis6_kalman_step(
@@ -118,7 +120,8 @@ def thesis7_step(
 ) -> None:
     """Advance the seven-state filter by one sample (eqs. 6.13 to 6.20, 4.17 and 4.18).
 
-    Arguments as `thesis6_step`, with x (7,) and P (7, 7); the seventh state is F_e in N.
+    The arguments are as in `thesis6_step`, with x (7,) and P (7, 7); the seventh state is the load
+    F_e in N.
     """
     predicted, entries = linearised_7(_seven(x), u, parameters)
     thesis7_kalman_step(
@@ -137,19 +140,19 @@ def thesis7_step(
 
 @njit(cache=True, error_model="numpy")
 def thesis6_predict(x: Array, u: float, parameters: Parameters) -> Array:
-    """Return the state (6,) one interval after x under the command u (eq. 2.15)."""
+    """Return the predicted state (6,) one tick after x under the command u in V (eq. 2.15)."""
     return np.array(linearised_6(_six(x), u, parameters)[0])
 
 
 @njit(cache=True, error_model="numpy")
 def thesis7_predict(x: Array, u: float, parameters: Parameters) -> Array:
-    """Return the state (7,) one interval after x under the command u (eqs. 6.13 to 6.19)."""
+    """Return the predicted state (7,) one tick after x under command u in V (eqs. 6.13 to 6.19)."""
     return np.array(linearised_7(_seven(x), u, parameters)[0])
 
 
 @njit(cache=True, error_model="numpy")
 def thesis6_jacobian(x: Array, parameters: Parameters) -> Array:
-    """Return A (6, 6) at x, from the very entries the step uses (eq. 4.19)."""
+    """Return the Jacobian A (6, 6) at x, made of the same entries as the step's (eq. 4.19)."""
     entries = linearised_6(_six(x), 0.0, parameters)[1]
     A = np.eye(6)
     for index in range(len(entries)):
@@ -159,7 +162,7 @@ def thesis6_jacobian(x: Array, parameters: Parameters) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def thesis7_jacobian(x: Array, parameters: Parameters) -> Array:
-    """Return A (7, 7) at x, from the very entries the step uses (eq. 6.20)."""
+    """Return the Jacobian A (7, 7) at x, made of the same entries as the step's (eq. 6.20)."""
     entries = linearised_7(_seven(x), 0.0, parameters)[1]
     A = np.eye(7)
     for index in range(len(entries)):

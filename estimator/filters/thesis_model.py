@@ -1,11 +1,11 @@
 """Prediction model and Jacobian of the thesis filters, term by term (chapters 4 and 6).
 
-States in the thesis's order: x0 = x_sp, x1 = p1, x2 = p2, x3 = x_a, x4 = v, x5 = v_sp, and in the
-seven-state filter x6 = F_e. A healthy rig without spring, leaks or stroke ends; corrections to the
-printed equations are listed in docs/model.md.
+The states are in the thesis's order: x0 = x_sp, x1 = p1, x2 = p2, x3 = x_a, x4 = v, x5 = v_sp, and
+in the seven-state filter x6 = F_e. The model is a healthy rig without spring, leaks or stroke ends.
+docs/model.md lists the corrections to the printed equations.
 
-Nothing here is particular to float64: comparisons look at real parts only, so that the same lines
-run on complex numbers (complex-step derivatives) and on quantities with units when not compiled.
+The code does not depend on float64. Comparisons use real parts only, so that the same lines run on
+complex numbers (complex-step derivatives) and, if not compiled, on quantities with units.
 """
 
 from typing import Final
@@ -19,16 +19,16 @@ from rig.plant import TICK, Parameters, inlined
 Vector = tuple[float, ...]
 
 PRESSURE_DROP_FLOOR: Final = 1.0
-"""Pa. An estimated pressure may leave [p_e, p_s], where the thesis's square root has no value:
-the drop across an edge is then held at this floor, and its derivative is zero."""
+"""Least pressure drop in Pa across an edge. An estimated pressure may leave [p_e, p_s], where the
+thesis's square root has no value; the drop is then this floor, and its derivative is zero."""
 
 
 @inlined
 def orifice(pressure_drop: float, density: float) -> Vector:
     """Return sqrt((2/rho) dp) in m/s and its derivative, 1/(rho sqrt((2/rho) dp)) (eq. 4.19).
 
-    The thesis's form on purpose, not `rig.plant.signed_root`: it knows no flow against the drop,
-    and its rounding is that of the printed equation.
+    This is the thesis's form on purpose and not `rig.plant.signed_root`: a negative drop gives no
+    reverse flow (see `PRESSURE_DROP_FLOOR`), and rounding is that of the printed equation.
     """
     open_edge = pressure_drop.real > PRESSURE_DROP_FLOOR
     drop = select(open_edge, pressure_drop, PRESSURE_DROP_FLOOR)
@@ -39,7 +39,7 @@ def orifice(pressure_drop: float, density: float) -> Vector:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def valve(spool: float, p1: float, p2: float, parameters: Parameters) -> Vector:
-    """Return jet velocities at ports 1 and 2 in m/s, and their derivatives by p1 and p2."""
+    """Return the jet velocities at ports 1 and 2 in m/s, then their derivatives by p1 and by p2."""
     supply, drain = parameters.supply_pressure, parameters.return_pressure
     density = parameters.density
     extending = spool.real > 0.0
@@ -66,7 +66,7 @@ def stiffness(position: float, parameters: Parameters) -> Vector:
 def friction(velocity: float, actuator_force: float, parameters: Parameters) -> Vector:
     """Return F_c in N (eqs. 2.16, 2.17, stiction acting both ways) and dF_c/dv in N s/m (eq. 4.20).
 
-    As printed, A knows no derivative of friction while the ram sticks, although F_c then follows
+    While the ram sticks, the derivative is zero as in the printed A, although F_c then depends on
     the pressures.
     """
     speed = velocity if velocity.real >= 0.0 else -velocity
@@ -86,10 +86,16 @@ def friction(velocity: float, actuator_force: float, parameters: Parameters) -> 
 def linearised(
     state: Vector, resistance: float, u: float, parameters: Parameters
 ) -> tuple[Vector, Vector]:
-    """Return the six physical states one interval later (eq. 2.15) and the entries of A they share.
+    """Return the six physical states one tick later (eq. 2.15), and entries of the Jacobian A.
 
-    Entries (eqs. 4.19 and 6.20 without zeros and ones, row by row):
-    a05, a10, a11, a13, a14, a20, a22, a23, a24, a34, a41, a42, a50, a55.
+    The entries are those that both filters share (eqs. 4.19 and 6.20 without zeros and ones, row by
+    row): a05, a10, a11, a13, a14, a20, a22, a23, a24, a34, a41, a42, a50, a55.
+
+    Args:
+        state: the six states before the tick, SI.
+        resistance: force in N against the motion: friction, or the load state.
+        u: command, V.
+        parameters: parameters of the rig.
     """
     T = TICK
     spool, p1, p2, position, velocity, spool_velocity = state
@@ -135,7 +141,7 @@ def linearised(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def linearised_6(state: Vector, u: float, parameters: Parameters) -> tuple[Vector, Vector]:
-    """Return x(k+1) of eqs. 2.15 to 2.17 and its Jacobian, entries as in `THESIS6_ENTRIES`."""
+    """Return x(k+1) of eqs. 2.15 to 2.17 and the entries `THESIS6_ENTRIES` of its Jacobian."""
     force = parameters.piston_area * (state[1] - state[2])
     resistance, slope = friction(state[4], force, parameters)
     predicted, shared = linearised(state, resistance, u, parameters)
@@ -145,7 +151,7 @@ def linearised_6(state: Vector, u: float, parameters: Parameters) -> tuple[Vecto
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def linearised_7(state: Vector, u: float, parameters: Parameters) -> tuple[Vector, Vector]:
-    """Return x(k+1) of eqs. 6.13 to 6.19 and its Jacobian, entries as in `THESIS7_ENTRIES`."""
+    """Return x(k+1) of eqs. 6.13 to 6.19 and the entries `THESIS7_ENTRIES` of its Jacobian."""
     predicted, shared = linearised(state[:6], state[6], u, parameters)
     a46 = -TICK / parameters.moving_mass
     return (*predicted, state[6]), (*shared[:12], a46, *shared[12:])

@@ -1,9 +1,9 @@
-"""A covariance kept as the factors of P = U D U^T, so that rounding cannot make it indefinite.
+"""Covariances stored as the factors of P = U D U^T, so that rounding cannot make them indefinite.
 
-U is unit upper triangular and D diagonal and never negative (Bierman 1977, Factorization Methods
-for Discrete Sequential Estimation). An array (n, n) holds both, a column of U in a row, for the
-innermost loops to run along memory: `factors[j, i]` is U[i, j] for i < j, and `factors[j, j]` is
-D[j]. What is above the diagonal is neither read nor written.
+U is unit upper triangular; D is diagonal and never negative (Bierman 1977, Factorization Methods
+for Discrete Sequential Estimation). One array `factors` (n, n) holds both: `factors[j, i]` is
+U[i, j] for i < j, and `factors[j, j]` is D[j]. A column of U is thus a row of the array, so that
+the innermost loops run along memory. Elements above the diagonal are neither read nor written.
 """
 
 import numpy as np
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 
 def dense_covariance(factors: Array) -> Array:
-    """Return P (n, n) of factors (n, n)."""
+    """Return the covariance P (n, n) that `factors` (n, n) stand for."""
     upper = np.tril(factors, -1).T + np.eye(len(factors))
     return np.asarray((upper * np.diag(factors)) @ upper.T)
 
 
 @inlined
 def variance_of(factors, index):
-    """Return P[index, index]."""
+    """Return the variance P[index, index] of one state."""
     total = factors[index, index]
     for j in range(index + 1, factors.shape[0]):
         u = factors[j, index]
@@ -36,14 +36,14 @@ def variance_of(factors, index):
 
 @inlined
 def add_rank_one(factors, size, vector, weight):
-    """Add weight a a^T to the leading (size, size) part of P (Agee and Turner 1972).
+    """Add weight a a^T to the leading (size, size) part of P, in place (Agee and Turner 1972).
 
-    `vector` holds a (size,) and is used up; the weight must not be negative.
+    `vector` (size,) holds a and is overwritten; the weight must not be negative.
     """
     for k in range(size - 1, -1, -1):
         d, a = factors[k, k], vector[k]
         raised = fma(weight * a, a, d)
-        # Both zero: a direction without any variance stays without.
+        # If both are zero, a direction without variance stays without variance.
         inverse = select(raised > 0.0, 1.0 / raised, 0.0)
         share = weight * a * inverse
         weight = select(raised > 0.0, weight * (d * inverse), weight)
@@ -57,7 +57,7 @@ def add_rank_one(factors, size, vector, weight):
 
 @inlined
 def add_noise(factors, index, variance, vector):
-    """Add the variance of white noise to one state; `vector` is scratch (n,)."""
+    """Add a variance to P[index, index], in place; `vector` is scratch (n,)."""
     d = factors[index, index]
     raised = d + variance
     kept = select(raised > 0.0, d / raised, 1.0)
@@ -71,17 +71,18 @@ def add_noise(factors, index, variance, vector):
 
 @inlined
 def correct(x, factors, index, measured, variance, gain):
-    """Correct by one measurement of a state (Bierman 1977, ch. 5).
-
-    Returns the squared innovation over its variance: chi-square with one degree of freedom.
+    """Correct state and covariance, in place, by one measurement of a state (Bierman 1977, ch. 5).
 
     Args:
-        x: (n,) state, updated.
-        factors: of its covariance, updated.
-        index: the state measured.
-        measured: its measurement.
-        variance: of the measurement, above zero.
+        x: state (n,), updated.
+        factors: factors of its covariance (n, n), updated.
+        index: index of the measured state.
+        measured: measured value of that state.
+        variance: variance of the measurement, above zero.
         gain: scratch (n,).
+
+    Returns:
+        The squared innovation divided by its variance: chi-square with one degree of freedom.
     """
     n = factors.shape[0]
     expected = variance
@@ -111,9 +112,9 @@ def correct(x, factors, index, measured, variance, gain):
 
 @inlined
 def forget(factors, index, variance, vector):
-    """Give one state a variance of its own, without correlation; the others keep theirs.
+    """Give one state a new variance without correlation to the others, in place.
 
-    `vector` is scratch (n,).
+    The covariance of the other states does not change. `vector` is scratch (n,).
     """
     weight = factors[index, index]
     for i in range(index):
@@ -122,21 +123,21 @@ def forget(factors, index, variance, vector):
     factors[index, index] = variance
     for j in range(index + 1, factors.shape[0]):
         factors[j, index] = 0.0
-    # What the column said of the states before it stays, as variance of theirs.
+    # The column's contribution to the covariance of the states before it is added back.
     add_rank_one(factors, index, vector, weight)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def orthogonalise(rows, weights, factors, size):
-    """Factor W D W^T into the leading (size, size) part of the factors.
+    """Write the factors of W D W^T to the leading (size, size) part of `factors`.
 
-    By modified weighted Gram-Schmidt (Thornton 1976).
+    The method is modified weighted Gram-Schmidt (Thornton 1976).
 
     Args:
-        rows: W (size, columns), used up.
-        weights: (columns,) diagonal of D, none negative.
-        factors: its leading part is written.
-        size: number of rows.
+        rows: W (size, columns), overwritten.
+        weights: diagonal of D (columns,), none negative.
+        factors: array (n, n) whose leading part is overwritten.
+        size: number of rows of W.
     """
     columns = rows.shape[1]
     for j in range(size - 1, -1, -1):

@@ -1,9 +1,9 @@
-"""Break-away force: how hard the oil pushes before a ram at rest takes off (section 3.1, step 1).
+"""Break-away force: the force of the oil with which a ram at rest takes off (section 3.1, step 1).
 
 The valve's command rises and falls so slowly that the ram creeps rather than jumps. The greatest
-force of the pressures, less the known spring, is what the seals held. Where bristles bend before
-they slip they hold a little less than their stiction in any ramp of finite slope:
-`presliding_creep` says how much.
+force of the pressures, less that of the known spring, is the break-away force of the seals.
+Bristles bend before they slip, and in a ramp of finite slope they hold a little less than their
+stiction; `presliding_creep` gives the speed from which this difference follows.
 """
 
 from dataclasses import dataclass
@@ -21,27 +21,30 @@ from .samples import Spring, filled
 Array = NDArray[np.float64]
 
 WINDOW_TICKS: Final = 80
-"""Short beside the ramp, long beside the noise: its mean is known to 3 N on the thesis's rig."""
+"""Samples over which the force is averaged. This is short against the ramp and long against the
+noise: the mean is known to 3 N on the thesis's rig."""
 CREEP_S: Final = 0.5
-"""Stretch around the greatest force from which the encoder tells the speed."""
+"""Seconds around the greatest force over which the speed is measured with the encoder."""
 TAKEN_OFF_M: Final = 5e-4
-"""Travel after which a ram slides: four times what bristles bend by (docs/model.md)."""
+"""Travel in m from which a ram counts as sliding: four times that of bending bristles
+(docs/model.md)."""
 _SHARE: Final = 0.8
-"""Factor on the formula's value: it came out as 0.77 to 0.83, computed without noise for three
-drawn rigs with two ramps each (docs/friction.md)."""
+"""Factor on the formula of `presliding_creep`. It was 0.77 to 0.83 in simulations without noise, of
+three rigs drawn at random with two ramps each (docs/friction.md)."""
 
 
 @dataclass(frozen=True)
 class BreakAway:
-    """The greatest force in one direction at one place.
+    """The greatest force in one direction during one ramp.
 
     Attributes:
         direction: 1 extending, -1 retracting.
-        position: where, m.
-        force: in N, positive when extending, spring taken off.
-        standard_error: of the transducers' noise alone, N.
-        velocity: at which the ram crept then, m/s, of the force's sign.
-        travel: how far the ram went in this direction, m.
+        position: position of the ram at the greatest force, m.
+        force: greatest force less that of the spring, N, positive when extending.
+        standard_error: standard error of the force by the transducers' noise alone, N.
+        velocity: speed at which the ram crept at that time, m/s, with the sign of the direction; 0
+            if it moved the other way.
+        travel: greatest distance that the ram went in this direction, m.
     """
 
     direction: int
@@ -53,22 +56,24 @@ class BreakAway:
 
     @property
     def taken_off(self) -> bool:
-        """Whether the ram slid, so that the force cannot have been greater."""
+        """Return whether the ram slid, so that the break-away force was really reached."""
         return self.travel > TAKEN_OFF_M
 
 
 def break_aways(recording: Recording, spring: Spring, piston_area: float) -> tuple[BreakAway, ...]:
-    """Return the break-away retracting and extending in a recorded ramp up and down.
+    """Return the break-aways retracting and extending, in this order, of one recorded ramp.
 
-    Nothing where more than a tenth of the samples is missing, or the recording is no ramp's length.
-
-    The time of the greatest force is looked for in every other sample, and the force there taken
-    from those in between, both ways round: the greatest of noisy means would be too great.
+    The greatest of noisy means would be too great. The time of the greatest force is therefore
+    found from every other sample, the force at that time from the samples in between, and both the
+    other way round as well.
 
     Args:
-        recording: of a slow ramp of the command through the valve's null, both ways.
-        spring: the known environment.
+        recording: recording of a slow ramp of the command through the valve's null, both ways.
+        spring: the known spring that the ram runs against.
         piston_area: m^2.
+
+    Returns:
+        The two break-aways; () if more than a tenth of the samples is missing or there are too few.
     """
     channels = recording.channels
     position = filled(channels["position_m"])
@@ -80,15 +85,16 @@ def break_aways(recording: Recording, spring: Spring, piston_area: float) -> tup
 
 
 def presliding_creep(parameters: Parameters, slope_V_per_s: float) -> float:  # noqa: N803
-    """Return the speed in m/s at which the slip curve has the greatest force of a slow ramp.
+    """Return the speed in m/s at which the slip curve equals the greatest force of a slow ramp.
 
-    While the command falls to null, the creeping ram slows down by some a = dv/dt. Bristles follow
-    the slip curve within g/s_0 of travel, the last of which the ram enters at v = sqrt(2 a g/s_0):
-    friction stays what it was about there, and so a little below stiction.
+    While the command falls to null, the creeping ram slows down at a rate a. Bristles need a travel
+    of about g/s_0 to follow the slip curve. The ram enters the last such travel at
+    v = sqrt(2 a g/s_0), and friction hardly changes from there on. The greatest force is therefore
+    a little below stiction. With Karnopp friction the speed is 0.
 
     Args:
-        parameters: of friction, valve and supply.
-        slope_V_per_s: of the command.
+        parameters: parameters of friction, valve and supply.
+        slope_V_per_s: slope of the command, V/s.
     """
     par = parameters
     if par.friction_law == KARNOPP:
@@ -111,7 +117,7 @@ def _greatest(force: Array, position: Array, direction: int) -> BreakAway:
     ticks = round(0.5 * CREEP_S / TICK)
     first, last = max(tick - ticks, 0), min(tick + ticks, force.size - 1)
     crept = float(position[last] - position[first]) / ((last - first) * TICK)
-    # What the ram went in this direction: the greatest climb from any earlier position.
+    # Travel of the ram in this direction: the greatest rise from any earlier position.
     way = direction * position
     travel = float(np.max(way - np.minimum.accumulate(way)))
     return BreakAway(
@@ -125,6 +131,6 @@ def _greatest(force: Array, position: Array, direction: int) -> BreakAway:
 
 
 def _means(values: Array, count: int) -> Array:
-    """Return the means of `count` successive values, (n - count + 1,)."""
+    """Return the running means over `count` successive values of (n,): (n - count + 1,)."""
     total = np.cumsum(np.concatenate([[0.0], values]))
     return np.asarray((total[count:] - total[:-count]) / count)

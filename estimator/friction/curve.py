@@ -1,7 +1,8 @@
-"""Friction against velocity: what a motion showed of it, the curve through that, and its wear.
+"""Friction against velocity: the curve that a motion shows, and its change from run to run.
 
-The thesis's offline friction estimator (section 7.1.1, figure 7.26), made a figure to follow over
-months: each parameter with its standard error, or with the motion that would have shown it.
+This is the thesis's offline friction estimator (section 7.1.1, figure 7.26), extended so that wear
+can be followed over months: each parameter has a standard error or, if the motion did not show it,
+the description of a motion that would.
 """
 
 from collections.abc import Iterator, Mapping
@@ -31,15 +32,18 @@ from .samples import (
 Array = NDArray[np.float64]
 
 BINS: Final = 12
-"""Velocity bins of a direction, evenly spaced in the logarithm."""
+"""Number of velocity bins in each direction, evenly spaced in the logarithm of the speed."""
 LEAST_PRECISION: Final = 0.25
-"""Largest standard error of what counts as identified: a quarter of the value, or, of the viscous
-part, of the slip friction at the highest speed seen. A 95 % interval then spans a factor of 3."""
+"""Largest standard error of an identified parameter, as a part of its value.
+
+For the viscous part it is the error of the force at the highest speed seen, as a part of the slip
+friction. A 95 % interval then spans a factor of 3."""
 LARGEST_SCATTER: Final = 0.1
-"""Scatter of the force at one velocity, as a share of the force, above which it is not friction
-alone: quasi-steady friction scatters by less than 1 % on simulated rigs (docs/friction.md)."""
+"""Scatter of the force at one velocity, as a part of the force, above which the force is not
+friction alone. Quasi-steady friction scatters by less than 1 % on simulated rigs
+(docs/friction.md)."""
 CHANGE_PROBABILITY: Final = 0.01
-"""Rate at which a pair of runs of unchanged friction is said to differ, all parameters together."""
+"""Probability that two runs of unchanged friction are said to differ in any parameter."""
 
 _GOOD_MOTION: Final = "20 s or more of a sine of 0.5 Hz and 0.2 m, as in the campaign friction_3_1"
 _RIGHT_WAY_ROUND: Final = (
@@ -53,10 +57,10 @@ class FrictionBin:
     """Friction within a range of velocities of one direction.
 
     Attributes:
-        velocity: median, m/s, positive when extending.
+        velocity: median velocity, m/s, positive when extending.
         force: median friction, N.
         spread: robust standard deviation of the force, N.
-        count: blocks of 10 ms.
+        count: number of blocks of 10 ms.
     """
 
     velocity: float
@@ -67,12 +71,12 @@ class FrictionBin:
 
 @dataclass(frozen=True)
 class FrictionEstimate:
-    """One parameter of the friction curve, SI.
+    """One estimated parameter of the friction curve, SI.
 
     Attributes:
-        value, standard_error: None where not identifiable.
-        unit: SI.
-        needs: the motion that would show it; empty where identified.
+        value, standard_error: the estimate and its standard error; None if not identified.
+        unit: the SI unit of both.
+        needs: what the recording would need to show the parameter; empty if it is identified.
     """
 
     value: float | None
@@ -82,22 +86,22 @@ class FrictionEstimate:
 
     @property
     def identified(self) -> bool:
-        """Whether the motion has shown the parameter."""
+        """Return whether the motion has shown the parameter."""
         return self.value is not None
 
 
 @dataclass(frozen=True)
 class FrictionCurve:
-    """What a recording tells of friction.
+    """What one recording shows of friction.
 
     Attributes:
-        estimates: by name, those of `fit.PARAMETERS`.
-        bins: retracting first, in the order of velocity.
-        fit: the fit behind the estimates, identified or not.
-        slowest, fastest: speeds of quasi-steady sliding, m/s; None without any.
-        strokes: strokes with quasi-steady sliding.
-        spring: the environment taken off the load.
-        lag_s: by how much the filter's load state lags.
+        estimates: the estimate of each of `fit.PARAMETERS`, by its name.
+        bins: the bins in the order of velocity, retracting first; empty bins are left out.
+        fit: the fit behind the estimates; it also has values that are not identified.
+        slowest, fastest: least and greatest speed of quasi-steady sliding, m/s; None without any.
+        strokes: number of strokes with quasi-steady sliding.
+        spring: the spring whose force was taken off the load.
+        lag_s: lag of the filter's load state, s.
     """
 
     estimates: Mapping[str, FrictionEstimate]
@@ -111,7 +115,10 @@ class FrictionCurve:
 
     @property
     def drawable(self) -> bool:
-        """Whether there is a curve within the speeds seen, even if not all parameters are known."""
+        """Return whether there is a curve between `slowest` and `fastest` to draw.
+
+        That is so if at least one parameter is identified.
+        """
         return any(estimate.identified for estimate in self.estimates.values())
 
     def force(self, velocity: Array) -> Array:
@@ -130,20 +137,20 @@ def slip_curve(velocity: Array, values: tuple[float, float, float, float, float]
 
 
 def model_curve(velocity: Array, parameters: Parameters) -> Array:
-    """Return the friction in N that a model has at velocities in m/s."""
+    """Return the friction in N that a model's parameters give at velocities in m/s."""
     return slip_curve(velocity, tuple(getattr(parameters, name) for name in PARAMETERS))
 
 
 def identify_friction(
     blocks: MotionBlocks, lag: LoadLag, spring: Spring, parameters: Parameters
 ) -> FrictionCurve:
-    """Return what the estimates of a recording tell of friction.
+    """Return the friction curve that the blocks of a recording show.
 
     Args:
-        blocks: the recording (`samples.BlockCollector`).
-        lag: the filter's (`samples.load_lag`).
-        spring: the environment.
-        parameters: what the filter assumed.
+        blocks: blocks of the recording (`samples.BlockCollector`).
+        lag: lag of the filter (`samples.load_lag`).
+        spring: the spring that the ram runs against.
+        parameters: parameters of the rig that the filter assumed.
     """
     samples = friction_samples(blocks, lag, spring, parameters)
     fit = fit_stribeck(samples)
@@ -166,7 +173,14 @@ def identify_recording(
     spring: Spring,
     sensors: SensorParameters = DATA_SHEET,
 ) -> FrictionCurve:
-    """Run the product filter over a recording and return what it tells of friction."""
+    """Run the product filter over a recording and return the friction curve that it shows.
+
+    Args:
+        recording: the recording, with command, position and both pressures.
+        model: model of the rig that the filter assumes.
+        spring: the spring that the ram runs against.
+        sensors: data sheet of the transducers.
+    """
     collector = BlockCollector(model.parameters)
     run = filter_recording(recording, model, sensors=sensors)
     collector.take(samples_of(recording), run)
@@ -188,7 +202,7 @@ def _estimates(
 
 
 def _wanting(samples: FrictionSamples, fit: StribeckFit) -> dict[str, str]:
-    """Return what it would take to identify the parameters that are not, by name."""
+    """Return for each parameter that is not identified, by name, what it would need."""
     if fit is NO_FIT:
         return dict.fromkeys(PARAMETERS, f"more steady sliding: {_GOOD_MOTION}")
     speed, level = np.abs(samples.velocity), float(np.median(np.abs(samples.force)))
@@ -237,12 +251,13 @@ def _bins(samples: FrictionSamples) -> Iterator[FrictionBin]:
 
 @dataclass(frozen=True)
 class FrictionChange:
-    """Difference of a parameter between two recordings.
+    """The change of one friction parameter between two recordings.
 
     Attributes:
-        difference: last less first, SI.
-        score: difference over its standard error.
-        significant: whether the friction has changed, by the rate `CHANGE_PROBABILITY`.
+        name: name of the parameter in `fit.PARAMETERS`.
+        difference: value in the last recording less that in the first, SI.
+        score: difference divided by its standard error.
+        significant: whether chance would rarely make such a change (`CHANGE_PROBABILITY`).
     """
 
     name: str
@@ -252,7 +267,7 @@ class FrictionChange:
 
 
 def friction_changes(first: FrictionCurve, last: FrictionCurve) -> tuple[FrictionChange, ...]:
-    """Return by how much the parameters that both recordings show differ."""
+    """Return the changes of the parameters that are identified in both recordings."""
     pairs = [
         (name, a.value, b.value, hypot(a.standard_error or 0.0, b.standard_error or 0.0))
         for name in PARAMETERS

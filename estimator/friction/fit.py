@@ -1,8 +1,8 @@
-"""Fits the Stribeck curve to friction at many velocities: robust, separable least squares.
+"""The fit of the Stribeck curve to friction at many velocities, by robust separable least squares.
 
-F = sgn(v) (f_sl + (f_st - f_sl) exp(-|v|/alpha) + d |v|) + F_as (eq. 2.8, section 3.2.1), and the
-inertia of a mass that the filter does not know of. Given alpha all others are linear, so that only
-alpha is searched (variable projection, Golub and Pereyra 1973).
+F = sgn(v) (f_sl + (f_st - f_sl) exp(-|v|/alpha) + d |v|) + F_as (eq. 2.8, section 3.2.1), plus the
+inertia of a mass that the filter's model lacks. For a given alpha all other parameters are linear,
+so that only alpha is searched (variable projection, Golub and Pereyra 1973).
 """
 
 from dataclasses import dataclass
@@ -19,19 +19,19 @@ from .samples import FrictionSamples
 Array = NDArray[np.float64]
 
 PARAMETERS: Final = ("coulomb", "stiction", "stribeck_velocity", "viscous", "friction_asymmetry")
-"""Names as in the catalogue of parameters; units N, N, m/s, N s/m, N."""
+"""Fields of `Parameters` that are fitted, with units N, N, m/s, N s/m and N."""
 LEAST_STROKES: Final = 6
-"""Fewer say nothing of how much strokes differ, which the standard errors rest on."""
+"""Fewest strokes for a fit; the standard errors rest on the differences between strokes."""
 LEAST_SAMPLES: Final = 30
 _GRID: Final = 48
 _GROUPS: Final = 40
-"""Groups of speeds, at most; each has a spread of its own."""
+"""Greatest number of groups of speeds, each with its own scatter."""
 _ROUNDS: Final = 6
 _HUBER: Final = 2.0
 """Residuals beyond this many standard deviations count linearly (Huber 1964)."""
 LAG_KNOWN_TO: Final = 0.2
-"""Share of the lags' correction that may be wrong: one standard deviation. Filter and bristles lag
-by what the model says of the oil's stiffness (known to 15 %) and of the bristles'."""
+"""Relative standard deviation of the correction for lags. The lags of filter and bristles follow
+from the model's stiffness of the oil (known to 15 %) and of the bristles."""
 _GOLDEN: Final = 0.5 * (sqrt(5.0) - 1.0)
 
 
@@ -40,10 +40,10 @@ class StribeckFit:
     """A fitted friction curve.
 
     Attributes:
-        values: float64 (5,), as `PARAMETERS`; NaN where not fitted.
-        covariance: (5, 5), of values; infinite where not known.
+        values: the parameters in the order of `PARAMETERS`, float64 (5,), SI; NaN if not fitted.
+        covariance: covariance of the values, (5, 5); infinite if not fitted.
         spread: robust standard deviation of a sample's residual, N.
-        alpha_bounded: whether the search for alpha ended at a bound.
+        alpha_bounded: whether the search for alpha ended at a bound of its range.
     """
 
     values: Array
@@ -56,13 +56,14 @@ NO_FIT: Final = StribeckFit(np.full(5, nan), np.full((5, 5), inf), nan, True)
 
 
 def fit_stribeck(samples: FrictionSamples) -> StribeckFit:
-    """Fit the curve; `NO_FIT` with too few samples or strokes.
+    """Return the curve fitted to samples; `NO_FIT` with too few samples or strokes.
 
-    Residuals may be alike within a stroke, and at one velocity in every stroke: a periodic motion
-    repeats the encoder's rounding, and the curve may not be the rig's. So the covariance takes
-    strokes for independent, and groups of velocities (two-way clusters: Cameron, Gelbach and Miller
-    2011), each by the linearised jackknife, widened by Student's t. What the lags may be off by is
-    added. With strokes in one direction only, the asymmetry is not fitted.
+    Residuals may be alike within a stroke. They may also be alike at one velocity in all strokes,
+    as a periodic motion repeats the encoder's rounding, and as the rig may have another curve. The
+    covariance therefore treats strokes, and groups of velocities, as the independent units (two-way
+    clusters: Cameron, Gelbach and Miller 2011), each by the linearised jackknife, widened by
+    Student's t. The uncertainty of the lags is added. With strokes in one direction only, the
+    asymmetry is not fitted.
     """
     strokes = np.unique(samples.stroke)
     if samples.velocity.size < LEAST_SAMPLES or strokes.size < LEAST_STROKES:
@@ -104,7 +105,7 @@ class _Solution(NamedTuple):
 
 
 class _Problem:
-    """The least squares problem of some samples, linear once alpha is given."""
+    """The weighted least squares problem of some samples, which is linear for a given alpha."""
 
     def __init__(self, samples: FrictionSamples) -> None:
         self._speed = np.abs(samples.velocity)
@@ -122,7 +123,7 @@ class _Problem:
         return _Solution(linear, residual, float(weights @ residual**2))
 
     def search(self, lower: float, upper: float, weights: Array) -> float:
-        """Return the best alpha between two, by golden section of its logarithm."""
+        """Return the best alpha in m/s between two bounds, by golden section of its logarithm."""
         a, b = np.log(lower), np.log(upper)
         c, d = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
         loss_c, loss_d = (self.solve(float(np.exp(x)), weights).loss for x in (c, d))
@@ -138,7 +139,7 @@ class _Problem:
         return float(np.exp(0.5 * (a + b)))
 
     def jacobian(self, alpha: float, linear: Array) -> Array:
-        """Return the derivatives by the linear parameters, then by alpha: (n, 5 or 6)."""
+        """Return the derivatives of the force by the linear parameters and alpha: (n, 5 or 6)."""
         decay = np.exp(-self._speed / alpha)
         by_alpha = self._sign * (linear[1] - linear[0]) * decay * self._speed / alpha**2
         return np.column_stack([self._design(alpha), by_alpha])
@@ -154,7 +155,8 @@ class _Problem:
 def _spread(speed: Array, residual: Array) -> Array:
     """Return the robust standard deviation of the residuals at each sample's speed, (n,) in N.
 
-    On the steep part of the curve an error of the velocity is one of the force.
+    It depends on the speed, as on the steep part of the curve an error of the velocity makes one of
+    the force.
     """
     spread = np.empty_like(residual)
     order = np.argsort(speed)
@@ -167,9 +169,13 @@ def _spread(speed: Array, residual: Array) -> Array:
 def _covariance(
     jacobian: Array, weighted_residual: Array, weights: Array, samples: FrictionSamples
 ) -> Array:
-    """Return the parameters' covariance.
+    """Return the covariance of the linear parameters and alpha, in the order of the Jacobian.
 
-    Weights are those of the samples that are no outliers: others do not move the fit any more.
+    Args:
+        jacobian: derivatives of the force, (n, parameters).
+        weighted_residual: residuals times their weights, (n,).
+        weights: weights of the samples, (n,); 0 for outliers, which no longer influence the fit.
+        samples: the samples.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian / np.where(scale > 0.0, scale, 1.0)
@@ -177,7 +183,7 @@ def _covariance(
     by_stroke = _jackknife(scaled, weighted_residual, weights, samples.stroke)
     by_velocity = _jackknife(scaled, weighted_residual, weights, _speeds(samples.velocity))
     alone = (scaled @ bread) * weighted_residual[:, None]
-    # What samples of a velocity have in common, over and above their own noise.
+    # Covariance that samples of one velocity share, in addition to their own noise.
     values, vectors = np.linalg.eigh(by_velocity - alone.T @ alone)
     shared = (vectors * np.maximum(values, 0.0)) @ vectors.T
     misplaced = bread @ (scaled.T @ (weights * LAG_KNOWN_TO * samples.lag_correction))
@@ -186,7 +192,7 @@ def _covariance(
 
 
 def _speeds(velocity: Array) -> NDArray[np.int64]:
-    """Return the group of neighbouring velocities that each sample belongs to, (n,)."""
+    """Return for each sample the number of its group of neighbouring velocities, (n,)."""
     groups = np.empty(velocity.size, dtype=np.int64)
     for index, group in enumerate(np.array_split(np.argsort(velocity), 2 * _GROUPS)):
         groups[group] = index
@@ -196,7 +202,7 @@ def _speeds(velocity: Array) -> NDArray[np.int64]:
 def _jackknife(
     jacobian: Array, weighted_residual: Array, weights: Array, groups: NDArray[np.int64]
 ) -> Array:
-    """Return the covariance of parameters by what leaving out each group would change."""
+    """Return the covariance of the parameters by the jackknife: each group is left out in turn."""
     information = (jacobian.T * weights) @ jacobian
     names = np.unique(groups)
     changes = []

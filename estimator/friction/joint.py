@@ -1,9 +1,9 @@
-"""One friction curve through all that the experiment of section 3.1 shows.
+"""The joint fit of one friction curve to all measurements of the experiment of section 3.1.
 
-Slowing down from fast strokes shows the whole curve but stiction, which it extrapolates
-(`estimator.friction.curve`); break-aways show stiction itself, and strokes at constant speed the
-level where friction does not fall with velocity. Each is a measurement with its own covariance; the
-parameters that fit all of them best follow by weighted least squares (Gauss and Newton).
+Fast strokes that slow down show the whole curve except stiction, which they only extrapolate
+(`estimator.friction.curve`). Break-aways show stiction itself. Strokes at constant speed show the
+level at speeds at which friction does not fall with velocity. Each measurement has a covariance;
+the parameters that fit all of them best follow by weighted least squares (Gauss and Newton).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,29 +26,32 @@ Array = NDArray[np.float64]
 _Residual = Callable[[Array], Array]
 
 DEFICIT_KNOWN_TO: Final = 0.5
-"""Share of what makes up for pre-sliding that may be wrong: one standard deviation. It goes with
-the root of the bristles' stiffness, which nobody measures."""
+"""Relative standard deviation of the deficit, by which break-aways are below stiction. It varies
+with the root of the bristles' stiffness, which nobody measures."""
 LARGEST_FALL: Final = 0.5
-"""Greatest fall of Stribeck's part with speed, as a share of the viscous part's rise, at which a
-stroke is used. Where they balanced, at 0.17 m/s on a drawn rig, strokes that looked steady were
-8 N off."""
+"""Greatest slope of the falling Stribeck part, as a part of the rising viscous slope, at which a
+stroke at constant speed is used.
+
+On a rig drawn at random the two slopes balanced at 0.17 m/s, and strokes that looked steady there
+were 8 N off."""
 DISAGREEMENT: Final = 4.0
-"""Standard errors between extrapolated and measured stiction, from which the law is doubted. Rigs
-that obey the law came to 3.4 at most, in 40 (docs/friction.md)."""
+"""Number of standard errors between extrapolated and measured stiction from which the friction law
+is doubted. In 40 rigs that obey the law it was 3.4 at most (docs/friction.md)."""
 _ROUNDS: Final = 20
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """The fitted friction law.
+    """The friction law that fits all measurements.
 
     Attributes:
-        estimates: by name, those of `fit.PARAMETERS`.
-        covariance: (5, 5), in that order.
-        measured_stiction, measured_error: of the break-aways alone, pre-sliding made up for, N.
-        deficit: what was made up for, N.
-        disagreement: measured less extrapolated stiction, over its standard error.
-        misfit: chi^2 over its degrees of freedom; beyond 1 the covariance was widened by it.
+        estimates: the estimate of each of `fit.PARAMETERS`, by its name.
+        covariance: covariance of the estimates in the order of `fit.PARAMETERS`, (5, 5).
+        measured_stiction, measured_error: stiction by the break-aways alone, with the deficit
+            added, and its standard error, N.
+        deficit: force by which the break-aways are below stiction, N.
+        disagreement: measured less extrapolated stiction, divided by its standard error.
+        misfit: chi^2 over its degrees of freedom; above 1 the covariance is multiplied by it.
     """
 
     estimates: Mapping[str, FrictionEstimate]
@@ -61,14 +64,14 @@ class JointFit:
 
     @property
     def values(self) -> tuple[float, float, float, float, float]:
-        """The parameters in the order of `PARAMETERS`, SI."""
+        """Return the parameters in the order of `PARAMETERS`, SI."""
         coulomb, stiction, alpha, viscous, asymmetry = (
             self.estimates[name].value or 0.0 for name in PARAMETERS
         )
         return coulomb, stiction, alpha, viscous, asymmetry
 
     def parameters(self, parameters: Parameters) -> Parameters:
-        """Return a rig's parameters with the friction that was found."""
+        """Return a rig's parameters with those of friction replaced by the fitted values."""
         return parameters._replace(**dict(zip(PARAMETERS, self.values, strict=True)))
 
     def force(self, velocity: Array) -> Array:
@@ -76,7 +79,7 @@ class JointFit:
         return slip_curve(velocity, self.values)
 
     def force_error(self, velocity: Array) -> Array:
-        """Return the standard error of that, N, (n,)."""
+        """Return the standard error in N of `force` at velocities (m/s) other than zero, (n,)."""
         steps = 1e-4 * np.sqrt(np.diag(self.covariance))
         values = np.array(self.values)
         columns = []
@@ -98,11 +101,11 @@ def joint_fit(
     """Return the law that fits all measurements; None if sliding did not show all parameters.
 
     Args:
-        sliding: identified from fast strokes that slow down.
-        level: of the break-aways.
+        sliding: the curve identified from fast strokes that slow down.
+        level: stiction by the break-aways; `NO_LEVEL` if there is none.
         speeds: strokes at constant speed; those that `steady_among` leaves out do not count.
-        parameters: of the valve and the bristles, as far as known.
-        slope_V_per_s: of the break-aways' ramps.
+        parameters: assumed parameters of the rig, of which valve, supply and bristles are used.
+        slope_V_per_s: slope of the command in the break-aways' ramps, V/s.
     """
     if not all(estimate.identified for estimate in sliding.estimates.values()):
         return None
@@ -116,7 +119,7 @@ def joint_fit(
     measured = isfinite(level.level)
 
     def deficit_of(values: Array) -> float:
-        """Return by how much stiction is above the friction of the creeping ram, N."""
+        """Return by how many N stiction is above the friction of the creeping ram."""
         found = parameters._replace(**dict(zip(PARAMETERS, values.tolist(), strict=True)))
         creep = max(level.creep, presliding_creep(found, slope_V_per_s))
         fallen = (values[1] - values[0]) * -expm1(-creep / values[2])
@@ -163,10 +166,10 @@ def joint_fit(
 
 
 def steady_among(speeds: Sequence[SteadySpeed], sliding: FrictionCurve) -> list[SteadySpeed]:
-    """Return the strokes that settled, at speeds at which friction clearly rises with velocity.
+    """Return the settled strokes at speeds at which friction clearly rises with velocity.
 
-    Where it falls or is level, the ram may tremble faster than the transducers show, and the mean
-    force of that is no friction at the mean speed.
+    Where friction falls or is level, the ram may oscillate faster than the transducers show. The
+    mean force is then not the friction at the mean speed.
     """
     coulomb, stiction, alpha, viscous, _ = sliding.fit.values
     return [
@@ -189,7 +192,7 @@ def _well_scaled(covariance: Array) -> Array:
 
 
 def _jacobian(residual: _Residual, values: Array, scale: Array) -> Array:
-    """Return derivatives of the residuals by the values in units of `scale`, by differences."""
+    """Return the derivatives of the residuals by the values divided by `scale`, by differences."""
     here = residual(values)
     columns = []
     for index, unit in enumerate(scale):

@@ -1,9 +1,9 @@
-"""Which stretches of a motion show the friction at a velocity, and what it was there.
+"""Samples of friction against velocity, from the stretches of a motion that show it.
 
-The load state holds friction and environment (section 6.3); less the known spring it is friction
-(section 7.1.1, figure 7.26). Estimates are averaged over 10 ms. Friction is a function of velocity
-only in quasi-steady sliding: pre-sliding, stick-slip, the ends of the stroke, dry chambers, a
-saturated valve and the filter's start are left out.
+The filter's load state is friction and environment together (section 6.3). Less the force of the
+known spring it is friction (section 7.1.1, figure 7.26). Estimates are averaged over 10 ms.
+Friction is a function of velocity only in quasi-steady sliding. Pre-sliding, stick-slip, the ends
+of the stroke, dry chambers, a saturated valve and the filter's start are therefore left out.
 """
 
 from dataclasses import dataclass
@@ -23,46 +23,52 @@ BLOCK_TICKS: Final = 10
 _BLOCK_S: Final = BLOCK_TICKS * TICK
 STARTED_S: Final = 1.0
 PRESLIDING_M: Final = 1e-3
-"""Bristles follow within g/s_0 of travel, 0.12 mm on the thesis's rig (docs/model.md): after eight
-times that, friction is the slip curve's, also on seals several times softer."""
+"""Travel in m after a reversal from which friction follows the slip curve. Bristles need a travel
+of g/s_0, which is 0.12 mm on the thesis's rig (docs/model.md); eight times that also covers seals
+that are several times softer."""
 STROKE_MARGIN_M: Final = 5e-3
 COMMAND_LIMIT_V: Final = 10.0
-"""Full opening of the thesis's valve; at the limit its flow no longer follows the command."""
+"""Command that fully opens the thesis's valve; beyond it the flow no longer follows the command."""
 STEADY_SPREAD: Final = 0.25
-"""Largest spread of the velocity within a block, as a share of the velocity. A spread s makes the
-mean of the Stribeck curve err by (f_st - f_sl) (s/alpha)^2 exp(-v/alpha) / 2: with s = v/4 by no
-more than 1.7 % of f_st - f_sl, whatever alpha."""
+"""Largest standard deviation of the velocity within a block, as a part of the velocity.
+
+A deviation s makes the mean of the Stribeck curve err by (f_st - f_sl) (s/alpha)^2 exp(-v/alpha) /
+2. With s = v/4 this is at most 1.7 % of f_st - f_sl for any alpha."""
 STEADY_LAG: Final = 0.2
-"""Largest change of velocity during the filter's lag, as a share of the velocity. Uncorrected, the
-lag would err by up to 0.2 / e = 7 % of f_st - f_sl; corrected, by what the lag is not known to."""
+"""Largest change of velocity during the lag of filter and bristles, as a part of the velocity.
+
+Without correction the lag would make an error of up to 0.2 / e = 7 % of f_st - f_sl; with it, only
+the uncertainty of the lag matters."""
 STEADY_BLOCKS: Final = 5
-"""A stretch shorter than this is an instant of a stick-slip oscillation that happens to be calm:
-the oil column's slowest period on the thesis's rig is 12 ms (docs/model.md)."""
+"""Fewest successive blocks of a steady stretch. A shorter one may be a calm instant of a stick-slip
+oscillation; the oil column's slowest period on the thesis's rig is 12 ms (docs/model.md)."""
 LEAST_KNOWN: Final = 0.9
-"""Share of samples below which a stretch is not filled in: missed ticks are some in a hundred."""
+"""Least part of the samples that must be present for gaps to be filled in; missed ticks are a few
+in a hundred."""
 
 _SLEW: Final = 1.0
-"""N/ms, of the ramp that the lag is measured with: any will do, as the filter is nearly linear."""
+"""Slope in N/ms of the load ramp by which the lag is measured. Any value would do, as the filter is
+nearly linear."""
 _RAMP_TICKS: Final = 400
 
 
 class Spring(NamedTuple):
-    """The known environment: a spring of a stiffness (N/m), met at a position (m)."""
+    """A spring that the ram runs against: its known stiffness (N/m) and contact position (m)."""
 
     stiffness: float
     contact: float
 
     def force(self, position: Array) -> Array:
-        """Return the force in N against extension, (n,)."""
+        """Return the spring's force in N against extension at positions in m, (n,)."""
         return np.asarray(self.stiffness * np.maximum(position - self.contact, 0.0))
 
 
 class LoadLag(NamedTuple):
-    """How the filter lags behind a load that changes at a steady rate.
+    """The lag of the filter behind a load that changes at a steady rate.
 
     Attributes:
-        load_s: true load less estimated, per rate of change: a time.
-        velocity: true velocity less estimated, per rate of change, (m/s)/(N/s).
+        load_s: true less estimated load, divided by the load's rate of change, s.
+        velocity: true less estimated velocity, divided by the load's rate, (m/s)/(N/s).
     """
 
     load_s: float
@@ -70,10 +76,10 @@ class LoadLag(NamedTuple):
 
 
 def load_lag(model: Model, sensors: SensorParameters) -> LoadLag:
-    """Return the lag of the product filter, which its random walk of the load implies.
+    """Return the lag of the product filter, which follows from its random walk of the load.
 
-    Found by letting the filter itself see an exact load ramp: a ram in mid stroke between closed
-    valves, pushed back slowly, which compresses the oil (eq. 2.3) and nothing else.
+    The filter is run on exact readings of a load ramp: a ram in mid stroke between closed valves is
+    pushed back slowly, which only compresses the oil (eq. 2.3).
     """
     par = model.parameters
     middle = 0.5 * (par.stroke_min + par.stroke_max)
@@ -103,12 +109,16 @@ def load_lag(model: Model, sensors: SensorParameters) -> LoadLag:
 
 @dataclass(frozen=True)
 class MotionBlocks:
-    """What 10 ms blocks of a recording hold: float64 (n,) each, SI.
+    """Averages of a filter's estimates over blocks of 10 ms: float64 (n,) each, SI.
 
     Attributes:
-        time_s: of the first sample.
-        velocity, velocity_spread, load, position: mean, standard deviation, means of the estimates.
-        sound: bool (n,), whether every sample was measured, in range, and of a valve in its range.
+        time_s: time of each block's first sample.
+        velocity: mean velocity.
+        velocity_spread: standard deviation of the velocity within the block.
+        load: mean load.
+        position: mean position.
+        sound: bool (n,), whether in every sample of the block the position was measured, neither
+            chamber was dry, and the command was within the valve's limit.
     """
 
     time_s: Array
@@ -120,10 +130,13 @@ class MotionBlocks:
 
 
 class BlockCollector:
-    """Collects the blocks of a recording as it grows, from the product filter's estimates.
+    """Collects 10 ms blocks of the product filter's estimates, while samples come in.
 
-    A valve flow that the model has wrong biases the estimated pressures, and with them the load, in
-    proportion to the velocity: what the measured pressures differ by is added.
+    A wrong valve flow in the model biases the estimated pressures, and with them the load, in
+    proportion to the velocity. The load is therefore corrected by the residuals of the pressures.
+
+    Args:
+        parameters: parameters of the rig, of which the piston area is used.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -132,10 +145,10 @@ class BlockCollector:
         self._pieces: list[Array] = []
 
     def take(self, samples: Samples, run: FilterRun) -> None:
-        """Take the next samples with the estimates of them.
+        """Add the next samples, any number, with the filter's estimates of them.
 
         Raises:
-            ValueError: the filter has other states than the product's.
+            ValueError: the estimates are not the product filter's.
         """
         if run.filter.name != DEFAULT_FILTER:
             raise ValueError(f"friction needs the {DEFAULT_FILTER} filter, not {run.filter.name}")
@@ -172,7 +185,7 @@ class BlockCollector:
 
     @property
     def blocks(self) -> MotionBlocks:
-        """All blocks that are complete so far."""
+        """Return all blocks that are complete so far."""
         columns = np.concatenate([np.empty((0, 6)), *self._pieces]).T
         time_s, velocity, spread, load, position, sound = columns
         return MotionBlocks(time_s, velocity, spread, load, position, sound > 0.5)
@@ -180,14 +193,14 @@ class BlockCollector:
 
 @dataclass(frozen=True)
 class FrictionSamples:
-    """Friction in quasi-steady sliding: float64 (n,) each, SI.
+    """Friction in quasi-steady sliding, one value for each block: float64 (n,) each, SI.
 
     Attributes:
         velocity: m/s, positive when extending.
-        force: friction in N against extension.
+        force: friction in N against extension, corrected for lags.
         acceleration: m/s^2.
-        lag_correction: what of the force makes up for lags, N.
-        stroke: int (n,), number of the stroke: from one reversal to the next.
+        lag_correction: the part of the force that corrects for lags, N.
+        stroke: int64 (n,), number of the stroke; a stroke lasts from one reversal to the next.
     """
 
     velocity: Array
@@ -200,7 +213,14 @@ class FrictionSamples:
 def friction_samples(
     blocks: MotionBlocks, lag: LoadLag, spring: Spring, parameters: Parameters
 ) -> FrictionSamples:
-    """Return the quasi-steady blocks of a motion with the friction in them, lag taken out."""
+    """Return the friction in the quasi-steady blocks of a motion, corrected for lags.
+
+    Args:
+        blocks: all blocks of the motion.
+        lag: lag of the filter.
+        spring: the spring whose force is taken off the load.
+        parameters: parameters of the rig, of which stroke and friction law are used.
+    """
     if blocks.time_s.size < STEADY_BLOCKS:
         none = np.empty(0)
         return FrictionSamples(none, none, none, none, np.empty(0, dtype=np.int64))
@@ -237,9 +257,9 @@ def friction_samples(
 
 
 def filled(values: Array) -> Array | None:
-    """Return values (n,) with missed samples filled in from their neighbours.
+    """Return values (n,) with missing samples (NaN) interpolated from their neighbours.
 
-    None where more than one in ten is missing, as from a transducer that failed.
+    The result is None if more than one in ten is missing, as with a transducer that failed.
     """
     known = np.isfinite(values)
     if known.all():
@@ -251,9 +271,9 @@ def filled(values: Array) -> Array | None:
 
 
 def _bristle_lag(velocity: Array, force: Array, parameters: Parameters) -> Array:
-    """Return by how much friction lags behind its slip curve, s: bristles relax within g/(s_0 |v|).
+    """Return the lag in s, (n,), of bristle friction behind its slip curve: |F| / (s_0 |v|).
 
-    Karnopp's friction does not lag.
+    With Karnopp friction it is 0.
     """
     if parameters.friction_law == KARNOPP:
         return np.zeros_like(velocity)
@@ -262,10 +282,10 @@ def _bristle_lag(velocity: Array, force: Array, parameters: Parameters) -> Array
 
 
 def _in_long_runs(flags: Flags, least: int) -> Flags:
-    """Return the flags that stand in an unbroken run of at least `least`."""
+    """Return the flags that are inside an unbroken run of at least `least`, without its ends."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     kept = np.zeros_like(flags)
     for start, end in edges.reshape(-1, 2):
-        # Rates of change at the ends of a run would be taken from outside of it.
+        # The rates of change at the ends of a run depend on blocks outside of it.
         kept[start + 1 : end - 1] = end - start >= least
     return kept

@@ -1,7 +1,8 @@
-"""Mean force at constant speed (section 3.1, step 2), and whether the speed was one.
+"""Mean force of strokes at constant speed (section 3.1, step 2), and whether the ram slid steadily.
 
-Where friction falls with velocity a ram sticks and slips, or trembles too fast to be seen; the mean
-force then is no friction at the mean velocity. `settled` tells those strokes from the others.
+Where friction falls with velocity, a ram sticks and slips or oscillates too fast for the
+transducers. The mean force is then not the friction at the mean velocity. `SteadySpeed.settled` is
+false for such strokes.
 """
 
 from collections.abc import Iterable, Iterator
@@ -20,12 +21,13 @@ from .samples import BLOCK_TICKS, Spring, filled
 Array = NDArray[np.float64]
 
 _SETTLING: Final = 0.45
-"""Share of a stroke that is left to the position loop: its lag dies down with 0.3 s."""
+"""Part of a stroke at its beginning that is left out. The position loop settles in it; its lag has
+a time constant of 0.3 s."""
 _END_S: Final = 0.05
 _LEAST_BLOCKS: Final = 12
 _STEADY: Final = 1.5
-"""Scatter of 10 ms means of the force beyond what the transducers' noise makes, from which it
-oscillates; 12 blocks of noise exceed it less than once in 100."""
+"""Ratio of the scatter of 10 ms means of the force to that by the transducers' noise, from which
+the force counts as oscillating. With 12 blocks noise exceeds it less than once in 100."""
 
 
 class Stroke(NamedTuple):
@@ -37,12 +39,12 @@ class Stroke(NamedTuple):
 
 @dataclass(frozen=True)
 class SteadySpeed:
-    """The mean force of one stroke.
+    """The mean force of one stroke at constant speed.
 
     Attributes:
-        velocity: mean, m/s, positive when extending.
-        force: mean, N against extension, spring and inertia taken off.
-        standard_error: of the transducers' noise and what is left of oscillations, N.
+        velocity: mean velocity, m/s, positive when extending.
+        force: mean force against extension, spring and inertia taken off, N.
+        standard_error: standard error of the force, by noise and remaining oscillations, N.
         settled: whether the ram slid steadily.
     """
 
@@ -55,13 +57,16 @@ class SteadySpeed:
 def steady_speeds(
     recording: Recording, strokes: Iterable[Stroke], spring: Spring, parameters: Parameters
 ) -> Iterator[SteadySpeed]:
-    """Yield what each stroke of a recording shows; strokes that were hardly measured show nothing.
+    """Yield velocity and mean force of each stroke of a recording.
+
+    Strokes that are too short, or of which more than a tenth of the samples is missing, are left
+    out.
 
     Args:
-        recording: of strokes at constant speed.
-        strokes: where they are.
-        spring: the known environment.
-        parameters: piston area and moving mass.
+        recording: recording of strokes at constant speed.
+        strokes: times of the strokes, counted from the recording's first sample.
+        spring: the known spring that the ram runs against.
+        parameters: parameters of the rig, of which piston area and moving mass are used.
     """
     channels = recording.channels
     position = channels["position_m"]

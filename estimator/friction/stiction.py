@@ -1,4 +1,4 @@
-"""Stiction along the stroke: the mean of the break-aways, and whether it depends on the place."""
+"""Stiction along the stroke: the mean of the break-aways, and its trend with the position."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from .break_away import BreakAway
 Array = NDArray[np.float64]
 
 LEAST_PLACES: Final = 4
-"""Fewer say nothing of how much places differ, which the standard errors rest on."""
+"""Fewest places for a level; the standard errors rest on the differences between places."""
 TREND_PROBABILITY: Final = 0.01
-"""Rate at which a rig with the same stiction everywhere is said to have a trend."""
+"""Probability that a rig with the same stiction everywhere is said to have a trend."""
 
 
 class Trend(NamedTuple):
-    """How something changes along the stroke, N/m."""
+    """The slope of a force along the stroke (N/m), its standard error, and whether it is real."""
 
     slope: float
     standard_error: float
@@ -30,15 +30,17 @@ class Trend(NamedTuple):
 
 @dataclass(frozen=True)
 class StictionLevel:
-    """What the break-aways of all places have in common.
+    """Mean and trend of the break-aways at all places along the stroke.
 
     Attributes:
-        level, level_error: half of extending less retracting, mean of the places, N.
-        offset, offset_error: half their sum, N: asymmetry, and what transducers are off by.
+        level, level_error: half the difference of extending and retracting force, mean over the
+            places, and its standard error, N.
+        offset, offset_error: half the sum of both forces, mean over the places, and its standard
+            error, N; it comes from asymmetric friction and from biases of the transducers.
         creep: mean speed at the greatest force, m/s.
-        level_trend: of the level: stiction that depends on the position.
-        offset_trend: of the offset: a spring that nobody told of.
-        places: with a break-away both ways.
+        level_trend: trend of the level; it shows stiction that depends on the position.
+        offset_trend: trend of the offset; it shows a spring that was not specified.
+        places: number of places with a break-away in both directions.
     """
 
     level: float
@@ -56,13 +58,16 @@ NO_LEVEL: Final = StictionLevel(nan, inf, nan, inf, nan, _NO_TREND, _NO_TREND, 0
 
 
 def stiction_level(places: Sequence[Sequence[BreakAway]]) -> StictionLevel:
-    """Return the level of the places where the ram took off both ways; `NO_LEVEL` if too few.
+    """Return the stiction of all places where the ram took off in both directions.
 
-    Standard errors are of the scatter between places, widened by Student's t, so that 1.96 of them
-    make a 95 % interval.
+    Standard errors follow from the scatter between places and are widened by Student's t, so that
+    1.96 of them make a 95 % interval.
 
     Args:
-        places: what each ramp showed (`break_away.break_aways`).
+        places: the break-aways of each ramp (`break_away.break_aways`).
+
+    Returns:
+        The stiction; `NO_LEVEL` if there are fewer than `LEAST_PLACES` such places.
     """
     pairs = []
     for found in places:
@@ -88,7 +93,7 @@ def _error_of_mean(values: Array) -> float:
 
 
 def _trend(position: Array, values: Array) -> Trend:
-    """Return the straight line through values over position, tested by Student's t."""
+    """Return the slope of a straight line through values (n,) over position, by Student's test."""
     centred = position - position.mean()
     spread = float(centred @ centred)
     slope = float(centred @ values) / spread

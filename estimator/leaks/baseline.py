@@ -1,8 +1,8 @@
-"""What a detector may assume of one rig, learnt from healthy recordings of it.
+"""Baselines: what a detector may assume of one rig, learnt from healthy recordings of that rig.
 
-For the default detector that is what the recordings say of the nuisances (null bias, valve edges,
-pressures, oil), so that a leak that is there from the first sample is told from them. For the
-thesis filters it is the healthy level of the innovations' moving averages.
+The default detector uses the baseline's estimates of the nuisances (null bias, valve edges,
+pressures, oil), so that it can distinguish them from a leak that is present from the first sample.
+The detector of the thesis filters uses the healthy level of the innovations' moving averages.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,19 +26,23 @@ from .replaying import filter_recording, replay, samples_of
 Array = NDArray[np.float64]
 
 PATTERN_FILTERS: Final = tuple(name for name in FILTERS if name != DEFAULT_FILTER)
-"""Filters whose detector takes levels of innovations."""
+"""Names of the thesis filters, whose detector compares innovations with their healthy level."""
 LEVEL: Final = 100.0
-"""False alarms a day at which recordings are checked for leaks before they may be a baseline: a
-recording is minutes long, so that one in ten days' worth of them would be refused without cause."""
+"""False alarms a day at which recordings are checked for leaks before they may enter a baseline.
+
+The rate is far above the default of 1: recordings last only minutes, so that even at this rate few
+healthy ones are refused."""
 
 
 GREATEST_SEAL_LEAKAGE: Final = 4.0
-"""Tolerances: a seal that lets more through is leaking, however long it has been (a sound one does
-so by chance once in 30 000)."""
+"""Greatest leakage of a healthy seal, in multiples of the tolerance of its nuisance (`NUISANCES`).
+
+A seal that lets more through counts as a leak, however long it has been so. The estimate for a
+sound seal exceeds this by chance once in 30 000."""
 
 
 class BaselineError(ValueError):
-    """A baseline cannot be learnt or read; `problems` lists why, one line each."""
+    """The error that a baseline cannot be learnt or read; `problems` lists the reasons."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("\n".join(problems))
@@ -47,14 +51,15 @@ class BaselineError(ValueError):
 
 @dataclass(frozen=True)
 class Baseline:
-    """What healthy recordings of a rig say of it.
+    """What healthy recordings of one rig say is normal for it.
 
     Attributes:
-        nuisances: mean and covariance, in units of each nuisance's tolerance; drift included.
-        levels: healthy level of the innovations of both pressures, by thesis filter.
-        recordings: content hashes of the recordings, by name.
-        model: name of the model that was assumed.
-        model_error: factor on what the detector allows for errors of the model beside this rig.
+        nuisances: mean and covariance of the nuisances, each in units of its tolerance; the
+            covariance includes the drift from one recording to another (`DRIFT`).
+        levels: healthy level of the innovations of both pressures, by name of the thesis filter.
+        recordings: content hash of each recording, by its name.
+        model: name of the model that was assumed when the baseline was learnt.
+        model_error: factor on what the detector allows for errors of the model of this rig.
     """
 
     nuisances: NuisanceBelief
@@ -64,7 +69,7 @@ class Baseline:
     model_error: float = 1.0
 
     def detector(self, filter_name: str, model: Model, false_alarms_per_day: float) -> Detector:
-        """Return a filter's detector that assumes this baseline."""
+        """Return a new detector for the named filter that assumes this baseline."""
         if filter_name == DEFAULT_FILTER:
             return OilAccountDetector(model, false_alarms_per_day, self.nuisances, self.model_error)
         level = self.levels[filter_name]
@@ -75,7 +80,8 @@ def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
     """Learn a baseline from healthy recordings of one rig.
 
     Raises:
-        BaselineError: there is no recording, one does not look healthy, or they all have a fault.
+        BaselineError: there is no recording, one does not look healthy, or together they show a
+            seal that leaks from the first sample on.
     """
     if not recordings:
         raise BaselineError(["baseline: no recording; give healthy recordings of the rig"])
@@ -117,7 +123,7 @@ def _not_healthy(source: str, decision: Decision) -> str:
 
 
 def _always_leaking(mean: Array) -> Iterator[str]:
-    """Yield a problem for each seal past which more leaks than a healthy rig's lets through."""
+    """Yield a message for each seal whose leakage is above `GREATEST_SEAL_LEAKAGE` tolerances."""
     for nuisance, value in zip(NUISANCES, mean, strict=True):
         if nuisance.name.startswith("seal_leakage") and value > GREATEST_SEAL_LEAKAGE:
             yield (

@@ -1,4 +1,4 @@
-"""Baselines as JSON: files that `rig baseline` writes, and what recordings tell of theirs."""
+"""Baselines as JSON: in the files that `rig baseline` writes and in the metadata of recordings."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _NAMES: Final = [nuisance.name for nuisance in NUISANCES]
 
 
 def content_of(baseline: Baseline) -> dict[str, Any]:
-    """Return a baseline as JSON holds it, in SI; `baseline_of` makes the same of it again."""
+    """Return a baseline as plain values for JSON, in SI units; `baseline_of` reverses this."""
     belief = baseline.nuisances
     deviations = np.sqrt(np.diag(belief.covariance))
     return {
@@ -47,11 +47,11 @@ def content_of(baseline: Baseline) -> dict[str, Any]:
 
 
 def baseline_of(content: Mapping[str, Any]) -> Baseline:
-    """Return the baseline in what `content_of` made.
+    """Return the baseline whose plain values `content_of` made.
 
     Raises:
-        ValueError, KeyError, TypeError, AttributeError, numpy.linalg.LinAlgError: it is none of
-            this version.
+        ValueError, KeyError, TypeError, AttributeError, numpy.linalg.LinAlgError: the content is
+            not a baseline of this version.
     """
     if content["baseline_version"] != VERSION:
         raise ValueError(f"its version is {content['baseline_version']}, not {VERSION}")
@@ -66,9 +66,9 @@ def baseline_of(content: Mapping[str, Any]) -> Baseline:
     told = content["innovation_levels_Pa"]
     if not set(PATTERN_FILTERS) <= set(told):
         raise ValueError(f"it has levels of {sorted(told)}, not {list(PATTERN_FILTERS)}")
-    # Files of earlier versions have the level of one more filter.
+    # Files of earlier versions also have the level of a filter that no longer exists.
     levels = {name: _level_of(told[name]) for name in PATTERN_FILTERS}
-    # Files from before there was this setting do not have it.
+    # Files that are older than this setting lack it.
     model_error = checked_model_error(float(content.get("model_error", 1.0)))
     recordings = dict(content["recordings"])
     return Baseline(belief, levels, recordings, str(content["model"]), model_error)
@@ -83,7 +83,7 @@ def _level_of(content: Mapping[str, Any]) -> HealthyLevel:
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:
-    """Write a baseline as JSON, whole or not at all."""
+    """Write a baseline to a JSON file; if writing fails, an existing file stays as it was."""
     text = json.dumps(content_of(baseline), indent=1, allow_nan=False)
     partial = path.with_name(path.name + ".partial")
     partial.write_text(text + "\n", encoding="utf-8")
@@ -94,12 +94,12 @@ def load_baseline(path: Path, model: str) -> Baseline:
     """Read a baseline that `write_baseline` wrote.
 
     Args:
-        path: the file.
-        model: name of the model beside which the baseline is to be used.
+        path: path of the JSON file.
+        model: name of the model with which the baseline is to be used.
 
     Raises:
-        BaselineError: there is no such file, it is not a baseline of this version, or it tells what
-            is normal beside another model.
+        BaselineError: the file cannot be read, is not a baseline of this version, or was learnt
+            with another model.
     """
     try:
         baseline = baseline_of(json.loads(path.read_text(encoding="utf-8")))

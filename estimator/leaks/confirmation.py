@@ -1,4 +1,4 @@
-"""Which leaks are confirmed to be there now, as findings come and go from block to block."""
+"""The confirmation of leaks: which leaks are present now, though findings come and go by block."""
 
 from collections.abc import Mapping, Sequence
 from math import inf
@@ -10,38 +10,43 @@ from .finding import Finding
 from .leak_verdicts import LeakVerdicts
 
 CONFIRMED_AFTER_S: Final = 5.0
-"""What is found is confirmed once it was held for that long; it is withdrawn if it passes before
-that, and does not come back for as long."""
+"""Seconds for which a fault must have been found until it is confirmed.
+
+Pauses of up to the same length do not interrupt this. A fault that was not confirmed is withdrawn
+after a longer pause."""
 _LIKELIER_THAN_NOT: Final = 0.5
 
 
 class Hold:
-    """How long something has been found, pauses of up to `CONFIRMED_AFTER_S` aside."""
+    """Measures for how long a fault has been found; short pauses do not interrupt it.
+
+    A pause is short if it lasts up to `CONFIRMED_AFTER_S`.
+    """
 
     def __init__(self) -> None:
         self._found_s = self._since_s = -inf
 
     def found(self, time_s: float) -> bool:
-        """Note that it is found now; return whether that confirms it."""
+        """Note that the fault is found at `time_s`; return whether it is confirmed by now."""
         if time_s - self._found_s > CONFIRMED_AFTER_S:
             self._since_s = time_s
         self._found_s = time_s
         return time_s - self._since_s >= CONFIRMED_AFTER_S
 
     def lapsed(self, time_s: float) -> bool:
-        """Return whether it was not found for so long that it counts as withdrawn."""
+        """Return whether the fault was last found more than `CONFIRMED_AFTER_S` before `time_s`."""
         return time_s - self._found_s > CONFIRMED_AFTER_S
 
 
 class PresentLeaks:
-    """The leaks confirmed to be there now.
+    """Keeps the leaks that are confirmed to be present now.
 
-    A leak that is not found any more has not gone for that. A chamber that runs dry has no account,
-    and a single block that stands out can hide a leak for seconds. It has gone when the accounts
-    show its end, or when they are likelier to be those of a healthy rig or of another fault.
+    A leak that is no longer found may still be present: a chamber that runs dry has no account, and
+    a single unusual block can hide a leak for seconds. A confirmed leak therefore stays until the
+    accounts show its end, or fit a healthy rig or another fault better.
 
     Args:
-        verdicts: of the test that makes all findings.
+        verdicts: answers questions about the blocks of the test that makes all findings.
     """
 
     def __init__(self, verdicts: LeakVerdicts) -> None:
@@ -54,16 +59,19 @@ class PresentLeaks:
     def update(
         self, time_s: float, findings: Sequence[Finding], probabilities: Mapping[str, float]
     ) -> tuple[float, float, float]:
-        """Return the coefficients of the leaks that are there, in the order of `FAULTS`, SI.
+        """Take the newest findings; return the coefficients of the leaks present, as `LEAKS`.
 
         Args:
-            time_s: of the newest sample.
-            findings: what is found now.
-            probabilities: as of `estimator.leaks.detection.Decision`.
+            time_s: time of the newest sample, s.
+            findings: faults found in all blocks up to now; faults that are no leaks do not count.
+            probabilities: as in `estimator.leaks.detection.Decision`; may be empty.
+
+        Returns:
+            A coefficient for each leak in the order of `LEAKS`, m^3/(s Pa^0.5); 0 if not present.
         """
         found = {finding.fault: finding for finding in findings if finding.fault < len(LEAKS)}
         for leak, finding in found.items():
-            # What seems to have begun before leaks ended would explain those anew.
+            # A finding that seems to begin before other leaks ended may be those leaks again.
             other = self._ended and leak not in self._ended and finding.onset_s < self._ended_s
             if self._holds[leak].found(time_s) and not other:
                 self._confirmed[leak] = finding
@@ -85,5 +93,5 @@ class PresentLeaks:
         return present[0], present[1], present[2]
 
     def ended(self, time_s: float) -> bool:
-        """Return whether leaks that were confirmed have ended, and that for as long again."""
+        """Return whether all confirmed leaks ended at least `CONFIRMED_AFTER_S` before `time_s`."""
         return time_s - self._ended_s >= CONFIRMED_AFTER_S

@@ -1,4 +1,4 @@
-"""From a filter's estimates to a verdict: what a detector is, and the product's own."""
+"""From a filter's estimates to a verdict: the interface of detectors and the default detector."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,25 +39,27 @@ Array = NDArray[np.float64]
 SILENT: Final = ("healthy", "inconclusive")
 """Verdicts that name no fault."""
 INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
-"""If even a leak of this flow (m^3/s, at its reference drop) would have stayed unseen, say so."""
+"""Flow in m^3/s at the reference drop. If a leak of this size would not have been found, the
+verdict is inconclusive instead of healthy."""
 LEAST_ACCOUNTED: Final = 0.5
-"""With less of the later half accounted for (sensors missing, chamber dry), nothing is claimed."""
+"""Least part of the later half of the time that complete blocks must cover for a healthy verdict;
+blocks are not complete where sensors are missing or a chamber is dry."""
 GREATEST_LEAK: Final = 10.0 * LITRE_PER_MINUTE
-"""m^3/s: what would be a greater leak is a sensor that errs (the valve passes 27 L/min, figure 5.1
-has leaks of up to 4)."""
+"""Greatest flow in m^3/s that counts as a leak; a larger one means that a sensor is wrong (the
+open valve passes 27 L/min, and the largest leak of figure 5.1 is 4 L/min)."""
 SIZE_ERROR: Final = 0.02
-"""Part of a leak's flow that it may be off by, one standard deviation: the tolerance of a metering
-edge (`NUISANCES`), by which the accounts measure it."""
+"""Relative standard deviation of a leak's flow by the tolerance of the metering edges, by which the
+accounts measure it (`NUISANCES`)."""
 FLOW_ERROR: Final = 0.25
-"""Part of the dead zone that a flow may be off by, one standard deviation: a bound is taken for
-four of them."""
+"""Standard deviation of a leak's flow by errors of the model, as a part of the dead zone; the dead
+zone bounds these errors, and a bound is taken for four standard deviations."""
 SETTLED_AFTER_S: Final = 2.0
-"""A leak's flow is averaged from this long after its onset (the command-line contract)."""
+"""Seconds after a leak's onset from which its flow is averaged, as the command line documents."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """A stretch of a recording as a detector sees it: float64 (n,) each, SI; NaN: not measured."""
+    """Successive samples, as a detector takes them: float64 (n,) each, SI; NaN if not measured."""
 
     time_s: Array
     command: Array
@@ -70,21 +72,23 @@ class Samples:
 
 @dataclass(frozen=True)
 class Decision:
-    """What a detector holds after the samples it has seen.
+    """What a detector concludes from all samples that it has taken so far.
 
     Attributes:
         verdict: one of the names in `faults.verdict`.
-        onset_s: estimated start of the fault; None when healthy or inconclusive.
-        leak_m3_per_s: mean absolute leak flow from 2 s after onset, of all leaks found together.
-        leak_std_m3_per_s: its standard error, model error included.
-        coefficient: leak coefficient, m^3/(s Pa^0.5); None if there are several faults.
-        statistic, threshold: the test statistic and what a healthy rig exceeds at the stated rate.
+        onset_s: estimated start of the fault, s; None when healthy or inconclusive.
+        leak_m3_per_s: mean absolute leak flow from 2 s after the onset, all leaks added up; None
+            if no leak was sized.
+        leak_std_m3_per_s: standard error of that flow, errors of the model included.
+        coefficient: leak coefficient, m^3/(s Pa^0.5); None if there is no leak or several faults.
+        statistic, threshold: the test statistic, and the value that it exceeds on a healthy rig at
+            the stated rate of false alarms.
         details: further figures by name, for reports.
-        probabilities: of `healthy`, each of `FAULTS` alone and `multiple`, adding up to 1; empty
-            while nothing can be said.
-        present_leaks: coefficients of the leaks (`LEAKS`) confirmed to be there now,
-            m^3/(s Pa^0.5); 0 where there is none, or none any more.
-        ended_s: when the fault was gone again, to half a second or so; None while it may be there.
+        probabilities: of `healthy`, of each of `FAULTS` alone and of `multiple`, adding up to 1;
+            empty while there are too few blocks.
+        present_leaks: coefficients of the leaks that are confirmed to be present now, in the order
+            of `LEAKS`, m^3/(s Pa^0.5); 0 for a leak that is not, or no longer, present.
+        ended_s: when the fault ended, s, to half a second or so; None while it may be present.
     """
 
     verdict: str
@@ -101,14 +105,15 @@ class Decision:
 
     @property
     def names_a_fault(self) -> bool:
-        """Whether the verdict is a fault."""
+        """Return whether the verdict is a fault."""
         return self.verdict not in SILENT
 
     @property
     def suspected(self) -> str | None:
-        """The likeliest fault where the verdict is inconclusive and health is less likely than not.
+        """Return the likeliest fault if the verdict is inconclusive and a fault is probable.
 
-        It is not claimed, as that would raise more false alarms than stated.
+        A fault is probable if the probability of health is below one half. The verdict does not
+        claim it, as that would raise more false alarms than stated. Otherwise this is None.
         """
         if self.verdict != "inconclusive" or self.probabilities.get("healthy", 1.0) >= 0.5:
             return None
@@ -117,7 +122,7 @@ class Decision:
 
     @property
     def interval_m3_per_s(self) -> tuple[float, float] | None:
-        """95 % interval of the leak flow."""
+        """Return the 95 % interval of the leak flow in m^3/s; None if no leak was sized."""
         if self.leak_m3_per_s is None or self.leak_std_m3_per_s is None:
             return None
         half = 1.96 * self.leak_std_m3_per_s
@@ -125,34 +130,34 @@ class Decision:
 
 
 class Detector(Protocol):
-    """Anything that turns estimates into decisions; it sees every sample once, in order."""
+    """The interface of a detector, which gets every sample once, in order, and makes decisions."""
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take the next stretch of samples with the filter's estimates of them."""
+        """Take the next samples with the filter's estimates of them."""
 
     def decide(self) -> Decision:
-        """Return the decision that the samples seen so far support."""
+        """Return the decision that follows from all samples so far."""
 
 
 _ESTIMATES: Final = ("spool_m", "pressure_1_Pa", "pressure_2_Pa", "position_m")
 
 
 _FROZEN_SAMPLES: Final = 40
-"""A pressure that reads the very same for so many samples is not measured any more: noise of 30 kPa
-would not let it. A rule of its own: these samples are only left out, whatever rig they come from;
-the loop, which trips, derives its count from the chance of a false trip at its rate
+"""A pressure with this many equal readings in a row counts as not measured, for noise of 30 kPa
+would not allow that. The detector only leaves such samples out, on any rig; the loop, which trips
+on them, derives its count from the chance of a false trip
 (`rig.loop.interlocks.check_tolerances.frozen_samples`)."""
 
 
 def _alive(values: Array) -> NDArray[np.bool_]:
-    """Return which samples are not of a stretch of `_FROZEN_SAMPLES` like ones."""
+    """Return (n,) whether each sample is outside any run of `_FROZEN_SAMPLES` equal readings."""
     starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
     lengths = np.diff([*starts, values.size])
     return np.repeat(lengths < _FROZEN_SAMPLES, lengths)
 
 
 def draw_up(account: OilAccount, samples: Samples, run: FilterRun) -> Iterator[AccountBlock]:
-    """Add samples with the product filter's estimates; yield each block when it is tested."""
+    """Add samples with the product filter's estimates to an account; yield each tested block."""
     fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
     fresh &= _alive(samples.pressure_1) & _alive(samples.pressure_2)
     spool, p1, p2, position = (run.state(name) for name in _ESTIMATES)
@@ -162,20 +167,20 @@ def draw_up(account: OilAccount, samples: Samples, run: FilterRun) -> Iterator[A
 
 
 class OilAccountDetector:
-    """The default detector: tests the oil accounts kept with the product filter's estimates.
+    """The default detector, which tests oil accounts made from the product filter's estimates.
 
     Its time per block and its memory do not grow with the length of the run.
 
     Args:
-        model: the model the filter assumes.
+        model: the model that the filter assumes.
         false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
         expected: what is known of this rig's nuisances, from a baseline.
         model_error: factor on what is allowed for errors of the model (dead zones and the like);
-            0: the model is exact.
+            0 means that the model is exact.
 
     Attributes:
-        drawn_up: the accounts that the last samples completed.
-        begun: how often accounts were begun anew, those before being left behind.
+        drawn_up: the blocks that the samples of the last `update` finished.
+        begun: how often the test has started anew and dropped all earlier blocks.
     """
 
     def __init__(
@@ -202,7 +207,7 @@ class OilAccountDetector:
         self.begun = 0
 
     def _begin_anew(self) -> None:
-        """Leave the blocks so far behind: a leak that came and went fits no fault that stays."""
+        """Start a new test without the blocks so far: an ended leak fits no lasting fault."""
         self.begun += 1
         self._test = self._account.test = LeakTest(*self._setting)
         self._verdicts = LeakVerdicts(self._test)
@@ -210,7 +215,7 @@ class OilAccountDetector:
         self._named = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Add samples to the accounts (any number; a decision is due at the end of each block)."""
+        """Add any number of samples; call `decide` after each block, half a second or more."""
         if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
@@ -221,19 +226,20 @@ class OilAccountDetector:
 
     @property
     def accuses(self) -> bool:
-        """Whether a fault stands out, or did a moment ago; cheaper than a decision."""
+        """Return whether a fault stands out now or did within the last seconds; cheap."""
         found = bool(self._test.search()) or self._supply.search() is not None
         return found or self._named is not None
 
     @property
     def claimed(self) -> Sequence[Finding]:
-        """Return the faults that the last decision found; none if it only keeps an earlier one."""
+        """Return the faults that the last `decide` found; none if it repeated an earlier alarm."""
         return self._claimed
 
     def evidence(self) -> tuple[float, float]:
-        """Return the statistic of what speaks most for a fault, and what it has to exceed.
+        """Return the statistic of the most likely fault, and the limit it must exceed.
 
-        It does so just where the last decision found a fault.
+        The statistic exceeds the limit exactly if the last decision found a fault. It is 0 if no
+        fault explains anything.
         """
         likeliest = self._test.likeliest() if not self._claimed else None
         found = [*self._claimed] if likeliest is None else [likeliest]
@@ -243,20 +249,20 @@ class OilAccountDetector:
         return max(most.statistic, 0.0), most.limit
 
     def model_errors(self) -> Array:
-        """Return what the accounts say of the model's nuisances, in their tolerances: (n,)."""
+        """Return the estimated nuisances of the model, each in units of its tolerance: (n,)."""
         return self._test.nuisances().mean
 
     def decide(self) -> Decision:
-        """Return the verdict of the sequential test on all complete blocks so far.
+        """Return the decision of the sequential test on all complete blocks so far.
 
-        An alarm that has been held for 5 s is confirmed, and stays: a fault that has gone again is
-        still reported, as it stood out most. It counts as held while what went before its end still
-        speaks for it.
+        An alarm that has lasted for 5 s is confirmed. From then on the decision with the greatest
+        statistic is repeated, even if the fault has ended. A leak that ends before it is confirmed
+        counts as lasting while the blocks before its end still support it.
         """
         if self._leaks.ended(self._last_s):
             self._begin_anew()
         dropped = self._supply.search()
-        # What a drop of the supply pressure explains is no leak.
+        # A flow that a drop of the supply pressure explains is no leak.
         findings = self._test.search() if dropped is None else self._verdicts.leaks_beside(dropped)
         threshold = self._test.limit() if dropped is None or findings else self._supply.limit()
         accounts = self._probabilities()
@@ -288,12 +294,12 @@ class OilAccountDetector:
                             threshold=threshold, probabilities=probabilities)  # fmt: skip
         decision = replace(self._nothing_found(threshold), probabilities=probabilities)
         if probabilities.get("healthy", 1.0) < 0.5:
-            # More likely than not there is something, though not at the stated false-alarm rate.
+            # A fault is more likely than not, but a claim would exceed the stated false-alarm rate.
             return replace(decision, verdict="inconclusive")
         return decision
 
     def _note(self, decision: Decision) -> None:
-        """Keep an alarm that is confirmed, as it stood out most, and when its fault ended."""
+        """Keep a confirmed decision with the greatest statistic so far, or only its end time."""
         if not self._hold.found(self._last_s):
             return
         alarm = self._alarm
@@ -303,7 +309,7 @@ class OilAccountDetector:
             self._alarm = replace(alarm, ended_s=decision.ended_s)
 
     def _name(self, findings: list[Finding], decision: Decision) -> None:
-        """Keep a leak that is named, as it stood out most: it may go before it is confirmed."""
+        """Keep a leak named alone, at its greatest statistic, in case it ends unconfirmed."""
         leak, *others = findings
         self._named_s = self._last_s
         if self._alarm is not None:
@@ -314,7 +320,7 @@ class OilAccountDetector:
             self._named = leak, decision
 
     def _passed(self) -> Decision | None:
-        """Return the decision on a leak that was named and went before it was confirmed."""
+        """Return the decision on a leak that was named and ended unconfirmed; None without one."""
         if self._named is None:
             return None
         leak, decision = self._named
@@ -328,9 +334,10 @@ class OilAccountDetector:
         return replace(found, probabilities=decision.probabilities)
 
     def _doubtful(self, findings: list[Finding], probabilities: Mapping[str, float]) -> bool:
-        """Return whether a fault that stands out is likelier to be another one, or none known.
+        """Return whether the first finding is not to be claimed under its name.
 
-        A leak that grows is not in the probabilities, and one above `GREATEST_LEAK` is no leak.
+        That is so if its flow is above `GREATEST_LEAK`, or if it is the only finding, does not grow
+        (the probabilities do not cover growth) and has a probability below one half.
         """
         first = findings[0]
         if first.fault < len(LEAKS) and first.coefficient * self._mean_size(first) > GREATEST_LEAK:
@@ -339,7 +346,7 @@ class OilAccountDetector:
         return alone and probabilities.get(FAULTS[first.fault], 1.0) < 0.5
 
     def _probabilities(self) -> dict[str, float]:
-        """Return the probabilities of no fault and of each; none before anybody is accused."""
+        """Return `Decision.probabilities` of the accounts; empty before `MINIMUM_BLOCKS` blocks."""
         if self._test.blocks < MINIMUM_BLOCKS:
             return {}
         names = ("healthy", *FAULTS, "multiple")
@@ -380,12 +387,12 @@ class OilAccountDetector:
         )
 
     def _ended_s(self, leaks: list[Finding]) -> float | None:
-        """Return when the last of some leaks had gone; None while any may be there."""
+        """Return when the last of the leaks ended, in s; None while any may be present."""
         ends = [leak.ended_s or self._verdicts.ended_s(leak) for leak in leaks]
         return None if None in ends else max(end for end in ends if end is not None)
 
     def _nothing_found(self, threshold: float) -> Decision:
-        """Healthy only if the motion would have shown a leak, else inconclusive."""
+        """Return a decision: healthy if the motion would have shown a leak, else inconclusive."""
         if self._test.blocks < MINIMUM_BLOCKS:
             return Decision("inconclusive", threshold=threshold)
         accounted, travel = self._later_half()
@@ -403,7 +410,7 @@ class OilAccountDetector:
         return Decision(verdict, threshold=threshold, details=details)
 
     def _later_half(self) -> tuple[float, float]:
-        """Return the accounted part of the later half of what was seen, and its travel in m."""
+        """Return the part of the later half that complete blocks cover, and its travel in m."""
         sums, half_s = self._test.sums, 0.5 * (self._last_s - self._first_s)
         mark = sums.mark_at(self._first_s + half_s)
         if mark == sums.marks:
@@ -411,9 +418,9 @@ class OilAccountDetector:
         return sums.seconds(mark) / half_s, sums.travel(mark)
 
     def _travel_needed(self) -> float:
-        """Travel in m that sweeps the oil a chamber stores by compression at half supply pressure.
+        """Return the travel in m that sweeps the oil a chamber stores at half supply pressure.
 
-        A ram that stands still lets a leak run its chamber dry and then shows nothing.
+        With less motion a leak can empty its chamber and then no longer shows.
         """
         par = self._parameters
         volume = chamber_volumes(0.5 * (par.stroke_min + par.stroke_max), par)[0]
@@ -421,7 +428,10 @@ class OilAccountDetector:
         return float(stored / par.piston_area)
 
     def _mean_size(self, finding: Finding) -> float:
-        """Mean absolute flow per unit coefficient from 2 s after onset (or all there is since)."""
+        """Return the mean absolute flow in m^3/s per unit coefficient from 2 s after the onset.
+
+        It is averaged up to the fault's end or up to now; if no block lies between, from the onset.
+        """
         sums = self._test.sums
         mark, last = sums.mark_at(finding.onset_s + SETTLED_AFTER_S), sums.marks
         if finding.ended_s is not None:
@@ -431,7 +441,11 @@ class OilAccountDetector:
         return float(sums.mean_sizes(mark, last)[finding.fault]) * LITRE_PER_MINUTE
 
     def _called(self, finding: Finding) -> str:
-        """Name a fault; those of the supply and return lines need a measured supply pressure."""
+        """Return the verdict on a fault; one of the lines needs a measured supply pressure.
+
+        A fault of the supply or return line that the measured pressure does not confirm gives
+        `unknown_fault`.
+        """
         name = FAULTS[finding.fault]
         if name in LEAKS or finding == self._supply.search():
             return name
@@ -439,7 +453,7 @@ class OilAccountDetector:
         onset = sums.mark_of(finding.onset)
         count, before, spread = sums.supply(0, onset)
         _, after, _ = sums.supply(onset)
-        # A supply that is measured is judged by its own test, not by what the valve lets through.
+        # Where the supply pressure is measured, only its own test may name a supply leakage.
         if isnan(before) or isnan(after) or name == "supply_leakage":
             return "unknown_fault"
         dropped, wander = before - after, spread / sqrt(count)
@@ -447,7 +461,7 @@ class OilAccountDetector:
 
 
 def is_of(decision: Decision, earlier: Decision) -> bool:
-    """Tell whether a decision is on the fault that an earlier one named, and not on its return."""
+    """Return whether two decisions name the same fault, and the later one not a return of it."""
     if decision.verdict != earlier.verdict:
         return False
     began, ended = decision.onset_s, earlier.ended_s
@@ -457,7 +471,10 @@ def is_of(decision: Decision, earlier: Decision) -> bool:
 def _with_supply(
     probabilities: Mapping[str, float], odds: float, leaking: bool
 ) -> dict[str, float]:
-    """Return the accounts' probabilities with the odds that the supply pressure dropped."""
+    """Return the accounts' probabilities after the odds of a drop of the supply are taken in.
+
+    The drop counts as `multiple` if a leak was found too, else as `supply_leakage`.
+    """
     share = odds / (1.0 + odds)
     name = "multiple" if leaking else "supply_leakage"
     return {

@@ -1,4 +1,4 @@
-"""How well each fault from each onset on explains the accounts, alone or beside one found."""
+"""Scores: how well each fault from each onset explains the accounts, alone or beside another."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -13,24 +13,31 @@ from .finding import Finding
 Array = NDArray[np.float64]
 
 WITNESSES: Final = 4
-"""Blocks that must speak for a fault: from fewer, their spread cannot be told."""
+"""Fewest blocks with a fault from which it is claimed; the spread of fewer says too little."""
 _SETTLED_PART: Final = 0.8
-"""Noise that a fault explains this much of was mostly that fault: it is estimated anew."""
+"""If a fault leaves less than this part of the noise variance, the variance is estimated anew.
+
+The noise was then largely the fault itself."""
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Every fault from every mark on.
+    """Scores of all candidates: each fault, beginning at each mark.
+
+    A candidate is scored alone, or beside a fault that was found before (the known fault). Index i
+    of the marks stands for an onset at mark i; index j of the faults is that of `FAULTS`.
 
     Attributes:
-        regression: of the missing flow on nuisances, and on the fault that was found, if any.
+        regression: the regression of the missing flow on the nuisances and on the known fault.
         products: sums of the faults' products since each mark.
-        scores: what each fault would do for the regression.
-        usable: bool (marks, 5), whether it can be told at all.
-        gain: float64 (marks, 5), its gain in twice the log likelihood; 0 where it is not usable.
-        change: float64 (marks,), that of a change of the fault beside which these are.
-        before: float64 (marks,), that of the same fault having begun before, where what these are
-            beside is its end.
+        scores: what each candidate would explain in the regression.
+        usable: bool (marks, 5), whether the blocks show enough of the candidate to estimate it.
+        gain: float64 (marks, 5), gain of the candidate in twice the log likelihood; 0 where it is
+            not usable.
+        change: float64 (marks,), gain of a change of the known fault's own size at the mark; 0 up
+            to its onset, and 0 everywhere without a known fault.
+        before: float64 (marks,), gain of a fault of the same kind that began at the mark, before
+            the known fault; for this, the onset of the known fault stands for the end of a leak.
     """
 
     regression: Regression
@@ -43,12 +50,12 @@ class Candidates:
 
 
 def score_faults(sums: AccountSums, least: float, beside: Finding | None = None) -> Candidates:
-    """Score every fault from every mark on.
+    """Score every fault as if it began at every mark.
 
     Args:
-        sums: the blocks.
-        least: noise variance that is believed at least.
-        beside: a fault that was found, which the others are scored beside.
+        sums: sums over the blocks so far.
+        least: lower bound of the estimated noise variance.
+        beside: a known fault, fitted along with each candidate; None to score candidates alone.
     """
     products = sums.faults_since()
     ff, fy, yy = sums.nuisances()
@@ -85,13 +92,21 @@ def score_faults(sums: AccountSums, least: float, beside: Finding | None = None)
 def _fault_as_nuisance(
     finding: Finding, mark: int, products: FaultProducts, ff: Array, fy: Array
 ) -> tuple[Array, Array, Array]:
-    """Return products of nuisances of which a fault found is one more.
+    """Return products of the n nuisances with the found fault appended as nuisance n + 1.
 
-    Its prior is a hundred times what was found, which is as good as none.
+    The fault's prior standard deviation is a hundred times its coefficient, which is as good as
+    no prior.
+
+    Args:
+        finding: the fault that was found.
+        mark: the mark at which it begins.
+        products: sums of the faults' products since each mark.
+        ff: products of the nuisances with each other, (n, n).
+        fy: products of the nuisances with the missing flow, (n,).
 
     Returns:
-        Its products with n nuisances (n + 1, n + 1), with missing flow (n + 1,), with faults
-        (marks, 5, n + 1).
+        The products of these n + 1 columns with each other (n + 1, n + 1), with the missing flow
+        (n + 1,), and with the faults and the null shift (marks, 6, n + 1).
     """
     i, unit = finding.fault, 100.0 * finding.coefficient
     n = fy.size

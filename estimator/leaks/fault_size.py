@@ -1,4 +1,4 @@
-"""A fault of the accounts sized and dated, with its standard error."""
+"""Size and onset of a fault in the accounts, with the standard error of the size."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -25,19 +25,21 @@ from .growth import growths
 Array = NDArray[np.float64]
 
 GREAT_FLOW: Final = 0.5
-"""L/min: where a greater leak opens, pressures fall by more than straight lines hold for."""
+"""Flow in L/min above which a leak that opens lets pressures fall too far for a linear account."""
 SETTLING_BLOCKS: Final = 2
-"""Such a leak is claimed and sized without the first blocks, once twice the witnesses spoke."""
+"""Blocks after the onset that are left out when a leak above `GREAT_FLOW` is claimed and sized.
+
+They are left out once twice `WITNESSES` blocks have the leak."""
 
 
 @dataclass(frozen=True)
 class FaultSizes:
-    """Sizes faults by the blocks so far.
+    """Estimates the sizes of faults from the blocks so far.
 
     Attributes:
-        sums: the blocks.
-        products: the same blocks' `AccountSums.faults_since`.
-        recent: the latest of them, which tell whether noise lasts.
+        sums: sums over the blocks.
+        products: `AccountSums.faults_since` of these sums.
+        recent: the latest blocks, which show whether noise lasts from block to block.
         model_error: factor on what is allowed for errors of the model.
     """
 
@@ -54,19 +56,19 @@ class FaultSizes:
         dead_zone: float,
         variance: float,
     ) -> Finding:
-        """Return a fault from a mark on as a finding, fitted together with one beside it.
+        """Return a finding for a fault that begins suddenly, at a mark.
 
-        Its standard error also holds for noise that differs or lasts from block to block, and the
-        statistic is that without the block that speaks most for the fault. The size is by blocks
-        that have the fault throughout, and those that have none of it: that in which it begins is
-        not among them.
+        The standard error also covers noise that differs or lasts from block to block. The
+        statistic is computed without the block that supports the fault most. The size is estimated
+        without the blocks around the onset, in which the fault is only partly present. The
+        finding's `likelihood` and `limit` are left at 0 for the caller to set.
 
         Args:
             fault: index into `FAULTS`.
-            mark: where it begins.
-            beside: a fault that was found.
-            dead_zone: flow in L/min that it is not claimed for.
-            variance: of the noise.
+            mark: mark at which the fault begins.
+            beside: another fault that is fitted along, or None.
+            dead_zone: flow in L/min that must be exceeded before the fault is claimed.
+            variance: noise variance, in units of the expected noise.
         """
         products = self.products
         faults, marks = [SHIFT, fault], [mark, mark]
@@ -86,12 +88,12 @@ class FaultSizes:
             fit = JointFit(self.sums, products, faults, marks, variance, settling)
         lasting = self._lasting(faults, marks, variance, settling)
         dead = dead_zone / size
-        # Whatever block is left out, the rest must speak for the fault.
+        # The fault must stand out whichever single block is left out.
         rest, error = fit.left_out()
         statistic = float(((rest - dead) / np.sqrt(error * lasting)).min())
         straddling = around(marks, self.sums.marks, after)
         if again and len(straddling) == 1:
-            # It went again so soon that no block is left which it was there throughout.
+            # The fault ended so soon that no block has it throughout.
             straddling = settling
         fit = JointFit(self.sums, products, faults, marks, variance, straddling)
         coefficient = float(fit.coefficients[-1])
@@ -113,12 +115,12 @@ class FaultSizes:
         )
 
     def grown(self, variance: float, dead_zone: Array, limit: float) -> Finding | None:
-        """Return the leak that grows over minutes, if its statistic exceeds the limit.
+        """Return the likeliest leak that grows over minutes; None if it is not above the limit.
 
         Args:
-            variance: of the noise if there were no leak.
-            dead_zone: flow in L/min that no fault is claimed for, by fault, float64 (5,).
-            limit: what a healthy rig exceeds at the stated rate.
+            variance: noise variance if there were no leak, in units of the expected noise.
+            dead_zone: flow in L/min that each fault must exceed to be claimed, float64 (5,).
+            limit: value of the statistic that a healthy rig exceeds at the stated rate.
         """
         likeliest = growths(self.sums, self.products, self.recent, variance, self.model_error)[0]
         fault, levels = likeliest.fault, likeliest.levels
@@ -139,9 +141,16 @@ class FaultSizes:
     def _lasting(
         self, faults: list[int], marks: list[int], variance: float, settling: list[Stretch]
     ) -> float:
-        """Return by how much noise that lasts raises the variance of the last fault's coefficient.
+        """Return the factor by which lasting noise raises the variance of the last coefficient.
 
-        That the fault grows or shrinks is no noise: it may change at each third of its time.
+        Growth of the fault must not count as noise, so a fault that is long enough may change its
+        size after the first and second third of its time.
+
+        Args:
+            faults: indices into `FAULTS` (or `SHIFT`), the fault in question last.
+            marks: mark at which each of them begins.
+            variance: noise variance, in units of the expected noise.
+            settling: stretches of marks whose blocks are left out.
         """
         since, blocks = marks[-1], self.sums.marks - marks[-1]
         if blocks >= 3 * WITNESSES:

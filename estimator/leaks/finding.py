@@ -1,26 +1,27 @@
-"""A fault that the accounts, or the supply pressure, tell of."""
+"""The record of one fault that a test found in the accounts or in the supply pressure."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault in the accounts.
+    """One fault that was found, with its size and onset.
 
     Attributes:
         fault: index into `FAULTS`.
-        onset: index of the first complete block with the fault.
-        onset_fraction: part of the block before that already had it, 0 to 1.
-        coefficient, deviation: its coefficient and standard error, SI.
-        statistic: what its flow exceeds the dead zone by, over its standard error, without the
-            block that speaks most for it.
-        likelihood: gain in twice the log likelihood, in units of the noise.
-        onset_s: time at which it began.
-        lasting: by how much noise that lasts from block to block has raised its variance.
-        limit: what the statistic has to exceed where the fault is claimed.
-        ended_s: time at which it was gone again; None while it may be there.
-        grown: of a leak that grows, its coefficient at last, `coefficient` being the mean since it
-            exceeded the dead zone; else None.
+        onset: index of the first block that has the fault throughout.
+        onset_fraction: part of the block before `onset` that already had the fault, 0 to 1.
+        coefficient, deviation: the fault's coefficient and its standard error, in SI units; for a
+            drop of the measured supply pressure, the drop in Pa.
+        statistic: the flow beyond the dead zone, divided by its standard error; computed without
+            the block that supports the fault most.
+        likelihood: gain in twice the log likelihood.
+        onset_s: time at which the fault began, s.
+        lasting: factor by which noise that lasts from block to block has raised the variance.
+        limit: value that the statistic has to exceed for the fault to be claimed.
+        ended_s: time at which the fault ended, s; None while it may be present.
+        grown: for a leak that grows, its latest coefficient, while `coefficient` is the mean since
+            the leak exceeded the dead zone; None for a sudden fault.
     """
 
     fault: int

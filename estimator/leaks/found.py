@@ -1,4 +1,4 @@
-"""What was found in the course of a recording: which fault, from when to when, how large."""
+"""The faults that were named in the course of a recording: which, from when to when, how large."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from .detection import Decision, is_of
 
 @dataclass(frozen=True)
 class Found:
-    """A fault that a detector named for some time.
+    """A fault that a detector named during some part of a recording.
 
     Attributes:
-        decision: the one on this fault in which it stood out most.
-        detected_at_s: sample time at which it was first named.
-        ended_s: when it was gone again, to half a second or so; where the accounts do not tell, the
-            last time at which it was named; None while it may be there.
-        confirmed: whether it was named for 5 s, pauses of up to as long aside.
+        decision: the decision on this fault with the greatest statistic.
+        detected_at_s: sample time at which the fault was first named.
+        ended_s: time at which the fault ended, to half a second or so; the last time at which it
+            was named where the accounts do not show the end; None while it may be present.
+        confirmed: whether the fault was named for 5 s; pauses of up to 5 s do not interrupt this.
     """
 
     decision: Decision
@@ -26,18 +26,18 @@ class Found:
 
     @property
     def active(self) -> bool:
-        """Whether it may be there still."""
+        """Return whether the fault may still be present at the end of the recording."""
         return self.ended_s is None
 
     @property
     def stays(self) -> bool:
-        """Whether it stays on record: it was confirmed, or is named to the end."""
+        """Return whether the fault stays on record: it was confirmed, or may still be present."""
         return self.confirmed or self.active
 
 
 @dataclass
 class _Course:
-    """A fault while decisions are looked through."""
+    """What is known so far of one fault while the decisions are gone through in order."""
 
     strongest: Decision
     latest: Decision
@@ -48,10 +48,10 @@ class _Course:
 
 
 def found_in(history: Sequence[tuple[float, Decision]]) -> tuple[Found, ...]:
-    """Return all faults that a detector named, in the order in which it did.
+    """Return all faults that a detector named, in the order in which they were first named.
 
     Args:
-        history: time in s and decision, as of `estimator.leaks.replaying.ReplayResult`.
+        history: pairs of time in s and decision, as in `estimator.leaks.replaying.ReplayResult`.
     """
     courses: list[_Course] = []
     for time_s, decision in history:

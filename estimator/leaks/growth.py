@@ -1,8 +1,9 @@
 """The test for leaks that grow over minutes, which no single onset explains.
 
-A leak's coefficient may be another one in each of some stretches of time, and so may the spool's
-null, which wanders too. What the leak has grown by since the first stretch is told like the
-coefficient of a sudden leak: by its surplus over the dead zone against its standard error.
+The blocks so far are divided into stretches of time. The leak's coefficient may differ from stretch
+to stretch, and so may the spool's null, which wanders too. The growth of the leak since the first
+stretch is tested like the coefficient of a sudden leak: the surplus over the dead zone is compared
+with its standard error.
 """
 
 from dataclasses import dataclass
@@ -26,21 +27,22 @@ from rig.plant import LEAKS
 Array = NDArray[np.float64]
 
 STRETCHES: Final = 8
-"""Stretches of time with a coefficient each."""
+"""Number of stretches of time, each with a coefficient of its own."""
 LEAST_BLOCKS: Final = 120
-"""Younger leaks are sudden ones: a minute, seven seconds a stretch."""
+"""Fewest blocks for this test: one minute, so that a stretch lasts at least seven seconds."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """How much a leak has grown, stretch by stretch, and how sure that is.
+    """How much a leak has grown in each stretch, with the standard error of the last growth.
 
     Attributes:
         fault: index into `FAULTS`.
-        marks: first mark of every stretch but the first, int64 (stretches - 1,).
-        levels: its coefficient in them beside that in the first one, SI, as many.
-        deviation: standard error of the last of them.
-        explained: what leak and null explain of the weighted sum of squares.
+        marks: mark at which each stretch but the first begins, int64 (stretches - 1,).
+        levels: coefficient in each of these stretches less that in the first one, SI units,
+            float64 (stretches - 1,).
+        deviation: standard error of the last of the levels.
+        explained: reduction of the weighted sum of squares by nuisances, leak and null shifts.
     """
 
     fault: int
@@ -51,9 +53,11 @@ class Growth:
 
 
 def stretches(sums: AccountSums) -> NDArray[np.int64]:
-    """Return the marks that part the blocks so far into stretches of like length, at most (7,).
+    """Return the marks that divide the blocks so far into stretches of about equal length.
 
-    In a run of more than half an hour early marks are so far apart that stretches have to merge.
+    Returns:
+        int64, increasing, at most `STRETCHES` - 1 marks. In a run of more than half an hour the
+        early marks are sparse, so that some stretches merge and there are fewer.
     """
     blocks = np.arange(1, STRETCHES) * sums.blocks // STRETCHES
     return np.unique([sums.mark_of(int(block)) for block in blocks])
@@ -66,14 +70,15 @@ def growths(
     variance: float,
     model_error: float = 1.0,
 ) -> list[Growth]:
-    """Return what each leak alone would have grown by, the likeliest first.
+    """Return the growth of each leak if it were the only fault, likeliest leak first.
 
     Args:
-        sums: the blocks, at least `LEAST_BLOCKS`.
-        products: the same blocks' `AccountSums.faults_since`.
-        recent: the latest of them, which tell whether noise lasts.
-        variance: of the noise if there were no leak, to begin with.
-        model_error: what part of the usual errors of the model is allowed for.
+        sums: sums over the blocks, at least `LEAST_BLOCKS` of them.
+        products: `AccountSums.faults_since` of these sums.
+        recent: the latest blocks, which show whether noise lasts from block to block.
+        variance: noise variance if there were no leak; it is estimated anew where the fit leaves
+            less than half or more than twice of it.
+        model_error: factor on what is allowed for errors of the model.
     """
     marks = stretches(sums)
     _, _, total = sums.nuisances()
@@ -81,7 +86,7 @@ def growths(
     for fault in range(len(LEAKS)):
         shapes = [SHIFT] * marks.size + [fault] * marks.size
         fit = JointFit(sums, products, shapes, [*marks, *marks], variance)
-        # What is left of the missing flow, beliefs about nuisances included, tells the noise anew.
+        # The residual, with the priors of the nuisances counted in, gives the noise variance anew.
         left = (total - fit.explained) / (2 * sums.blocks - marks.size)
         if not 0.5 < left / variance < 2.0:
             left = max(left, least_variance(model_error))

@@ -1,13 +1,13 @@
-"""The sequential test for faults in the oil accounts: what is found, at a stated false-alarm rate.
+"""The sequential test that finds faults in the oil accounts at a stated rate of false alarms.
 
 At the end of every block the missing flows of all blocks so far are explained by
 
     missing = nuisances + coefficient x fault signature from an onset on + noise,
 
 for each fault and each onset (generalised likelihood ratio over the onset, Basseville and Nikiforov
-1993, ch. 7). A fault is claimed for what its flow exceeds a dead zone by, the flow that a wandering
-spool null could feign: that surplus over its standard error follows Student's t. docs/detection.md
-has the formulae.
+1993, ch. 7). A wandering spool null can look like a small flow, the dead zone. The test statistic
+is therefore the flow beyond the dead zone, divided by its standard error; it follows Student's t.
+docs/detection.md has the formulae.
 """
 
 from dataclasses import replace
@@ -45,43 +45,44 @@ from .finding import Finding
 from .growth import LEAST_BLOCKS
 
 MINIMUM_BLOCKS: Final = 16
-"""Before that many nobody is accused, 8 s of motion: their 32 values outnumber the nuisances and a
-fault, so that some are left to tell the noise by."""
+"""Fewest blocks (8 s) with which a fault is claimed. Their 32 values outnumber the nuisances and a
+fault, so that some are left for an estimate of the noise."""
 GROWTH_BLOCKS: Final = 8
-"""Blocks, 4 s, from one search for leaks that grow slowly to the next."""
+"""Blocks (4 s) from one search for leaks that grow slowly to the next."""
 SHARES: Final = FAULT_COUNT + 1
-"""What shares the stated rate where the supply pressure is measured: the faults, and the test of
-that pressure (`supply_statistic`)."""
+"""Number of tests among which the stated rate is divided if the supply pressure is measured: one of
+each fault, and that of the supply pressure (`supply_statistic`)."""
 DIRECTIONS: Final = 2.0
-"""Faults that noise could be taken for, in effect: 0.8 to 1.6 by simulation, rounded up
-(`tools/studies/alarm_threshold.py`)."""
+"""Effective number of independent faults that noise can be mistaken for. Simulations give 0.8 to
+1.6, which is rounded up (`tools/studies/alarm_threshold.py`)."""
 LEFT_OUT: Final = 0.3
-"""What the statistic is lower by for leaving out the block that speaks most: likewise."""
+"""Amount by which the statistic is lower because the block that supports the fault most is left
+out, from the same simulations."""
 RIVAL_GAIN: Final = 20.0
-"""Twice the log likelihood by which a rival cause must win to be preferred: odds of e^10."""
+"""Gain in twice the log likelihood by which another cause must win to be preferred (odds e^10)."""
 _NULL_BIAS: Final = nuisance_index("spool_null_bias")
 
 
 class LeakTest:
-    """Tests the blocks it is given, one at a time, at a stated false-alarm rate.
+    """Tests all blocks added so far for faults, at a stated rate of false alarms.
 
     Time and memory of a test do not grow with the number of blocks (`estimator.accounts.sums`).
 
     Args:
         false_alarms_per_day: alarms a healthy rig may raise in a day of continuous running.
-        expected: what is believed of the nuisances before any block.
+        expected: mean and covariance of the nuisances before any block.
         model_error: factor on what is allowed for errors of the model: the dead zones, noise beyond
-            the sensors' own, noise that lasts, doubts of an account, a null that shifts, a limit
-            as if all looks were independent. 1: what rigs unlike the model were found to need;
-            0: the model is exact.
+            the sensors' own, noise that lasts, doubts of an account, a null that shifts, and a
+            limit as if all onsets were independent. 1 is what rigs unlike the model were found to
+            need; 0 means that the model is exact.
 
     Raises:
         ValueError: the rate is not above 0 and at most 10000, or the factor not within 0 to 10.
 
     Attributes:
-        sums: the blocks taken.
-        dead_zone: flow in L/min that no fault is claimed for, by fault, float64 (5,).
-        relative_dead_zone: part of a fault's flow that another one beside it must exceed.
+        sums: sums over the complete blocks that were added.
+        dead_zone: flow in L/min that each fault must exceed to be claimed, float64 (5,).
+        relative_dead_zone: part of a found fault's flow that a second fault must also exceed.
     """
 
     def __init__(
@@ -105,23 +106,26 @@ class LeakTest:
         self._recent = RecentBlocks()
         self._kept: frozenset[int] = frozenset()
         self._growing: Finding | None = None
-        # As of the last block: by the fault (and its onset) beside which others are looked for.
+        # Scores after the last block. The key is the known fault and its onset, or None (alone).
         self._scored: dict[tuple[int, int] | None, Candidates] = {}
         self._findings: list[Finding] | None = None
         self._healthy_noise: float | None = None
 
     @property
     def blocks(self) -> int:
-        """How many complete blocks were tested."""
+        """Return how many complete blocks were added."""
         return self.sums.blocks
 
     def threshold(self, freedom: float) -> float:
         """Return the value of the statistic that a healthy rig exceeds at the stated rate.
 
-        Where the model is exact the rate is shared out over the faults, as many of them as count,
-        and over all onsets (`estimator.accounts.crossings`), less what leaving out a block takes
-        from a statistic. By default it is shared out as if all were independent (Bonferroni's
-        bound, so the true rate is lower).
+        By default (`model_error` 1 or more) the rate is divided among all faults and onsets as if
+        they were independent; this is Bonferroni's bound, so the true rate is lower. For an exact
+        model (0) the dependence is taken into account (`estimator.accounts.crossings`). Values
+        between 0 and 1 interpolate.
+
+        Args:
+            freedom: degrees of freedom of the estimated noise variance.
         """
         per_block = self.false_alarms_per_day * BLOCK_S / 86400.0
         shares = SHARES if self.sums.supply(0)[0] else FAULT_COUNT
@@ -133,17 +137,17 @@ class LeakTest:
         return between(exact, bound, self.model_error)
 
     def limit(self) -> float:
-        """Return what the statistic of a first fault has to exceed as of the last block."""
+        """Return the value that the statistic of a first fault must exceed after the last block."""
         return self.threshold(self.candidates().regression.freedom)
 
     def add(self, block: AccountBlock) -> None:
-        """Take one more block; incomplete blocks only pass the time."""
+        """Add one block; an incomplete one is ignored."""
         if not block.complete:
             return
         white = whitening(block, self.model_error)
         nuisances = white @ block.nuisances
         missing = white @ block.missing - nuisances @ self._expected.mean
-        # A null that shifts may begin like a fault: a fault has to explain more than that.
+        # The spool's null may shift just where a fault begins; a fault must explain more than that.
         shift = self.model_error * block.nuisances[:, _NULL_BIAS]
         shapes = white @ np.column_stack([block.faults, shift])
         rows = missing, nuisances @ self._root, shapes
@@ -156,7 +160,8 @@ class LeakTest:
         """Return the faults found in all blocks so far: none, one, or two at once."""
         if self._findings is None:
             self._findings = self._search() if self.blocks >= MINIMUM_BLOCKS else []
-            # Onsets stay as sharp as they were found; 4 blocks on, the flow is averaged.
+            # Marks around an onset are kept: the onset stays exact, and 4 blocks (2 s) after it
+            # the average of the leak's flow begins.
             self._kept = frozenset(f.onset + k for f in self._findings for k in range(-1, 6))
         return self._findings
 
@@ -167,19 +172,22 @@ class LeakTest:
         second = self.best(first)
         if second is not None:
             return [self.beside(first, second), second]
-        # Two leaks at once may pass for one fault of the lines, which explains both a little.
+        # Two leaks at once may look like one fault of the lines, which explains a little of both.
         pair = self._pair() if first.fault >= SUPPLY_LEAKAGE else []
         if pair and self._explained(*pair) > first.likelihood + RIVAL_GAIN:
             return pair
         return [first]
 
     def _explained(self, first: Finding, second: Finding) -> float:
-        """Return the gain in twice the log likelihood of two faults together."""
+        """Return the gain in twice the log likelihood of two faults that are fitted together."""
         alone = self.candidates().gain[self.mark(first), first.fault]
         return float(alone) + second.likelihood
 
     def _pair(self) -> list[Finding]:
-        """Return two faults neither of which stands out while the other passes for noise."""
+        """Return two faults of which each stands out only beside the other; [] if there are none.
+
+        While only one is fitted, the other one counts as noise and hides it.
+        """
         pairs = []
         for likely in self.likely():
             second = self.best(likely)
@@ -189,7 +197,10 @@ class LeakTest:
         return max(pairs, key=lambda pair: sum(f.likelihood for f in pair), default=[])
 
     def _slow(self) -> list[Finding]:
-        """Return a leak that grows over minutes; looked for at some blocks, held in between."""
+        """Return a leak that grows over minutes, or []; searched for every `GROWTH_BLOCKS` blocks.
+
+        Between two searches the result of the last one is returned.
+        """
         if self.blocks >= LEAST_BLOCKS and self.blocks % GROWTH_BLOCKS == 0:
             variance = self.candidates().regression.variance
             limit = self.limit()
@@ -198,7 +209,7 @@ class LeakTest:
         return [] if self._growing is None else [self._growing]
 
     def likely(self) -> list[Finding]:
-        """Return each fault that explains much, likeliest first, whether it may be noise or not."""
+        """Return each fault with a gain of at least `RIVAL_GAIN`, likeliest first, noise or not."""
         candidates = self.candidates()
         found = []
         for fault in np.argsort(-candidates.gain.max(axis=0)):
@@ -211,7 +222,10 @@ class LeakTest:
         return found
 
     def beside(self, first: Finding, second: Finding) -> Finding:
-        """Return a fault fitted anew beside another, or a change of its own, found after it."""
+        """Return the first fault with its size fitted anew, beside a second one found later.
+
+        The second finding may also be a later change of the same fault.
+        """
         at = self.mark(second), second.fault
         variance = float(self.candidates(first).scores.variance[at])
         dead = self.dead_zone[first.fault]
@@ -219,7 +233,7 @@ class LeakTest:
         return replace(again, likelihood=first.likelihood, limit=first.limit)
 
     def nuisances(self) -> NuisanceBelief:
-        """Return what the blocks so far say of the nuisances, beside the first fault in them."""
+        """Return the nuisances estimated from the blocks so far, beside the first fault found."""
         if not self.blocks:
             return self._expected
         n = NUISANCE_COUNT
@@ -231,27 +245,31 @@ class LeakTest:
         )
 
     def null_bias(self) -> tuple[float, float]:
-        """Return the spool's null bias beside the model's, and its standard deviation, m."""
+        """Return the spool's null bias less the model's, and its standard deviation, both in m."""
         sigma, belief = NUISANCES[_NULL_BIAS].sigma, self.nuisances()
         spread = sqrt(belief.covariance[_NULL_BIAS, _NULL_BIAS])
         return sigma * float(belief.mean[_NULL_BIAS]), sigma * spread
 
     def healthy_noise(self) -> float:
-        """Return by how much noise that lasts raises a variance if there is no fault."""
+        """Return the factor by which lasting noise raises a variance if there is no fault."""
         if self._healthy_noise is None:
             residuals = self._recent.residuals(self.candidates().regression.nuisances()[0])
             self._healthy_noise = lasting_noise(residuals, self.model_error)
         return self._healthy_noise
 
     def candidates(self, beside: Finding | None = None) -> Candidates:
-        """Score every fault from every mark on, beside one that was found."""
+        """Return the scores of every fault at every mark, alone or beside one that was found."""
         key = None if beside is None else (beside.fault, beside.onset)
         if key not in self._scored:
             self._scored[key] = score_faults(self.sums, self._least_variance, beside)
         return self._scored[key]
 
     def best(self, beside: Finding | None = None) -> Finding | None:
-        """Return the fault that explains most, beside one found, if a healthy rig would not."""
+        """Return the fault with the greatest gain whose statistic exceeds the limit; else None.
+
+        Args:
+            beside: a fault that was found and is fitted along; None for the first fault.
+        """
         candidates = self.candidates(beside)
         scores, sizes, usable = candidates.scores, candidates.products.sizes, candidates.usable
         dead_zone = self.dead_zone
@@ -262,8 +280,8 @@ class LeakTest:
         error = scores.variance / np.where(usable, scores.information, 1.0)
         dead = dead_zone / np.where(usable, sizes, 1.0)
         sure = scores.coefficient > limit * np.sqrt(error) + dead
-        # What another cause explains far better is not this one, even if that is below its limit;
-        # a change of the fault that was found is such a cause.
+        # A fault is dropped if another cause explains far more, even one below its own limit. A
+        # change of the fault that was found counts as another cause.
         best = max(candidates.gain.max(), candidates.change.max())
         likely = candidates.gain >= best - RIVAL_GAIN
         gain = np.where(sure & likely, candidates.gain, 0.0)
@@ -278,7 +296,7 @@ class LeakTest:
         return None
 
     def likeliest(self) -> Finding | None:
-        """Return the fault that explains most, whether it may be noise or not; None if none does.
+        """Return the fault with the greatest gain, even if it may be noise; None if there is none.
 
         It would be claimed if its statistic exceeded its limit.
         """
@@ -296,7 +314,7 @@ class LeakTest:
         return replace(likeliest, statistic=statistic, limit=limit)
 
     def mark(self, finding: Finding) -> int:
-        """Return the mark from which on a fault was found."""
+        """Return the mark at which a found fault begins."""
         return self.sums.mark_of(finding.onset)
 
     def _sizes(self) -> FaultSizes:

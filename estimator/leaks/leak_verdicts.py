@@ -1,7 +1,7 @@
-"""What the accounts of a leak test say beside what it finds.
+"""Further answers from the blocks of a leak test, beside the faults that it finds.
 
-How probable each fault is, whether leaks may be a fault of the lines, what is left of a leak, and
-the smallest one that would have been found.
+They say how probable each fault is, whether leaks may be a fault of the lines, how much is left of
+a leak, and how small a leak would have been found.
 """
 
 from collections.abc import Sequence
@@ -27,23 +27,23 @@ from .leak_statistic import MINIMUM_BLOCKS, RIVAL_GAIN, LeakTest
 Array = NDArray[np.float64]
 
 PRIOR: Final = 0.01
-"""Probability before any data, of each fault, that a run has it."""
+"""Prior probability of each fault: that a run has it."""
 GREATEST_FLOW: Final = 4.0
-"""L/min: before any data a fault's flow may be anything up to this (figure 5.1: bypass lines)."""
+"""L/min: the prior of a fault's flow is uniform from 0 to this (figure 5.1: bypass lines)."""
 
 
 class LeakVerdicts:
-    """Answers questions about the blocks that a leak test has taken, beside what it finds.
+    """Answers questions about the blocks of one leak test, beside the faults that it finds.
 
     Args:
-        test: all findings are its own.
+        test: the test whose blocks are asked about; all findings passed here must be its own.
     """
 
     def __init__(self, test: LeakTest) -> None:
         self._test = test
 
     def leaks_beside(self, dropped: Finding) -> list[Finding]:
-        """Return the leak that stands out beside a measured drop of the supply pressure, if any."""
+        """Return the leak that stands out beside a measured drop of the supply pressure, or []."""
         test = self._test
         if test.blocks < MINIMUM_BLOCKS:
             return []
@@ -52,11 +52,11 @@ class LeakVerdicts:
         return [] if leak is None or leak.fault >= SUPPLY_LEAKAGE else [leak]
 
     def may_be_lines(self, findings: Sequence[Finding]) -> bool:
-        """Tell whether leaks found may be a fault of the supply or return line.
+        """Return whether the findings may be a fault of the supply or return line.
 
-        Where the supply pressure is not measured, such a fault moves both accounts, as an internal
-        leak does or two leaks. It is told by what it explains beside the first leak: next to
-        nothing where that is the cause, and as much as a second leak where the lines are.
+        Such a fault changes both accounts, as an internal leak or two leaks do. Beside the first
+        leak it explains next to nothing if that leak is the cause, and as much as a second leak
+        would if the lines are. False if nothing was found or the supply pressure is measured.
         """
         if not findings or self._test.sums.supply(0)[0]:
             return False
@@ -71,10 +71,13 @@ class LeakVerdicts:
         return line >= (second - RIVAL_GAIN if others else RIVAL_GAIN)
 
     def smallest(self, part: float = 0.5) -> Array:
-        """Return the smallest coefficient of each fault (5,), SI, that would have been found.
+        """Return the smallest coefficient of each fault that would have been found.
 
         Args:
-            part: part of the blocks after which the fault would have begun.
+            part: onset of the fault, as a part of all blocks: 0 for the first, 1 for the last one.
+
+        Returns:
+            float64 (5,), SI units, in the order of `FAULTS`; inf for a fault that does not show.
         """
         test = self._test
         candidates = test.candidates()
@@ -89,10 +92,11 @@ class LeakVerdicts:
         return np.where(visible, test.limit() * np.sqrt(error) + dead, np.inf)
 
     def present(self, finding: Finding) -> float:
-        """Return a fault's coefficient as it is now, SI: another one if it has changed since.
+        """Return a leak's coefficient as it is now, in SI units; 0 if the leak has ended.
 
-        0 if it has gone: what is left is within the dead zone, the part of what there was that the
-        leak law may be wrong by, or two standard errors.
+        It differs from the finding's coefficient if the accounts show a change since the onset. The
+        leak has ended if what is left is within the dead zone, within the error of the leak law
+        (`relative_dead_zone` of the coefficient), or within two standard errors.
         """
         test = self._test
         if finding.grown is not None:
@@ -106,7 +110,7 @@ class LeakVerdicts:
         faults, marks = [SHIFT, fault, fault], [mark, first, mark]
         straddling = around(marks, test.sums.marks)
         if len(straddling) == 1:
-            # It changed so soon that no block is left which it was there throughout.
+            # The leak changed so soon that no block has it throughout.
             straddling = []
         fit = JointFit(test.sums, candidates.products, faults, marks, variance, straddling)
         size = float(candidates.products.sizes[mark, fault])
@@ -115,21 +119,25 @@ class LeakVerdicts:
         return left if left > max(dead, 2.0 * sqrt(fit.error)) else 0.0
 
     def ended_s(self, finding: Finding) -> float | None:
-        """Return when a leak went again, to half a second or so; None while it may be there."""
+        """Return when a leak ended, in s, to half a second or so; None while it may be present."""
         if finding.grown is not None or self.present(finding) > 0.0:
             return None
         change = self._test.candidates(finding).change
         return self._test.sums.start_s(int(np.argmax(change)))
 
     def passed(self, finding: Finding, named_s: float) -> Finding | None:
-        """Return a leak as it was until it went, None if it did not or does not stand out so.
+        """Return a claimed leak that has ended, sized up to its end; None if it does not stand out.
 
-        Blocks without the leak hide it from a test for leaks that stay. Of a leak that was claimed
-        the same blocks still speak, where what came after it counts as its end.
+        The blocks after its end hide such a leak from a test for leaks that stay. It is therefore
+        fitted once more with an end near the time at which it was last claimed.
 
         Args:
-            finding: the leak when it was claimed.
-            named_s: when it was last claimed, near its end.
+            finding: the leak as it was when it was claimed.
+            named_s: time at which it was last claimed, s.
+
+        Returns:
+            The leak with `ended_s`. None if there are no blocks after `named_s`, if the accounts
+            show no end, or if the statistic is not above the limit.
         """
         test = self._test
         sums = test.sums
@@ -150,10 +158,10 @@ class LeakVerdicts:
         return leak if leak.statistic > leak.limit else None
 
     def probabilities(self) -> Array:
-        """Return the probabilities (7,) of no fault, of each fault alone, and of two of them.
+        """Return the probabilities (7,) of no fault, of each fault alone, and of two faults.
 
-        By Bayes' rule, with every onset as probable as any other and the coefficient anywhere up to
-        `GREATEST_FLOW`; what a dead zone may hide speaks for no fault.
+        They follow by Bayes' rule. Every onset is equally probable, and so is every flow up to
+        `GREATEST_FLOW`. A flow within the dead zone is no evidence of a fault.
         """
         test = self._test
         candidates = test.candidates()

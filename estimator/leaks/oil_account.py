@@ -1,4 +1,4 @@
-"""The oil account and its test together: each block is accounted with what those before it told."""
+"""The oil account together with its test, which supplies the null bias for the next block."""
 
 from collections.abc import Iterator
 
@@ -14,15 +14,16 @@ Array = NDArray[np.float64]
 
 
 class OilAccount:
-    """Keeps the account of both chambers and hands every block to a test.
+    """Keeps the account of both chambers and passes every finished block to a test.
 
-    Which edges of the valve are open depends on the spool's null bias. The filter's estimate of it
-    starts from nothing and gives way to leaks; that of the test is a constant fitted to all blocks
-    so far, and its uncertainty is known. How samples are batched makes no difference.
+    Which edges of the valve are open depends on the spool's null bias. It is taken from the test,
+    which fits a constant to all blocks so far and knows its uncertainty; the filter's estimate
+    would start from nothing and follow leaks. The result does not depend on how samples are
+    batched.
 
     Args:
-        parameters: what is assumed of the rig.
-        test: takes every complete block.
+        parameters: the parameters of the rig that are assumed.
+        test: the test that takes every block.
     """
 
     def __init__(self, parameters: Parameters, test: LeakTest) -> None:
@@ -41,7 +42,7 @@ class OilAccount:
         fresh: Array,
         supply: Array,
     ) -> Iterator[AccountBlock]:
-        """Add samples (arguments as of `FlowAccount.add`); yield each block when it is tested."""
+        """Add samples (arguments as for `FlowAccount.add`); yield each block once it is tested."""
         first = 0
         while first < time_s.size:
             part = slice(first, first + self._account.samples_left)

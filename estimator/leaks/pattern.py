@@ -1,7 +1,8 @@
-"""The thesis's leak identification: which averages of the innovations rise (sections 4.4, 5.3).
+"""The thesis's leak detector, which watches averages of the innovations (sections 4.4, 5.3).
 
-One chamber up: an external leak there. Both up: an internal leak. The thesis sets its thresholds by
-eye; here they are learnt from healthy running at a stated false-alarm rate.
+If the average of one chamber's pressure rises, there is an external leak of that chamber; if both
+rise, an internal leak. The thesis sets its thresholds by eye; here they are learnt from healthy
+running at a stated rate of false alarms.
 """
 
 from collections.abc import Sequence
@@ -21,20 +22,26 @@ from .detection import Decision, Samples
 Array = NDArray[np.float64]
 
 LEARNING_S: Final = 15.0
-"""Healthy stretch that thresholds are learnt from when no healthy run is given; the thesis injects
-at 18 s and 20 s."""
+"""Seconds from the start that are taken as healthy and used to learn the thresholds if no healthy
+run is given; the thesis injects its leaks at 18 s and 20 s."""
 STARTED_S: Final = 2.0
-"""The filter's start, which says nothing about the rig, is left out."""
+"""Seconds from the start that are left out, as they show the filter's start and not the rig."""
 EXTERNAL_RATIO: Final = 2.0
-"""With both averages above threshold, the chamber whose rise is this many times the other's is
-named (table 5.1: an external leak also lifts the other chamber's average a little)."""
+"""If both averages are above their thresholds and one has risen at least this many times as much
+as the other, an external leak of that chamber is named. Table 5.1: an external leak also raises
+the other chamber's average a little."""
 _PIECE: Final = 500
-"""Samples whose mean is one look at the healthy level: half a second."""
+"""Samples (half a second) whose mean is one observation of the healthy level."""
 
 
 @dataclass(frozen=True)
 class PatternBaseline:
-    """Healthy levels and thresholds (2,) of the moving averages of both chambers, Pa."""
+    """Levels and thresholds of the moving averages of both chambers, float64 (2,) each, in Pa.
+
+    Attributes:
+        normal: averages of a healthy rig.
+        thresholds: values above which an average counts as raised.
+    """
 
     normal: Array
     thresholds: Array
@@ -42,10 +49,12 @@ class PatternBaseline:
 
 @dataclass(frozen=True)
 class HealthyLevel:
-    """Healthy innovations: mean and deviation (2,) of half-second means of |innovation|, Pa.
+    """The level of healthy innovations of both pressures, from means over half a second.
 
     Attributes:
-        looks: how many half seconds were seen.
+        mean: mean of the half-second means of |innovation|, float64 (2,), Pa.
+        deviation: standard deviation of the half-second means, float64 (2,), Pa.
+        looks: number of half seconds that were averaged.
     """
 
     mean: Array
@@ -53,12 +62,11 @@ class HealthyLevel:
     looks: int
 
     def baseline(self, false_alarms_per_day: float) -> PatternBaseline:
-        """Return the thresholds that healthy moving averages exceed at the stated rate.
+        """Return the levels and the thresholds that healthy averages exceed at the stated rate.
 
-        Means of half a second are independent looks at the healthy level; a moving average of 4000
-        samples is the mean of eight, and renews itself with every half second. Two chambers and
-        172800 such averages a day share the stated rate, and the quantile is Student's for the
-        looks there were.
+        Means over half a second count as independent. A moving average of 4000 samples is the mean
+        of eight of them, and a new one comes every half second: 172800 a day for each of two
+        chambers, which share the stated rate. The quantile is Student's, by the number of looks.
         """
         looks_per_day = 2.0 * 86400.0 / (_PIECE * 1e-3)
         probability = min(false_alarms_per_day / looks_per_day, 0.25)
@@ -68,23 +76,26 @@ class HealthyLevel:
 
 
 def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> PatternBaseline:
-    """Learn the thresholds that healthy moving averages exceed at the stated rate.
+    """Return the levels and thresholds that follow from the innovations of healthy runs.
 
     Args:
-        innovations: of healthy runs, float64 (n, 2) each: pressures 1 and 2, Pa; 4 s or more.
+        innovations: innovations of pressures 1 and 2 in each healthy run, float64 (n, 2), Pa.
         false_alarms_per_day: alarms that a healthy rig may raise in a day.
 
     Raises:
-        ValueError: fewer than eight half seconds.
+        ValueError: there are fewer than eight half seconds (4 s) in all.
     """
     return healthy_level(innovations).baseline(false_alarms_per_day)
 
 
 def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
-    """Return the level of healthy innovations, float64 (n, 2) each: pressures 1 and 2, Pa.
+    """Return the level of the innovations of healthy runs.
+
+    Args:
+        innovations: innovations of pressures 1 and 2 in each run, float64 (n, 2), Pa.
 
     Raises:
-        ValueError: fewer than eight half seconds.
+        ValueError: there are fewer than eight half seconds (4 s) in all.
     """
     pieces = [_pieces(np.abs(innovation)) for innovation in innovations]
     means = np.concatenate(pieces) if pieces else np.empty((0, 2))
@@ -96,7 +107,10 @@ def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
 
 
 def _pieces(absolute: Array) -> Array:
-    """Return the means (m, 2) of each half second's measured samples, if it has any."""
+    """Return the mean of each half second, float64 (m, 2), NaN samples left out.
+
+    A half second without a measured sample of each chamber has no mean and is left out.
+    """
     count = absolute.shape[0] // _PIECE
     pieces = absolute[: count * _PIECE].reshape(count, _PIECE, 2)
     measured = np.isfinite(pieces).sum(axis=1)
@@ -106,16 +120,18 @@ def _pieces(absolute: Array) -> Array:
 
 
 PATTERNS: Final = ("healthy", *LEAKS)
-"""Verdicts, by the number that `pattern_of` gives them."""
+"""Verdicts; `pattern_of` returns indices into this tuple."""
 
 
 def pattern_of(averages: Array, baseline: PatternBaseline) -> NDArray[np.intp]:
-    """Return which of `PATTERNS` moving averages show (section 5.3).
+    """Return the index into `PATTERNS` of the pattern that moving averages show (section 5.3).
 
     Args:
-        averages: float64 (..., 2, *rigs) of both chambers, Pa, the levels and thresholds of the
-            baseline being (2, *rigs).
-        baseline: learnt from healthy running.
+        averages: moving averages of both chambers, float64 (..., 2, *rigs), Pa.
+        baseline: levels and thresholds, (2, *rigs) each.
+
+    Returns:
+        Indices of shape (..., *rigs); 0 (healthy) where no average is above its threshold.
     """
     axis = -baseline.normal.ndim
     up = averages > baseline.thresholds
@@ -126,11 +142,12 @@ def pattern_of(averages: Array, baseline: PatternBaseline) -> NDArray[np.intp]:
 
 
 class PatternDetector:
-    """Compares moving averages of the absolute innovations of both chambers with their thresholds.
+    """The thesis's detector: compares averages of absolute innovations with their thresholds.
 
     Args:
         false_alarms_per_day: alarms that a healthy rig may raise in a day.
-        baseline: learnt from healthy runs; else the first 15 s are taken as healthy.
+        baseline: levels and thresholds; if None they are learnt from the first 15 s, which are
+            then taken as healthy.
     """
 
     def __init__(
@@ -145,7 +162,7 @@ class PatternDetector:
         self._start: float | None = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take the next samples; judge by the innovation (docs/model.md says why)."""
+        """Take the next samples; the innovations are compared (docs/model.md says why)."""
         if self._start is None:
             self._start = float(samples.time_s[0])
         elapsed = samples.time_s - self._start
@@ -170,7 +187,7 @@ class PatternDetector:
             self._onset = float(samples.time_s[started][np.argmax(above)])
 
     def decide(self) -> Decision:
-        """Return the verdict by the pattern of section 5.3."""
+        """Return the decision by the pattern of section 5.3; inconclusive without a baseline."""
         if self.baseline is None:
             return Decision("inconclusive")
         thresholds = self.baseline.thresholds

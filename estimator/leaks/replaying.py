@@ -1,4 +1,4 @@
-"""Runs a filter and a detector over a recording, causally, as they would have run in the loop."""
+"""The replay, which runs a filter and a detector over a recording as they run in the loop."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -19,14 +19,14 @@ DetectorFactory = Callable[[Model], Detector]
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """A recording's estimates and verdict.
+    """The estimates and decisions that a replay of one recording produced.
 
     Attributes:
         run: the filter's estimates.
         decision: the final decision.
-        detected_at_s: the sample time at which the detector, having read only the past, first held
-            the final verdict; None when that is healthy or inconclusive.
-        history: (time, decision) after every half second.
+        detected_at_s: sample time at which the detector first gave the verdict that is also the
+            final one, from earlier samples alone; None if that is healthy or inconclusive.
+        history: pairs of time in s and decision, one for every half second.
     """
 
     run: FilterRun
@@ -36,12 +36,16 @@ class ReplayResult:
 
     @property
     def found(self) -> tuple[Found, ...]:
-        """All faults that were named, those that went again among them."""
+        """Return all faults that were named at any time, including those that ended."""
         return found_in(self.history)
 
 
 def samples_of(recording: Recording) -> Samples:
-    """Return the channels of a recording that filters and detectors take; absent ones as NaN."""
+    """Return the channels that detectors take; spool and supply pressure are NaN if absent.
+
+    Raises:
+        KeyError: the recording lacks command, position or a pressure.
+    """
     missing = np.full(recording.time_s.size, np.nan)
     channels = recording.channels
     return Samples(
@@ -74,15 +78,15 @@ def replay(
     """Run a filter and its detector over a recording.
 
     Args:
-        recording: 1 kHz, with command, position and both pressures.
-        model: what filter and detector assume of the rig.
+        recording: recording at 1 kHz with command, position and both pressures.
+        model: model of the rig that filter and detector assume.
         filter_name: a name in `estimator.filters.registry.FILTERS`.
-        false_alarms_per_day: false-alarm rate of the built-in detectors.
-        detector: your own detector instead of the filter's.
+        false_alarms_per_day: rate of the built-in detectors; without effect if `detector` is given.
+        detector: a detector to use instead of the one that belongs to the filter.
         sensors: data sheet of the transducers.
 
     Raises:
-        ValueError: no filter of that name.
+        ValueError: there is no filter of that name.
     """
     run = filter_recording(recording, model, filter_name, sensors)
     judge = detector or detector_for(filter_name, model, false_alarms_per_day)
@@ -94,9 +98,9 @@ def replay(
 def judged(
     samples: Samples, run: FilterRun, detector: Detector
 ) -> Iterator[tuple[float, Decision]]:
-    """Show samples and estimates to a detector; yield time in s and decision each half second."""
+    """Feed samples and estimates to a detector; yield time in s and decision each half second."""
     for start in range(0, samples.time_s.size, BLOCK_TICKS):
-        # The first block takes one sample more: an account runs from sample to sample.
+        # The first block takes one more sample: an account needs one before its first interval.
         part = slice(start + 1 if start else 0, start + BLOCK_TICKS + 1)
         piece = stretch(samples, part)
         if piece.time_s.size == 0:
@@ -111,10 +115,10 @@ def filter_recording(
     filter_name: str = DEFAULT_FILTER,
     sensors: SensorParameters = DATA_SHEET,
 ) -> FilterRun:
-    """Run a filter over a recording.
+    """Run the named filter over a recording and return its estimates.
 
     Raises:
-        ValueError: no filter of that name.
+        ValueError: there is no filter of that name.
     """
     samples = samples_of(recording)
     measured = np.column_stack(
@@ -125,17 +129,21 @@ def filter_recording(
 
 
 def stretch(samples: Samples, part: slice) -> Samples:
-    """Return a stretch of samples."""
+    """Return the samples at the indices of `part`."""
     return Samples(*(getattr(samples, name)[part] for name in samples.__dataclass_fields__))
 
 
 def part_of(run: FilterRun, part: slice) -> FilterRun:
-    """Return a stretch of a filter's estimates."""
+    """Return a filter's estimates at the indices of `part`."""
     return replace(run, time_s=run.time_s[part], states=run.states[part], outputs=run.outputs[part])
 
 
 def first_held(history: list[tuple[float, Decision]]) -> float | None:
-    """Return the time at which the last verdict of a history was first held, None if no fault."""
+    """Return the time in s of the first decision with the final verdict; None if that is no fault.
+
+    Args:
+        history: pairs of time in s and decision, at least one.
+    """
     final = history[-1][1].verdict
     if final in SILENT:
         return None

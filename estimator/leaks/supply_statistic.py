@@ -1,16 +1,16 @@
-"""The sequential test for a drop of the measured supply pressure, which tells supply leakage.
+"""The sequential test for a drop of the measured supply pressure, which reveals supply leakage.
 
-A leak of the supply line passes no chamber: the accounts see it only through the valve's flow,
-which falls with the root of the supply pressure. Where that pressure is measured it tells directly.
-The mean supply pressure of a block of the account is explained by
+Oil that leaks from the supply line passes no chamber. The accounts show such a leak only through
+the valve's flow, which falls with the root of the supply pressure; a measured supply pressure shows
+it directly. The mean supply pressure of a block of the account is explained by
 
     p_s = p_0 - R mean(q |q|) - r mean(q) - [since an onset] (d + e mean(q)) + noise,
 
-with the flow q that the valve draws from a supply that droops by R q^2 (Merritt 1967, ch. 3). What
-else flows into a sound rig's valve makes r, and a leak q_L of the line makes d = R q_L^2 and
-e = 2 R q_L. The drop at the valve's mean flow since the onset, less a dead zone, over its standard
-error follows Student's t. A leak of a chamber is no drop: the valve draws it. A pump that was
-turned down is one, and looks the same.
+where q is the flow that the valve draws from a supply that droops by R q^2 (Merritt 1967, ch. 3).
+Other flow into the valve of a healthy rig makes r. A leak q_L of the line makes d = R q_L^2 and
+e = 2 R q_L. The statistic is the drop at the valve's mean flow since the onset, less a dead zone,
+divided by its standard error; it follows Student's t. A leak of a chamber is no such drop, as its
+oil comes through the valve. A pump that was turned down makes the same drop as a leak.
 """
 
 from dataclasses import dataclass, replace
@@ -39,41 +39,44 @@ from .leak_verdicts import PRIOR
 Array = NDArray[np.float64]
 
 ONSETS: Final = 240
-"""Onsets that are looked at, the last two minutes; what was before them only counts in sums."""
+"""Number of possible onsets: the last two minutes of blocks. Older blocks count in sums only."""
 NOISE: Final = 1.5e3
-"""Expected noise of a block's mean supply pressure, Pa: 30 kPa a sample over 500 of them, rounded
-up. Counts for as many values as `_NOISE_WEIGHT`."""
+"""Expected noise of a block's mean supply pressure, Pa: 30 kPa a sample over 500 samples, rounded
+up. It has the weight of `_NOISE_WEIGHT` blocks in the estimated noise."""
 _NOISE_WEIGHT: Final = 8.0
 WANDER: Final = 2e-3
-"""Dead zone, part of the supply pressure that a regulator's hysteresis and drift take up."""
+"""First part of the dead zone, relative to the supply pressure: hysteresis and drift of a pressure
+regulator."""
 DROOP_ERROR: Final = 0.1
-"""Dead zone, part of the change of the droop from before to after the onset: the squared flow is
-off by 10 % where the valve's flow is by 5 % (`NUISANCES`), and not alike in every motion."""
+"""Second part of the dead zone, relative to the change of the droop at the onset. The squared flow
+is off by 10 % where the valve's flow is off by 5 % (`NUISANCES`), differently in every motion."""
 SUPPLY_SIGMA: Final = 0.05
-"""Prior of the supply pressure: one standard deviation, as a part of that pressure."""
+"""Prior standard deviation of the supply pressure, relative to that pressure."""
 DROOP_SIGMA: Final = 2e12
-"""Pa/(m^3/s)^2. Prior of the droop, one standard deviation."""
+"""Prior standard deviation of the droop R, Pa/(m^3/s)^2."""
 _OTHER_FLOW: Final = 1.0 * LITRE_PER_MINUTE
-"""Prior of what else a sound rig draws, through lands and valve edges that are ajar."""
+"""Prior standard deviation (m^3/s) of the other flow of a healthy rig, past lands and valve edges
+that are slightly open."""
 _LEAK_FLOW: Final = 20.0 * LITRE_PER_MINUTE
-"""Prior of a leak of the supply line, for how its drop goes with the valve's flow."""
+"""Prior standard deviation (m^3/s) of a leak of the supply line; it scales the unknown e."""
 _SIGNS: Final = np.array([-1.0, _LEAK_FLOW / _OTHER_FLOW])
-"""What a drop does, in what the same columns do before it: it takes from the pressure what the
-first unknown adds, and draws flow by the leak's own prior."""
+"""Factors that turn the columns of p_0 and r into those of d and e. A drop d lowers the pressure
+that p_0 raises; e has the leak's prior in place of the other flow's."""
 _ROUNDS: Final = 4
-"""Fits at most, each with the noise that the one before it left."""
+"""Greatest number of fits; each one uses the noise variance that the previous one left."""
 _CONVERGED: Final = 0.01
-"""Part of the noise's variance that another fit may change it by."""
+"""Relative change of the noise variance below which no further fit is made."""
 _GREATEST_LOG_ODDS: Final = 700.0
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Fits of all unknowns, each with a drop from another onset on, in units of their priors.
+    """Fits of the unknowns p_0, r, R, d, e; one fit for each possible onset of the drop.
 
     Attributes:
-        estimate, covariance: float64 (onsets, 5) and (onsets, 5, 5).
-        explained: weighted sum of squares that each explains, float64 (onsets,).
+        estimate, covariance: the unknowns in units of their priors, float64 (onsets, 5), and their
+            covariance, (onsets, 5, 5).
+        explained: weighted sum of squares that each fit explains, float64 (onsets,).
     """
 
     estimate: Array
@@ -82,14 +85,14 @@ class _Fit:
 
 
 class SupplyTest:
-    """Tests the supply pressure of the blocks it is given, one at a time, in bounded memory.
+    """Tests the supply pressure of all blocks added so far for a drop, in bounded memory.
 
     Args:
-        parameters: what is assumed of the rig.
+        parameters: the parameters of the rig that are assumed.
         false_alarms_per_day: alarms that all tests together may raise on a healthy rig in a day of
-            continuous running; this one has one of `SHARES` of them.
-        model_error: factor on both parts of the dead zone, and on what is allowed for noise that
-            may last from block to block; 0: the model is exact.
+            continuous running; this test has one part in `SHARES` of them.
+        model_error: factor on both parts of the dead zone and on what is allowed for noise that
+            lasts from block to block; 0 means that the model is exact.
     """
 
     def __init__(
@@ -98,7 +101,8 @@ class SupplyTest:
         self._model_error = model_error
         self._assumed = parameters.supply_pressure, parameters.supply_droop
         self._share = false_alarms_per_day * BLOCK_S / 86400.0 / SHARES
-        # One row each: 1, mean(q), mean(q |q|) in units of their priors' pressure, and p_s - p_0.
+        # A row for each block: 1, -mean(q) and -mean(q |q|), each times its unknown's prior (Pa),
+        # then the measured less the assumed supply pressure (Pa).
         unit = 2.0 * DROOP_SIGMA
         self._scale = np.array(
             [SUPPLY_SIGMA * parameters.supply_pressure, unit * _OTHER_FLOW, DROOP_SIGMA]
@@ -106,14 +110,14 @@ class SupplyTest:
         self._blocks = 0
         self._rows = np.zeros((ONSETS, 4))
         self._starts = np.zeros(ONSETS)
-        # Products of the rows that have left: those before, and those since a drop that was found.
+        # Products of rows that were overwritten: those before a found drop, and those since.
         self._before = np.zeros((4, 4))
         self._since = np.zeros((4, 4))
         self._likeliest: Finding | None = None
         self._tested = 0
 
     def add(self, block: AccountBlock) -> None:
-        """Take one more block; incomplete ones and those without a supply pressure tell nothing."""
+        """Add one block; an incomplete one, or one without a supply pressure, is ignored."""
         if not block.complete or np.isnan(block.supply_pressure):
             return
         at = self._blocks % ONSETS
@@ -132,7 +136,10 @@ class SupplyTest:
         self._blocks += 1
 
     def limit(self) -> float:
-        """Return what the statistic of a sound rig exceeds at the stated rate (`LeakTest`)."""
+        """Return the value that the statistic exceeds on a healthy rig at the stated rate.
+
+        See `LeakTest.threshold`.
+        """
         freedom = _NOISE_WEIGHT + self._blocks
         onsets = min(max(self._blocks, 1), ONSETS)
         bound = student_quantile(min(self._share / onsets, 0.25), freedom)
@@ -140,24 +147,30 @@ class SupplyTest:
         return between(exact, bound, self._model_error)
 
     def search(self) -> Finding | None:
-        """Return a drop that a sound supply does not show, as supply leakage; coefficient in Pa."""
+        """Return the drop whose statistic exceeds the limit, as a supply leakage; else None.
+
+        The finding's coefficient is the drop in Pa.
+        """
         likeliest, limit = self._best(), self.limit()
         if likeliest is None or not likeliest.statistic > limit:
             return None
         return replace(likeliest, limit=limit)
 
     def odds(self) -> float:
-        """Return the odds that the supply pressure dropped, with leaks of the line as prior."""
+        """Return the odds that the supply pressure dropped, with the prior of a supply leak.
+
+        They are at most e^700, and 0 if no drop was found.
+        """
         likeliest = self._best()
         if likeliest is None:
             return 0.0
-        # Before any data a drop may be anything up to the tolerance of the supply pressure.
+        # The prior of the drop is uniform up to the tolerance of the supply pressure.
         width = min(sqrt(2.0 * pi) * likeliest.deviation / self._scale[0], 1.0)
         log_odds = 0.5 * max(likeliest.statistic, 0.0) ** 2 + log(PRIOR * width)
         return exp(min(log_odds, _GREATEST_LOG_ODDS))
 
     def _best(self) -> Finding | None:
-        """Return the likeliest drop, whether it stands out or not; None if nothing dropped."""
+        """Return the likeliest drop, even if it may be noise; None if the pressure did not drop."""
         if self._tested != self._blocks:
             self._tested = self._blocks
             self._likeliest = self._searched() if self._blocks >= MINIMUM_BLOCKS else None
@@ -201,12 +214,23 @@ class SupplyTest:
         )  # fmt: skip
 
     def _droop_change(self, since: Array, total: Array) -> float:
-        """Return what the mean droop changes by at an onset, Pa per unit of the third unknown."""
+        """Return the change of the mean droop at an onset, in Pa per unit of the third unknown, R.
+
+        Args:
+            since: products of the rows since the onset, (4, 4).
+            total: products of all rows, (4, 4).
+        """
         before, scale = total - since, self._scale[0]
         return float(since[0, 2] / since[0, 0] - before[0, 2] / before[0, 0]) * scale
 
     def _fitted(self, since: Array, total: Array, variance: float) -> _Fit:
-        """Fit drops from onsets with these products since, the noise variance (Pa^2) given."""
+        """Return the fits for all possible onsets, with a given noise variance.
+
+        Args:
+            since: products of the rows since each onset, (onsets, 4, 4).
+            total: products of all rows, (4, 4).
+            variance: noise variance, Pa^2.
+        """
         squares = np.empty((since.shape[0], 5, 5))
         squares[:, :3, :3] = total[:3, :3]
         squares[:, :3, 3:] = since[:, :3, :2] * _SIGNS
@@ -223,14 +247,17 @@ class SupplyTest:
         return _Fit(np.asarray(estimate), np.asarray(covariance), explained)
 
     def _contrasts(self, since: Array) -> Array:
-        """Return what adds up to the mean drop in Pa since each onset, by unknown: (onsets, 5)."""
+        """Return weights of the unknowns that give the mean drop in Pa since each onset.
+
+        The result is float64 (onsets, 5); only d and e have weights other than zero.
+        """
         contrasts = np.zeros((since.shape[0], 5))
         contrasts[:, 3] = self._scale[0]
         contrasts[:, 4] = -_SIGNS[1] * self._scale[0] * since[:, 0, 1] / since[:, 0, 0]
         return contrasts
 
     def _spread(self, rows: Array, estimate: Array, onset: int, variance: float) -> float:
-        """Return by how much noise that is uneven or lasts raises the variance of a drop."""
+        """Return the factor by which uneven or lasting noise raises the variance of a drop."""
         left = rows[:, 3] - rows[:, :3] @ estimate[:3]
         left[onset:] -= rows[onset:, :2] @ (_SIGNS * estimate[3:])
         # Two unknowns are fitted to the blocks since the onset alone.
