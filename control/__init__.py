@@ -1,6 +1,6 @@
 """Position control and setpoint generators of the rig.
 
-Compiled where the loop needs it; setpoints are tables known before the run.
+What the loop calls is compiled. Setpoints become tables before the run begins.
 """
 
 from lazy_loader import attach_stub

@@ -1,29 +1,32 @@
-"""Requests that cannot be granted: what was asked for, what the limit is and what to do."""
+"""Errors of requests that cannot be granted: the value, the rule that it breaks, and a remedy."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 
 class RequestProblem(NamedTuple):
-    """One value that cannot be granted."""
+    """One value of a request that cannot be granted, with the reason and a remedy."""
 
     where: str
     """What the value belongs to: a setpoint, a valve, a fault, or file:line."""
     field: str
+    """Name of the field that has the value."""
     value: object
+    """The value as it is shown to the user."""
     limit: str
     """The rule that the value breaks, as the end of a sentence: "is not above 0"."""
     remedy: str
+    """What the user should do instead, as an imperative."""
 
     def __str__(self) -> str:
         return f"{self.where} {self.field}: {self.value} {self.limit}; {self.remedy}"
 
 
 class RequestError(ValueError):
-    """Everything wrong with one request, one line a problem.
+    """The error of one request with all its problems; its message has a line for each.
 
     Attributes:
-        problems: the problems, never empty.
+        problems: the problems, at least one.
     """
 
     def __init__(self, problems: Sequence[RequestProblem]) -> None:
@@ -31,12 +34,18 @@ class RequestError(ValueError):
         self.problems = tuple(problems)
 
     def __reduce__(self) -> tuple[type["RequestError"], tuple[tuple[RequestProblem, ...]]]:
-        # Workers of a sweep hand errors back pickled; the default would pass the message instead.
+        # Worker processes of a sweep return errors pickled. By default the message, not the
+        # problems, would be passed to the constructor.
         return type(self), (self.problems,)
 
 
 class Checks:
-    """Collects the problems of one request, so that all are reported at once."""
+    """Collects the problems of one request, so that all are reported at once.
+
+    Args:
+        where: what the checked values belong to (`RequestProblem.where`).
+        error: class of the error that `finish` raises.
+    """
 
     def __init__(self, where: str, error: type[RequestError]) -> None:
         self.where = where
@@ -44,11 +53,11 @@ class Checks:
         self.problems: list[RequestProblem] = []
 
     def require(self, granted: bool, field: str, value: object, limit: str, remedy: str) -> None:
-        """Note a problem with `field` unless it is granted."""
+        """Note a problem with `field` unless its value is granted; `finish` raises it later."""
         if not granted:
             self.problems.append(RequestProblem(self.where, field, value, limit, remedy))
 
     def finish(self) -> None:
-        """Raise the error if any problem was noted."""
+        """Raise the error with all problems noted so far, if there are any."""
         if self.problems:
             raise self.error(self.problems)

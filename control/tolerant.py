@@ -1,8 +1,9 @@
-"""Keeps the position loop's motion under a confirmed leak (docs/tolerant_control.md).
+"""Tolerant control: compensation of a confirmed leak in the position loop's command.
 
-The proportional command asks a healthy rig for a velocity. A leak lowers that velocity, and drained
-chambers change the flow through an opening. This module finds the opening that yields the velocity
-asked for, from the leak coefficients and both pressures.
+The proportional command would give a healthy rig a certain velocity. A leak lowers that velocity,
+and drained chambers change the flow through an opening. From the leak coefficients and both
+pressures, this module computes the opening that gives the same velocity in spite of the leak
+(docs/tolerant_control.md).
 """
 
 from math import isnan, sqrt
@@ -12,34 +13,38 @@ from rig.jit import njit
 from rig.plant import LITRE_PER_MINUTE, inlined, valve_conductance
 
 TOLERANT_STATE: Final = 6
-"""float64 (6,), zeros at the start: how much of the compensation is in use (0 to 1), the leak
-coefficients in use (1, 2, internal; m^3/(s Pa^0.5)), both pressures low-passed (Pa)."""
+"""Length of the state array of `tolerant_command`, float64, zeros at the start.
+
+It holds the share of the compensation in use (0 to 1), the leak coefficients in use (chamber 1,
+chamber 2, internal; m^3/(s Pa^0.5)), and both pressures after a low-pass (Pa)."""
 
 BLEND_S: Final = 0.5
-"""Time over which the compensation comes and goes, and follows a new estimate."""
+"""Seconds over which the compensation is faded in and out, and follows a new leak estimate."""
 
 PRESSURE_FILTER_S: Final = 0.02
-"""Time constant of the pressures' low-pass: half way, on a logarithmic scale, between the position
-loop's crossover (3.5 rad/s) and the oil column's resonance (509 rad/s), so that neither sees it."""
+"""Time constant in s of the low-pass of the pressures. It is half way, on a logarithmic scale,
+between the position loop's crossover (3.5 rad/s) and the oil column's resonance (509 rad/s), so
+that it affects neither."""
 
 FALSE_ALARM_FLOW: Final = 0.1 * LITRE_PER_MINUTE
-"""m^3/s. A false alarm may be this large, and a leak this small does not trouble the loop: no leak
-up to this flow is made up for, and of a larger one this much is left."""
+"""Flow in m^3/s of each leak that is not compensated. A false alarm may be this large, and the loop
+copes with a leak of this size. Of a larger leak, the excess is compensated."""
 
 _ROUNDING: Final = 2e4
-"""Pa. Drops of this size and less are what transducers read (noise 3e4 Pa) where there is none."""
+"""Pressure drop in Pa below which the root is rounded off. Transducers with noise of 3e4 Pa read
+such drops where there are none."""
 _LEAST_DROP: Final = 0.05
 """Least pressure drop over the valve that is assumed, as a part of the supply pressure.
 
-The supply pressure itself may be off by as much. A ram that stalls is left to stall."""
+The supply pressure itself may be off by as much. A ram that stalls is not driven harder."""
 
 
 @inlined
 def _root(drop):
-    """Return `rig.plant.signed_root` rounded off at zero: never larger than the root, nor steeper.
+    """Return `rig.plant.signed_root` of a drop in Pa, rounded off at zero.
 
-    So what is made up for never grows by more than what leaks, whatever the pressures do; and noise
-    around an empty chamber is hardly taken for oil.
+    The result is nowhere larger or steeper than the root. The compensation therefore never grows by
+    more than the leak, whatever the pressures do, and noise about zero hardly causes any.
     """
     root = sqrt(abs(drop) + _ROUNDING) - sqrt(_ROUNDING)
     return root if drop >= 0.0 else -root
@@ -47,13 +52,16 @@ def _root(drop):
 
 @inlined
 def _beyond_false_alarms(coefficient, drop):
-    """Return what to make up for of a leak coefficient, whose flow is quoted at `drop` (Pa)."""
+    """Return the part of a leak coefficient to compensate; its flow is quoted at `drop` (Pa).
+
+    It is the excess over a coefficient with `FALSE_ALARM_FLOW`, or 0.
+    """
     return max(coefficient - FALSE_ALARM_FLOW / sqrt(drop), 0.0)
 
 
 @inlined
 def _compensated(command, k_1, k_2, k_12, p1, p2, par):
-    """Return the command in V that moves a leaking ram as `command` moves a healthy one.
+    """Return the command in V that moves a leaking ram as fast as `command` moves a healthy one.
 
     With K = C_d w sqrt(2/rho), pressures above the return, p_s the supply and p_L = p1 - p2, a
     healthy rig moves at A v = K x sqrt((p_s - sgn(x) p_L) / 2) (Merritt 1967, ch. 6). Half the sum
@@ -69,7 +77,7 @@ def _compensated(command, k_1, k_2, k_12, p1, p2, par):
     healthy = supply - load if command >= 0.0 else supply + load
     leaking = 0.5 * (k_1 * _root(p1) - k_2 * _root(p2)) + k_12 * _root(load)
     flow = opened * command * sqrt(0.5 * max(healthy, least)) + leaking
-    # The sign of the flow, not of the command, says which way the valve is to open.
+    # The valve opens in the direction of the flow, which may differ from that of the command.
     if flow >= 0.0:
         passed = 0.5 * (sqrt(supply - p1) + sqrt(p2))
     else:
@@ -79,21 +87,22 @@ def _compensated(command, k_1, k_2, k_12, p1, p2, par):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def tolerant_command(command, leaks, p1, p2, par, limit, period, state):
-    """Return the valve command in V that makes up for confirmed leaks; called once a tick.
+    """Return the valve command in V that compensates confirmed leaks; it is called once a tick.
 
-    With no leak confirmed, and none made up for within the last `BLEND_S`, it is `command` itself,
-    bit for bit. The compensation comes and goes over `BLEND_S`. Without a command, a pressure or
-    one of the coefficients (NaN) it is `command`, and the compensation begins afresh.
+    The compensation is faded in and out over `BLEND_S`. If no leak is confirmed and none was being
+    compensated, the result is `command` itself, bit for bit. If the command, a pressure or a
+    coefficient is NaN, the result is `command`, and the compensation starts again from zero.
 
     Args:
-        command: of the proportional loop, V, within +-limit.
-        leaks: coefficients (k_el1, k_el2, k_il) of the leaks confirmed now, m^3/(s Pa^0.5), 0 where
-            there is none; a tuple or an array. `estimator.leaks.detection.Decision.present_leaks`.
+        command: command of the proportional loop, V, within +-limit.
+        leaks: coefficients (k_el1, k_el2, k_il) of the leaks that are confirmed now,
+            m^3/(s Pa^0.5), 0 for none; a tuple or an array, as
+            `estimator.leaks.detection.Decision.present_leaks`.
         p1: the filter's latest estimate of chamber 1's pressure, Pa.
         p2: the filter's latest estimate of chamber 2's pressure, Pa.
         par: the `Parameters` that the filter assumes.
         limit: greatest command of either sign, V.
-        period: s, of the loop.
+        period: period of the loop, s.
         state: float64 (TOLERANT_STATE,), zeros at the start; updated.
     """
     half_supply = 0.5 * (par.supply_pressure - par.return_pressure)

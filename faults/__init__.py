@@ -1,6 +1,6 @@
-"""Leaks as injected: bypass valves, fault schedules, campaigns of tests and their verdicts.
+"""Injected faults: bypass valves, fault schedules, campaigns of tests and their verdicts.
 
-Coefficients are SI; every injected leak is recorded as ground truth.
+Coefficients are in SI units. Every injected leak is recorded as ground truth.
 """
 
 from lazy_loader import attach_stub

@@ -1,7 +1,7 @@
-"""The bypass valves that make the leaks: a ball valve and a needle valve in series (figure 2.5).
+"""The bypasses that make the leaks: each is a ball valve and a needle valve in series (figure 2.5).
 
-The ball valve opens and shuts the bypass, the needle valve sets how much it leaks. Each is a
-square-root orifice, q = k sqrt(dp), with k in m^3/(s Pa^0.5).
+The ball valve opens and shuts the bypass; the needle valve sets the size of the leak. Each is a
+square-root orifice, q = k sqrt(dp), with coefficient k in m^3/(s Pa^0.5).
 """
 
 from dataclasses import dataclass
@@ -17,47 +17,48 @@ from .leakage import Value, square_root_flow, to_litres_per_minute
 from .needle import ROUNDING, BypassError, NeedleCharacteristic, require_share
 from .verdict import LEAK_KINDS, Verdict
 
-# Half the supply pressure of section 2.1, which a chamber's is near: flows are quoted at this drop.
+# Flows are quoted at this drop: half the supply pressure of section 2.1, near a chamber's pressure.
 _QUOTED_DROP: Final = 6.9e6
 
 
 def series_coefficient(first: Value, second: Value) -> Value:
-    """Return what two square-root orifices in series pass, in their unit.
+    """Return the coefficient of two square-root orifices in series, in the unit of theirs.
 
     They carry the same flow and their drops add up, dp = q^2 / k_1^2 + q^2 / k_2^2, so
-    1/k^2 = 1/k_1^2 + 1/k_2^2 (Merritt 1967, ch. 3: orifices in series).
+    1/k^2 = 1/k_1^2 + 1/k_2^2 (Merritt 1967, ch. 3: orifices in series). It is 0 if both are shut.
     """
     smaller, larger = np.minimum(first, second), np.maximum(first, second)
-    # Both shut pass nothing; dividing by the larger keeps the result at or below the smaller.
+    # Division by the larger one keeps the result at or below the smaller one in spite of rounding.
     ratio = np.divide(smaller, larger, out=np.zeros(np.shape(larger)), where=larger > 0.0)
     return (smaller / np.sqrt(1.0 + ratio**2))[()]
 
 
 def coefficient_beside(series: Value, known: Value) -> Value:
-    """Return what an orifice passes that gives `series` together with a `known` one.
+    """Return the coefficient of an orifice that has `series` in series with a `known` one.
 
-    The inverse of `series_coefficient`; all in one unit, `series` below `known`.
+    It is the inverse of `series_coefficient`. All are in one unit; `series` must be below `known`.
     """
     share = series / known
     return series / np.sqrt((1.0 - share) * (1.0 + share))
 
 
 def port_opening(travelled: Value) -> Value:
-    """Return the free share of a ball valve's port (0 to 1) after a share of its travel (0 to 1).
+    """Return the open part (0 to 1) of a ball valve's port after a part of its travel (0 to 1).
 
-    The ball turns at constant speed and its bore slides across a seat of equal bore: two circles
-    of radius r, their centres 2 r (1 - travelled) apart, overlap by
-    (2/pi) (acos u - u sqrt(1 - u^2)) of their area, u = 1 - travelled. The play between ball and
-    seat, a few degrees in which nothing opens, is left out.
+    The ball turns at constant speed, and its bore slides across a seat of equal bore. Two circles
+    of radius r whose centres have the distance 2 r u, u = 1 - travelled, overlap by
+    (2/pi) (acos u - u sqrt(1 - u^2)) of their area. The play between ball and seat, a few degrees
+    in which nothing opens, is left out.
     """
     u = 1.0 - np.clip(travelled, 0.0, 1.0)
     return ((2.0 / pi) * (np.arccos(u) - u * np.sqrt(1.0 - u**2)))[()]
 
 
 def bore_coefficient(bore_m: float) -> float:
-    """Return C_d (pi/4) bore^2 sqrt(2/rho) in m^3/(s Pa^0.5), the law of eq. 2.1 for a round bore.
+    """Return the coefficient of a round bore in m^3/(s Pa^0.5): C_d (pi/4) bore^2 sqrt(2/rho).
 
-    Discharge coefficient and density are table 2.1's: beside the needle the ball hardly counts.
+    The law is that of eq. 2.1. Discharge coefficient and density are those of table 2.1, which is
+    exact enough, as an open ball valve restricts the flow far less than the needle.
     """
     area = 0.25 * pi * bore_m**2
     return NOMINAL.discharge_coefficient * area * sqrt(2.0 / NOMINAL.density)
@@ -68,8 +69,8 @@ class BypassValve:
     """A bypass of the rig: a ball valve that opens and shuts it, a needle valve that sets the leak.
 
     Attributes:
-        name: what the rig calls it; errors begin with it.
-        ball_travel_s: time in s the ball takes from shut to open.
+        name: name of the bypass on its rig; error messages begin with it.
+        ball_travel_s: time in s that the ball takes from shut to open.
         needle: characteristic of the needle valve.
         ball_bore_m: bore of the open ball valve in m.
 
@@ -102,25 +103,25 @@ class BypassValve:
 
     @property
     def ball_coefficient(self) -> float:
-        """What the open ball valve alone would pass, in m^3/(s Pa^0.5)."""
+        """Return the coefficient of the open ball valve alone, in m^3/(s Pa^0.5)."""
         return bore_coefficient(self.ball_bore_m)
 
     @property
     def maximum(self) -> float:
-        """What the bypass passes with both valves fully open, in m^3/(s Pa^0.5)."""
+        """Return the coefficient of the bypass with both valves fully open, in m^3/(s Pa^0.5)."""
         return float(series_coefficient(self.needle.maximum, self.ball_coefficient))
 
     @property
     def minimum(self) -> float:
-        """What the bypass passes with the ball open and the needle shut, in m^3/(s Pa^0.5)."""
+        """Return the coefficient with the ball open and the needle shut, in m^3/(s Pa^0.5)."""
         return float(series_coefficient(self.needle.minimum, self.ball_coefficient))
 
     def effective(self, needle_opening: float, ball_position: float = 1.0) -> float:
-        """Return the coefficient in m^3/(s Pa^0.5) of both valves in series.
+        """Return the coefficient of both valves in series, in m^3/(s Pa^0.5).
 
         Args:
-            needle_opening: 0 (shut) to 1.
-            ball_position: share of the ball's travel, 0 (shut) to 1 (open).
+            needle_opening: opening of the needle, 0 (shut) to 1 (open).
+            ball_position: part of the ball's travel that it has made, 0 (shut) to 1 (open).
 
         Raises:
             BypassError: either is not between 0 and 1.
@@ -135,7 +136,8 @@ class BypassValve:
     def needle_opening_for(self, coefficient: float) -> float:
         """Return the needle opening (0 to 1) that gives a coefficient with the ball open.
 
-        The coefficient is that of the whole bypass, in m^3/(s Pa^0.5); the inverse of `effective`.
+        The coefficient is that of the whole bypass, in m^3/(s Pa^0.5). This is the inverse of
+        `effective`.
 
         Raises:
             BypassError: the bypass cannot pass that little or that much.
@@ -165,16 +167,17 @@ class BypassValve:
 
 
 def _nominal_bypass(name: str, maximum: float, ball_bore_m: float) -> BypassValve:
-    # A pneumatic quarter-turn drive takes about half a second; rangeability 50 is a common needle.
+    # A pneumatic quarter-turn drive takes about half a second; needles often have rangeability 50.
     needle = NeedleCharacteristic.equal_percentage(maximum, 50.0)
     return BypassValve(name, ball_travel_s=0.5, needle=needle, ball_bore_m=ball_bore_m)
 
 
-# The thesis's largest coefficient is 1.6e-8 (table 5.3), 2.4 L/min at 6.9 MPa: the actuator's
-# bypasses pass 4.1 L/min there. The supply's passes 20.5 L/min at 13.8 MPa, enough to starve the
-# valve, which takes 26.6 L/min there when fully open.
+# The thesis's largest coefficient is 1.6e-8 (table 5.3), which is 2.4 L/min at 6.9 MPa. The
+# actuator's bypasses here pass 4.1 L/min at that drop. The supply's bypass passes 20.5 L/min at
+# 13.8 MPa, enough to starve the valve, which takes 26.6 L/min there when fully open.
 NOMINAL_BYPASSES: Final[dict[str, BypassValve]] = {
     **{kind: _nominal_bypass(kind, 2.6e-8, 6e-3) for kind in LEAK_KINDS},
     Verdict.SUPPLY_LEAKAGE: _nominal_bypass(Verdict.SUPPLY_LEAKAGE, 9.2e-8, 1e-2),
 }
-"""Bypasses of the nominal rig by the fault they make; chosen, not measured, for want of a sheet."""
+"""Bypasses of the nominal rig, by the fault that each makes. Their values are chosen and not
+measured, as there is no data sheet."""

@@ -1,4 +1,4 @@
-"""A campaign of tests as data: what each test does to the rig, and what should be found."""
+"""A campaign of tests as data: what each test does to the rig, and the verdict it should find."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from .verdict import Verdict
 
 
 class OnFault(StrEnum):
-    """What a test asks to be done about a confirmed fault (docs/campaigns.md)."""
+    """The reaction to a confirmed fault that a test asks for (docs/campaigns.md)."""
 
     IGNORE = "ignore"
     TOLERATE = "tolerate"
@@ -25,7 +25,7 @@ class OnFault(StrEnum):
 
 @dataclass(frozen=True)
 class SpringLoad:
-    """A spring the ram runs against: stiffness in N/m, contact position in m (section 7.1.1)."""
+    """A spring that the ram runs against: stiffness in N/m, contact at m (section 7.1.1)."""
 
     stiffness: float
     contact: float
@@ -33,11 +33,11 @@ class SpringLoad:
 
 @dataclass(frozen=True)
 class CampaignTest:
-    """One test of a campaign, matrices and repeats written out; SI units.
+    """One test of a campaign, after matrices and repeats have been expanded; SI units.
 
-    Times count from the first recorded sample; the position loop has then held `start_position_m`
-    for `settle_s`. Repeats of a test share `test_name` and differ in `repeat`, counted from 1, and
-    in `seed`.
+    Before the first recorded sample, from which times count, the position loop holds the ram at
+    `start_position_m` for `settle_s`. Repeats of a test have the same `test_name` and differ in
+    `repeat`, counted from 1, and in `seed`.
     """
 
     name: str
@@ -56,17 +56,17 @@ class CampaignTest:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A list of tests on one rig, and the model and detector they are judged by.
+    """A list of tests on one rig, with the model and detector by which they are judged.
 
     Attributes:
-        rig_name: the rig the tests were checked against.
-        model: what the detector assumes of the rig.
+        rig_name: name of the rig for which the tests were checked.
+        model: model of the rig that the detector assumes.
         filter_name: `product`, `thesis-6` or `thesis-7`.
-        baseline: what the detector may assume of the rig; None if it knows the model only.
-        baseline_file: where the baseline was read from.
-        source_files: SHA-256 of every file the campaign was read from, by path.
+        baseline: baseline that the detector assumes; None if it has the model only.
+        baseline_file: path of the file from which the baseline was read; "" without one.
+        source_files: SHA-256 of every file from which the campaign was read, by path.
         resolved: the campaign with its rig and models as plain values, for the recordings.
-        conditions: of the rig; while one does not hold, the campaign is held.
+        conditions: conditions of the rig; while one is not met, the campaign is held.
     """
 
     name: str
@@ -90,5 +90,5 @@ class Campaign:
 
     @property
     def rig_time_s(self) -> float:
-        """Return how long the rig is busy, settling included."""
+        """Return the time in s that all tests take, settling included but not moves in between."""
         return sum(test.settle_s + test.duration_s for test in self.tests)

@@ -1,4 +1,4 @@
-"""Conditions of a campaign: while one does not hold, the campaign is held, then it goes on."""
+"""Conditions of a campaign; while one is not met, the campaign is held, and then it goes on."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -6,25 +6,27 @@ from math import inf
 
 
 class WhenUnmet(StrEnum):
-    """What becomes of a test that runs when its campaign is held."""
+    """What happens to the running test when its campaign is held."""
 
     FINISH = "finish"
-    """The test comes to its end first."""
+    """The test is run to its end before the campaign is held."""
     INTERRUPT = "interrupt"
-    """The test ends at once, with the ram held, and is run again."""
+    """The test is ended at once, with the ram held in place, and is run again later."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Limits of a channel between which a campaign may run; SI units by the channel's name.
+    """Limits of a channel within which a campaign may run; in the unit of the channel's name.
 
     Attributes:
-        channel: a signal that the rig measures.
-        low, high: the campaign is held while the channel is beyond one of them.
-        hysteresis: by how much the channel must be back within before the campaign goes on.
-        for_s: how long the channel must have been beyond its limits, or back within them.
-        action: what becomes of a test that runs.
-        give_up_s: how long the campaign may be held before it is stopped.
+        channel: name of a signal that the rig measures.
+        low, high: limits; the campaign is held while the channel is below `low` or above `high`.
+        hysteresis: distance inside the limits that the channel must reach for the campaign to go
+            on.
+        for_s: time in s for which the channel must be beyond its limits before the campaign is
+            held, and back within them before it goes on.
+        action: what happens to the running test.
+        give_up_s: time in s after which a held campaign is stopped.
     """
 
     channel: str

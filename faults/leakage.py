@@ -1,8 +1,8 @@
 """The leakage laws (eqs. 5.1 to 5.7): from coefficient and pressure drop to flow, and back.
 
-All SI. The drop of an external leak is p_chamber - p_e, that of an internal one p_1 - p_2; flow is
-positive down a positive drop, so one signed law serves both. The thesis's "m^3/s Pa" of the
-square-root coefficients is m^3/(s Pa^0.5).
+All values are SI. The drop of an external leak is p_chamber - p_e, that of an internal one
+p_1 - p_2. Flow is positive for a positive drop, so that one signed law serves both. The thesis
+writes the unit of the square-root coefficients as "m^3/s Pa"; it means m^3/(s Pa^0.5).
 """
 
 from typing import Any, TypeVar
@@ -17,7 +17,7 @@ Value = TypeVar("Value", float, NDArray[np.float64])
 
 
 def to_litres_per_minute(flow: Value) -> Value:
-    """Return a flow in m^3/s as L/min."""
+    """Return a flow in L/min that is given in m^3/s."""
     return flow / LITRE_PER_MINUTE
 
 
@@ -34,15 +34,14 @@ def linear_flow(coefficient: float, pressure_drop: Value) -> Value:
 def square_root_coefficient(flow: Value, pressure_drop: Value) -> Value:
     """Return q / (sgn(dp) sqrt|dp|) in m^3/(s Pa^0.5) (eqs. 5.4, 5.6 and 5.7, in SI).
 
-    Flow in m^3/s, dp in Pa. The result is NaN where the drop is zero, as no flow there gives a
-    coefficient. For a meter that reads no sign, as the rig's internal one, the drop is to be its
-    magnitude.
+    The flow q is in m^3/s, the drop dp in Pa. The result is NaN where the drop is zero. For a flow
+    meter without a sign, such as the rig's internal one, give the magnitude of the drop.
     """
     return _ratio(flow, signed_roots(pressure_drop))
 
 
 def linear_coefficient(flow: Value, pressure_drop: Value) -> Value:
-    """Return q / dp in m^3/(s Pa) (eq. 5.3, in SI); flow in m^3/s, dp in Pa, NaN where dp is 0."""
+    """Return q / dp in m^3/(s Pa) (eq. 5.3, in SI), q in m^3/s, dp in Pa; NaN where dp is 0."""
     return _ratio(flow, pressure_drop)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from control import Checks, RequestError
 
-# A calibration cannot distinguish points closer than these shares of full scale, and finer
-# steps would cost the inverse the nine digits that hold for every table admitted here.
+# Least steps between points of a table, as parts of full scale. A calibration cannot distinguish
+# closer points, and with finer steps the inverse would be exact to less than nine digits.
 _OPENING_STEP: Final = 0.01
 _COEFFICIENT_STEP: Final = 1e-4
 
-# What was computed from a limit may pass it by rounding.
+# Relative tolerance for values that were computed from a limit and exceed it by rounding.
 ROUNDING: Final = 1e-9
 
 _EQUAL_PERCENTAGE_POINTS: Final = 51
@@ -24,23 +24,25 @@ _RANGEABILITY_LIMIT: Final = 1000.0
 
 
 class BypassError(RequestError):
-    """A bypass valve that cannot be as described, or cannot do what is asked of it."""
+    """The error of a bypass valve whose description is not valid or that cannot do as asked."""
 
 
 @dataclass(frozen=True)
 class NeedleCharacteristic:
-    """What a needle valve passes at each opening, as calibrated: a table, linear between points.
+    """The leakage coefficient of a needle valve at each opening: a table, linear between points.
 
-    `openings` (n,) run from 0 (shut) to 1; `coefficients` (n,) are in m^3/(s Pa^0.5). Both
-    increase, so every coefficient belongs to one opening and the inverse is exact, which a cubic
-    through the same points has only by iteration; it could also bend where nothing was measured.
+    Openings and coefficients both increase, so that each coefficient belongs to one opening and the
+    inverse is exact. A cubic curve would need iteration for its inverse and could bend where
+    nothing was measured.
 
     Attributes:
-        date: day of the calibration, if there was one.
-        id: what the valve or its calibration is called.
+        openings: openings of the points, from 0 (shut) to 1 (open), (n,).
+        coefficients: coefficient at each opening, m^3/(s Pa^0.5), (n,).
+        date: day of the calibration; None if there was none.
+        id: name of the valve or of its calibration.
 
     Raises:
-        BypassError: the table does not run from 0 to 1, or does not increase clearly.
+        BypassError: the openings do not run from 0 to 1, or a column does not clearly increase.
     """
 
     openings: tuple[float, ...]
@@ -93,10 +95,10 @@ class NeedleCharacteristic:
 
     @classmethod
     def equal_percentage(cls, maximum: float, rangeability: float) -> "NeedleCharacteristic":
-        """Return k(o) = maximum (R^o - 1) / (R - 1), R the rangeability, in 51 points.
+        """Return a table of 51 points of k(o) = maximum (R^o - 1) / (R - 1), R the rangeability.
 
-        The equal-percentage law of control valves (IEC 60534-2-4), maximum R^(o - 1), shifted so
-        that the valve shuts fully at 0. The maximum is in m^3/(s Pa^0.5).
+        This is the equal-percentage law of control valves (IEC 60534-2-4), maximum R^(o - 1),
+        shifted so that the valve shuts fully at o = 0. The maximum is in m^3/(s Pa^0.5).
 
         Raises:
             BypassError: the maximum is not above 0, or the rangeability not between 1 and 1000.
@@ -123,24 +125,24 @@ class NeedleCharacteristic:
         date: datetime.date | None = None,
         id: str = "needle",  # noqa: A002 (the field's name)
     ) -> "NeedleCharacteristic":
-        """Return the characteristic through (opening, coefficient in m^3/(s Pa^0.5)) points.
+        """Return the characteristic through points (opening, coefficient in m^3/(s Pa^0.5)).
 
-        The points come in any order, as a calibration up and down the travel measures them.
+        The points may be in any order, as a calibration measures them up and down the travel.
 
         Raises:
-            BypassError: as `NeedleCharacteristic`.
+            BypassError: the points are no valid table (see `NeedleCharacteristic`).
         """
         ordered = sorted(points)
         return cls(tuple(o for o, _ in ordered), tuple(k for _, k in ordered), date, id)
 
     @property
     def minimum(self) -> float:
-        """What the needle still passes when shut, in m^3/(s Pa^0.5)."""
+        """Return the coefficient of the shut needle, in m^3/(s Pa^0.5)."""
         return self.coefficients[0]
 
     @property
     def maximum(self) -> float:
-        """What the needle passes fully open, in m^3/(s Pa^0.5)."""
+        """Return the coefficient of the fully open needle, in m^3/(s Pa^0.5)."""
         return self.coefficients[-1]
 
     def coefficient(self, opening: float) -> float:
@@ -155,10 +157,10 @@ class NeedleCharacteristic:
         return float(np.interp(opening, self.openings, self.coefficients))
 
     def opening(self, coefficient: float) -> float:
-        """Return the opening (0 to 1) that passes a coefficient in m^3/(s Pa^0.5).
+        """Return the opening (0 to 1) at which the needle has a coefficient in m^3/(s Pa^0.5).
 
         Raises:
-            BypassError: the coefficient is beyond what the needle passes shut or fully open.
+            BypassError: the coefficient is not between those of the shut and the open needle.
         """
         low, high = self.minimum * (1.0 - ROUNDING), self.maximum * (1.0 + ROUNDING)
         checks = Checks(self.id, BypassError)
@@ -174,7 +176,7 @@ class NeedleCharacteristic:
 
 
 def require_share(checks: Checks, name: str, value: float) -> None:
-    """Note a problem with a value that is not between 0 and 1."""
+    """Note a problem in `checks` if the value called `name` is not between 0 and 1."""
     checks.require(
         0.0 <= value <= 1.0, name, value, "is not between 0 (shut) and 1 (open)", "give a share"
     )

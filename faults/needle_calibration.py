@@ -1,8 +1,9 @@
-"""Calibrates a needle valve: finds its coefficient from a flow meter and the pressure drop.
+"""Calibration of a needle valve: its coefficient from a flow meter and the pressure drop.
 
-A flow meter and two pressures see the bypass, ball and needle in series: k = q / sqrt(dp). Noise is
-judged by batches long against the meter's lag, which are independent of each other (the method of
-batch means: Law, Simulation Modeling and Analysis, ch. 9).
+A flow meter and two pressures measure the bypass, ball and needle in series: k = q / sqrt(dp).
+Samples are averaged over batches that are long against the meter's lag and therefore independent of
+each other; the noise follows from their differences (the method of batch means: Law, Simulation
+Modeling and Analysis, ch. 9).
 """
 
 import datetime
@@ -23,19 +24,19 @@ from .needle import NeedleCharacteristic
 Array = NDArray[np.float64]
 
 RESOLVED: Final = 3.0
-"""Number of standard errors above which a flow is distinguished from no flow."""
+"""Number of standard errors above which a value is distinguished from zero."""
 _SETTLED: Final = 3.0
 """Number of standard deviations by which a batch may differ from the batches after it."""
 _LEAST_DROP: Final = 3e5
-"""Pa. Ten times the noise of a pressure transducer: a smaller drop says little about a valve."""
+"""Least pressure drop in Pa of a measurement: ten times the noise of a pressure transducer."""
 
 
 class CalibrationError(RequestError):
-    """A valve that cannot be calibrated by what was measured."""
+    """The error of measurements from which a valve cannot be calibrated."""
 
 
 class UnsettledError(Exception):
-    """The batches go on changing, so that there is nothing to average yet."""
+    """The error of batches that still change, so that they cannot be averaged yet."""
 
 
 class Estimate(NamedTuple):
@@ -46,21 +47,21 @@ class Estimate(NamedTuple):
 
     @property
     def is_resolved(self) -> bool:
-        """Whether the value can be distinguished from zero."""
+        """Return whether the value is above zero by more than `RESOLVED` standard errors."""
         return self.value > RESOLVED * self.standard_error
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One opening of a needle, measured once.
+    """One measurement at one opening of a needle.
 
     Attributes:
-        opening: that the needle was sent to, 0 to 1.
-        upwards: whether it came from a smaller opening.
-        feedback: opening that the needle reported, NaN if it reports none.
-        flow: through the bypass, m^3/s, without the meter's zero.
+        opening: opening to which the needle was sent, 0 to 1.
+        upwards: whether the needle came from a smaller opening.
+        feedback: opening that the needle reported; NaN if it reports none.
+        flow: flow through the bypass, m^3/s, with the meter's zero subtracted.
         drop_Pa: mean pressure drop across the bypass.
-        coefficient: of ball and needle in series, m^3/(s Pa^0.5).
+        coefficient: coefficient of ball and needle in series, m^3/(s Pa^0.5).
     """
 
     opening: float
@@ -73,12 +74,13 @@ class Measurement:
 
 @dataclass(frozen=True)
 class CalibratedPoint:
-    """One opening of a calibrated needle.
+    """The result of a calibration at one opening.
 
     Attributes:
-        opening: 0 to 1.
-        coefficient: of the needle alone, m^3/(s Pa^0.5); the mean of up and down.
-        hysteresis: by how much it was greater on the way up, m^3/(s Pa^0.5).
+        opening: opening of the needle, 0 to 1.
+        coefficient: coefficient of the needle alone, mean of the ways up and down, m^3/(s Pa^0.5).
+        hysteresis: coefficient on the way up less that on the way down, m^3/(s Pa^0.5); NaN if
+            either was not measured.
     """
 
     opening: float
@@ -87,17 +89,17 @@ class CalibratedPoint:
 
     @property
     def bound(self) -> float:
-        """The most that the coefficient can be, by two standard errors (95 %)."""
+        """Return the upper bound of the coefficient, two standard errors (95 %) above its value."""
         return max(self.coefficient.value, 0.0) + 2.0 * self.coefficient.standard_error
 
 
 @dataclass(frozen=True)
 class NeedleCalibration:
-    """A needle valve as calibrated.
+    """The result of the calibration of a needle valve.
 
     Attributes:
-        needle: its characteristic, through the points that the meter resolves.
-        points: everything that was measured, by opening.
+        needle: characteristic through the points whose flow the meter distinguishes from none.
+        points: all points in the order of their openings.
     """
 
     needle: NeedleCharacteristic
@@ -105,17 +107,18 @@ class NeedleCalibration:
 
 
 def batches(samples: Array, ticks: int) -> Array:
-    """Return successive batches (m, ticks) of samples; an incomplete first one is left out."""
+    """Return samples (n,) as successive batches (m, ticks); the first n % ticks are left out."""
     return samples[samples.size % ticks :].reshape(-1, ticks)
 
 
 def settled(values: Array) -> Array:
-    """Return batch values (m,) without the first ones, as long as those differ from the rest.
+    """Return batch values (m,) without leading ones that differ from the mean of the rest.
 
-    Noise is taken from successive differences (von Neumann 1941), which a drift hardly moves.
+    The noise is estimated from successive differences (von Neumann 1941), which a drift hardly
+    changes.
 
     Raises:
-        UnsettledError: less than half of them agree.
+        UnsettledError: more than half of the values would have to be left out.
     """
     for first in range(values.size - values.size // 2):
         rest = values[first + 1 :]
@@ -127,10 +130,14 @@ def settled(values: Array) -> Array:
 
 
 def meter_zero(flow: Array, ticks: int) -> Estimate:
-    """Return what a meter reads without a flow, m^3/s, from samples (n,) and a batch's length.
+    """Return the zero of a flow meter in m^3/s, its reading without flow.
 
-    Batches have medians, here and of a flow: a meter that reads nothing below zero cuts off part of
-    its noise, which lifts a mean much more. Samples that are NaN do not count.
+    Each batch counts with its median, here and for a measured flow. A meter that reads nothing
+    below zero cuts off part of its noise, which would raise a mean much more.
+
+    Args:
+        flow: samples (n,) without flow, m^3/s; NaN ones do not count.
+        ticks: number of samples of a batch.
     """
     known = flow[np.isfinite(flow)]
     medians = np.median(batches(known, ticks), axis=1)
@@ -140,16 +147,20 @@ def meter_zero(flow: Array, ticks: int) -> Estimate:
 def measured_coefficient(
     flow: Array, drop: Array, zero: Estimate, ticks: int
 ) -> tuple[Estimate, Estimate, float]:
-    """Return flow in m^3/s, coefficient in m^3/(s Pa^0.5), and mean drop in Pa, once settled.
+    """Return mean flow in m^3/s, coefficient in m^3/(s Pa^0.5), and mean drop in Pa.
+
+    Batches before the coefficient has settled are left out.
 
     Args:
-        flow: (n,) as metered, m^3/s; where it or the drop is NaN, neither counts.
-        drop: (n,) across the bypass, Pa; its sign does not matter, as meters see no direction.
-        zero: of the meter.
-        ticks: samples of a batch.
+        flow: readings of the meter (n,), m^3/s; samples in which it or the drop is NaN do not
+            count.
+        drop: pressure drop across the bypass (n,), Pa; its sign does not matter, as meters see no
+            direction.
+        zero: zero of the meter, which is subtracted.
+        ticks: number of samples of a batch.
 
     Raises:
-        UnsettledError: the coefficient goes on changing.
+        UnsettledError: the coefficient does not settle.
     """
     known = np.isfinite(flow) & np.isfinite(drop)
     roots = batches(np.sqrt(np.abs(drop[known])), ticks).mean(axis=1)
@@ -174,15 +185,20 @@ def _error_of_mean(values: Array) -> float:
 def calibrated_needle(
     valve: BypassValve, measurements: Iterable[Measurement], date: datetime.date
 ) -> NeedleCalibration:
-    """Return a needle's own coefficient at each opening, the ball's share removed.
+    """Return the calibration of a needle alone, without the restriction of the ball valve.
 
-    Openings at which the meter does not distinguish the flow from none are left out; a shut needle
-    that passes so little counts as tight.
+    Openings at which the flow cannot be distinguished from none are left out of the
+    characteristic; a shut needle with so little flow counts as tight.
+
+    Args:
+        valve: the bypass, of which the ball valve's coefficient is used.
+        measurements: all measurements, at least one, in any order.
+        date: day of the calibration.
 
     Raises:
-        CalibrationError: the drop was too small, more passed than the open ball lets pass, or
-            nothing passed the open needle.
-        BypassError: what was measured does not increase with the opening.
+        CalibrationError: a pressure drop was too small, a flow was more than the open ball passes,
+            or there was no flow through the open needle.
+        BypassError: the coefficients do not clearly increase with the opening.
     """
     ordered = sorted(measurements, key=lambda each: each.opening)
     _require_possible(valve, ordered)
@@ -230,7 +246,8 @@ def _require_possible(valve: BypassValve, measurements: Sequence[Measurement]) -
 def _point(valve: BypassValve, opening: float, group: Sequence[Measurement]) -> CalibratedPoint:
     estimates = [_without_ball(each.coefficient, valve) for each in group]
     values = {each.upwards: k.value for each, k in zip(group, estimates, strict=True)}
-    # The errors have a plain mean: most of each may be the zero's error, which all share.
+    # The errors are averaged and not combined as independent: most of each may come from the
+    # meter's zero, which all have in common.
     return CalibratedPoint(
         opening,
         Estimate(

@@ -1,4 +1,4 @@
-"""Faults over the time of a test, and the table of coefficients the plant takes from them."""
+"""Faults over the time of a test, and the table of coefficients that the plant takes from them."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from rig.plant import FAULT_COLUMNS, quantities
 from .bypass import NOMINAL_BYPASSES, port_opening, series_coefficient
 from .verdict import FAULT_KINDS, LEAK_KINDS, Verdict
 
-# Times and ticks are sums and products only to rounding: without this a fault could be a tick late.
+# Times are rounded to this many decimals; otherwise rounding errors could delay a fault by a tick.
 _TIME_DECIMALS: Final = 9
 _INSTANT_S: Final = 10.0**-_TIME_DECIMALS
 
@@ -23,33 +23,34 @@ _BLOCKAGE: Final = Verdict.RETURN_BLOCKAGE
 
 
 class FaultError(RequestError):
-    """A fault that cannot be injected, or faults that exclude each other."""
+    """The error of a fault that cannot be injected, or of faults that exclude each other."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: from `at_s` on it grows to its coefficient, at `until_s` it is shut again.
+    """One fault of a test: from `at_s` on it grows to its coefficient, from `until_s` on it ends.
 
-    A square-root leak comes from a bypass: its ball valve opens over `travel_s` from `at_s` on and
-    shuts as slowly from `until_s` on, in series with the needle, so most of the leak appears early
-    in the travel. A linear leak or a return blockage has no bypass; it grows in proportion to the
-    port that opens. In either case `ramp_s` lets the coefficient itself (the needle, or wear) rise
-    linearly from `at_s` on.
+    A square-root leak comes from a bypass. Its ball valve opens over `travel_s` from `at_s` on, and
+    shuts as slowly from `until_s` on. As it is in series with the needle, most of the leak appears
+    early in the travel. A linear leak or a return blockage has no bypass; it is proportional to the
+    open part of the port. In either case the coefficient itself (the needle, or wear) rises
+    linearly over `ramp_s` from `at_s` on.
 
     Attributes:
         kind: one of `faults.verdict.FAULT_KINDS`.
-        coefficient: m^3/(s Pa^0.5) fully open (eq. 5.2); m^3/(s Pa) if linear (eq. 5.1);
-            Pa/(m^3/s)^2 for return_blockage.
-        linear: the leak is proportional to the pressure drop; the actuator's leaks only.
-        at_s: when the ball begins to open, in s from the start of the test.
-        until_s: when it begins to shut; never, if inf.
-        ramp_s: time the coefficient takes to grow, 0 for at once.
-        travel_s: time the ball takes from shut to open, 0 for at once.
-        ball_coefficient: what the open ball alone passes, m^3/(s Pa^0.5); the nominal rig's if
-            None.
+        coefficient: coefficient of the fully open fault: m^3/(s Pa^0.5) (eq. 5.2), m^3/(s Pa) if
+            linear (eq. 5.1), Pa/(m^3/s)^2 for return_blockage.
+        linear: whether the leak is proportional to the pressure drop; for leaks of the actuator
+            only.
+        at_s: time at which the ball begins to open, in s from the start of the test.
+        until_s: time at which the ball begins to shut, in s; inf for never.
+        ramp_s: time in s that the coefficient takes to grow; 0 for at once.
+        travel_s: time in s that the ball takes from shut to open; 0 for at once.
+        ball_coefficient: coefficient of the open ball valve alone, m^3/(s Pa^0.5); None for that of
+            the nominal rig.
 
     Raises:
-        FaultError: with every value that is out of range.
+        FaultError: a value is out of range; the error lists all of them.
     """
 
     kind: str
@@ -129,12 +130,12 @@ class Fault:
 
     @property
     def column(self) -> str:
-        """Which of `rig.plant.faults.FAULT_COLUMNS` the fault acts on."""
+        """Return the name in `rig.plant.faults.FAULT_COLUMNS` of the coefficient it changes."""
         return f"{self.kind}_linear" if self.linear else str(self.kind)
 
     @property
     def end_s(self) -> float:
-        """When the fault is gone again: the ball has shut; inf if it never does."""
+        """Return the time in s at which the ball has shut and the fault is gone; inf for never."""
         return self.until_s + min(self.travel_s, self.until_s - self.at_s)
 
     @property
@@ -143,21 +144,22 @@ class Fault:
 
     @property
     def _ball(self) -> float:
-        """What the open ball valve alone passes; only a fault through a bypass has one."""
+        """Return the coefficient of the open ball valve; only for a fault through a bypass."""
         if self.ball_coefficient is None:
             return NOMINAL_BYPASSES[self.kind].ball_coefficient
         return self.ball_coefficient
 
     def ball_position(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the share of its travel (0 shut, 1 open) the ball has made at each time."""
+        """Return the ball's position (0 shut, 1 open) at each time in s, same shape as `time_s`."""
         opening = _share(time_s, self.at_s, self.travel_s)
         reached = _share(np.array([self.until_s]), self.at_s, self.travel_s)[0]
         return np.minimum(opening, reached - _share(time_s, self.until_s, self.travel_s)).clip(0.0)
 
     def acting(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the coefficient at each time in the unit of `coefficient`, same shape as `time_s`.
+        """Return the coefficient that acts at each time in s, same unit as `coefficient`.
 
-        It lies between 0 and the coefficient, and is 0 before `at_s` and from `end_s` on.
+        The result has the shape of `time_s`. It lies between 0 and `coefficient`, and is 0 before
+        `at_s` and from `end_s` on.
         """
         port = port_opening(self.ball_position(time_s))
         grown = _share(time_s, self.at_s, self.ramp_s)
@@ -170,7 +172,10 @@ class Fault:
 
 
 def _share(time_s: NDArray[np.float64], start_s: float, length_s: float) -> NDArray[np.float64]:
-    """Return how much (0 to 1) of a stretch of time has passed; at once if it is empty."""
+    """Return the part (0 to 1) of a period that has passed at each time; all times are in s.
+
+    The period begins at `start_s`. If `length_s` is 0, the result jumps from 0 to 1 there.
+    """
     elapsed = np.round(time_s - start_s, _TIME_DECIMALS)
     if length_s < _INSTANT_S:
         return (elapsed >= 0.0).astype(np.float64)
@@ -178,10 +183,11 @@ def _share(time_s: NDArray[np.float64], start_s: float, length_s: float) -> NDAr
 
 
 class FaultSchedule:
-    """The faults of one test, any number of them at once.
+    """The faults of one test, in the order in which they begin; several may act at once.
 
     Raises:
-        FaultError: two faults act on the same column at once; one bypass holds one coefficient.
+        FaultError: two faults act on the same column at the same time, which is impossible as a
+            bypass has one coefficient.
     """
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
@@ -209,18 +215,18 @@ class FaultSchedule:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of fault in the schedule, in the order they first begin."""
+        """Return the kinds of fault in the schedule, in the order in which they first begin."""
         return tuple(dict.fromkeys(str(fault.kind) for fault in self.faults))
 
     def onset_s(self, kind: str) -> float | None:
-        """Return when the first fault of a kind begins, in s; None if there is none."""
+        """Return the time in s at which the first fault of a kind begins; None if there is none."""
         return next((fault.at_s for fault in self.faults if fault.kind == kind), None)
 
     def table(self, n_ticks: int, period_s: float) -> NDArray[np.float64]:
-        """Return the coefficients acting over each tick, float64 (n_ticks, 8), SI.
+        """Return the coefficients that act in each tick, float64 (n_ticks, 8), SI.
 
-        Columns are `rig.plant.faults.FAULT_COLUMNS`; row k holds the state at k period_s, which
-        the plant keeps over the tick.
+        Columns are as `rig.plant.faults.FAULT_COLUMNS`. Row k has the coefficients at the time
+        k period_s, which the plant keeps constant over the tick.
         """
         time_s = period_s * np.arange(n_ticks, dtype=np.float64)
         table = np.zeros((n_ticks, len(FAULT_COLUMNS)))

@@ -1,4 +1,4 @@
-"""What a test may conclude about the rig, and which of it can be injected."""
+"""The verdicts that a test may have, and the faults among them that can be injected."""
 
 from enum import StrEnum
 from typing import Final
@@ -7,12 +7,12 @@ from rig.plant import FAULTS, LEAKS
 
 
 class Verdict(StrEnum):
-    """A conclusion of the leak detector; equal to its name as a string."""
+    """A conclusion of the leak detector; each compares equal to its name as a string."""
 
     description: str
 
     def __new__(cls, value: str, description: str = "") -> "Verdict":
-        """Make a verdict from its name and what it means in one line."""
+        """Return a verdict with a name and a description of one line."""
         verdict = str.__new__(cls, value)
         verdict._value_ = value
         verdict.description = description
@@ -33,4 +33,4 @@ LEAK_KINDS: Final = tuple(map(Verdict, LEAKS))
 """Leaks of the actuator itself, whose flow the default detector estimates."""
 
 FAULT_KINDS: Final = tuple(map(Verdict, FAULTS))
-"""Faults the rig can inject (figure 2.3)."""
+"""Faults that the rig can inject (figure 2.3)."""

@@ -1,4 +1,4 @@
-"""A setpoint read from a CSV file; every fault of the file is named by its line."""
+"""A setpoint that is read from a CSV file; every error in the file is reported with its line."""
 
 import csv
 import gzip
@@ -14,24 +14,24 @@ from .protocol import Quantity, Samples, SetpointError, Times, checks_of
 
 _COLUMNS: Final[dict[Quantity, str]] = {"position": "position_m", "command": "command_V"}
 
-# A file that was exported wrongly is wrong in every row, so that the first rows show enough.
+# A file with a wrong export has a problem in every row; the first problems are enough to show.
 _PROBLEMS_SHOWN: Final = 20
 
 
 class SetpointFileError(SetpointError):
-    """A setpoint file that is missing or cannot be used; each problem is at file:line."""
+    """The error of a setpoint file that is missing or unusable; each problem names file:line."""
 
 
 @dataclass(frozen=True)
 class FromFile:
-    """A setpoint read from a CSV file (.csv or .csv.gz), linear between its rows.
+    """A setpoint from a CSV file (.csv or .csv.gz), interpolated linearly between its rows.
 
-    The file has a header with `time_s` and `position_m` (quantity "position") or `command_V`
-    (quantity "command"); before the first row and after the last their values hold. It is read
-    once, when the setpoint is made.
+    The file has a header with the columns `time_s` and `position_m` (quantity "position") or
+    `command_V` (quantity "command"). Before the first row the setpoint has the first value, after
+    the last row the last one. The file is read once, when the setpoint is made.
 
     Raises:
-        SetpointFileError: the file is missing or bad; every problem with file:line.
+        SetpointFileError: the file is missing or unusable; it lists every problem with file:line.
     """
 
     path: Path
@@ -47,11 +47,11 @@ class FromFile:
         object.__setattr__(self, "_value", value)
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         return np.interp(np.asarray(time_s, dtype=np.float64), self._time, self._value)
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return the steepest slope between rows that the duration reaches, in m/s or V/s."""
+        """Return the steepest slope between rows that reaches into the duration, in m/s or V/s."""
         slopes = np.abs(np.diff(self._value) / np.diff(self._time))
         reached = (self._time[:-1] < duration_s) & (self._time[1:] > 0.0)
         return float(np.max(slopes, where=reached, initial=0.0))
@@ -121,7 +121,7 @@ def _remedy(missing: str, present: list[str]) -> str:
 
 
 def _number(where: str, column: str, row: dict[str, str], problems: list[RequestProblem]) -> float:
-    # A row shorter than the header has None there, in spite of the stated type.
+    # If a row is shorter than the header, csv gives None here, against the annotated type.
     entry = (row[column] or "").strip()
     try:
         number = float(entry)

@@ -1,4 +1,4 @@
-"""Setpoints that hold their level: constant, steps and pseudorandom."""
+"""Setpoints that hold levels for some time: constant, steps and pseudorandom levels."""
 
 from dataclasses import dataclass
 from math import inf
@@ -18,13 +18,14 @@ from .protocol import (
     unit_of,
 )
 
-# Ticks are multiples of 1 ms only to rounding: without this a step at 0.6 s could come a tick late.
+# Times of ticks are multiples of 1 ms only up to rounding. Without this tolerance a step at 0.6 s
+# could come a tick late.
 _ROUNDING_S: Final = 1e-9
 
 
 @dataclass(frozen=True)
 class Constant:
-    """r(t) = value, in metres or volts."""
+    """A constant setpoint, r(t) = value, in metres or volts."""
 
     value: float
     quantity: Quantity = "position"
@@ -35,7 +36,7 @@ class Constant:
         checks.finish()
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         return np.full(np.shape(time_s), self.value, dtype=np.float64)
 
     def peak_rate(self, duration_s: float) -> float:
@@ -45,7 +46,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Steps:
-    """Holds each level (metres or volts) for `hold_s` in turn, then stays at the last one."""
+    """Levels (metres or volts) that are held for `hold_s` seconds each; the last one stays."""
 
     levels: tuple[float, ...]
     hold_s: float
@@ -61,7 +62,7 @@ class Steps:
         checks.finish()
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         time = np.asarray(time_s, dtype=np.float64)
         index = np.floor((time + _ROUNDING_S) / self.hold_s)
         last = len(self.levels) - 1
@@ -76,10 +77,11 @@ class Steps:
 
 @dataclass(frozen=True)
 class Pseudorandom:
-    """Random levels held for random times, both uniform (sections 5.2.2, 7.1.2 and 7.2.2).
+    """Random levels that are held for random times (sections 5.2.2, 7.1.2 and 7.2.2).
 
-    Levels are uniform in [lower, upper) (metres or volts), times in [hold_min_s, hold_max_s). The
-    sequence is a function of the seed alone: a longer run continues a shorter one.
+    Levels are uniform in [lower, upper) (metres or volts), and times in [hold_min_s, hold_max_s).
+    For given bounds the sequence depends on the seed alone, and a longer run begins like a shorter
+    one.
     """
 
     lower: float
@@ -112,7 +114,7 @@ class Pseudorandom:
         checks.finish()
 
     def sequence(self, until_s: float) -> tuple[Samples, Samples]:
-        """Return (ends, levels): level i ends at ends[i]; the last end is after `until_s`."""
+        """Return (ends, levels): level i ends at ends[i] in s; the last end is after `until_s`."""
         count = 2 + int(max(until_s, 0.0) / self.hold_min_s)
         # Level and hold are drawn in pairs, so the sequence does not depend on how many are drawn.
         draws = np.random.Generator(np.random.PCG64(self.seed)).random((count, 2))
@@ -121,7 +123,7 @@ class Pseudorandom:
         return ends, levels
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         time = np.asarray(time_s, dtype=np.float64) + _ROUNDING_S
         ends, levels = self.sequence(float(np.max(time, initial=0.0)))
         return levels[np.searchsorted(ends, time, side="right")]

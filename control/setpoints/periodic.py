@@ -23,13 +23,13 @@ from .protocol import (
 # A multisine repeats within 1000 s if its frequencies are multiples of this.
 _FREQUENCY_GRID_HZ: Final = 1e-3
 
-# Points a period of the fastest sine; the bound of `_supremum` is then at most 0.5 % too high.
+# Grid points per period of the fastest sine, with which `_supremum` is at most 0.5 % too high.
 _POINTS_PER_PERIOD: Final = 32
 
 
 @dataclass(frozen=True)
 class Sine:
-    """r(t) = mean + amplitude sin(2 pi frequency_hz t + phase_rad), in metres or volts.
+    """A sine, r(t) = mean + amplitude sin(2 pi frequency_hz t + phase_rad), in metres or volts.
 
     The thesis's 3 sin(pi t + 0.1) V (section 5.1) is `Sine(0.0, 3.0, 0.5, 0.1, "command")`.
     """
@@ -48,7 +48,7 @@ class Sine:
         checks.finish()
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         time = np.asarray(time_s, dtype=np.float64)
         phase = 2.0 * pi * self.frequency_hz * time + self.phase_rad
         return self.mean + self.amplitude * np.sin(phase)
@@ -60,7 +60,7 @@ class Sine:
 
 @dataclass(frozen=True)
 class Chirp:
-    """A sine of linearly changing frequency, in metres or volts.
+    """A sine whose frequency changes linearly with time, in metres or volts.
 
     r(t) = mean + amplitude sin(phase(t)), phase(t) = 2 pi (start_hz t + sweep_hz_per_s t^2 / 2)
     + phase_rad, so the frequency at t is start_hz + sweep_hz_per_s t. The thesis's
@@ -89,7 +89,7 @@ class Chirp:
         checks.finish()
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         time = np.asarray(time_s, dtype=np.float64)
         turns = self.start_hz * time + 0.5 * self.sweep_hz_per_s * time**2
         return self.mean + self.amplitude * np.sin(2.0 * pi * turns + self.phase_rad)
@@ -102,12 +102,12 @@ class Chirp:
 
 @dataclass(frozen=True)
 class Multisine:
-    """A sum of equally strong sines whose peak never exceeds `amplitude`, in metres or volts.
+    """A sum of sines of equal strength whose peak never exceeds `amplitude`, in metres or volts.
 
-    r(t) = mean + a sum_i sin(2 pi frequencies_hz[i] t + phase_i), a such that |r(t) - mean| stays
-    within `amplitude` at all times and comes within 1 % of it. With a seed the phases are random,
-    without one they are Schroeder's, which keep the peak low against the power. Frequencies are
-    multiples of 1 mHz, so that the signal repeats and its peak is known for certain.
+    r(t) = mean + a sum_i sin(2 pi frequencies_hz[i] t + phase_i), with a chosen so that
+    |r(t) - mean| never exceeds `amplitude` and comes within 1 % of it. With a seed the phases are
+    random; without one they are Schroeder's, which keep the peak low for the power. Frequencies
+    must be multiples of 1 mHz, so that the signal repeats and its peak is known for certain.
     """
 
     mean: float
@@ -171,7 +171,7 @@ class Multisine:
         return self.amplitude / _supremum(self._harmonics, unit, self._phases)
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         time = np.asarray(time_s, dtype=np.float64)
         total = np.zeros(time.shape)
         for harmonic, phase in zip(self._harmonics, self._phases, strict=True):
@@ -179,7 +179,7 @@ class Multisine:
         return self.mean + self._component_amplitude * total
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return the highest rate at any time, in m/s or V/s: at most 1 % too high."""
+        """Return a bound on the rate at any time in m/s or V/s, at most 1 % too high."""
         rates = 2.0 * pi * _FREQUENCY_GRID_HZ * self._harmonics.astype(np.float64)
         # The derivative of a sine leads it by a quarter turn.
         peak = _supremum(self._harmonics, rates, self._phases + 0.5 * pi)
@@ -223,7 +223,7 @@ def _supremum(
     degrees = harmonics // gcd(*harmonics.tolist())
     points = _POINTS_PER_PERIOD * int(degrees.max())
     spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
-    # The inverse transform of c at h is 2 |c| cos(h x + arg c) / points, and sin is cos less pi/2.
+    # A coefficient c at h gives 2 |c| cos(h x + arg c) / points; a sine lags a cosine by pi/2.
     spectrum[degrees] = 0.5 * points * amplitudes * np.exp(1j * (phases - 0.5 * pi))
     grid_peak = float(np.max(np.abs(np.fft.irfft(spectrum, points))))
     # One part in 10^9 covers the rounding of the transform.

@@ -1,4 +1,4 @@
-"""A setpoint of straight pieces, for experiments that work out their own motion."""
+"""A setpoint of straight lines between given points, for experiments that plan their own motion."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,11 +11,14 @@ from .protocol import Quantity, Samples, Times, checks_of, require_finite, unit_
 
 @dataclass(frozen=True)
 class Polyline:
-    """Straight from corner to corner, in metres or volts; the first and last value hold.
+    """Straight lines from corner to corner, in metres or volts.
+
+    Before the first corner the setpoint has the first value, after the last corner the last one.
 
     Attributes:
-        times_s: of the corners, increasing.
-        values: at the corners.
+        times_s: times of the corners in s, increasing, at least two.
+        values: setpoint at each corner.
+        quantity: "position" (metres) or "command" (volts).
     """
 
     times_s: tuple[float, ...]
@@ -33,11 +36,11 @@ class Polyline:
         checks.finish()
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint at each time, as `Setpoint.sample`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
         return np.interp(np.asarray(time_s, dtype=np.float64), self.times_s, self.values)
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return the steepest slope of the pieces that the duration reaches, in m/s or V/s."""
+        """Return the steepest slope of the lines that reach into the duration, in m/s or V/s."""
         times = np.asarray(self.times_s)
         slopes = np.abs(np.diff(self.values) / np.diff(times))
         reached = (times[:-1] < duration_s) & (times[1:] > 0.0)

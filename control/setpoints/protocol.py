@@ -1,4 +1,4 @@
-"""What every setpoint offers, and the checks that setpoints share."""
+"""The interface of all setpoints, and the checks that they share."""
 
 from math import isfinite
 from typing import Any, Final, Literal, Protocol
@@ -13,37 +13,37 @@ Times = NDArray[np.floating[Any]]
 Samples = NDArray[np.float64]
 
 TICK_S: Final = 1e-3
-"""Period of the loop, the shortest time a setpoint can be held (section 5: 1000 Hz)."""
+"""Period of the loop in s, the shortest time for which a level can be held (section 5: 1000 Hz)."""
 
 
 class SetpointError(RequestError):
-    """A setpoint that cannot be generated."""
+    """The error of a setpoint whose parameters are not valid."""
 
 
 class Setpoint(Protocol):
-    """A signal in metres (quantity "position") or volts (quantity "command") over time."""
+    """The interface of a setpoint: a signal over time, in metres or volts by its quantity."""
 
     @property
     def quantity(self) -> Quantity:
-        """Say whether the signal is a position in metres or a valve command in volts."""
+        """Return "position" for a position in metres, "command" for a valve command in volts."""
 
     def sample(self, time_s: Times) -> Samples:
-        """Return the setpoint in metres or volts at each time, float64 in the shape of `time_s`."""
+        """Return the setpoint in m or V at each time in s, float64 in the shape of `time_s`."""
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return a bound on |d setpoint / dt| in m/s or V/s over [0, duration_s].
+        """Return an upper bound of |d setpoint / dt| in m/s or V/s over [0, duration_s].
 
-        It is inf where the setpoint jumps.
+        It is inf if the setpoint jumps within that time.
         """
 
 
 def unit_of(quantity: Quantity) -> str:
-    """Return the unit of a quantity's values."""
+    """Return the unit of a quantity's values: "m" for a position, "V" for a command."""
     return "m" if quantity == "position" else "V"
 
 
 def checks_of(setpoint: Setpoint) -> Checks:
-    """Return the checks of a setpoint, begun with that of its quantity."""
+    """Return new checks of a setpoint, in which its quantity is checked already."""
     checks = Checks(type(setpoint).__name__, SetpointError)
     checks.require(
         setpoint.quantity in ("position", "command"),
@@ -56,7 +56,7 @@ def checks_of(setpoint: Setpoint) -> Checks:
 
 
 def require_finite(checks: Checks, unit: str, **values: float) -> None:
-    """Note a problem with each value that is infinite or NaN."""
+    """Note a problem with each named value that is infinite or NaN; `unit` is for the message."""
     for name, value in values.items():
         checks.require(
             isfinite(value), name, value, "is not a finite number", f"give a number in {unit}"
@@ -64,5 +64,5 @@ def require_finite(checks: Checks, unit: str, **values: float) -> None:
 
 
 def require_seed(checks: Checks, seed: int) -> None:
-    """Note a problem with a seed no random generator takes."""
+    """Note a problem if the seed is negative."""
     checks.require(seed >= 0, "seed", seed, "is below 0", "give a whole number from 0")

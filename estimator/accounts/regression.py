@@ -196,7 +196,10 @@ class Regression:
         ))  # fmt: skip
 
     def nuisances(self) -> tuple[Array, Array]:
-        """Return the nuisances' most likely sizes (m,) and their covariance (m, m)."""
+        """Return the nuisances' most likely sizes (m,) and their covariance (m, m).
+
+        Both are in the units of F's columns: standard deviations of the nuisances.
+        """
         kept = 1.0 / (self._values + self.variance)
         covariance = (self._vectors * (self.variance * kept)) @ self._vectors.T
         return self._vectors @ (self._projected * kept), covariance

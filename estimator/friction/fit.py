@@ -114,7 +114,11 @@ class _Problem:
         self.both_ways = bool(np.any(self._sign > 0.0) and np.any(self._sign < 0.0))
 
     def solve(self, alpha: float, weights: Array) -> _Solution:
-        """Return the linear parameters (f_sl, f_st, d[, F_as], mass) for a given alpha."""
+        """Return the fit for a given alpha: linear parameters, residuals (n,) in N, and loss.
+
+        The parameters are f_sl, f_st, d, F_as if there are strokes both ways, and the mass. The
+        loss is the weighted sum of squared residuals.
+        """
         design = self._design(alpha)
         root = np.sqrt(weights)
         weighted = self._samples.force * root

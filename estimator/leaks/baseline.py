@@ -77,7 +77,7 @@ class Baseline:
 
 
 def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
-    """Learn a baseline from healthy recordings of one rig.
+    """Return the baseline learnt from healthy recordings of one rig, with an assumed model.
 
     Raises:
         BaselineError: there is no recording, one does not look healthy, or together they show a

@@ -91,7 +91,7 @@ def write_baseline(baseline: Baseline, path: Path) -> None:
 
 
 def load_baseline(path: Path, model: str) -> Baseline:
-    """Read a baseline that `write_baseline` wrote.
+    """Return the baseline from a file that `write_baseline` wrote.
 
     Args:
         path: path of the JSON file.

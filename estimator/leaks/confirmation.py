@@ -93,5 +93,8 @@ class PresentLeaks:
         return present[0], present[1], present[2]
 
     def ended(self, time_s: float) -> bool:
-        """Return whether all confirmed leaks ended at least `CONFIRMED_AFTER_S` before `time_s`."""
+        """Return whether the confirmed leaks all ended `CONFIRMED_AFTER_S` or more before `time_s`.
+
+        It is False if no leak was confirmed.
+        """
         return time_s - self._ended_s >= CONFIRMED_AFTER_S

@@ -37,7 +37,7 @@ from .supply_statistic import SupplyTest
 Array = NDArray[np.float64]
 
 SILENT: Final = ("healthy", "inconclusive")
-"""Verdicts that name no fault."""
+"""Names of the verdicts that are no fault."""
 INCONCLUSIVE_ABOVE: Final = 0.5 * LITRE_PER_MINUTE
 """Flow in m^3/s at the reference drop. If a leak of this size would not have been found, the
 verdict is inconclusive instead of healthy."""
@@ -150,7 +150,7 @@ on them, derives its count from the chance of a false trip
 
 
 def _alive(values: Array) -> NDArray[np.bool_]:
-    """Return (n,) whether each sample is outside any run of `_FROZEN_SAMPLES` equal readings."""
+    """Return for each value whether it is in no run of `_FROZEN_SAMPLES` equal ones: bool (n,)."""
     starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
     lengths = np.diff([*starts, values.size])
     return np.repeat(lengths < _FROZEN_SAMPLES, lengths)
@@ -226,7 +226,7 @@ class OilAccountDetector:
 
     @property
     def accuses(self) -> bool:
-        """Return whether a fault stands out now or did within the last seconds; cheap."""
+        """Return whether a fault stands out now or did within 5 s; this is faster than `decide`."""
         found = bool(self._test.search()) or self._supply.search() is not None
         return found or self._named is not None
 
@@ -461,7 +461,10 @@ class OilAccountDetector:
 
 
 def is_of(decision: Decision, earlier: Decision) -> bool:
-    """Return whether two decisions name the same fault, and the later one not a return of it."""
+    """Return whether a decision names the same fault as an earlier one, and not a return of it.
+
+    The verdicts must be equal, and the fault must begin before the end that `earlier` gives.
+    """
     if decision.verdict != earlier.verdict:
         return False
     began, ended = decision.onset_s, earlier.ended_s
@@ -484,7 +487,7 @@ def _with_supply(
 
 
 def leak_flow(run: FilterRun, parameters: Parameters) -> dict[str, Array]:
-    """Return the product filter's leak flows, float64 (n,) in m^3/s each, by leak (eq. 5.2)."""
+    """Return the product filter's leak flows by leak name, float64 (n,) in m^3/s (eq. 5.2)."""
     p1, p2 = run.state("pressure_1_Pa"), run.state("pressure_2_Pa")
     drops = (p1 - parameters.return_pressure, p2 - parameters.return_pressure, p1 - p2)
     return {

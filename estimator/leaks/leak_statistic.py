@@ -314,7 +314,7 @@ class LeakTest:
         return replace(likeliest, statistic=statistic, limit=limit)
 
     def mark(self, finding: Finding) -> int:
-        """Return the mark at which a found fault begins."""
+        """Return the index of the mark at which a found fault begins."""
         return self.sums.mark_of(finding.onset)
 
     def _sizes(self) -> FaultSizes:

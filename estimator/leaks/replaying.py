@@ -75,7 +75,7 @@ def replay(
     detector: Detector | None = None,
     sensors: SensorParameters = DATA_SHEET,
 ) -> ReplayResult:
-    """Run a filter and its detector over a recording.
+    """Run a filter and its detector over a recording; return the estimates and all decisions.
 
     Args:
         recording: recording at 1 kHz with command, position and both pressures.

@@ -1,8 +1,9 @@
-"""Lanes: one number of each of several independent rigs, computed with together.
+"""Lanes: vectors that hold one number of each of several independent rigs, for parallel computing.
 
-A compiled function written for floats takes lanes as well, if it chooses by `select` where rigs may
-differ, and branches only on what is true `anywhere` or `everywhere`. The processor then carries out
-each operation for all rigs at once (SIMD). Every operation but e^x rounds as the one on floats.
+A compiled function that was written for floats takes lanes as well, under two conditions: it uses
+`select` instead of a branch where rigs may differ, and it branches only on a condition that is true
+`anywhere` or `everywhere`. The processor then carries out each operation for all rigs at once
+(SIMD). Every operation except e^x rounds exactly as on floats.
 """
 
 from . import arithmetic, exponential

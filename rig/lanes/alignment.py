@@ -1,7 +1,8 @@
-"""Where lanes lie in memory: rows that begin where the processor's cache lines begin.
+"""Alignment of lanes in memory: rows begin where the processor's cache lines begin.
 
-A vector of AVX-512 is as long as a cache line. One that lies across two of them takes twice the
-reads and more than twice the writes. Neither numpy nor the compiler's stack sees to it by itself.
+A vector of AVX-512 is as long as a cache line. A vector that lies across two cache lines takes
+twice as long to read and more than twice as long to write. Neither numpy nor the compiler's stack
+aligns vectors by itself.
 """
 
 from typing import Any, Final
@@ -18,13 +19,13 @@ from .kinds import LANES, VECTOR, intrinsic
 
 CACHE_LINE: Final = 64
 _NUMBER: Final = 8
-"""Bytes of a float64."""
+"""Size of a float64 in bytes."""
 _OF_LINE: Final = CACHE_LINE // _NUMBER
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def empty_lanes(rows):
-    """Return a float64 array (rows, LANES), C-contiguous, that begins with a cache line."""
+    """Return an unfilled float64 array (rows, LANES), C-contiguous, aligned to a cache line."""
     count = rows * LANES
     numbers = np.empty(count + _OF_LINE - 1)
     first = -(numbers.ctypes.data // _NUMBER) % _OF_LINE
@@ -32,7 +33,7 @@ def empty_lanes(rows):
 
 
 def aligned(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a copy of an array (..., LANES) that begins with a cache line."""
+    """Return a copy of an array (..., LANES) that is aligned to a cache line."""
     place: Any = empty_lanes
     copy: NDArray[np.float64] = place(array.size // LANES).reshape(array.shape)
     copy[...] = array
@@ -41,15 +42,16 @@ def aligned(array: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @intrinsic
 def align_stack(typing_context):
-    """Begin the stack of this function with a cache line: what no register holds lies there.
+    """Align the stack of the calling compiled function to a cache line.
 
-    LLVM aligns it where a variable asks for it, and not for vectors that it puts there by itself.
+    The stack holds vectors for which no register is free. LLVM aligns the stack only if a variable
+    asks for it, and not for vectors that it stores there by itself; this makes such a variable.
     """
 
     def emit(context, builder, signature, arguments):
         variable = cgutils.alloca_once(builder, VECTOR)
         variable.align = CACHE_LINE
-        # No instruction, but a use: without one the variable would vanish.
+        # This makes no instruction, but it uses the variable, which would be removed otherwise.
         use = ir.FunctionType(ir.VoidType(), [variable.type])
         builder.call(ir.InlineAsm(use, "", "r,~{memory}", side_effect=True), [variable])
         return context.get_dummy_value()

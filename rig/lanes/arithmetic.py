@@ -1,4 +1,4 @@
-"""Operators and functions of numbers, taught to the compiler for lanes."""
+"""Operators and functions on lanes, which this module registers with the compiler."""
 
 import math
 import operator
@@ -16,11 +16,20 @@ from .choosing import INLINED
 from .kinds import LANES, NUMBERS, VECTOR, LanesType, lanes, overload, overload_attribute, truths
 
 Emit = Callable[..., Any]
-"""Takes the builder and the arguments' vectors, and returns the result's."""
+"""A function of LLVM's builder and the arguments' vectors that returns the vector of the result."""
 
 
 def _teach(function: Any, result: Any, arguments: tuple[Any, ...], emit: Emit) -> None:
-    """Teach the compiler a function on lanes; a number among its arguments is one of all lanes."""
+    """Register a Python function on lanes with the compiler.
+
+    A plain number among the arguments of a call counts as the same number in all lanes.
+
+    Args:
+        function: the function or operator.
+        result: numba type of the result, `lanes` or `truths`.
+        arguments: numba type of each argument.
+        emit: writes the instructions.
+    """
     kinds = tuple(type(argument) for argument in arguments)
 
     class Typed(AbstractTemplate):
@@ -42,7 +51,7 @@ def _instruction(name: str) -> Emit:
 
 
 def emit_function(name: str, builder: Any, *args: Any) -> Any:
-    """Call one of LLVM's functions, `llvm.<name>`, on vectors."""
+    """Emit a call of LLVM's function `llvm.<name>` on vectors of lanes; return its result."""
     kind = ir.FunctionType(VECTOR, [VECTOR] * len(args))
     name_of_vector = f"llvm.{name}.v{LANES}f64"
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, name_of_vector), args)
@@ -53,7 +62,7 @@ def _function(name: str) -> Emit:
 
 
 def _comparison(sign: str) -> Emit:
-    """Return what compares as IEEE 754 has it: with NaN nothing but != holds."""
+    """Return an `Emit` for a comparison by IEEE 754: with a NaN, only != is true."""
 
     def emit(builder: Any, a: Any, b: Any) -> Any:
         compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
@@ -63,7 +72,10 @@ def _comparison(sign: str) -> Emit:
 
 
 def _extreme(sign: str) -> Emit:
-    """Return what takes the second number where it is beyond the first, as on floats."""
+    """Return an `Emit` for min ("<") or max (">"), with the same result for NaN as on floats.
+
+    The result is b where b is beyond a, and a elsewhere.
+    """
     return lambda builder, a, b: builder.select(builder.fcmp_ordered(sign, b, a), b, a)
 
 

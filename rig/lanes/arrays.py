@@ -1,8 +1,9 @@
-"""Arrays of lanes with the indices of arrays of floats, for functions that take either.
+"""Arrays of lanes that are indexed like arrays of floats, for functions that take either.
 
-`in_lanes(array)` of a float64 array (n, LANES) is as an array (n,) of lanes, and of one
-(m, n, LANES) as an array (m, n). It reads and writes the memory of that array, which it does not
-keep: an array made where this is used would be gone after its last mention.
+`in_lanes(array)` turns a float64 array (n, LANES) into an array (n,) of lanes, and one of
+(m, n, LANES) into an array (m, n) of lanes. The result reads and writes the memory of the original
+array but does not keep it alive. The caller must hold a reference to the original as long as the
+result is used.
 """
 
 import operator
@@ -19,7 +20,7 @@ from .memory import ALIGNMENT
 
 
 class LaneArrayType(types.Type):
-    """An array of lanes, of one or two dimensions."""
+    """The compiler's type of an array of lanes with one or two dimensions."""
 
     def __init__(self, dimensions: int) -> None:
         self.dimensions = dimensions
@@ -36,7 +37,7 @@ class _LaneArrayModel(models.StructModel):
 
 @intrinsic
 def in_lanes(typing_context, array):
-    """Return a C-contiguous float64 array, its last index the lane, as an array of lanes."""
+    """Return a C-contiguous float64 array (..., LANES) as an array of lanes on the same memory."""
     kind = LaneArrayType(array.ndim - 1)
 
     def emit(context, builder, signature, arguments):
@@ -51,7 +52,7 @@ def in_lanes(typing_context, array):
 
 
 def _pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
-    """Return a pointer to the element of an array of lanes at an index of its dimensions."""
+    """Return a pointer to the element of an array of lanes at an index, an integer or a pair."""
     opened = cgutils.create_struct_proxy(kind)(context, builder, array)
     row = index
     if kind.dimensions > 1:

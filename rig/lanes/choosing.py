@@ -1,6 +1,6 @@
-"""What takes the place of branches where lanes may differ; on floats it comes to the same.
+"""Functions that replace branches where lanes may differ; on floats they have the same result.
 
-Not compiled, the functions of this module work on anything that has a truth value.
+If they are not compiled, they work on any conditions that have a truth value.
 """
 
 from typing import Any, Final
@@ -33,7 +33,7 @@ def _any(typing_context, condition):
 
 
 def select(condition: Any, chosen: Any, other: Any) -> Any:
-    """Return `chosen` where the condition holds and `other` elsewhere; both have been computed."""
+    """Return `chosen` in lanes where the condition holds, else `other`; both must be computed."""
     return chosen if condition else other
 
 
@@ -43,7 +43,7 @@ def _select_compiled(condition, chosen, other):
 
 
 def anywhere(condition: Any) -> Any:
-    """Return whether a condition holds in any lane; of floats, whether it holds."""
+    """Return whether a condition holds in at least one lane; on floats, whether it holds."""
     return condition
 
 
@@ -55,7 +55,7 @@ def _anywhere_compiled(condition):
 
 
 def everywhere(condition: Any) -> Any:
-    """Return whether a condition holds in all lanes; of floats, whether it holds."""
+    """Return whether a condition holds in all lanes; on floats, whether it holds."""
     return condition
 
 

@@ -1,4 +1,4 @@
-"""The two types of the compiler that lanes are: numbers and truth values, as vectors of LLVM."""
+"""The compiler's two types of lanes: numbers and truth values, each a vector of LLVM."""
 
 from typing import Any, Final
 
@@ -9,12 +9,12 @@ from numba.core.typeconv.castgraph import Conversion
 from numba.extending import lower_cast, models, register_model
 
 LANES: Final = 8
-"""Rigs computed together: one vector of AVX-512, two of AVX2."""
+"""Number of rigs that are computed together: one vector of AVX-512, or two of AVX2."""
 
 VECTOR: Final = ir.VectorType(ir.DoubleType(), LANES)
 BITS: Final = ir.VectorType(ir.IntType(64), LANES)
 TRUTHS: Final = ir.VectorType(ir.IntType(1), LANES)
-# As these are declared, their arguments would count the context that numba adds.
+# Typed as Any: by numba's annotations, callers would have to pass the context that numba adds.
 intrinsic: Final[Any] = numba.extending.intrinsic
 overload: Final[Any] = numba.extending.overload
 overload_attribute: Final[Any] = numba.extending.overload_attribute
@@ -23,32 +23,32 @@ NUMBERS: Final = (types.Float, types.Integer)
 
 
 class LanesType(types.Type):
-    """float64 numbers, one of each lane."""
+    """The compiler's type of float64 numbers, one for each lane."""
 
     def __init__(self) -> None:
         super().__init__("lanes")
 
     def can_convert_from(self, typing_context: Any, other: Any) -> Any:
-        """Take any number, the same in all lanes."""
+        """Return a safe conversion from a number, which fills all lanes; None for other types."""
         return Conversion.safe if isinstance(other, NUMBERS) else None
 
     def unify(self, typing_context: Any, other: Any) -> Any:
-        """Say that what is lanes on one path is lanes."""
+        """Return lanes as the type of a variable that is a number on another path; else None."""
         return self if isinstance(other, NUMBERS) else None
 
 
 class TruthsType(types.Type):
-    """Truth values, one of each lane."""
+    """The compiler's type of truth values, one for each lane."""
 
     def __init__(self) -> None:
         super().__init__("truths")
 
     def can_convert_from(self, typing_context: Any, other: Any) -> Any:
-        """Take what holds or not, in all lanes."""
+        """Return a safe conversion from a boolean, which fills all lanes; None for other types."""
         return Conversion.safe if isinstance(other, types.Boolean) else None
 
     def unify(self, typing_context: Any, other: Any) -> Any:
-        """Say that what is of lanes on one path is of lanes."""
+        """Return truths as the type of a variable that is a boolean on another path; else None."""
         return self if isinstance(other, types.Boolean) else None
 
 
@@ -69,7 +69,7 @@ class _TruthsModel(models.PrimitiveModel):
 
 
 def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
-    """Return a vector of one value."""
+    """Emit code that puts one value into all lanes; return the vector, of LLVM type `vector`."""
     nothing = ir.Constant(vector, ir.Undefined)
     first = builder.insert_element(nothing, value, ir.Constant(ir.IntType(32), 0))
     order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)

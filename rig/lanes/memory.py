@@ -1,4 +1,4 @@
-"""Lanes in arrays: the lane is the last index, so that the processor loads a row at once."""
+"""Loading and storing lanes: the lane is an array's last index, so that a row is loaded at once."""
 
 from typing import Any, Final
 
@@ -22,7 +22,7 @@ def _row(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def load(typing_context, array, index):
-    """Return row `index` of a float64 array (n, LANES), C-contiguous."""
+    """Return row `index` of a C-contiguous float64 array (n, LANES) as lanes."""
 
     def emit(context, builder, signature, arguments):
         pointer = _row(context, builder, signature.args[0], *arguments)
@@ -33,7 +33,7 @@ def load(typing_context, array, index):
 
 @intrinsic
 def store(typing_context, array, index, value):
-    """Write lanes to row `index` of a float64 array (n, LANES), C-contiguous."""
+    """Write lanes to row `index` of a C-contiguous float64 array (n, LANES)."""
 
     def emit(context, builder, signature, arguments):
         pointer = _row(context, builder, signature.args[0], *arguments[:2])
@@ -44,7 +44,7 @@ def store(typing_context, array, index, value):
 
 
 def _elements(context: Any, builder: Any, kind: Any, array: Any, rows: Any) -> Any:
-    """Return pointers to each lane's element of a row of its own of an array (n, LANES)."""
+    """Return pointers to element (rows[j], j) of an array (n, LANES), one for each lane j."""
     view = context.make_array(kind)(context, builder, array)
     first = builder.ptrtoint(view.data, _BYTE_ADDRESS)
     addresses = in_all_lanes(builder, first, BITS)
@@ -56,7 +56,10 @@ def _elements(context: Any, builder: Any, kind: Any, array: Any, rows: Any) -> A
 
 @intrinsic
 def gather(typing_context, array, rows):
-    """Return lane j of row `rows[j]`, whole, of a float64 array (n, LANES), C-contiguous."""
+    """Return lanes with element (rows[j], j) of a C-contiguous float64 array (n, LANES) in lane j.
+
+    The rows are given as lanes of whole numbers.
+    """
 
     def emit(context, builder, signature, arguments):
         pointers = _elements(context, builder, signature.args[0], *arguments)
@@ -73,7 +76,10 @@ def gather(typing_context, array, rows):
 
 @intrinsic
 def scatter(typing_context, array, rows, values, where):
-    """Write lane j to row `rows[j]` of an array, as `gather` reads it, where so told."""
+    """Write lane j of `values` to element (rows[j], j) of an array if `where` is true in lane j.
+
+    Array and rows are as in `gather`.
+    """
 
     def emit(context, builder, signature, arguments):
         pointers = _elements(context, builder, signature.args[0], *arguments[:2])
@@ -89,9 +95,10 @@ def scatter(typing_context, array, rows, values, where):
 
 @intrinsic(prefer_literal=True)
 def load_fields(typing_context, array, like, shared):
-    """Return a named tuple as `like`, of lanes: field i is row i of a float64 array (n, LANES).
+    """Return a named tuple of the type of `like` whose field i is row i of an array, as lanes.
 
-    The field of number `shared`, a literal, is one float for all lanes, that of `like`.
+    The array is float64 (n, LANES). The field with index `shared`, a literal, is not lanes: it is
+    one float for all lanes, taken from `like`.
     """
     kinds: list[Any] = [lanes] * len(like)
     kinds[shared.literal_value] = types.float64

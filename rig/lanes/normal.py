@@ -1,8 +1,8 @@
-"""Standard normal numbers, a stream of its own in each lane.
+"""Standard normal random numbers, with an independent stream in each lane.
 
-Uniform ones come from xoshiro256++ (Blackman and Vigna 2021), seeded by numpy's SeedSequence, and
-are made normal by the formula of Box and Muller (1958). Its logarithm, sine and cosine are series
-here, right to 1e-9: the C library knows one number at a time.
+Uniform numbers come from xoshiro256++ (Blackman and Vigna 2021), seeded by numpy's SeedSequence,
+and become normal by the formula of Box and Muller (1958). Its logarithm, sine and cosine are series
+here, accurate to 1e-9, as the C library takes only one number at a time.
 """
 
 import math
@@ -31,10 +31,10 @@ _SQRT_2: Final = math.sqrt(2.0)
 
 
 def start_streams(seeds: Sequence[int]) -> NDArray[np.uint64]:
-    """Return the state (4, LANES) of streams of normal numbers, by a seed of each lane.
+    """Return the start state (4, LANES) of the streams of normal numbers, one seed for each lane.
 
     Raises:
-        ValueError: there are not as many seeds as lanes.
+        ValueError: the number of seeds is not `LANES`.
     """
     if len(seeds) != LANES:
         raise ValueError(f"normal numbers: {len(seeds)} seeds for {LANES} lanes")
@@ -44,7 +44,7 @@ def start_streams(seeds: Sequence[int]) -> NDArray[np.uint64]:
 
 @njit(cache=True, error_model="numpy")
 def _fill_uniform(state, numbers):
-    """Fill an array (n, LANES) with numbers in (0, 1): k + 1/2 by 2^53."""
+    """Fill an array (n, LANES) with uniform numbers (k + 1/2) / 2^53 in (0, 1); update `state`."""
     for i in range(numbers.shape[0]):
         for lane in range(LANES):
             a, b, c, d = state[0, lane], state[1, lane], state[2, lane], state[3, lane]
@@ -63,7 +63,7 @@ def _fill_uniform(state, numbers):
 
 @intrinsic
 def _split(typing_context, number):
-    """Return (n, m) of a positive normal number 2^n m with 1 <= m < 2."""
+    """Return n and m of positive numbers 2^n m with 1 <= m < 2; they must not be denormal."""
 
     def emit(context, builder, signature, arguments):
         def constant(value: int) -> ir.Constant:
@@ -82,7 +82,7 @@ def _split(typing_context, number):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _logarithm(number):
-    """Return ln of numbers in (0, 1), by the series of artanh."""
+    """Return the natural logarithm of numbers in (0, 1), by the series of artanh."""
     exponent, mantissa = _split(number)
     large = mantissa > _SQRT_2
     mantissa = select(large, 0.5 * mantissa, mantissa)
@@ -95,7 +95,7 @@ def _logarithm(number):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def sine_and_cosine(turns):
-    """Return sine and cosine, right to 1e-9, of an angle in turns, from 0 to 1."""
+    """Return sine and cosine, accurate to 1e-9, of an angle of 0 to 1 turns."""
     quarter = floor(4.0 * turns + 0.5)
     r = (turns - 0.25 * quarter) * (2.0 * math.pi)
     q = r * r
@@ -113,9 +113,11 @@ def sine_and_cosine(turns):
 def fill_normal(state, numbers):
     """Fill a float64 array (n, LANES), n even, with standard normal numbers.
 
+    A stream gives the same numbers in the same order whatever the sizes of the arrays.
+
     Args:
-        state: uint64 (4, LANES), of `start_streams`; updated.
-        numbers: C-contiguous. The same numbers come in the same order however they are batched.
+        state: uint64 (4, LANES), made by `start_streams`; updated.
+        numbers: the array, C-contiguous.
     """
     _fill_uniform(state, numbers)
     for i in range(0, numbers.shape[0], 2):

@@ -1,6 +1,7 @@
-"""The physics of the rig, once: parameters with units, rates, integrator, sensors, effects.
+"""The physics of the rig in one place: parameters with units, rates, integrator, sensors, effects.
 
-Imports numpy and numba only; everything above shares this one model.
+Simulation, filters, controller and gap workflow all share this one model. The package imports only
+numpy, numba and the packages of compiled code, `rig.jit` and `rig.lanes`.
 """
 
 from lazy_loader import attach_stub

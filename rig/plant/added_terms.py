@@ -1,10 +1,10 @@
-"""A disturbance in symbols that a model may hold beside its effects: at most three terms.
+"""Terms in symbols: a disturbance of at most three terms that a model may have beside its effects.
 
-The gap workflow writes one where no effect of the catalogue explains what is missing
-(docs/gap.md): to the force balance, a chamber's flow or the spool's reference are added terms such
-as 180 N sin(2 pi x / 42 mm + 0.4). Each has a kind, a size and two places in `Parameters`. The kind
-is a number of four digits, in the order of PLACES, QUANTITIES, FORMS, and 1 if it turns with the
-direction of motion; 0 is no term.
+The gap workflow writes such terms where no effect of the catalogue explains a disagreement
+(docs/gap.md). A term such as 180 N sin(2 pi x / 42 mm + 0.4) is added to the force balance, to a
+chamber's flow or to the spool's reference. `Parameters` has four fields for each term: kind, size,
+`at` and `by`. The kind is a number of four digits: 1 + index in PLACES, index in QUANTITIES, index
+in FORMS, and 1 if the sign follows the direction of motion. A kind of 0 means no term.
 """
 
 from math import exp, floor, pi, sqrt
@@ -19,41 +19,42 @@ MOST_TERMS: Final = 3
 
 PLACES: Final = {"force balance": "N", "flow, chamber 1": "m^3/s", "flow, chamber 2": "m^3/s",
                  "spool": "m"}  # fmt: skip
-"""What a term is added to, with its unit: a force against extension, a flow into a chamber, a shift
-of where the spool is asked to be."""
+"""Where a term is added, with its unit: a force against extension, a flow into a chamber, or a
+shift of the spool's reference."""
 QUANTITIES: Final = {
     "": "", "velocity": "m/s", "position": "m", "spool opening": "m", "pressure 1": "Pa",
     "pressure 2": "Pa", "pressure difference": "Pa", "command": "V",
 }  # fmt: skip
-"""Quantities that a term may depend on, with their units; the first stands for none."""
+"""Quantities that a term may depend on, with their units; the first one, "", stands for none."""
 FORMS: Final = ("1", "x", "|x|", "x^2", "x |x|", "wave", "bump")
-"""How a term depends on its quantity x; sin(2 pi x / at + by) is a wave, exp(-((x - at) / by)^2) a
-bump."""
+"""How a term depends on its quantity x. A wave is sin(2 pi x / at + by), and a bump is
+exp(-((x - at) / by)^2)."""
 WAVE: Final = FORMS.index("wave")
 BUMP: Final = FORMS.index("bump")
 POWERS: Final = (0, 1, 1, 2, 2, 0, 0)
-"""Power of the quantity in each form, from which the unit of a size follows."""
+"""Power of the quantity in each of `FORMS`, from which the unit of a term's size follows."""
 
 FORCE: Final = 1.0
 FLOW_1: Final = 2.0
 FLOW_2: Final = 3.0
 SPOOL: Final = 4.0
 _TURNING: Final = 5e-3
-"""m/s, over which a flow or a shift of the spool that turns with the motion does so. A force that
-turns is friction: it belongs to the bristles' level."""
+"""Velocity in m/s over which a flow or a spool shift changes its sign with the direction of motion.
+A force that does so is friction and is added to the bristles' level (`added_friction`)."""
 
 
 class AddedTerm(NamedTuple):
-    """One term of a disturbance that a model holds: where it enters, of what, and how large.
+    """One term in symbols: where it is added, the quantity it depends on, its form and its size.
 
     Attributes:
-        place: of `PLACES`.
-        of: of `QUANTITIES`.
-        form: of `FORMS`.
-        turned: whether its sign is that of the velocity.
-        size: SI, in `size_unit`.
-        at: period of a wave, middle of a bump, SI.
-        by: phase of a wave in rad, width of a bump, SI.
+        place: a key of `PLACES`.
+        of: a key of `QUANTITIES`.
+        form: one of `FORMS`.
+        turned: whether the term is multiplied by the sign of the velocity.
+        size: factor on the form, SI, in `size_unit`.
+        at: period of a wave or middle of a bump, in the unit of the quantity; else without effect.
+        by: phase of a wave in rad, or width of a bump in the unit of the quantity; else without
+            effect.
     """
 
     place: str
@@ -66,12 +67,12 @@ class AddedTerm(NamedTuple):
 
     @property
     def size_unit(self) -> str:
-        """Return the SI unit of its size."""
+        """Return the SI unit of the term's size."""
         return size_unit(self.place, self.of, self.form)
 
 
 def size_unit(place: str, of: str, form: str) -> str:
-    """Return the SI unit of a term's size: "N/(m/s)^2"."""
+    """Return the SI unit of a term's size, for example "N/(m/s)^2"."""
     power = POWERS[FORMS.index(form)]
     if power == 0:
         return PLACES[place]
@@ -79,10 +80,12 @@ def size_unit(place: str, of: str, form: str) -> str:
 
 
 def fields_of(terms: "tuple[AddedTerm, ...]") -> dict[str, float]:
-    """Return all fields of `Parameters` that hold terms, of these.
+    """Return the values of all fields of `Parameters` that hold terms, by field name.
+
+    Fields of terms that are not used are 0. This is the inverse of `terms_of`.
 
     Raises:
-        ValueError: a term's place, quantity or form is not known, or they are too many.
+        ValueError: a term's place, quantity or form is not known, or there are too many terms.
     """
     if len(terms) > MOST_TERMS:
         raise ValueError(f"{len(terms)} terms; a model holds {MOST_TERMS}")
@@ -105,7 +108,7 @@ def fields_of(terms: "tuple[AddedTerm, ...]") -> dict[str, float]:
 
 
 def terms_of(par: Parameters) -> tuple[AddedTerm, ...]:
-    """Return the terms that parameters hold."""
+    """Return the terms in symbols that a rig's parameters hold."""
     found = []
     for number in range(1, MOST_TERMS + 1):
         kind, size, at, by = (
@@ -123,13 +126,16 @@ def terms_of(par: Parameters) -> tuple[AddedTerm, ...]:
 
 @inlined
 def _digit(kind, unit):
-    """Return the digit of a kind that counts a unit of 1, 10, 100 or 1000."""
+    """Return the decimal digit of a kind at the place of `unit`, which is 1, 10, 100 or 1000."""
     return floor(kind / unit) - 10.0 * floor(kind / (10.0 * unit))
 
 
 @inlined
 def _sine(turns):
-    """Return the sine of a number of turns, to 1e-11; by arithmetic, for lanes have no other."""
+    """Return the sine, accurate to 1e-11, of an angle in turns.
+
+    It is computed by arithmetic alone, as there is no other sine on lanes.
+    """
     r = turns - floor(turns + 0.5)
     r = select(r > 0.25, 0.5 - r, select(r < -0.25, -0.5 - r, r))
     angle = 2.0 * pi * r
@@ -142,7 +148,7 @@ def _sine(turns):
 
 @inlined
 def _shape(form, x, at, by):
-    """Return a form (`FORMS`) of a quantity."""
+    """Return the value of a form, an index into `FORMS`, at the value x of its quantity."""
     size = abs(x)
     period = select(form == WAVE, at, 1.0)
     away = (x - at) / select(form == BUMP, by, 1.0)
@@ -157,7 +163,10 @@ def _shape(form, x, at, by):
 
 @inlined
 def _term(kind, size, at, by, place, turned, v, x, spool, p1, p2, command):
-    """Return a term if it belongs to a place and turns with the motion, or not; else 0."""
+    """Return the value of one term if its place and its last digit are the given ones, else 0.
+
+    The sign of the velocity is not included; the caller multiplies with it if `turned` is 1.
+    """
     of = _digit(kind, 100.0)
     quantity = select(of == 1.0, v, 0.0)
     quantity = select(of == 2.0, x, quantity)
@@ -185,17 +194,19 @@ def _terms(place, turned, v, x, spool, p1, p2, command, par):
 
 @inner
 def added(place, v, x, spool, p1, p2, command, par):
-    """Return what terms add to a place (FORCE, FLOW_1, FLOW_2, SPOOL), in its unit.
+    """Return the sum of all terms that are added at a place, in the unit of the place.
+
+    Forces that change sign with the direction of motion are left out; see `added_friction`.
 
     Args:
-        place: which.
-        v: velocity, m/s.
-        x: position, m.
-        spool: its displacement, m.
-        p1: of the oil in chamber 1, Pa.
-        p2: of the oil in chamber 2, Pa.
-        command: that acts, V.
-        par: `Parameters`.
+        place: FORCE, FLOW_1, FLOW_2 or SPOOL.
+        v: velocity of the ram, m/s.
+        x: position of the ram, m.
+        spool: displacement of the spool, m.
+        p1: pressure of the oil in chamber 1, Pa.
+        p2: pressure of the oil in chamber 2, Pa.
+        command: command that acts on the spool, V.
+        par: `Parameters`, which hold the terms.
     """
     total = _terms(place, 0.0, v, x, spool, p1, p2, command, par)
     if place != FORCE:
@@ -206,5 +217,8 @@ def added(place, v, x, spool, p1, p2, command, par):
 
 @inner
 def added_friction(v, x, spool, p1, p2, command, par):
-    """Return what terms add to the friction level in N: forces that turn with the motion."""
+    """Return the sum in N of the force terms that change sign with the direction of motion.
+
+    It is added to the friction level. The arguments are as in `added`.
+    """
     return _terms(FORCE, 1.0, v, x, spool, p1, p2, command, par)

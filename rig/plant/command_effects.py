@@ -1,12 +1,12 @@
-"""What lies between the loop's command and the plant: delay, play of the valve, ripple of the pump.
+"""Effects between the loop's command and the plant: delay, play of the valve, ripple of the pump.
 
-Effects with a memory of their own, which the plant's state leaves out: a command that acts late, by
-fractions of a tick too (`command_delay`), a spool that follows through play (`valve_hysteresis`),
-and a supply that ripples with time (`supply_ripple`). The memory is one float64 array, made by
-`command_path` and moved by `drive`; the simulated loop, `simulate` and fits call `drive` once a
-tick. The emulated rig, whose commands come at any time, keeps the delay itself and calls
-`drive_undelayed`. Where none of these effects acts, a tick is `rig.plant.integrator.advance`, to
-the last bit.
+These effects have a memory that is not part of the plant's state: a command that acts late, also by
+fractions of a tick (`command_delay`), a spool that follows through play (`valve_hysteresis`), and a
+supply pressure that ripples with time (`supply_ripple`). The memory, the command path, is one
+float64 array that `command_path` makes and `drive` updates. The simulated loop, `simulate` and fits
+call `drive` once a tick. The emulated rig, whose commands come at any time, handles the delay
+itself and calls `drive_undelayed`. If none of these effects is switched on, a tick is exactly
+`rig.plant.integrator.advance`, to the last bit.
 """
 
 from math import ceil, exp, pi, sin
@@ -26,24 +26,26 @@ LONGEST_DELAY_TICKS: Final = 20
 _HISTORY: Final = LONGEST_DELAY_TICKS + 1
 _TIME, _REFERENCE, _NEWEST, _COMMANDS = range(4)
 PATH_SIZE: Final = _COMMANDS + _HISTORY
-"""Numbers of a command path: time (s), the spool's reference behind the play (m), which command of
-the history is the newest, and the commands of the last 20 ms and of now (V)."""
+"""Length of a command path. It holds the time (s), the spool's reference behind the play (m), the
+index of the newest command in the history, and the history: the commands of the last 20 ms and the
+present one (V)."""
 
 _PIECES: Final = 4
-"""Parts of the longest step in which a rippling supply is followed; 8 of a tick."""
+"""Number of parts of the longest integration step in which a supply ripple is followed; with two
+such steps a tick, 8 parts a tick."""
 _SUPPLY_PRESSURE: Final = Parameters._fields.index("supply_pressure")
 
 
 def command_path(
     parameters: Parameters, *, spool: float = 0.0, command: float = 0.0, time_s: float = 0.0
 ) -> Array:
-    """Return the memory (`PATH_SIZE`,) of a path whose command has long been the same.
+    """Return the memory (`PATH_SIZE`,) of a command path whose command has long been constant.
 
     Args:
-        parameters: of the rig.
-        spool: where the spool is, m; its reference rests there, as near as the play allows.
-        command: that acts, V.
-        time_s: of the first tick, to which the ripple's phase is counted from 0.
+        parameters: parameters of the rig.
+        spool: position of the spool, m; the reference starts there, as near as the play allows.
+        command: the constant command, V.
+        time_s: time of the first tick, s; the phase of a supply ripple counts from time 0.
     """
     path = np.full(PATH_SIZE, float(command))
     path[_TIME], path[_NEWEST] = time_s, 0.0
@@ -53,18 +55,22 @@ def command_path(
 
 
 def start_clock(path: Array, time_s: float) -> None:
-    """Let the next tick of a path be at `time_s`, from which the ripple's phase is counted."""
+    """Set the time of a path's next tick to `time_s`, in place; the ripple depends on this time."""
     path[_TIME] = time_s
 
 
 def hold_reference(path: Array, spool: float) -> None:
-    """Put the spool's reference behind the play to where the spool is held, m."""
+    """Set the spool's reference behind the play, in place, to the position in m of a held spool."""
     path[_REFERENCE] = spool
 
 
 @inlined
 def command_through_play(path, command, par):
-    """Return the command in V of the spool's reference, which a command takes along in its play."""
+    """Return the command in V that acts on the spool after the valve's play; update the path.
+
+    The spool's reference moves only when the command pushes it at an end of the play. Without play
+    the result is the command itself.
+    """
     if par.valve_hysteresis == 0.0:
         return command
     path[_REFERENCE] = play(path[_REFERENCE], par.valve_gain * command, par.valve_hysteresis)
@@ -73,7 +79,17 @@ def command_through_play(path, command, par):
 
 @inner
 def delayed_command(path, command, delay):
-    """Take a command (V); return those that act before and after a moment (s) of this tick."""
+    """Store a command in the path; return the delayed commands that act in this tick.
+
+    Args:
+        path: memory of the command path, updated.
+        command: command given for this tick, V.
+        delay: delay, s.
+
+    Returns:
+        The command in V that acts at first, the command in V that acts after it, and the time in s
+        from the start of the tick at which the second takes over; 0 if it acts from the start.
+    """
     newest = (int(path[_NEWEST]) + 1) % _HISTORY
     path[_NEWEST] = newest
     path[_COMMANDS + newest] = command
@@ -87,10 +103,15 @@ def delayed_command(path, command, delay):
 
 @inner
 def _rippled(time, step, par):
-    """Return the pump's pressure in Pa that lets the supply at the valve follow its ripple.
+    """Return the constant pump pressure in Pa over a step that makes the supply ripple.
 
-    The line, a lag, turns a pressure held over a step of s into an exponential that meets the sine
-    p_s0 + A sin(2 pi f t + phi) at both ends of the step.
+    The supply line is a first-order lag. It turns the constant pressure into an exponential, which
+    equals the sine p_s0 + A sin(2 pi f t + phi) at both ends of the step.
+
+    Args:
+        time: start of the step, s.
+        step: length of the step, s.
+        par: `Parameters`.
     """
     rate = 2.0 * pi * par.supply_ripple_frequency
     kept = exp(-step / par.line_time_constant)
@@ -102,7 +123,7 @@ def _rippled(time, step, par):
 
 @inner
 def _drive_for(state, path, command, par, fault, duration, substeps):
-    """Advance plant and path over a time in s in which a command (V) acts."""
+    """Advance plant and path in place over `duration` (s), in which one command (V) acts."""
     driven = command_through_play(path, command, par)
     ripples = par.supply_ripple != 0.0
     supply, pieces, steps = par.supply_pressure, 1, substeps
@@ -114,14 +135,14 @@ def _drive_for(state, path, command, par, fault, duration, substeps):
         if ripples:
             supply = _rippled(path[_TIME], span, par)
             path[_TIME] += span
-        # Replaced always: two kinds of parameters would be two arrays to choose from.
+        # The field is always replaced: a choice between two versions would cost more.
         acting = with_field(par, _SUPPLY_PRESSURE, supply)
         advance(state, driven, acting, fault, span, steps)
 
 
 @inner
 def _drive_delayed(state, path, command, par, fault, substeps):
-    """Advance plant and path by a tick in which the command before may act at first."""
+    """Advance plant and path in place by a tick in which an earlier command may act at first."""
     before, following, late = delayed_command(path, command, par.command_delay)
     if late > 0.0:
         _drive_for(state, path, before, par, fault, late, substeps)
@@ -130,7 +151,10 @@ def _drive_delayed(state, path, command, par, fault, substeps):
 
 @inlined
 def drive_undelayed(state, path, command, par, fault, duration, substeps):
-    """Advance plant and path in place over a time in s in which a command acts; see `drive`."""
+    """Advance plant and path in place over `duration` (s), in which one command (V) acts.
+
+    The delay is not applied; the other arguments are as in `drive`.
+    """
     if (par.valve_hysteresis != 0.0) | (par.supply_ripple != 0.0):
         _drive_for(state, path, command, par, fault, duration, substeps)
     else:
@@ -141,15 +165,15 @@ def drive_undelayed(state, path, command, par, fault, duration, substeps):
 
 @inlined
 def drive(state, path, command, par, fault, substeps):
-    """Advance plant and command path in place by one tick: the transition that fits share too.
+    """Advance plant and command path in place by one tick; loop, simulation and fits all use this.
 
     Args:
-        state: float64 (9,), in the order of `PlantState`.
-        path: float64 (`PATH_SIZE`,), made by `command_path`.
-        command: given by the loop for this tick, V.
+        state: float64 (9,), in the order of `PlantState`, updated.
+        path: float64 (`PATH_SIZE`,), made by `command_path`, updated.
+        command: command that the loop gives for this tick, V.
         par: `Parameters`.
         fault: 8 fault coefficients in the order of `FaultInput` (SI).
-        substeps: longest integration steps in a tick.
+        substeps: least number of integration steps in a tick.
     """
     if par.command_delay != 0.0:
         _drive_delayed(state, path, command, par, fault, substeps)

@@ -1,10 +1,10 @@
-"""Compiles functions that are parts of larger ones, without making machine code of each part.
+"""Compilation of functions that are parts of larger ones, without machine code for each part.
 
-Numba makes machine code of every function, and optimises each function anew together with all that
-it calls. For a part neither is ever used: the code of a part is copied into the functions that call
-it, and becomes machine code there. So a part is kept as it is before both steps, which saves a
-third of the time. A part also has no entry for Python: if Python calls a part while the compiler is
-on, the process crashes.
+Numba normally makes machine code of every function, and optimises each function again together with
+all that it calls. For a part neither result is ever used, as the code of a part is copied into the
+functions that call it and becomes machine code there. Both steps are therefore left out for parts,
+which saves a third of the time. A part also has no entry for Python: if Python calls a part while
+the compiler is on, the process crashes.
 """
 
 from typing import Any, Final
@@ -18,20 +18,20 @@ from rig.jit import njit
 from rig.lanes import intrinsic
 
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"
-"""What numba lets the names of the variables begin with by which functions reach Python's objects;
-it fills them in, so that they must be there."""
+"""Beginning of the names that numba gives to the variables through which functions reach Python's
+objects. Numba fills these variables in, so that they must exist."""
 
 
 class _PartLibrary(JITCodeLibrary):
-    """The code of one part, for other functions to take over."""
+    """The code of one part, which other functions copy."""
 
     def _optimize_final_module(self) -> None:
-        """Leave it as it is: the functions that take it over are optimised with it."""
+        """Do nothing: the code is optimised together with the functions that copy it."""
 
     def _finalize_final_module(self) -> None:
-        """Keep the code for others, and hand nothing but its variables on to become machine code.
+        """Keep the code for other functions, and make machine code of its variables only.
 
-        What is handed on is what numba also writes to its cache as this function's machine code.
+        Numba also writes this machine code to its cache as that of the function.
         """
         self._finalize_dynamic_globals()
         self._finalized = True
@@ -47,10 +47,10 @@ class _PartLibrary(JITCodeLibrary):
 
 
 class _PartCompiler(Compiler):
-    """The compiler of parts; `njit` asks for one by this class."""
+    """The compiler of parts, which is passed to `njit` as its pipeline class."""
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile a function into a library of the kind above."""
+        """Compile a function into a `_PartLibrary` and return numba's result."""
         library = _PartLibrary(self.state.targetctx.codegen(), func.__qualname__)
         library.enable_object_caching()
         self.state.library = library
@@ -67,10 +67,10 @@ _OPTIONS: Final[dict[str, Any]] = {
 }
 
 inner: Final[Any] = njit(**_OPTIONS, forceinline=False)
-"""Compile a function that only compiled code calls."""
+"""Decorator that compiles a function which only compiled code may call."""
 
 inlined: Final[Any] = njit(**_OPTIONS, forceinline=True)
-"""Compile as `inner` does, and put the code where it is called, whatever its size."""
+"""Decorator that compiles as `inner` does and always inlines the code in its callers."""
 
 
 def compile_part(part: Any, *arguments: Any) -> None:
@@ -90,7 +90,10 @@ def compile_part(part: Any, *arguments: Any) -> None:
 
 @intrinsic(prefer_literal=True)
 def with_field(typing_context, fields, index, value):
-    """Return a named tuple of floats with the field of a literal number replaced by a float."""
+    """Return a named tuple of floats with one field replaced by `value`.
+
+    The field's index is a literal; the original tuple does not change.
+    """
 
     def emit(context, builder, signature, arguments):
         return builder.insert_value(arguments[0], arguments[2], index.literal_value)

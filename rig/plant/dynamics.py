@@ -1,8 +1,8 @@
-"""The plant's differential equations, once, in compiled scalar code (docs/model.md).
+"""The plant's differential equations, in compiled scalar code (docs/model.md).
 
-Chamber pressures are states of the oil: below zero they stand for the volume of a vapour cavity
-(-p V / beta), the oil itself being at zero pressure, so that no oil is lost or made when a chamber
-cavitates. All pressures are above that of the tank's surface.
+A chamber pressure below zero stands for a vapour cavity of volume -p V / beta, while the oil itself
+is at zero pressure. No oil is thus lost or made when a chamber cavitates. All pressures are gauge
+pressures, relative to that at the tank's surface.
 """
 
 from math import copysign, exp, sin, sqrt
@@ -35,18 +35,22 @@ class PlantState(NamedTuple):
 
 STATE_COUNT: Final = len(PlantState._fields)
 
-# Where the bristle damping, a Gaussian of velocity, has fallen below one part in 10^15.
+# Velocity, in widths of the Gaussian bristle damping, at which it is below one part in 10^15.
 _DAMPING_CUTOFF: Final = 6.0
 
 ATMOSPHERE: Final = 101325.0
-"""Pa. Absolute pressure at the tank's surface, from which all pressures are counted (ISO 2533)."""
+"""Absolute pressure in Pa at the tank's surface, to which all pressures are relative (ISO 2533)."""
 
 LEVEL_FLOOR: Final = 1.0
-"""N. Bristles need some friction level to relax to; this one is below any sensor's resolution."""
+"""Least friction level in N. Bristles need a level to relax to; this one is below the resolution of
+any sensor."""
 
 
 def rest_state(parameters: Parameters, position: float) -> np.ndarray:
-    """Return the state of a ram at rest at `position` (m), valve at null, chambers half way."""
+    """Return the state (9,) of a ram at rest at `position` (m) with the valve at null.
+
+    Both chambers are at the mean of supply and return pressure.
+    """
     supply, back = parameters.supply_pressure, parameters.return_pressure
     chamber = 0.5 * (supply + back)
     rippled = supply + parameters.supply_ripple * sin(parameters.supply_ripple_phase)
@@ -55,22 +59,22 @@ def rest_state(parameters: Parameters, position: float) -> np.ndarray:
 
 @inlined
 def _excess(value):
-    """Return a value of any unit where it is positive, else zero in that unit."""
+    """Return the value where it is positive, else zero in the same unit."""
     return select(value > 0.0, value, 0.0 * value)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def signed_root(drop):
-    """Return sgn(drop) sqrt(|drop|) in Pa^0.5: turbulent flow runs down the pressure drop.
+    """Return sgn(drop) sqrt(|drop|) in Pa^0.5: the orifice law for flow in both directions.
 
-    The orifice law of the house, from which others depart where they say so: the product filter and
-    the controller round it off at zero, each in its way, and the thesis filters keep a floor.
+    The whole project uses this law, with three exceptions. The product filter and the controller
+    each round it off near zero in their own way, and the thesis filters have a least drop.
     """
     return copysign(sqrt(abs(drop)), drop)
 
 
 def signed_roots(drops: Any) -> Any:
-    """Return `signed_root` of a number or an array of any shape in Pa, where Python runs."""
+    """Return `signed_root` of a number or an array of any shape in Pa; for code not compiled."""
     return np.sign(drops) * np.sqrt(np.abs(drops))
 
 
@@ -82,7 +86,11 @@ def valve_conductance(par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def valve_drops(opening, p1, p2, supply, back):
-    """Return the drops in Pa over the open edges at ports 1 and 2 (eqs. 2.1 and 2.2)."""
+    """Return the drops in Pa over the open edges at ports 1 and 2 (eqs. 2.1 and 2.2).
+
+    With an opening of 0 or more, chamber 1 is connected to the supply and chamber 2 to the return;
+    with a negative opening it is the other way round.
+    """
     extending = opening >= 0.0
     drop_1 = select(extending, supply - p1, p1 - back)
     drop_2 = select(extending, p2 - back, supply - p2)
@@ -99,16 +107,16 @@ def valve_flows(opening, p1, p2, supply, back, conductance):
 
 @inlined
 def lapped(opening, par):
-    """Return what an overlap leaves of an opening in m: y -> sgn(y) max(0, |y| - d)."""
+    """Return the opening in m that is left with an overlap d: y -> sgn(y) max(0, |y| - d)."""
     return copysign(_excess(abs(opening) - par.valve_deadband), opening)
 
 
 @inlined
 def edge_flows(opening, p1, p2, supply, back, par):
-    """Return the flows in m^3/s of the valve's four edges (Merritt 1967, ch. 5).
+    """Return the flows in m^3/s past the valve's four edges (Merritt 1967, ch. 5).
 
-    They are supply to chamber 1, chamber 1 to return, supply to 2, and 2 to return. Those of
-    an underlapped valve: near null all are open, and oil runs straight to the return.
+    They are: supply to chamber 1, chamber 1 to return, supply to chamber 2, chamber 2 to return.
+    Near the null of an underlapped valve all edges are open, and oil flows from supply to return.
     """
     conductance = valve_conductance(par)
     forth = conductance * _excess(par.valve_underlap_leakage + opening)
@@ -124,7 +132,7 @@ def edge_flows(opening, p1, p2, supply, back, par):
 
 @inlined
 def is_real_valve(par):
-    """Return whether the valve has laps, or unlike ports."""
+    """Return whether the valve has an overlap or underlap, or ports that differ."""
     laps = (par.valve_deadband != 0.0) | (par.valve_underlap_leakage != 0.0)
     return laps | (par.valve_flow_asymmetry != 0.0)
 
@@ -142,7 +150,7 @@ def port_flows(opening, p1, p2, supply, back, par):
 def leak_flows(p1, p2, back, par, fault):
     """Return the leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s (eqs. 5.1, 5.2).
 
-    The model's own coefficients and those of the injected fault add up: two paths in parallel.
+    The model's own coefficients and those of the injected fault are added, as two parallel paths.
     """
     k1 = par.external_leakage_1 + fault[0]
     k2 = par.external_leakage_2 + fault[1]
@@ -151,7 +159,7 @@ def leak_flows(p1, p2, back, par, fault):
     l2 = par.external_leakage_2_linear + fault[4]
     l12 = par.internal_leakage_linear + fault[5]
     q1 = q2 = q12 = 0.0
-    # One by one: roots take as long as all the rest, and few rigs leak in several places.
+    # Each root is computed only if it is needed: roots are slow, and few rigs have several leaks.
     if anywhere(k1 != 0.0):
         q1 = k1 * signed_root(p1 - back)
     if anywhere(k2 != 0.0):
@@ -167,15 +175,16 @@ def leak_flows(p1, p2, back, par, fault):
 
 @inlined
 def open_leaks(state, par, fault):
-    """Return `leak_flows` of a true state (`PlantState`): a cavity's oil is at zero pressure."""
+    """Return `leak_flows` in m^3/s of a true state (`PlantState`); a cavity counts as 0 Pa."""
     return leak_flows(max(state[2], 0.0), max(state[3], 0.0), state[8], par, fault)
 
 
 @inlined
 def line_rates(opening, p1, p2, q1, q2, leak_1, leak_2, ps, pe, par, fault):
-    """Return (dp_s/dt, dp_e/dt) in Pa/s: supply droop and return back pressure (Merritt, ch. 3).
+    """Return the rates of supply and return pressure, (dp_s/dt, dp_e/dt), in Pa/s.
 
-    The supply leak runs from the supply line to the return line (figure 2.3).
+    They follow from the droop of the supply and the back pressure of the return line (Merritt 1967,
+    ch. 3). A supply leak flows from the supply line to the return line (figure 2.3).
     """
     dps = par.supply_pressure - ps
     dpe = par.return_pressure - pe
@@ -211,7 +220,7 @@ def chamber_volumes(position, par):
 
 @inlined
 def _aeration(pressure, par):
-    """Return numerator and denominator, in Pa^2, of `aeration_softening`."""
+    """Return the numerator and the denominator of `aeration_softening`, both in Pa^2."""
     air = par.entrained_air
     absolute = max(pressure, 0.0) + ATMOSPHERE
     liquid = (1.0 - air) * absolute
@@ -221,9 +230,10 @@ def _aeration(pressure, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def aeration_softening(pressure, par):
-    """Return beta_e / beta, what entrained air leaves of the oil's bulk modulus (Merritt, ch. 2).
+    """Return beta_e / beta, the part of the oil's bulk modulus that is left with entrained air.
 
-    Bubbles follow the pressure isothermally; below zero the mixture is as soft as at zero.
+    Bubbles follow the pressure isothermally (Merritt 1967, ch. 2). A pressure below zero counts as
+    zero.
     """
     numerator, denominator = _aeration(pressure, par)
     return numerator / denominator
@@ -231,9 +241,9 @@ def aeration_softening(pressure, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def aeration_compliance(pressure, par):
-    """Return d(1/beta_e)/da in 1/Pa where there is no air: what a little of it adds per fraction.
+    """Return d(1/beta_e)/da in 1/Pa at a = 0, with a the volume fraction of entrained air.
 
-    The first order of `aeration_softening` in the volume fraction of air a.
+    This is the linear term of the compliance that `aeration_softening` gives for a little air.
     """
     ratio = ATMOSPHERE / (max(pressure, 0.0) + ATMOSPHERE)
     return ratio * (ratio / ATMOSPHERE - 1.0 / par.bulk_modulus)
@@ -243,12 +253,12 @@ def aeration_compliance(pressure, par):
 def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
     """Return (dp1/dt, dp2/dt) in Pa/s for net inflows in m^3/s (eq. 2.3).
 
-    A cavity (p < 0) grows and shrinks by volumes of oil: d(p V / beta_e)/dt = inflow - dV/dt.
+    For a cavity (p < 0) the volume of oil is conserved: d(p V / beta_e)/dt = inflow - dV/dt.
     """
     v1, v2 = chamber_volumes(x, par)
     swept_1 = swept_2 = par.piston_area * v
     if anywhere(par.entrained_air != 0.0):
-        # One division for both chambers: it takes as long as all the rest.
+        # Both chambers share one division, which is slow.
         soft_1, hard_1 = _aeration(p1, par)
         soft_2, hard_2 = _aeration(p2, par)
         stiffness = par.bulk_modulus / (v1 * hard_1 * v2 * hard_2)
@@ -265,21 +275,21 @@ def pressure_rates(p1, p2, x, v, inflow_1, inflow_2, par):
 
 @inlined
 def stops(par):
-    """Return (lowest, highest) position in m of the ram: a stop inside the stroke, or the end."""
+    """Return the ram's (lowest, highest) position in m: stops inside the stroke, or stroke ends."""
     return max(par.stroke_min, par.stop_low), min(par.stroke_max, par.stop_high)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def total_mass(par):
-    """Return the mass in kg that the pistons move: the ram and its payload (eq. 2.6)."""
+    """Return the moving mass in kg, ram and payload together (eq. 2.6)."""
     return par.moving_mass + par.payload_mass
 
 
 @inlined
 def spring_force(position, par):
-    """Return the force in N of the spring against extension, as the load cell sees it (chapter 6).
+    """Return the spring's force in N against extension, as the load cell measures it (chapter 6).
 
-    A ram pressed into a stroke end is where the end is.
+    A ram that is pressed into a stroke end counts as being at the end.
     """
     within = min(max(position, par.stroke_min), par.stroke_max)
     return par.spring_stiffness * _excess(within - par.spring_contact)
@@ -287,7 +297,11 @@ def spring_force(position, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def environment_force(position, velocity, par):
-    """Return the force in N against extension of spring, constant force and stops (chapter 6)."""
+    """Return the force in N that spring, constant force and stops exert against extension.
+
+    Position and velocity are in m and m/s (chapter 6). A stop acts beyond its position as a stiff
+    spring with losses (Hunt and Crossley 1975).
+    """
     force = par.spring_stiffness * _excess(position - par.spring_contact) + par.constant_force
     low, high = stops(par)
     above = position - high
@@ -301,7 +315,11 @@ def environment_force(position, velocity, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def slip_friction(speed, direction, par):
-    """Return the friction level g in N at a speed, without its viscous part (eq. 2.8)."""
+    """Return the friction level g in N at a speed (m/s), without its viscous part (eq. 2.8).
+
+    The direction is positive when extending, negative when retracting; it matters for the
+    asymmetry. The level is at least `LEVEL_FLOOR`.
+    """
     level = par.coulomb + (par.stiction - par.coulomb) * exp(-speed * (1.0 / par.stribeck_velocity))
     asymmetry = par.friction_asymmetry
     level += select(
@@ -312,10 +330,10 @@ def slip_friction(speed, direction, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def friction(velocity, friction_state, par):
-    """Return the bristles' velocity dz/dt in m/s and the friction in N against the motion.
+    """Return the rate dz/dt of the friction state in m/s, and the friction in N against the motion.
 
-    Bristle friction after Canudas de Wit et al. 1995, or Karnopp's while sliding (eq. 2.8), whose
-    state, the direction of sliding, changes between steps only.
+    Friction is that of bristles (Canudas de Wit et al. 1995), or Karnopp's while sliding (eq. 2.8).
+    Karnopp's state, the direction of sliding, has rate 0, as it changes between steps only.
     """
     direction = friction_state if par.friction_law == KARNOPP else velocity
     level = slip_friction(abs(velocity), direction, par)
@@ -324,7 +342,7 @@ def friction(velocity, friction_state, par):
 
 @inlined
 def friction_at(level, velocity, friction_state, par):
-    """Return as `friction` does, at a given friction level in N."""
+    """Return the results of `friction` for a given friction level in N."""
     karnopp = par.friction_law == KARNOPP
     speed = abs(velocity)
     force = par.viscous * velocity
@@ -342,9 +360,10 @@ def friction_at(level, velocity, friction_state, par):
 
 @inlined
 def spool_rates(spool, velocity, command, par):
-    """Return (dx_sp/dt in m/s, its derivative in m/s^2) of the spool (eq. 2.5).
+    """Return the spool's velocity in m/s and acceleration in m/s^2 (eq. 2.5).
 
-    At its greatest speed, the pilot stage's flow, it is accelerated no further.
+    The velocity is limited to the greatest speed that the pilot stage's flow allows, and at that
+    speed the acceleration in the same direction is 0.
     """
     wn = par.valve_natural_frequency
     pull = wn * wn * (par.valve_gain * command - spool) - 2.0 * par.valve_damping * wn * velocity
@@ -358,7 +377,7 @@ def spool_rates(spool, velocity, command, par):
 
 @inner
 def slip_level(velocity, direction, x, spool, p1, p2, command, par):
-    """Return the friction level in N (`slip_friction`) with what terms add to it."""
+    """Return the friction level in N: `slip_friction` plus the terms in symbols that add to it."""
     level = slip_friction(abs(velocity), direction, par)
     return max(level + added_friction(velocity, x, spool, p1, p2, command, par), LEVEL_FLOOR)
 
@@ -367,7 +386,8 @@ def slip_level(velocity, direction, x, spool, p1, p2, command, par):
 def _with_terms(s, w, p1, p2, x, v, z, command, inflow_1, inflow_2, par):
     """Return (dx_sp/dt, dw/dt, dp_1/dt, dp_2/dt, dv/dt, dz/dt) with the model's terms in symbols.
 
-    Arguments are states as of `rates`, the command, and the net inflows in m^3/s without terms.
+    The arguments are states as in `rates`, the command in V, and the net inflows in m^3/s without
+    the terms.
     """
     oil_1, oil_2 = max(p1, 0.0), max(p2, 0.0)
     direction = z if par.friction_law == KARNOPP else v
@@ -385,10 +405,10 @@ def _with_terms(s, w, p1, p2, x, v, z, command, inflow_1, inflow_2, par):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def rates(s, w, p1, p2, x, v, z, ps, pe, command, par, fault):
-    """Return the time derivatives of all states, in the order of `PlantState`.
+    """Return the time derivatives of all nine states, SI, in the order of `PlantState`.
 
-    Arguments are the nine states, the valve command (V), `Parameters` and the eight fault
-    coefficients of `FaultInput`.
+    The arguments are the nine states in the same order, the valve command (V), `Parameters` and the
+    eight fault coefficients of `FaultInput`.
     """
     dz, drag = friction(v, z, par)
     oil_1 = max(p1, 0.0)

@@ -1,8 +1,8 @@
-"""The catalogue of effects: what may be switched on in a model, and by which parameters.
+"""The catalogue of effects that may be switched on in a model, with the parameters of each.
 
-Each effect is neutral at its parameters' defaults, so that switching one on is a nested extension
-of the simpler model: simulation, filters and gap workflow share it. Some effects add a term; others
-shift a parameter that every rig has, and are neutral where the model has it already.
+Each effect is neutral at its parameters' defaults, so that a model with it contains the simpler
+model as a special case. Simulation, filters and gap workflow share the catalogue. Some effects add
+a term; others shift a parameter that every rig has, and are neutral at the model's present value.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ _QUANTITIES: Final = quantities()
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """One knob of an effect.
+    """One knob (parameter) of an effect.
 
     Attributes:
-        name: in a model file.
-        field: of `Parameters` that it sets.
-        lower, upper: what is plausible on a rig, SI; a model file may go beyond, to the range of
-            the field's `Quantity`.
+        name: name of the knob in a model file.
+        field: field of `Parameters` that it sets.
+        lower, upper: plausible range on a rig, SI; a model file may go beyond it, up to the range
+            of the field's `Quantity`.
         shift: whether every rig has the parameter, so that the effect only shifts it.
-        followed_by: a field that keeps its proportion to this one.
+        followed_by: another field of `Parameters` that is scaled along with this one; or None.
     """
 
     name: str
@@ -35,18 +35,18 @@ class EffectParameter:
 
     @property
     def unit(self) -> str:
-        """SI unit."""
+        """Return the SI unit of the knob."""
         return _QUANTITIES[self.field].unit
 
     @property
     def neutral(self) -> float:
-        """Value in SI of a rig without the effect; of a shift, that of the nominal rig."""
+        """Return the SI value of a rig without the effect; for a shift, that of the nominal rig."""
         return float(getattr(NOMINAL, self.field))
 
 
 @dataclass(frozen=True, slots=True)
 class PlantEffect:
-    """A physical effect that a rig can be given: equation, source and parameters."""
+    """A physical effect that a model may have, with its equation, source and knobs."""
 
     name: str
     equation: str
@@ -55,14 +55,18 @@ class PlantEffect:
 
     @property
     def shifts(self) -> bool:
-        """Whether the effect only shifts parameters that every rig has."""
+        """Return whether the effect only shifts parameters that every rig has."""
         return all(parameter.shift for parameter in self.parameters)
 
     def applied(self, parameters: Parameters, **values: float) -> Parameters:
-        """Return a rig's parameters with knobs of this effect set, by name, in SI.
+        """Return a rig's parameters with some knobs of this effect set.
+
+        Args:
+            parameters: parameters of the rig before, which do not change.
+            **values: SI value of each knob to set, by the knob's name.
 
         Raises:
-            KeyError: the effect has no such knob.
+            KeyError: the effect has no knob of that name.
         """
         knobs = {knob.name: knob for knob in self.parameters}
         changed = {}
@@ -95,7 +99,7 @@ def _knob(
 def _added(
     name: str, equation: str, source: str, lower: float | None = None, upper: float | None = None
 ) -> PlantEffect:
-    """Return an effect of one parameter of its own, which has its name."""
+    """Return an effect with one knob, "value", for a parameter that has the effect's name."""
     return PlantEffect(name, equation, source, (_knob("value", name, lower, upper),))
 
 
@@ -103,7 +107,7 @@ def _shift(
     name: str, equation: str, source: str, field: str, lower: float, upper: float,
     followed_by: str | None = None,
 ) -> PlantEffect:  # fmt: skip
-    """Return an effect that shifts one parameter every rig has."""
+    """Return an effect with one knob, "value", that shifts a parameter which every rig has."""
     knob = _knob("value", field, lower, upper, True, followed_by)
     return PlantEffect(name, equation, source, (knob,))
 
@@ -272,4 +276,4 @@ REMEMBERING: Final = (
     "position_delay",
     "position_backlash",
 )
-"""Fields of effects with a memory outside the plant's state (`command_path`, `transducers`)."""
+"""Fields of effects whose memory is outside the plant's state (`command_path`, `transducers`)."""

@@ -1,6 +1,6 @@
-"""The faults a rig can inject (figure 2.3): their names, and as the plant sees them.
+"""The faults that a rig can inject (figure 2.3): their names, and their coefficients in the plant.
 
-Whoever lists leaks or faults does so in the order they have here.
+Leaks and faults have the order of this module everywhere.
 """
 
 from typing import Final, Literal, NamedTuple, get_args
@@ -9,16 +9,16 @@ LeakName = Literal["external_leakage_1", "external_leakage_2", "internal_leakage
 FaultName = Literal[LeakName, "supply_leakage", "return_blockage"]
 
 LEAKS: Final[tuple[str, ...]] = get_args(LeakName)
-"""Leaks of the actuator itself: from chamber 1 and 2 to the return line, and past the piston."""
+"""Leaks of the actuator itself: from chambers 1 and 2 to the return line, and past the piston."""
 FAULTS: Final[tuple[str, ...]] = get_args(FaultName)
-"""The leaks, that of the supply line to the return line, and a return line that is blocked."""
+"""All faults: `LEAKS`, a leak of the supply line to the return line, and a blocked return line."""
 
 
 class FaultInput(NamedTuple):
-    """Fault coefficients acting over one tick, added to the model's own (eqs. 5.1 and 5.2).
+    """Fault coefficients that act in one tick, in addition to the model's own (eqs. 5.1 and 5.2).
 
-    Square-root leaks in m^3/(s Pa^0.5), linear ones in m^3/(s Pa), return blockage in
-    Pa/(m^3/s)^2 (turbulent restriction).
+    Square-root leaks are in m^3/(s Pa^0.5), linear ones in m^3/(s Pa), and the return blockage, a
+    turbulent restriction, is in Pa/(m^3/s)^2.
     """
 
     external_leakage_1: float

@@ -1,11 +1,10 @@
-"""Integrates the plant over one command interval (1 ms).
+"""The integrator, which advances the plant over one command interval (1 ms).
 
-Classical Runge-Kutta of fourth order carries all states but the bristles. These relax at
-s_0 |v| / g(v), up to 2e4 1/s at full speed, and follow the exponential Runge-Kutta scheme of the
-same order (Cox and Matthews 2002), which solves the relaxation exactly. `step_length` shortens a
-step where friction changes quickly. Karnopp friction changes its mode, stuck or sliding, between
-steps.
-Why so: docs/decisions/0010-integrator.md.
+The classical Runge-Kutta method of fourth order integrates all states except the bristles. These
+relax at a rate of s_0 |v| / g(v), up to 2e4 1/s at full speed. They follow the exponential
+Runge-Kutta scheme of the same order (Cox and Matthews 2002), which solves the relaxation exactly.
+`step_length` shortens a step where friction changes quickly. Karnopp friction changes its mode,
+stuck or sliding, between steps. docs/decisions/0010-integrator.md gives the reasons.
 """
 
 from math import copysign, exp
@@ -20,47 +19,51 @@ from .parameters import KARNOPP
 from .step_length import SHORTEST, break_away_step, resolving_step, sliding_step, smooth_step
 
 TICK: Final = 1e-3
-"""The loop's period in s: one command interval (table 2.1, T)."""
+"""Period of the loop in s, which is one command interval (table 2.1, T)."""
 
 SUBSTEPS: Final = 2
-"""Longest steps a tick. Shown converged by `python -m tools.studies.convergence`."""
+"""Least number of integration steps in a tick, by default. `python -m tools.studies.convergence`
+shows that this is converged."""
 
 LONGEST_STEP: Final = TICK / SUBSTEPS
-"""Longest step in s of all runs that do not ask for another."""
+"""Longest integration step in s, by default."""
 
-# Runge-Kutta is stable to 2.8 relaxations a step; from here on they are solved exactly.
+# Relaxations in a step from which on they are solved exactly; Runge-Kutta is stable up to 2.8.
 _FAST_BRISTLE: Final = 2.0
 
 
 @inlined
 def _net_force(y, par):
-    """Return the force in N that stiction has to hold: pistons less spring and stroke ends."""
+    """Return the force in N that stiction must balance: pressures less environment.
+
+    `y` is the state in the order of `PlantState`.
+    """
     pistons = par.piston_area * (max(y[2], 0.0) - max(y[3], 0.0))
     return pistons - environment_force(y[4], 0.0, par)
 
 
 @inlined
 def _mode_at_rest(net_force, par):
-    """Return 0 if stiction holds a ram at rest, else the direction it slides in (eq. 2.8)."""
+    """Return 0 if stiction holds a ram at rest, else the direction (+-1) of sliding (eq. 2.8)."""
     direction = copysign(1.0, net_force)
     return select(abs(net_force) > slip_friction(0.0, direction, par), direction, 0.0)
 
 
 @inlined
 def _with_friction(y, velocity, friction_state):
-    """Return the state `y` with another velocity and friction state."""
+    """Return the state `y` with velocity and friction state replaced."""
     return (y[0], y[1], y[2], y[3], y[4], velocity, friction_state, y[7], y[8])
 
 
 @inlined
 def _with_spool_velocity(y, velocity):
-    """Return the state `y` with another velocity of the spool."""
+    """Return the state `y` with the velocity of the spool replaced."""
     return (y[0], velocity, y[2], y[3], y[4], y[5], y[6], y[7], y[8])
 
 
 @inlined
 def _moved(y, h, k, friction_state):
-    """Return y + h k, but for the friction state, which is given."""
+    """Return the state y + h k, with the friction state replaced by the given one."""
     return (
         y[0] + h * k[0],
         y[1] + h * k[1],
@@ -82,15 +85,22 @@ def _rates(y, command, par, fault):
 
 @inlined
 def _bristle_weights(y, acceleration, h, command, par):
-    """Return the bristles' relaxation rate (1/s), decay over half a step, and weights (s).
+    """Return the bristles' relaxation rate (1/s), their decay over half a step, and four weights.
 
-    The weights are those of half a step and of the first, both middle and the last stage. Without
-    relaxation they are the classical h/2, h/6, h/3, h/6.
+    The weights (s) are that of half a step and those of the first, of both middle and of the last
+    stage. Without relaxation they are the classical h/2, h/6, h/3, h/6.
+
+    Args:
+        y: state at the start of the step.
+        acceleration: acceleration of the ram there, m/s^2.
+        h: length of the step, s.
+        command: valve command, V.
+        par: `Parameters`.
     """
     relaxation = 0.0
     velocity = y[5]
     if par.friction_law != KARNOPP:
-        # The faster end of the step: out of a reversal, bristles stiffen within it.
+        # The greater speed of both ends of the step, as bristles stiffen after a reversal.
         fastest = max(abs(velocity), abs(velocity + h * acceleration))
         stiff = par.bristle_stiffness * fastest
         fast = h * stiff > _FAST_BRISTLE * par.coulomb
@@ -122,7 +132,7 @@ def _bristle_weights(y, acceleration, h, command, par):
 
 @inlined
 def _runge_kutta(y, k, h, command, par, fault):
-    """Return the state one step of h (s) after `y`, where the rates are `k`."""
+    """Return the state after a step of h (s) from the state `y`, whose rates are `k`."""
     relaxation, half, reach, first, middle, last = _bristle_weights(y, k[5], h, command, par)
     z = y[6]
     drive_1 = k[6] + relaxation * z
@@ -130,7 +140,7 @@ def _runge_kutta(y, k, h, command, par, fault):
     z_new = half * half * z + first * drive_1
     total = k
     point = _moved(y, 0.5 * h, k, z_2)
-    # A loop, not three copies: the compiler keeps more of it in registers.
+    # With a loop in place of three copies the compiler keeps more values in registers.
     for stage in range(2, 5):
         k = _rates(point, command, par, fault)
         drive = k[6] + relaxation * point[6]
@@ -149,7 +159,10 @@ def _runge_kutta(y, k, h, command, par, fault):
 
 @inlined
 def _with_mode(y, par):
-    """Return the state `y` of a ram with Karnopp friction, sliding if it moves or breaks away."""
+    """Return the state `y` with Karnopp's mode changed to sliding if a stuck ram breaks away.
+
+    A stuck ram whose velocity is not zero also changes to sliding.
+    """
     stuck = y[6] == 0.0
     if not anywhere(stuck):
         return y
@@ -159,7 +172,10 @@ def _with_mode(y, par):
 
 @inlined
 def _stopped(y, par):
-    """Return the state `y` with Karnopp friction, at rest if the ram has slid to its turn."""
+    """Return the state `y` with velocity 0 and a new Karnopp mode if the ram has reversed.
+
+    A ram has reversed if it moves against its direction of sliding.
+    """
     turned = y[6] * y[5] < 0.0
     if not anywhere(turned):
         return y
@@ -169,7 +185,7 @@ def _stopped(y, par):
 
 @inlined
 def _karnopp_step(y, k, h, longest, par):
-    """Return the step in s, at most `h`, to the next change of mode with Karnopp friction."""
+    """Return the step in s, at most `h`, that ends at the next change of Karnopp's mode."""
     return select(
         y[6] == 0.0,
         break_away_step(y, k, h, _net_force(y, par), par),
@@ -179,9 +195,19 @@ def _karnopp_step(y, k, h, longest, par):
 
 @inlined
 def next_step(y, remaining, longest, shortest, command, par, fault):
-    """Return the state after one more step, and what then remains of the interval, in s.
+    """Return the state after one more step, and the time in s that then remains of the interval.
 
-    Arguments may be lanes, all of one friction law; where none remains, none is taken.
+    All arguments may be lanes with one common friction law. In a lane with no remaining time, the
+    step has length 0.
+
+    Args:
+        y: state, a tuple in the order of `PlantState`.
+        remaining: time that remains of the interval, s.
+        longest: longest step, s.
+        shortest: shortest step to which fast rates may shorten it, s.
+        command: valve command, V.
+        par: `Parameters`.
+        fault: 8 fault coefficients in the order of `FaultInput` (SI).
     """
     karnopp = par.friction_law == KARNOPP
     if karnopp:
@@ -190,7 +216,7 @@ def next_step(y, remaining, longest, shortest, command, par, fault):
     h = smooth_step(y, k, longest, shortest, par)
     if karnopp:
         h = _karnopp_step(y, k, h, longest, par)
-    # Two equal steps rather than a long one and a very short one.
+    # If less than two steps remain, take two equal ones and not a long and a very short one.
     even = select(h > 0.5 * remaining, 0.5 * remaining, h)
     h = select(h > 0.999999 * remaining, remaining, even)
     y = _runge_kutta(y, k, h, command, par, fault)
@@ -211,13 +237,13 @@ def advance(state, command, par, fault, duration=TICK, substeps=SUBSTEPS):
         command: valve command in V, held over the interval.
         par: `Parameters`.
         fault: 8 fault coefficients in the order of `FaultInput` (SI).
-        duration: interval in s.
-        substeps: longest steps in the interval; it takes more where the motion asks for them.
+        duration: length of the interval, s.
+        substeps: least number of steps in the interval; more are taken where the motion needs them.
     """
     y = (
         state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8],
     )  # fmt: skip
-    # A tuple: numba counts references to an array wherever it is handed on.
+    # A tuple is faster than an array, whose references numba counts in every call.
     fault = (
         fault[0], fault[1], fault[2], fault[3], fault[4], fault[5], fault[6], fault[7],
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Play, lag and delay: the laws by which effects remember, on floats and on lanes (`rig.lanes`)."""
+"""Play, lag and delay: the laws of effects with a memory, for floats and lanes (`rig.lanes`)."""
 
 from math import floor
 from typing import Final
@@ -6,25 +6,29 @@ from typing import Final
 from .compiled import inlined
 
 NO_FRACTION: Final = 1e-6
-"""Part of a tick below which a delay is one of whole ticks."""
+"""Part of a tick below which the fraction of a delay counts as zero."""
 
 
 @inlined
 def play(follower, leader, half_width):
-    """Return where a follower in m is that its leader takes along at the ends of a play."""
+    """Return the new position of a follower that its leader moves through a play.
+
+    The follower stays within `half_width` of the leader and moves no more than necessary for that.
+    All values are in m.
+    """
     return min(max(follower, leader - half_width), leader + half_width)
 
 
 @inlined
 def lagged(shown, before, now, steps, kept):
-    """Return what a first-order lag shows at the end of a step over which its input changes evenly.
+    """Return the output of a first-order lag after a step in which its input changes linearly.
 
     Args:
-        shown: what it showed at the beginning.
-        before: the input at the beginning, of the same unit.
-        now: the input at the end.
-        steps: the time constant, in such steps.
-        kept: the part of a distance that is left after the step, exp(-1 / steps).
+        shown: output at the beginning of the step.
+        before: input at the beginning of the step, in the same unit.
+        now: input at the end of the step.
+        steps: time constant of the lag, in steps.
+        kept: decay over the step, exp(-1 / steps).
     """
     behind = (now - before) * steps
     return now - behind + kept * (shown - before + behind)
@@ -32,5 +36,5 @@ def lagged(shown, before, now, steps, kept):
 
 @inlined
 def whole_ticks(ticks):
-    """Return the whole ticks of a delay in ticks; one that rounding left a little short counts."""
+    """Return the whole ticks in a delay, given in ticks, with a tolerance for rounding errors."""
     return floor(ticks + NO_FRACTION)

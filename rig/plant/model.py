@@ -1,4 +1,4 @@
-"""A model of one rig: its parameters, which effects are switched on, and where it comes from."""
+"""A model of one rig: its parameters, the effects that are switched on, and its provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from .parameters import Parameters
 
 @dataclass(frozen=True)
 class Model:
-    """Parameters of a rig (SI) with the names of the effects switched on and their provenance."""
+    """Parameters of a rig (SI), the names of the effects switched on, and their provenance."""
 
     name: str = "nominal"
     parameters: Parameters = Parameters()
@@ -18,14 +18,18 @@ class Model:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def with_effect(self, name: str, **values: float) -> "Model":
-        """Return this model with one more effect of the catalogue, its parameters given in SI.
+        """Return a copy of this model with an effect of the catalogue switched on.
 
-        An effect that shifts a parameter which every rig has sets it (`bulk_modulus`: beta itself).
-        `coulomb_level` takes the stiction along in proportion; `stiction_level` is the stiction
-        alone, so that it has to be the last of the two.
+        An effect that shifts a parameter which every rig has is given the new value itself, not a
+        difference (`bulk_modulus`: beta). `coulomb_level` also changes the stiction in proportion,
+        and `stiction_level` the stiction alone; of the two, it must therefore be set last.
+
+        Args:
+            name: name of the effect.
+            **values: SI value of each of its knobs to set, by the knob's name.
 
         Raises:
-            KeyError: the effect, or one of its parameters, is not in the catalogue.
+            KeyError: the effect, or one of its knobs, is not in the catalogue.
         """
         parameters = CATALOGUE[name].applied(self.parameters, **values)
         effects = self.effects if name in self.effects else (*self.effects, name)

@@ -1,7 +1,7 @@
-"""Every parameter of the rig, once: its default, unit, plausible range, symbol and source.
+"""All parameters of the rig, each with its default, unit, plausible range, symbol and source.
 
-All values are SI. A parameter that belongs to an effect of the catalogue
-(`rig.plant.effects`) defaults to the value at which the effect is absent.
+All values are SI. A parameter that belongs to an effect of the catalogue (`rig.plant.effects`) has
+as its default the value at which the effect is absent.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ FRICTION_LAWS: Final = {"bristle": BRISTLE, "karnopp": KARNOPP}
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Unit, plausible range, symbol and source of one parameter (limits in the same SI unit)."""
+    """SI unit, plausible range in that unit, symbol and source of one parameter."""
 
     unit: str
     lower: float
@@ -31,7 +31,7 @@ def _q(unit: str, lower: float, upper: float, symbol: str, source: str) -> Quant
 
 
 class Parameters(NamedTuple):
-    """Physical parameters of one rig, SI units; the compiled plant and filters take this tuple."""
+    """Physical parameters of one rig in SI units; compiled plant and filters take this tuple."""
 
     # Cylinder
     piston_area: Annotated[float, _q("m^2", 1e-4, 1e-2, "A", "table 2.1")] = 6.33e-4
@@ -177,8 +177,8 @@ class Parameters(NamedTuple):
     position_backlash: Annotated[
         float, _q("m", 0.0, 5e-3, "b_x", "play between ram and encoder, its full width")
     ] = 0.0
-    # A disturbance in symbols (rig.plant.added_terms): no quantities of their own, for their units
-    # are those of the terms.
+    # Terms in symbols (rig.plant.added_terms). These fields have no `Quantity`, as their units
+    # depend on the term.
     term_1_kind: float = 0.0
     term_1_size: float = 0.0
     term_1_at: float = 0.0
@@ -197,6 +197,6 @@ NOMINAL: Final = Parameters()
 
 
 def quantities() -> dict[str, Quantity]:
-    """Return unit, range, symbol and source of every parameter by field name, without terms."""
+    """Return the `Quantity` of every parameter by field name, without the fields of terms."""
     hints = get_type_hints(Parameters, include_extras=True)
     return {name: get_args(hint)[1] for name, hint in hints.items() if get_args(hint)}

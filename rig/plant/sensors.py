@@ -1,4 +1,4 @@
-"""The rig's transducers: what each reads of the true state, with noise, range and resolution."""
+"""The rig's transducers: readings of the true state with noise, range and resolution."""
 
 from math import exp, floor
 from typing import Annotated, Final, NamedTuple
@@ -12,7 +12,7 @@ from .transducer_effects import reading_means, seen_position, seen_pressures
 
 
 class SensorParameters(NamedTuple):
-    """Data-sheet figures of the transducers, SI; noise is one standard deviation of a sample."""
+    """Data-sheet values of the transducers, SI; noise is the standard deviation of a sample."""
 
     position_resolution: Annotated[
         float, _Quantity("m", 1e-7, 1e-3, "", "section 2.1: 0.03 mm per count")
@@ -42,7 +42,7 @@ DATA_SHEET: Final = SensorParameters()
 
 
 class Reading(NamedTuple):
-    """One sample of all transducers, SI; a sensor that the rig lacks reads NaN."""
+    """One sample of all transducers, SI; NaN for a transducer that the rig lacks."""
 
     position: float
     pressure_1: float
@@ -60,7 +60,7 @@ READING_COUNT: Final = len(Reading._fields)
 
 @inlined
 def encoder_position(position, sensors):
-    """Return what the encoder reads in m: it counts whole increments."""
+    """Return the encoder's reading in m: the position rounded to a whole number of increments."""
     counts = floor(position / sensors.position_resolution + 0.5)
     return counts * sensors.position_resolution
 
@@ -72,18 +72,27 @@ def _clipped(value, lower, upper):
 
 @inlined
 def pressure_reading(shown, deviation, sensors):
-    """Return what a transducer reads that shows a pressure, noisy by a `deviation` (all in Pa).
+    """Return a pressure transducer's reading in Pa: `shown` plus noise, limited to its range.
 
-    It saturates at its range.
+    Args:
+        shown: pressure with the transducer's gain and bias, Pa.
+        deviation: the noise of this sample, Pa.
+        sensors: `SensorParameters`.
     """
     return _clipped(shown + deviation, sensors.pressure_min, sensors.pressure_max)
 
 
 @inlined
 def noisy_readings(shown, noise_1, noise_2, noise_spool, noise_supply, sensors):
-    """Return what is read of `Means`, SI: position, both pressures, spool and supply pressure.
+    """Return noisy readings of `Means`, SI: position, both pressures, spool and supply pressure.
 
-    The noise is given as standard normal numbers; an encoder has none.
+    Args:
+        shown: `Means`, the readings without noise, range and resolution.
+        noise_1: standard normal number for the noise of pressure 1.
+        noise_2: standard normal number for the noise of pressure 2.
+        noise_spool: standard normal number for the noise of the spool.
+        noise_supply: standard normal number for the noise of the supply pressure.
+        sensors: `SensorParameters`.
     """
     deviation = sensors.supply_pressure_noise * noise_supply
     return (
@@ -98,13 +107,15 @@ def noisy_readings(shown, noise_1, noise_2, noise_spool, noise_supply, sensors):
 
 @inlined
 def follow_flows(meters, leaks, time_constant, step):
-    """Let the flow meters lag behind the leaks over a step of s; they see no direction (7.2.1).
+    """Advance the lag of the flow meters over a step, in which the leaks are constant.
+
+    The meters read magnitudes only, without direction (section 7.2.1).
 
     Args:
-        meters: float64 (3,), their lag states in m^3/s, advanced in place.
+        meters: float64 (3,), the meters' lag states in m^3/s, advanced in place.
         leaks: true leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s.
-        time_constant: of the meters, s.
-        step: s.
+        time_constant: time constant of the meters, s.
+        step: length of the step, s.
     """
     kept = exp(-step / time_constant)
     for i in range(3):
@@ -113,7 +124,7 @@ def follow_flows(meters, leaks, time_constant, step):
 
 @inlined
 def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, reading):
-    """Sample every transducer as `read_sensors` does, but leave the flow meters' lag as it is."""
+    """Sample every transducer as `read_sensors` does, without advancing the flow meters' lag."""
     p1, p2 = seen_pressures(seen, state[2], state[3], par)
     shown = reading_means(seen_position(seen, state[4], par), p1, p2, state[0], state[7], par)
     reading[0], reading[1], reading[2], reading[3], reading[4] = noisy_readings(
@@ -126,7 +137,7 @@ def sample_sensors(state, seen, load, meters, offsets, noise, par, sensors, read
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors, reading):
-    """Sample every transducer into `reading`.
+    """Sample every transducer and write the readings to `reading`.
 
     Args:
         state: float64 (9,), true state (`PlantState`).
@@ -135,8 +146,8 @@ def read_sensors(state, seen, leaks, load, meters, offsets, noise, par, sensors,
         leaks: true leaks (from chamber 1, from chamber 2, from 1 to 2) in m^3/s.
         load: true spring force in N.
         meters: float64 (3,), flow-meter lag states in m^3/s, advanced in place by one tick.
-        offsets: float64 (3,), the meters' fixed errors in m^3/s.
-        noise: 9 standard normal numbers.
+        offsets: float64 (3,), constant errors of the meters in m^3/s.
+        noise: 9 standard normal numbers, in the order of `Reading`; the first is not used.
         par: `Parameters`, with the transducers' gains and biases.
         sensors: `SensorParameters`.
         reading: float64 (9,), written in the order of `Reading`.

@@ -36,16 +36,18 @@ def simulate(
     """Simulate a rig in open loop at 1 kHz.
 
     Args:
-        model: the rig's model.
-        command: float64 (n,), valve command in V; sample k is held from k to k + 1 ms.
-        initial: true state (9,) to start from; at rest at `position` if None.
-        position: where the ram rests at the start, in m, unless `initial` is given.
-        faults: float64 (n, 8), fault coefficients (`rig.plant.faults.FAULT_COLUMNS`); none if None.
-        substeps: longest integration steps per millisecond.
-        start_s: time of the first sample, which the phase of a supply ripple counts from 0.
+        model: model of the rig.
+        command: float64 (n,), valve command in V; value k acts from k ms to k + 1 ms.
+        initial: true state (9,) at the start; None for a ram at rest at `position`.
+        position: position in m of the ram at rest; without effect if `initial` is given.
+        faults: fault coefficients, float64 (n, 8) or, if constant, (1, 8), columns as
+            `rig.plant.faults.FAULT_COLUMNS`; None for a rig without faults.
+        substeps: least number of integration steps per millisecond.
+        start_s: time of the first sample, s; the phase of a supply ripple counts from time 0.
 
     Returns:
-        Each state's trajectory, float64 (n,), SI, by its name in `PlantState`.
+        Each state at times 0, 1, ... n - 1 ms from the start, float64 (n,), SI, by its name in
+        `PlantState`.
 
     Raises:
         ValueError: the fault table or the initial state has the wrong shape.

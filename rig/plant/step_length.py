@@ -1,7 +1,7 @@
-"""How long the next integration step may be: shorter where the plant is fast or changes course.
+"""The length of the next integration step, which is shorter where the plant is fast or reverses.
 
-Each rule compares a rate of the plant with the rate that the longest step is made for, and shortens
-the step in proportion: halving the longest step halves them all.
+Each rule compares a rate of the plant with the rate that the longest step resolves, and shortens
+the step in proportion. If the longest step is halved, all steps are halved.
 """
 
 from math import copysign, sqrt
@@ -24,54 +24,65 @@ from .dynamics import (
 )
 from .parameters import KARNOPP
 
-# What half a millisecond, the longest step of a default run, resolves.
+# The following rates are resolved by half a millisecond, the longest step of a default run.
 _COLUMN_RATE: Final = 800.0
-"""rad/s. Natural frequency of the ram on the oil of the smaller chamber."""
+"""Natural frequency in rad/s of the ram on the oil of the smaller chamber."""
 
 _EDGE_RATE: Final = 3e5
-"""Pa^0.5/s. A valve edge that fills its chamber, dp/dt = -K sqrt(p), meets the stability limit of
-Runge-Kutta, 2.8, at a drop of (K h / 5.6)^2, and chatters below: at K h = 150, by some kPa."""
+"""Rate K in Pa^0.5/s at which a valve edge fills its chamber, dp/dt = -K sqrt(p).
+
+Runge-Kutta becomes unstable where the relative rate times the step h exceeds 2.8. This is so at
+drops below (K h / 5.6)^2, where the pressure then chatters: with K h = 150, by some kPa."""
 
 _LINE_RATE: Final = 1000.0
-"""1/s. Filling of the supply and return lines, faster through a restriction."""
+"""Rate in 1/s at which the supply and return lines fill; a restriction makes it faster."""
 
 _VALVE_RATE: Final = 1500.0
-"""1/s. Motion of the spool."""
+"""Rate in 1/s of the motion of the spool."""
 
 _BRISTLE_RATE: Final = 2000.0
-"""1/s. Relaxation of the ram on its bristles before it slips."""
+"""Rate in 1/s at which the ram relaxes on its bristles before it slips."""
 
 _CONTACT_RATE: Final = 600.0
-"""rad/s. Natural frequency of the ram on a stroke end."""
+"""Natural frequency in rad/s of the ram on a stroke end."""
 
 _SPEED_RATE: Final = 2000.0
-"""1/s. Acceleration over the velocity scale on which friction changes."""
+"""Rate in 1/s: acceleration divided by the velocity scale on which friction changes."""
 
 _BELL_SCALE: Final = 0.3
-"""That velocity scale near standstill, as a part of the width v_s1 of the bristles' damping."""
+"""Velocity scale on which friction changes near standstill, as a part of the width v_s1 of the
+bristles' damping."""
 
 _LOADING_RATE: Final = 200.0
-"""1/s. Rate of the bristles' force over the Coulomb level."""
+"""Rate in 1/s: change of the bristles' force, divided by the Coulomb level."""
 
 _AERATION_RATE: Final = 300.0
-"""1/s. Rate of a chamber's absolute pressure where entrained air softens the oil."""
+"""Relative rate in 1/s of a chamber's absolute pressure where entrained air softens the oil."""
 
 _RUNAWAY_RATE: Final = 1000.0
-"""1/s. Growth of a small velocity down the Stribeck slope."""
+"""Rate in 1/s at which a small velocity grows down the Stribeck slope."""
 
 SHORTEST: Final = 1.0 / 32.0
-"""Fraction of the longest step below which no rate shortens a step."""
+"""Least step to which a rate may shorten a step, as a part of the longest step."""
 
 _EVENT: Final = 1e-6
-"""s. Shortest step towards a standstill or a break-away."""
+"""Shortest step in s that ends at a standstill, a break-away or an opening edge."""
 
 
 @inlined
 def resolving_step(y, longest, duration, par, fault):
-    """Return the step in s that resolves oil, lines, spool and bristles over `duration` (s)."""
+    """Return the step in s that resolves oil, lines, spool and bristles for a whole interval.
+
+    Args:
+        y: state at the start of the interval, in the order of `PlantState`.
+        longest: longest step, s; the result is between `SHORTEST` of it and itself.
+        duration: length of the interval, s.
+        par: `Parameters`.
+        fault: 8 fault coefficients in the order of `FaultInput` (SI).
+    """
     volume = min(*chamber_volumes(y[4], par))
     mass = total_mass(par)
-    # Compared first: divisions and roots, which mostly shorten nothing, take as long as all rates.
+    # Rates are compared first. Divisions and roots are slow and mostly would not shorten the step.
     h = longest + 0.0 * volume
     column = par.piston_area * par.piston_area * par.bulk_modulus / mass
     stiff = column > _COLUMN_RATE * _COLUMN_RATE * volume
@@ -94,7 +105,7 @@ def resolving_step(y, longest, duration, par, fault):
             other_2 = select(extending, y[7] - y[3], y[3] - y[8])
             closing = abs(opening) < underlap
             least = select(closing, min(least, min(abs(other_1), abs(other_2))), least)
-        # From a larger drop than this, the chamber is not full before the interval ends.
+        # With a larger drop than this, the chamber is not yet full at the end of the interval.
         full = 4.0 * least < filling * filling * duration * duration
         h = select(fast & full, min(h, longest * _EDGE_RATE / filling), h)
     restriction = max(par.supply_droop, par.return_back_pressure + fault[7])
@@ -118,14 +129,17 @@ def resolving_step(y, longest, duration, par, fault):
 
 @inlined
 def _kink_step(opening, speed, kink, h):
-    """Return the step in s, at most `h`, to where an opening (m) that moves passes a kink."""
+    """Return the step in s, at most `h`, that ends where a moving opening reaches a kink.
+
+    Opening and kink are in m, the speed of the opening is in m/s.
+    """
     ahead = (kink - opening) / select(speed == 0.0, 1e-30, speed)
     return select((ahead > _EVENT) & (ahead < h), ahead, h)
 
 
 @inlined
 def _edge_step(y, k, h, par):
-    """Return the step in s, at most `h`, to where an over- or underlapped edge begins to open."""
+    """Return the step in s, at most `h`, that ends where an edge with a lap begins to open."""
     spool, speed = y[0] + par.spool_null_bias, k[0]
     lap = par.valve_deadband
     outer = lap + par.valve_underlap_leakage
@@ -137,7 +151,10 @@ def _edge_step(y, k, h, par):
 
 @inlined
 def standstill_step(y, k, h):
-    """Return the step in s, at most `h`, to where a slowing ram comes to a standstill."""
+    """Return the step in s, at most `h`, that ends where a ram that slows down comes to rest.
+
+    `y` is the state and `k` its rates.
+    """
     velocity, acceleration = y[5], k[5]
     stops = (velocity * acceleration < 0.0) & (abs(velocity) < abs(acceleration) * h)
     if anywhere(stops):
@@ -147,7 +164,10 @@ def standstill_step(y, k, h):
 
 @inlined
 def _aeration_rate(pressure, slope, h, par):
-    """Return the rate in 1/s at which aerated oil stiffens or softens in a step of h (s)."""
+    """Return the rate in 1/s at which oil with air stiffens or softens in a step of h (s).
+
+    The pressure is in Pa, and its slope in Pa/s.
+    """
     lowest = min(pressure, pressure + h * slope)
     softened = 1.0 - aeration_softening(lowest, par)
     return softened * abs(slope) / (max(lowest, 0.0) + ATMOSPHERE)
@@ -155,7 +175,15 @@ def _aeration_rate(pressure, slope, h, par):
 
 @inlined
 def smooth_step(y, k, longest, shortest, par):
-    """Return the step in s over which friction and oil change little, from `y` with rates `k`."""
+    """Return the step in s over which friction and oil change little.
+
+    Args:
+        y: state at the start of the step, in the order of `PlantState`.
+        k: rates of the state.
+        longest: longest step, s.
+        shortest: least step to which a rate may shorten it, s.
+        par: `Parameters`.
+    """
     if anywhere(par.entrained_air != 0.0):
         rate_1 = _aeration_rate(y[2], k[2], longest, par)
         rate = max(rate_1, _aeration_rate(y[3], k[3], longest, par))
@@ -184,7 +212,10 @@ def smooth_step(y, k, longest, shortest, par):
 
 @inlined
 def break_away_step(y, k, h, net_force, par):
-    """Return the step in s, at most `h`, to the break-away of a stuck ram."""
+    """Return the step in s, at most `h`, that ends at the break-away of a stuck ram.
+
+    `y` is the state, `k` its rates, and `net_force` (N) the force that stiction balances.
+    """
     loading = par.piston_area * (k[2] - k[3])
     gap = copysign(slip_friction(0.0, loading, par), loading) - net_force
     return select(abs(gap) < abs(loading) * h, max(gap / loading, _EVENT), h)
@@ -192,7 +223,10 @@ def break_away_step(y, k, h, net_force, par):
 
 @inlined
 def sliding_step(y, k, h, longest, par):
-    """Return the step in s, at most `h`, that follows a ram down the Stribeck slope or to rest."""
+    """Return the step in s, at most `h`, that resolves sliding down the Stribeck slope or to rest.
+
+    `y` is the state, `k` its rates, and `longest` the longest step in s.
+    """
     slope = (par.stiction - par.coulomb) / par.stribeck_velocity
     runaway = _RUNAWAY_RATE * total_mass(par)
     runs_away = (abs(y[5]) < 2.0 * par.stribeck_velocity) & (slope > runaway)

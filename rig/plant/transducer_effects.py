@@ -1,8 +1,9 @@
-"""What lies between the true state and the readings: lag, play and delay, then gain and bias.
+"""Effects between the true state and the readings: lag, play and delay, then gain and bias.
 
-Effects of the transducers with a memory of their own, which the plant's state leaves out. The
-memory is one float64 array, made by `transducers` and moved along with the plant by `follow`;
-`rig.plant.sensors` adds noise, range and resolution. The recorded truth stays that of the plant.
+Lag, play and delay of the transducers have a memory that is not part of the plant's state. It is
+one float64 array, `seen`, that `transducers` makes and `follow` updates along with the plant.
+`rig.plant.sensors` adds noise, range and resolution. The recorded truth is the plant's state,
+without these effects.
 """
 
 from math import exp
@@ -22,19 +23,19 @@ from .parameters import Parameters
 Array = NDArray[np.float64]
 
 _ENTRIES: Final = LONGEST_DELAY_TICKS + 2
-"""Entries of the position's history: they are at least a tick apart, so that they reach back over
-20 ms."""
+"""Number of entries of the position's history. Successive entries are at least a tick apart, so
+that the history covers the last 20 ms."""
 _LAGGED, _LAST, _ENCODER, _TIME, _NEWEST = 0, 2, 4, 5, 6
 _TIMES: Final = 7
 _POSITIONS: Final = _TIMES + _ENTRIES
 TRANSDUCERS_SIZE: Final = _POSITIONS + _ENTRIES
-"""Numbers of the memory: both pressures behind their lag, both pressures when last seen (Pa), the
-encoder's side of the play (m), time (s), and the history of that: newest entry, times, positions.
-"""
+"""Length of the memory. It holds both pressures after their lag, both true pressures at the last
+update (Pa), the encoder's position after the play (m), the time (s), and the history of this
+position: index of the newest entry, times, positions."""
 
 
 class Means(NamedTuple):
-    """What the transducers read of a state but for noise, range, resolution and memory, SI."""
+    """Readings of the transducers without noise, range and resolution, SI."""
 
     position: float
     pressure_1: float
@@ -44,9 +45,9 @@ class Means(NamedTuple):
 
 
 def transducers(parameters: Parameters, state: Array) -> Array:
-    """Return the memory (`TRANSDUCERS_SIZE`,) of transducers of a rig long in `state` (9,).
+    """Return the memory (`TRANSDUCERS_SIZE`,) of a rig that has long been in `state` (9,).
 
-    The encoder stands in the middle of its play.
+    The encoder starts in the middle of its play.
     """
     seen = np.zeros(TRANSDUCERS_SIZE)
     seen[_LAGGED : _LAST + 2] = np.maximum([*state[2:4], *state[2:4]], 0.0)
@@ -58,7 +59,7 @@ def transducers(parameters: Parameters, state: Array) -> Array:
 
 @inner
 def _follow_pressures(seen, state, lag, step):
-    """Let both lags follow the pressures, taken to change evenly over a step of s."""
+    """Advance both pressures' lags in place over a step (s) in which pressures change linearly."""
     kept = exp(-step / lag)
     for i in range(2):
         pressure = max(state[2 + i], 0.0)
@@ -68,7 +69,7 @@ def _follow_pressures(seen, state, lag, step):
 
 @inner
 def _follow_position(seen, position, backlash, step):
-    """Take the encoder along, and note where it is if the last note is a tick old."""
+    """Advance the encoder through its play, and add its position to the history once a tick."""
     seen[_ENCODER] = play(seen[_ENCODER], position, 0.5 * backlash)
     seen[_TIME] += step
     newest = int(seen[_NEWEST])
@@ -81,7 +82,7 @@ def _follow_position(seen, position, backlash, step):
 
 @inner
 def _delayed(seen, delay):
-    """Return the position of a delay (s) ago, interpolated between the entries around it."""
+    """Return the encoder's position in m as it was `delay` (s) ago, interpolated in the history."""
     wanted = seen[_TIME] - delay
     later_time, later = seen[_TIME], seen[_ENCODER]
     entry = int(seen[_NEWEST])
@@ -98,13 +99,13 @@ def _delayed(seen, delay):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def follow(seen, state, par, step=TICK):
-    """Move the transducers' memory along with the plant, in place.
+    """Update the transducers' memory, in place, to the plant's present state.
 
     Args:
         seen: float64 (`TRANSDUCERS_SIZE`,), made by `transducers`.
         state: float64 (9,), true state now, in the order of `PlantState`.
         par: `Parameters`.
-        step: time since it last followed, s.
+        step: time since the last update, s.
     """
     if par.pressure_lag != 0.0:
         _follow_pressures(seen, state, par.pressure_lag, step)
@@ -114,7 +115,7 @@ def follow(seen, state, par, step=TICK):
 
 @inlined
 def seen_position(seen, position, par):
-    """Return the position in m that the encoder has to show of the ram's."""
+    """Return the position in m at the encoder, after play and delay; `position` is the true one."""
     if par.position_delay != 0.0:
         return _delayed(seen, par.position_delay)
     if par.position_backlash != 0.0:
@@ -124,7 +125,7 @@ def seen_position(seen, position, par):
 
 @inlined
 def seen_pressures(seen, p1, p2, par):
-    """Return the pressures in Pa behind the lag of their transducers."""
+    """Return both pressures in Pa after the transducers' lag; p1 and p2 are the true pressures."""
     if par.pressure_lag != 0.0:
         return seen[_LAGGED], seen[_LAGGED + 1]
     return p1, p2
@@ -132,15 +133,16 @@ def seen_pressures(seen, p1, p2, par):
 
 @inlined
 def shown_pressure(pressure, gain, bias):
-    """Return what a transducer makes of a pressure in Pa; it never sees below an empty chamber."""
+    """Return gain times pressure plus bias in Pa; a pressure below zero (a cavity) counts as 0."""
     return gain * max(pressure, 0.0) + bias
 
 
 @inlined
 def reading_means(position, p1, p2, spool, supply, par):
-    """Return `Means` of what the transducers see, SI: gain and bias of each reading.
+    """Return the readings with gain and bias (`Means`, SI), but without noise or range.
 
-    Of a rig whose readings lag or are late, give what is seen: `seen_position`, `seen_pressures`.
+    With a lag, delay or play, give position and pressures from `seen_position` and
+    `seen_pressures`, else the true ones.
     """
     return Means(
         par.position_gain * position,
