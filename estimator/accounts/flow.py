@@ -138,9 +138,9 @@ def _accumulate(samples, null, par, last, row, rows):
             bridged = last[5] if last[5] <= _REACH else 1.0
             last[5] = 0.0
         dry = min(p1, p2) < DRY
-        apart = spool - last[6]
-        last[6] += _SHARE * apart
-        last[7] += _SHARE * (apart * apart - last[7])
+        difference = spool - last[6]
+        last[6] += _SHARE * difference
+        last[7] += _SHARE * (difference * difference - last[7])
         if last[0] >= 0.0:
             if last[0] == 0.0:
                 row[LEAST] = row[LEAST + 1] = last[4]

@@ -63,11 +63,11 @@ def baseline_of(content: Mapping[str, Any]) -> Baseline:
         np.array(content["tolerance_covariance"], dtype=np.float64).reshape(count, count),
     )
     np.linalg.cholesky(belief.covariance)
-    told = content["innovation_levels_Pa"]
-    if not set(PATTERN_FILTERS) <= set(told):
-        raise ValueError(f"it has levels of {sorted(told)}, not {list(PATTERN_FILTERS)}")
+    stored = content["innovation_levels_Pa"]
+    if not set(PATTERN_FILTERS) <= set(stored):
+        raise ValueError(f"it has levels of {sorted(stored)}, not {list(PATTERN_FILTERS)}")
     # Files of earlier versions also have the level of a filter that no longer exists.
-    levels = {name: _level_of(told[name]) for name in PATTERN_FILTERS}
+    levels = {name: _level_of(stored[name]) for name in PATTERN_FILTERS}
     # Files that are older than this setting lack it.
     model_error = checked_model_error(float(content.get("model_error", 1.0)))
     recordings = dict(content["recordings"])

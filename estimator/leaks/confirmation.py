@@ -79,11 +79,11 @@ class PresentLeaks:
         present = [0.0, 0.0, 0.0]
         for leak, finding in list(self._confirmed.items()):
             likely = probabilities.get(FAULTS[leak], 0.0) + probabilities.get("multiple", 0.0)
-            told = leak in found or likely > _LIKELIER_THAN_NOT
-            present[leak] = self._verdicts.present(finding) if told else 0.0
+            supported = leak in found or likely > _LIKELIER_THAN_NOT
+            present[leak] = self._verdicts.present(finding) if supported else 0.0
             if present[leak] == 0.0:
                 del self._confirmed[leak]
-                if told or healthy:
+                if supported or healthy:
                     self._ended.add(leak)
         if any(present):
             self._ended.clear()

@@ -79,8 +79,8 @@ def score_faults(sums: AccountSums, least: float, beside: Finding | None = None)
     change = before = np.zeros(products.blocks.size)
     if beside is not None:
         later = np.arange(change.size) > mark
-        told = later & (products.blocks >= WITNESSES)
-        change = np.where(told, gain[:, beside.fault], 0.0)
+        testable = later & (products.blocks >= WITNESSES)
+        change = np.where(testable, gain[:, beside.fault], 0.0)
         there = products.blocks >= products.blocks[mark] + WITNESSES
         there &= scores.coefficient[:, beside.fault] > 0.0
         before = np.where(there, gain[:, beside.fault], 0.0)
