@@ -1,4 +1,4 @@
-"""The rig's hardware as a program of its own: the plant in real time behind the real protocols."""
+"""The emulated rig: a program that runs the plant in real time and serves the real protocols."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Where the emulated devices are served: where the rig file has its drivers look for them."""
+"""The addresses of the emulated devices, which are those that the drivers of a rig file use."""
 
 import asyncio
 import errno
@@ -14,7 +14,7 @@ HOST: Final = "127.0.0.1"
 
 
 class AddressError(ValueError):
-    """An address that cannot be served on; bad input, as `problems` says to the command line."""
+    """Raised for an address that cannot be used; the command line shows `problems`."""
 
     def __init__(self, device: str, host: str, port: int, error: OSError) -> None:
         if error.errno == errno.EADDRINUSE:
@@ -29,7 +29,7 @@ class AddressError(ValueError):
 
 
 class PortNameError(ValueError):
-    """Ports given for drivers that the rig does not have; bad input, as `problems` says."""
+    """Raised for ports of drivers that the rig lacks; the command line shows `problems`."""
 
     def __init__(self, unknown: Mapping[str, int], known: tuple[str, ...]) -> None:
         self.problems = tuple(
@@ -45,16 +45,16 @@ async def listen(
     """Begin to serve a device over TCP.
 
     Args:
-        device: what messages call it.
+        device: name of the device in messages.
         host: address to listen on.
-        port: 0 lets the system choose one.
-        client: makes what answers one connection.
+        port: port to listen on; 0 lets the system choose one.
+        client: makes the protocol object that answers one connection.
 
     Returns:
-        The server, and the port that it has.
+        The server, and the port on which it listens.
 
     Raises:
-        AddressError: the port is in use, or not to be had.
+        AddressError: the port is in use, or cannot be used.
     """
     loop = asyncio.get_running_loop()
     try:
@@ -73,16 +73,16 @@ class Address(NamedTuple):
 
 @dataclass(frozen=True)
 class Endpoints:
-    """Where each part of the emulated rig is served; None: not at all.
+    """The address of each part of the emulated rig; a part whose address is None is not served.
 
     Attributes:
-        daq: the I/O device, Modbus/TCP.
-        map: its registers; None: those of the generic I/O node.
-        bypass: the bypass valves' I/O: Modbus/TCP, or a serial line in Modbus RTU.
-        drive: the digital servovalve's `CanValveOptions`.
-        pump: the pump unit's `CanPumpOptions`.
-        meters: the flow meters' serial line.
-        control: the control port.
+        daq: address of the I/O device, Modbus/TCP.
+        map: registers of the I/O device; None for those of the generic I/O node.
+        bypass: address of the bypass valves' I/O: Modbus/TCP, or a serial line in Modbus RTU.
+        drive: `CanValveOptions` of the digital servovalve.
+        pump: `CanPumpOptions` of the pump unit.
+        meters: serial line of the flow meters.
+        control: address of the control port.
     """
 
     daq: Address
@@ -98,23 +98,23 @@ _SIMULATED: Final = (
     ("daq", "modbus_daq", Address(HOST, 15502)),
     ("bypass", "bypass_valves", Address(HOST, 15503)),
 )
-"""Devices of a simulated rig, which has no drivers: served where those of `emulated` are."""
+"""Devices that are served for a simulated rig, which has no drivers; as in the rig `emulated`."""
 
 
 def endpoints_of(
     rig: Rig, ports: Mapping[str, int] | None = None, control: int | None = None
 ) -> Endpoints:
-    """Return where the drivers of a rig look for their devices.
+    """Return the addresses at which the drivers of a rig look for their devices.
 
-    A driver of a third party finds no device here.
+    No device is served for a driver of a third party.
 
     Args:
         rig: the rig.
-        ports: other ports than the rig file's, by the driver's name in it.
-        control: port of the control port; None for none.
+        ports: TCP ports that replace those of the rig file, by the driver's name in it.
+        control: TCP port of the control port; None for none.
 
     Raises:
-        PortNameError: a port is given for a driver that is not served on one.
+        PortNameError: a port is given for a driver whose device has no TCP port.
     """
     places = [(spec.name, spec.type, _place(spec)) for spec in rig.drivers] or list(_SIMULATED)
     by_port = {name: place for name, _, place in places if isinstance(place, Address)}
@@ -139,11 +139,11 @@ _PARTS: Final = {
     "can_pump": "pump",
     "flow_meters": "meters",
 }
-"""Fields of `Endpoints` by the type of driver that looks there."""
+"""Fields of `Endpoints`, by the type of the driver that uses the device."""
 
 
 def _place(spec: DriverSpec) -> Any:
-    """Return where a driver looks for its device: TCP address, serial port, or options of a bus."""
+    """Return where a driver looks for its device: TCP address, serial port, or CAN options."""
     options = spec.options
     if spec.type == "flow_meters":
         return Path(options.port)

@@ -1,4 +1,4 @@
-"""The plant's motion between two looks at it, and what a look sees, compiled."""
+"""The plant's motion from one moment to another, and samples of its transducers, compiled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,22 +33,23 @@ def advance_plant(
     duration: float,
     flow_time_constant: float,
 ) -> None:
-    """Advance plant, transducers and flow meters in place over any time, command and faults held.
+    """Advance plant, transducers and flow meters in place, with constant command and faults.
 
     Args:
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
-        path: between command and plant (`rig.plant.command_effects`), but for the delay.
+        path: memory of what lies between command and plant (`rig.plant.command_effects`), without
+            the delay.
         seen: the transducers' memory (`rig.plant.transducer_effects`).
         flows: float64 (3,), flow-meter lag states in m^3/s.
-        command: what the valve is driven by, V.
+        command: command at the valve, V.
         par: the plant's `Parameters`.
         fault: float64 (8,), coefficients (`rig.plant.faults.FaultInput`).
-        duration: s; whole ticks are stepped as the simulated backend steps them, then the rest.
-        flow_time_constant: of the flow meters, s.
+        duration: any time in s; whole ticks are stepped as on the simulated backend, then the rest.
+        flow_time_constant: time constant of the flow meters, s.
     """
     remaining = duration
     while remaining > 0.0:
-        # A rest of rounding is no step of its own.
+        # A remainder that is only rounding must not become a step of its own.
         step = TICK if remaining > 1.000001 * TICK else remaining
         follow_flows(flows, open_leaks(state, par, fault), flow_time_constant, step)
         drive_undelayed(state, path, command, par, fault, step, SUBSTEPS)
@@ -73,13 +74,13 @@ def sample_plant(
     Args:
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
         seen: the transducers' memory (`rig.plant.transducer_effects`).
-        flows: float64 (3,), flow-meter lag states in m^3/s, which `advance_plant` moves.
+        flows: float64 (3,), flow-meter lag states in m^3/s, which `advance_plant` advances.
         offsets: float64 (3,), the meters' fixed errors in m^3/s.
-        noise: 9 standard normal numbers.
+        noise: float64 (9,), standard normal numbers.
         par: the plant's `Parameters`.
-        sensors: data sheet.
+        sensors: data sheet of the transducers.
         fitted: float64 (9,), 1 where the rig has the transducer, else NaN.
-        sampled: written.
+        sampled: float64 (9,), filled with the readings, NaN for transducers that the rig lacks.
     """
     load = spring_force(state[4], par)
     sample_sensors(state, seen, load, flows, offsets, noise, par, sensors, sampled)
@@ -89,5 +90,5 @@ def sample_plant(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def shown_position(state: Array, seen: Array, par: Parameters) -> float:
-    """Return the position in m that the encoder counts, of the true `state` (9,)."""
+    """Return the position in m that the encoder measures when the true state is `state` (9,)."""
     return par.position_gain * seen_position(seen, state[4], par)

@@ -26,24 +26,24 @@ from .plant import Clock, EmulatedPlant
 from .record import Record
 
 _TEND_S: Final = 5e-3
-"""How often what nobody looks at is brought up to date; exchanges do so themselves."""
+"""Time in s between two calls of `tend`; exchanges bring the plant up to date by themselves."""
 _SUMMARY_NS: Final = 1_000_000_000
-"""How often the record sums up exchanges, which it does not name one by one."""
+"""Time in ns between two events that count exchanges, which are not recorded one by one."""
 
 
 class Emulator:
-    """A rig that is not there, served where its drivers look for it.
+    """An emulated rig, whose devices are served at the addresses that its drivers use.
 
     Args:
-        rig: what it is made of; its plant is the truth.
-        endpoints: where it is served.
-        record: takes note of all it receives.
-        script: what happens by itself; nothing, if not given, and nobody presses a button.
-        seed: fixes the sensors' noise.
+        rig: the rig that is emulated; its plant is the true one.
+        endpoints: addresses of its parts.
+        record: takes note of everything that the emulator receives.
+        script: faults and operator; by default there is no fault, and nobody presses a button.
+        seed: seed of the sensors' noise.
         clock: returns the time in ns.
 
     Attributes:
-        ports: TCP port, or path, at which each part is served, by name, once it is open.
+        ports: TCP port or path at which each part is served, by name, once the emulator is open.
     """
 
     def __init__(
@@ -92,11 +92,11 @@ class Emulator:
         return tuple(self.instruments.read()[6:])
 
     async def open(self) -> None:
-        """Begin to serve everything; the script's time begins.
+        """Begin to serve all parts; the times of the script count from now.
 
         Raises:
-            AddressError: an address is in use, or not to be had; nothing is served then.
-            DriverError: there is no such CAN bus; nothing is served then.
+            AddressError: an address is in use, or cannot be used; nothing is served then.
+            DriverError: the CAN bus cannot be opened; nothing is served then.
             LinkError: a serial line cannot be made; nothing is served then.
             NotServedError: a fault of the script concerns a part that the rig does not have.
         """
@@ -107,7 +107,7 @@ class Emulator:
             await self.close()
             raise
         self.record.note("ready", ports=self.ports)
-        # What is there now stays: the collector need not look through it at every turn.
+        # Objects that exist now stay, so that the collector need not look through them again.
         gc.freeze()
 
     async def _open(self, at: Endpoints) -> None:
@@ -126,9 +126,9 @@ class Emulator:
             self.ports["control"] = await self._control.open(*at.control)
 
     async def run(self) -> None:
-        """Serve until it is stopped, or until a part of it fails, which is raised.
+        """Serve until `stop` is called; raise the error of a part that fails meanwhile.
 
-        Without one of its devices it would be another rig, and nobody would know why.
+        Without one of its devices the emulator would be another rig, and nobody would know why.
         """
         while not self._stopped.is_set():
             self.tend()
@@ -139,7 +139,7 @@ class Emulator:
                 await asyncio.wait_for(self._stopped.wait(), _TEND_S)
 
     def tend(self) -> None:
-        """Do what is due by the clock alone: watchdogs, buttons, faults, the plant itself."""
+        """Do what is due by the clock: advance plant, watchdogs, operator, valves and faults."""
         self.plant.catch_up()
         self.node.tend()
         self.operator.tend()
@@ -151,7 +151,7 @@ class Emulator:
         self._summarize()
 
     def _move_bypasses(self) -> None:
-        """Let the plant leak as the bypass valves really stand."""
+        """Set the plant's leaks to the true positions of the bypass valves."""
         positions = self._bypass.positions()
         for bypass, (ball, needle) in positions.items():
             if (ball, needle) != self._positions[bypass]:
@@ -159,7 +159,7 @@ class Emulator:
         self._positions = positions
 
     def _summarize(self) -> None:
-        """Note the exchanges of the last second in the record."""
+        """Record the number of exchanges in the last second, if there were any."""
         now = self._clock()
         if now - self._summed_ns < _SUMMARY_NS:
             return
@@ -170,11 +170,11 @@ class Emulator:
         self.record.flush()
 
     def stop(self) -> None:
-        """End `run` soon; to be called in the event loop's thread."""
+        """Make `run` return soon; it must be called in the event loop's thread."""
         self._stopped.set()
 
     async def close(self) -> None:
-        """Stop serving; harmless when repeated."""
+        """Stop serving; repeated calls do no harm."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -187,7 +187,7 @@ class Emulator:
         self._daq.close()
 
     def status(self) -> dict[str, Any]:
-        """Return how every device stands, and the plant's true state, SI."""
+        """Return the state of every device, and the plant's true state, SI."""
         truth = self.plant.truth
         return {
             "time_ns": self.plant.time_ns,
@@ -199,7 +199,7 @@ class Emulator:
         }
 
     def summary(self) -> dict[str, int]:
-        """Return what happened since the start: exchanges, and events of the record by name."""
+        """Return the numbers of exchanges, and of the recorded events by name, since the start."""
         events = Counter(event["event"] for event in self.record.events)
         return {"exchange": self.node.exchanges, **events}
 
@@ -227,7 +227,7 @@ def _plant(rig: Rig, seed: int, clock: Clock, pump_loaded: bool) -> EmulatedPlan
 
 
 def _bypass_io(rig: Rig, record: Record, clock: Clock) -> BypassIo:
-    """Return the bypass valves of a rig, as slow as the slowest of its balls."""
+    """Return the bypass valves of a rig; all balls are as slow as the rig's slowest one."""
     travels = [valve.ball_travel_s for valve in rig.bypass_valves.values()]
     return BypassIo(record, clock, *([max(travels)] if travels else []))
 
@@ -244,7 +244,7 @@ def _io_device(
     valve: Callable[[float, int], None],
     record: Record,
 ) -> IoDevice:
-    """Return the generic I/O node, or what else a map describes."""
+    """Return the generic I/O node, or the device that another map describes."""
     if register_map is None or register_map.identity.value == IDENTITY:
         return IoNode(instruments, valve, record)
     return MappedDevice(register_map, instruments, valve, record)

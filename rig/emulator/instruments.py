@@ -1,4 +1,4 @@
-"""The transducers as the rig's electronics see them: what the plant says, unless one has failed."""
+"""The transducers' readings for the rig's electronics, with transducers that have failed."""
 
 from dataclasses import dataclass
 from math import nan
@@ -11,7 +11,7 @@ from .plant import EmulatedPlant
 
 CARRIED: Final = names_of(Kind.CARRIED)
 STEADY: Final = {"tank_temperature_K": 313.15}
-"""What each carried transducer measures, SI. It never changes: the emulated plant lacks it."""
+"""Constant value of each carried transducer, SI, since the emulated plant has no such quantity."""
 
 CHANNELS: Final = (*READINGS, *CARRIED)
 """Signals of the transducers: those of `Reading` in its order, then those that are carried."""
@@ -27,12 +27,12 @@ Failure = Literal["nan", "zero", "low", "high", "drift"]
 
 @dataclass
 class FailedSensor:
-    """One transducer that no longer shows the truth.
+    """One transducer that no longer reads the true value.
 
     Attributes:
-        reads: what it does: not a number, zero, one of its rails, drifting away.
-        rate_per_s: of a drift, in its own unit.
-        since_ns: when it failed.
+        reads: how it reads: not a number, zero, an end of its range, or drifting away.
+        rate_per_s: rate of a drift, in its own unit a second.
+        since_ns: time at which it failed, ns.
     """
 
     reads: Failure
@@ -41,7 +41,7 @@ class FailedSensor:
 
 
 class Instruments:
-    """Reads the plant's transducers, those that are frozen or have failed included."""
+    """Reads the plant's transducers, of which some may be frozen or have failed."""
 
     def __init__(self, plant: EmulatedPlant) -> None:
         self.plant = plant
@@ -49,21 +49,21 @@ class Instruments:
         self._failed: dict[int, FailedSensor] = {}
 
     def read(self) -> Reading:
-        """Return one sample of the transducers that filters may take, SI."""
+        """Return one sample of the transducers that filters may use, SI."""
         reading = self.plant.reading()
         if not self._frozen and not self._failed:
             return reading
         return Reading(*(self._shown(index, value) for index, value in enumerate(reading)))
 
     def read_carried(self) -> dict[str, float]:
-        """Return what the carried transducers read, SI, by channel in the order of `CARRIED`."""
+        """Return the readings of the carried transducers by channel, SI, in order of `CARRIED`."""
         return {
             name: self._shown(index, STEADY[name])
             for index, name in enumerate(CARRIED, len(READINGS))
         }
 
     def _shown(self, index: int, value: float) -> float:
-        """Return what the transducer at an index in `CHANNELS` reads of a true value, SI."""
+        """Return the reading of the transducer at an index in `CHANNELS`, given its value, SI."""
         if index in self._frozen:
             return self._frozen[index]
         failed = self._failed.get(index)
@@ -80,7 +80,7 @@ class Instruments:
         return low if failed.reads == "low" else high
 
     def freeze(self, channel: Channel, frozen: bool) -> None:
-        """Hold a channel at its value of now, or let it go."""
+        """Freeze a channel at its present reading, or end that."""
         index = CHANNELS.index(channel)
         if frozen:
             self._frozen[index] = (*self.read(), *self.read_carried().values())[index]
@@ -88,20 +88,20 @@ class Instruments:
             self._frozen.pop(index, None)
 
     def fail(self, channel: Channel, reads: Failure, rate_per_s: float = 0.0) -> None:
-        """Let the transducer of a channel fail."""
+        """Make the transducer of a channel fail from now on; see `FailedSensor`."""
         index = CHANNELS.index(channel)
         self._failed[index] = FailedSensor(reads, rate_per_s, self.plant.clock())
 
     def mend(self, channel: Channel) -> None:
-        """Let the transducer of a channel show the truth again."""
+        """Make the transducer of a channel read the true value again."""
         self._failed.pop(CHANNELS.index(channel), None)
 
 
 def rails(sensors: SensorParameters) -> tuple[tuple[float, float], ...]:
     """Return the ends (low, high) of every transducer's range, SI, in the order of `CHANNELS`.
 
-    A broken wire reads the low end, a short circuit the high one. The encoder and the flow meters
-    count and have no range of their own: they rail at zero and at something absurd.
+    With a broken wire a transducer reads the low end, with a short circuit the high one. The
+    encoder and the flow meters count and have no range; their ends are 0 and an absurd value.
     """
     pressure = (sensors.pressure_min, sensors.pressure_max)
     spool = (-sensors.spool_range, sensors.spool_range)

@@ -1,4 +1,4 @@
-"""The flow meters on their serial line: a pseudo-terminal that sends three flows by itself."""
+"""The emulated flow meters on their serial line, a pseudo-terminal, which send flows unasked."""
 
 import asyncio
 import random
@@ -13,23 +13,23 @@ from .pseudo_terminal import PseudoTerminal
 from .record import Record
 
 PERIOD_S: Final = 0.1
-"""Time between two samples of a meter."""
+"""Time in s between two samples of a meter."""
 
 _NOISE_BYTES: Final = 12
 
 
 class MeterPanel:
-    """Three meters on one line.
+    """Three emulated flow meters on one serial line.
 
     Args:
-        path: link to the line's near end.
-        flows: returns the flows in m^3/s, 3 numbers; NaN is a failed sensor.
-        record: takes note of plugging.
+        path: symbolic link to the near end of the serial line.
+        flows: returns the three flows in m^3/s; NaN means that the sensor has failed.
+        record: takes note when the line is plugged in or unplugged.
 
     Attributes:
-        silent: no meter says anything.
-        noisy: noise on the line between the meters' lines.
-        cutting: lines lose their ends.
+        silent: whether no meter sends anything.
+        noisy: whether noise comes between the text lines of the meters.
+        cutting: whether text lines lose their ends.
         failed: numbers (1 to 3) of meters whose sensors have failed.
     """
 
@@ -42,16 +42,16 @@ class MeterPanel:
         self._noise = random.Random(0)
 
     def plug_in(self) -> None:
-        """Plug the line in; harmless when it is.
+        """Plug the line in; nothing happens if it is plugged in already.
 
         Raises:
-            LinkError: there can be no such line.
+            LinkError: the line cannot be made at the path.
         """
         self._line.plug_in()
         self._record.note("meters_plugged_in", path=str(self._line.path))
 
     def unplug(self) -> None:
-        """Pull the plug: who has the line open loses it."""
+        """Unplug the line: a program that has it open loses it."""
         self._line.unplug()
         self._record.note("meters_unplugged")
 
@@ -62,7 +62,7 @@ class MeterPanel:
             await asyncio.sleep(PERIOD_S)
 
     def send(self) -> None:
-        """Send the three flows once."""
+        """Send the three flows once, unless the meters are silent."""
         if self.silent:
             return
         for meter, flow in enumerate(self._flows(), start=1):
@@ -70,7 +70,7 @@ class MeterPanel:
             self._line.write(self._spoiled(meter_line(meter, 0.0 if failed else flow, failed)))
 
     def close(self) -> None:
-        """Take the line away; harmless when repeated."""
+        """Remove the line; repeated calls do no harm."""
         self._line.unplug()
 
     def _spoiled(self, line: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""Whoever stands at the rig: presses the reset button when its lamp is lit, if he is to."""
+"""The emulated operator, who presses the reset button when its lamp is lit, if he is attentive."""
 
 from typing import Final
 
@@ -7,7 +7,7 @@ from rig.emulator.modbus import IoDevice
 from .plant import Clock
 
 _REACTION_NS: Final = 200_000_000
-"""How long the lamp is lit before he presses; chosen, quick for a person."""
+"""Time in ns for which the lamp is lit before he presses; it is chosen, and short for a person."""
 _PRESS_NS: Final = 100_000_000
 
 
@@ -15,9 +15,9 @@ class EmulatedOperator:
     """Answers the reset lamp with the reset button.
 
     Args:
-        node: where lamp and button are wired to.
+        node: device to which lamp and button are wired.
         clock: returns the time in ns.
-        attentive: whether he presses by himself, whoever lit the lamp.
+        attentive: whether he presses by himself whenever the lamp is lit.
     """
 
     def __init__(self, node: IoDevice, clock: Clock, attentive: bool) -> None:
@@ -28,7 +28,7 @@ class EmulatedOperator:
         self._pressed_ns: int | None = None
 
     def tend(self) -> None:
-        """Look at the lamp, and press or let go if it is time."""
+        """Look at the lamp, and press or release the button if it is time."""
         now = self._clock()
         if self._pressed_ns is not None:
             if now - self._pressed_ns >= _PRESS_NS:

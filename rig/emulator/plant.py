@@ -1,4 +1,4 @@
-"""The plant in real time: brought up to the present moment whenever anybody looks at it."""
+"""The plant in real time, which is advanced to the present whenever its state is asked for."""
 
 import time
 from collections import deque
@@ -28,33 +28,36 @@ from rig.plant import (
 from .advancing import advance_plant, sample_plant, shown_position
 
 Clock = Callable[[], int]
-"""Returns the present moment in ns, as `time.monotonic_ns`."""
+"""Returns the present time in ns, as `time.monotonic_ns` does."""
 
 COMMAND_RANGE: Final = 10.0
-"""V. The valve's amplifier takes this much of either sign."""
+"""Greatest command in V, of either sign, at which the valve's amplifier does not saturate."""
 
 PUMP_TIME_CONSTANT: Final = 0.05
-"""s. Supply pressure follows the pump's unloading valve as a first-order lag; chosen, no sheet."""
+"""Time constant in s of the first-order lag by which the supply pressure follows the pump's
+unloading valve; it is chosen, not taken from a data sheet."""
 
 _PUMP_STEP_NS: Final = 1_000_000
 _PUMP_SETTLED: Final = 1e3
-"""Pa; nearer than this to where it goes, the supply pressure is there."""
+"""Distance in Pa from its target within which the supply pressure counts as having reached it."""
 
 _FLOW_METERS: Final = 3
 
 
 class EmulatedPlant:
-    """The rig's plant, with valves, pump and transducers, moving with a clock.
+    """The rig's plant with valves, pump and transducers, which moves with a clock.
+
+    The plant rests at mid stroke when it is made.
 
     Args:
-        model: the truth of the rig.
-        sensors: its transducers' data sheet.
-        bypass_valves: by the fault each makes; one that is missing makes none.
-        return_resistance: of the return throttle shut, Pa/(m^3/s)^2.
+        model: the true model of the rig.
+        sensors: data sheet of its transducers.
+        bypass_valves: the bypass valves, by the fault that each makes; the others make none.
+        return_resistance: resistance of the return throttle when shut, Pa/(m^3/s)^2.
         fitted: float64 (9,), 1 where the rig has the transducer of `Reading`, else NaN.
         pump_loaded: whether there is pressure from the start.
-        seed: fixes the noise.
-        clock: returns the time; the plant rests at mid stroke when it is made.
+        seed: seed of the noise.
+        clock: returns the time in ns.
     """
 
     def __init__(
@@ -98,7 +101,7 @@ class EmulatedPlant:
         self._time_ns = clock()
 
     def _compile(self) -> None:
-        """Compile, or load from the cache, what runs at every look."""
+        """Compile, or load from the cache, the functions that run whenever the plant is read."""
         advance_plant(
             self._state.copy(), self._path.copy(), self._seen.copy(), self._flows.copy(), 0.0,
             self._par, self._fault, 1e-6, self.sensors.flow_time_constant,
@@ -107,7 +110,7 @@ class EmulatedPlant:
         self._sample(np.zeros(READING_COUNT))
 
     def catch_up(self, until_ns: int | None = None) -> None:
-        """Advance to the present, or to a moment between the last look and now."""
+        """Advance to the present, or to a moment in ns between the last advance and now."""
         until_ns = self.clock() if until_ns is None else until_ns
         while self._sent and self._sent[0][0] <= until_ns:
             acts_ns, command = self._sent.popleft()
@@ -116,7 +119,7 @@ class EmulatedPlant:
         self._move(until_ns)
 
     def _move(self, until_ns: int) -> None:
-        """Advance to a moment up to which the acting command stays."""
+        """Advance to a moment in ns, up to which the acting command does not change."""
         while self._pump_moves and self._time_ns < until_ns:
             step_ns = min(_PUMP_STEP_NS, until_ns - self._time_ns)
             self._move_supply(step_ns * 1e-9)
@@ -134,7 +137,7 @@ class EmulatedPlant:
 
     @property
     def _acting_command(self) -> float:
-        """Return the command in V that the spool follows; a stuck one has that of its place."""
+        """Return the command in V that the spool follows; if it is stuck, that of its position."""
         return self._command if self._stuck_at is None else self._stuck_at / self._par.valve_gain
 
     @property
@@ -152,16 +155,16 @@ class EmulatedPlant:
         self._set_supply(pressure)
 
     def _set_supply(self, pressure: float) -> None:
-        """Let the pump hold a pressure in Pa; what it ripples by is in proportion."""
+        """Set the pump's pressure in Pa; its ripple is in proportion to the pressure."""
         back = self._par.return_pressure
         share = (pressure - back) / (self._full_pressure - back)
         ripple = share * self._full_ripple
         self._par = self._par._replace(supply_pressure=pressure, supply_ripple=ripple)
 
     def drive_valve(self, command_V: float, at_ns: int | None = None) -> None:  # noqa: N803
-        """Drive the servovalve from now, or from a moment since the last look, on.
+        """Set the servovalve's command in V, from now on or from a moment since the last advance.
 
-        Beyond `COMMAND_RANGE` its amplifier saturates.
+        The command is limited to +-`COMMAND_RANGE`, where the valve's amplifier saturates.
         """
         self.catch_up(at_ns)
         command = min(max(command_V, -COMMAND_RANGE), COMMAND_RANGE)
@@ -179,7 +182,7 @@ class EmulatedPlant:
         self._state[1] = 0.0
 
     def load_pump(self, loaded: bool) -> None:
-        """Let the pump deliver pressure, or unload it: the supply pressure collapses."""
+        """Load the pump so that it delivers pressure, or unload it: the pressure collapses."""
         self.catch_up()
         self._pump_loaded = loaded
 
@@ -189,12 +192,12 @@ class EmulatedPlant:
         return self._pump_loaded
 
     def set_bypass(self, bypass: str, ball: float, needle: float) -> None:
-        """Set the real positions of a bypass, 0 shut to 1 open; the leak they make acts from now.
+        """Set the true positions of a bypass, 0 shut to 1 open; the leak by them acts from now on.
 
         The return throttle has no ball; its resistance is in proportion to its `needle`.
 
         Raises:
-            ValueError: no such bypass.
+            ValueError: there is no such bypass.
         """
         if bypass not in BYPASSES:
             raise ValueError(f"{bypass}: no such bypass; there are {', '.join(BYPASSES)}")
@@ -209,12 +212,12 @@ class EmulatedPlant:
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Fault coefficients acting now, SI, by `FAULT_COLUMNS`."""
+        """The fault coefficients that act now, SI, by the names `FAULT_COLUMNS`."""
         return dict(zip(FAULT_COLUMNS, map(float, self._fault), strict=True))
 
     @property
     def time_ns(self) -> int:
-        """Up to when the plant has moved."""
+        """Time in ns up to which the plant has been advanced."""
         return self._time_ns
 
     @property
@@ -224,7 +227,7 @@ class EmulatedPlant:
         return PlantState(*map(float, self._state))
 
     def reading(self) -> Reading:
-        """Sample every transducer now, noise included; NaN for those the rig lacks."""
+        """Return a sample of every transducer now, with noise; NaN for those that the rig lacks."""
         self.catch_up()
         return self._sample(self._generator.standard_normal(READING_COUNT))
 
@@ -236,7 +239,7 @@ class EmulatedPlant:
         return Reading(*self._sampled.tolist())
 
     def encoder_counts(self) -> int:
-        """Return the encoder's increments from position 0 of the plant, whole counts."""
+        """Return the encoder's count now, from position 0 of the plant, as a whole number."""
         self.catch_up()
         shown = shown_position(self._state, self._seen, self._par)
         return round(shown / self.sensors.position_resolution)

@@ -1,4 +1,4 @@
-"""Lets the emulator answer ahead of ordinary programs, where the machine grants it."""
+"""Gives the emulator a priority over ordinary programs, if the machine grants that."""
 
 import os
 from typing import Final

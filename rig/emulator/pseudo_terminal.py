@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class LinkError(ValueError):
-    """A path that cannot name a serial line; bad input, as `problems` says to the command line."""
+    """Raised for a path that cannot name a serial line; the command line shows `problems`."""
 
     def __init__(self, path: Path, state: str) -> None:
         super().__init__(f"{path}: {state}; give the path of a link that may be made or replaced")
@@ -20,7 +20,7 @@ class PseudoTerminal:
     It has no baud rate: bytes arrive at once.
 
     Args:
-        path: symbolic link to make, or to replace; who opens it has the line's near end.
+        path: symbolic link that is made or replaced; a program that opens it has the near end.
     """
 
     def __init__(self, path: Path) -> None:
@@ -29,7 +29,7 @@ class PseudoTerminal:
         self._near: int | None = None
 
     def plug_in(self) -> None:
-        """Make the line and its name; harmless when it is there.
+        """Make the line and its link; nothing happens if it is plugged in already.
 
         Raises:
             LinkError: the path is no link, or its folder cannot be written to.
@@ -45,11 +45,11 @@ class PseudoTerminal:
             os.close(far)
             os.close(near)
             raise
-        # The near end stays open here too: a line with nobody at it is not a broken one.
+        # The near end stays open here too, so that a line without users is not a broken one.
         self._far, self._near = far, near
 
     def unplug(self) -> None:
-        """Take the line away, as a pulled plug does; harmless when repeated."""
+        """Remove the line, as a pulled plug does; repeated calls do no harm."""
         if self._far is None or self._near is None:
             return
         with suppress(OSError):
@@ -62,20 +62,20 @@ class PseudoTerminal:
         """Return the descriptor of the far end.
 
         Raises:
-            OSError: it is unplugged.
+            OSError: the line is unplugged.
         """
         if self._far is None:
             raise OSError("the line is unplugged")
         return self._far
 
     def write(self, data: bytes) -> None:
-        """Send bytes; what does not fit, because nobody reads, is lost as on a real line."""
+        """Send bytes; those that do not fit, because nobody reads, are lost as on a real line."""
         if self._far is not None:
             with suppress(BlockingIOError):
                 os.write(self._far, data)
 
     def read(self) -> bytes:
-        """Return what has come in, empty if nothing has."""
+        """Return the bytes that have come in, empty if there are none or the line is unplugged."""
         if self._far is None:
             return b""
         try:

@@ -1,7 +1,7 @@
-"""What the emulator received and did, in its own words, for whoever has to prove it afterwards.
+"""The emulator's record of what it received and did, from which a test can prove it afterwards.
 
-One JSON object a line: `at_ns` (CLOCK_MONOTONIC), `event`, and what belongs to it. Each line is
-handed to the kernel at once, so it outlives a kill of the emulator.
+Each line is one JSON object with `at_ns` (CLOCK_MONOTONIC), `event`, and details of the event. It
+is passed to the kernel at once, so that it outlives a kill of the emulator.
 """
 
 import json
@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any, Final, TextIO
 
 _REMEMBERED: Final = 10_000
-"""Events that stay in memory for the control port: hours, since exchanges are counted only."""
+"""Number of events that stay in memory for the control port; they last for hours, since exchanges
+are only counted."""
 
 
 class Record:
     """Takes note of events, in memory and in a file if one is given.
 
     Args:
-        path: file to append to.
-        trace: CSV file for every command received, a line each.
+        path: file to which events are appended; None for no file.
+        trace: CSV file with one line for every command received; None for no file.
         clock: returns the time in ns.
 
     Raises:
@@ -49,17 +50,17 @@ class Record:
             self._file.write(json.dumps(entry) + "\n")
 
     def command(self, at_ns: int, command_V: float, output_V: float, enabled: bool) -> None:  # noqa: N803
-        """Trace one command received, and what the valve output made of it."""
+        """Write a received command, the valve output after it, and the enable to the trace file."""
         if self._trace is not None:
             self._trace.write(f"{at_ns},{command_V:.9g},{output_V:.9g},{enabled:d}\n")
 
     def flush(self) -> None:
-        """Hand the trace to the kernel; events are there already."""
+        """Pass the trace to the kernel; events have been passed already."""
         if self._trace is not None:
             self._trace.flush()
 
     def close(self) -> None:
-        """End the files; harmless when repeated."""
+        """Close the files; repeated calls do no harm."""
         for file in (self._file, self._trace):
             if file is not None:
                 file.close()

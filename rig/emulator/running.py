@@ -15,7 +15,7 @@ from .record import Record
 
 _ANYWHERE: Final = Address(HOST, 0)
 _LOOK_S: Final = 0.5
-"""How often somebody who waits for an answer looks whether the emulator still runs."""
+"""Time in s after which a call that waits for an answer checks that the emulator still runs."""
 _SIMPLE: Final = Endpoints(_ANYWHERE, bypass=_ANYWHERE, control=_ANYWHERE)
 
 
@@ -27,12 +27,12 @@ class EmulatorThread:
 
     Args:
         rig: the rig, or its name or file.
-        endpoints: where it is served.
-        script: what happens by itself; nothing, if not given, and nobody presses a button.
+        endpoints: addresses of its parts.
+        script: faults and operator; by default there is no fault, and nobody presses a button.
 
     Attributes:
-        ports: where each part is served, by name.
-        record: what it received.
+        ports: TCP port or path at which each part is served, by name.
+        record: record of what the emulator received and did.
     """
 
     def __init__(
@@ -53,10 +53,10 @@ class EmulatorThread:
         self._thread = threading.Thread(target=self._serve, name="emulator", daemon=True)
 
     def __enter__(self) -> "EmulatorThread":
-        """Serve.
+        """Begin to serve, in a thread of its own.
 
         Raises:
-            AddressError: an address is in use, or not to be had.
+            AddressError: an address is in use, or cannot be used.
         """
         try:
             self._loop.run_until_complete(self._open())
@@ -75,7 +75,7 @@ class EmulatorThread:
         assert self._emulator is not None
         try:
             self._loop.run_until_complete(self._emulator.run())
-        except Exception as error:  # for whoever asks next, or leaves
+        except Exception as error:  # the next question or the end of the `with` block raises it
             self._failure = error
 
     def __exit__(
@@ -84,7 +84,7 @@ class EmulatorThread:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Stop serving and end the thread; raise why it ended before, if it did."""
+        """Stop serving and end the thread; raise the error by which it ended before, if any."""
         assert self._emulator is not None
         self._loop.call_soon_threadsafe(self._emulator.stop)
         self._thread.join()
@@ -100,23 +100,23 @@ class EmulatorThread:
         self.record.close()
 
     def inject(self, **fault: Any) -> int:
-        """Inject a fault given by the keys of a script; return its number.
+        """Inject a fault that is given by the keys of a script; return its number.
 
         Raises:
-            ConfigError: every problem with it.
+            ConfigError: the fault is not valid; the error names every problem.
         """
         return self._ask(lambda emulator: emulator.injection.inject(fault_from(fault)))
 
     def clear(self, number: int | None = None) -> int:
-        """End one fault, or all; return how many there were."""
+        """End the fault of a number, or all faults; return how many were ended."""
         return self._ask(lambda emulator: emulator.injection.clear(number))
 
     def status(self) -> dict[str, Any]:
-        """Return how every device stands, and the plant's true state, SI."""
+        """Return the state of every device, and the plant's true state, SI."""
         return self._ask(Emulator.status)
 
     def _ask(self, question: Any) -> Any:
-        """Return the answer to a question put to the emulator in its own thread.
+        """Call `question` with the emulator in the emulator's thread, and return its result.
 
         Raises:
             RuntimeError: the emulator has failed.
@@ -126,7 +126,7 @@ class EmulatorThread:
         def answer() -> None:
             try:
                 asked.set_result(question(self._emulator))
-            except Exception as error:  # for whoever asked
+            except Exception as error:  # the caller of `_ask` raises it
                 asked.set_exception(error)
 
         self._loop.call_soon_threadsafe(answer)

@@ -1,6 +1,6 @@
-"""One protocol to the hardware (read, write, safe_state) and the drivers that serve it.
+"""The protocol by which the software uses hardware (read, write, safe_state), and its drivers.
 
-Addresses come from configuration; optional imports stay inside the driver that needs them.
+Addresses come from the configuration. A library that one driver needs is imported by it alone.
 """
 
 from lazy_loader import attach_stub

@@ -1,8 +1,8 @@
-"""What every driver has to do, as checks that any driver can be run through (docs/drivers.md).
+"""Checks of what every driver has to do, which any driver can be run through (docs/drivers.md).
 
-A check takes a factory of specimens, a driver with a device each, and raises `NonconformityError`
-if the driver does not behave as `rig.io.driver.Driver` says, and a fast one as `FastDriver`. It
-needs no test framework.
+A check takes a factory that makes a specimen: a driver together with a device of its own. The check
+raises `NonconformityError` if the driver does not behave as `rig.io.driver.Driver` says, or if a
+fast driver does not behave as `FastDriver` says. The checks need no test framework.
 """
 
 import threading
@@ -26,10 +26,13 @@ from .loop_exchange import exchange
 from .signals import FAST_INPUTS, FAST_OUTPUTS, SLOW_INPUTS, SLOW_OUTPUTS
 
 PATIENCE_S: Final = 20.0
-"""No call of a driver may take longer; a thousand times what most take, for busy machines."""
+"""Longest time in s that a call of a driver may take.
+
+It is a thousand times what most calls take, so that a busy machine fails no check.
+"""
 
 _READINGS: Final = 200
-"""How many readings at the driver's rate may pass until something is bound to show."""
+"""Number of readings, at the driver's rate, within which an expected effect must show."""
 
 _NO_SIGNAL: Final = "no_such_signal"
 
@@ -40,20 +43,22 @@ _NAMES: Final = {
 
 
 class NonconformityError(AssertionError):
-    """A driver does not do what every driver has to."""
+    """Raised when a driver does not do what every driver has to do."""
 
 
 @dataclass(frozen=True)
 class Specimen:
-    """A driver to check, and a device of its own.
+    """A driver that is to be checked, with a device that serves this driver alone.
 
     Attributes:
-        driver: not yet open; its device is there, and safe.
-        unplug: takes the device away, for good.
-        standing: returns what the device's outputs stand at, in any form that can be compared.
-        is_safe: returns whether the device's outputs stand in their safe state.
-        moves: values to write that leave the safe state.
-        wait: lets a time in s pass.
+        driver: the driver, not yet open; its device is connected and in its safe state.
+        unplug: disconnects the device for good.
+        standing: returns the present values of the device's outputs, in any form that can be
+            compared.
+        is_safe: returns whether the device's outputs are in their safe state.
+        moves: output values by signal that bring the device out of its safe state; empty for a
+            device without outputs.
+        wait: waits for a time that is given in s.
     """
 
     driver: Driver
@@ -65,13 +70,13 @@ class Specimen:
 
 
 Factory = Callable[[], AbstractContextManager[Specimen]]
-"""Makes a specimen, and puts it away when the check is over."""
+"""Makes a context manager that yields a specimen, and removes it when the check is over."""
 
 Check = Callable[[Factory], None]
 
 
 def check_declaration(factory: Factory) -> None:
-    """Its name, kind, options, signals and rate are declared, and known to the rig."""
+    """Check that name, kind, options, signals and rate are declared and valid for a rig."""
     with factory() as specimen:
         driver = specimen.driver
         _require(isinstance(driver, Driver), "lacks part of the protocol rig.io.driver.Driver")
@@ -93,7 +98,7 @@ def check_declaration(factory: Factory) -> None:
 
 
 def check_open_and_close(factory: Factory) -> None:
-    """Open and close do no harm when repeated, and it can be opened again."""
+    """Check that repeated open and close do no harm, and that a closed driver can be reopened."""
     with factory() as specimen:
         driver = specimen.driver
         driver.close()
@@ -106,7 +111,7 @@ def check_open_and_close(factory: Factory) -> None:
 
 
 def check_not_open(factory: Factory) -> None:
-    """Before it is open, and after it is closed, it refuses to read and write."""
+    """Check that a driver that is not open, or is closed again, refuses to read and to write."""
     with factory() as specimen:
         driver = specimen.driver
         for when in ("before it is open", "after it is closed"):
@@ -119,7 +124,7 @@ def check_not_open(factory: Factory) -> None:
 
 
 def check_open_moves_nothing(factory: Factory) -> None:
-    """Opening, reading and closing leave every output where it stands."""
+    """Check that opening, reading and closing change no output of the device."""
     with factory() as specimen:
         driver, before = specimen.driver, specimen.standing()
         driver.open()
@@ -132,7 +137,7 @@ def check_open_moves_nothing(factory: Factory) -> None:
 
 
 def check_readings(factory: Factory) -> None:
-    """The driver reads every input sooner or later and nothing else, as finite floats or NaN."""
+    """Check that all declared inputs and no others are read, as floats that are finite or NaN."""
     with factory() as specimen:
         driver = specimen.driver
         driver.open()
@@ -151,7 +156,7 @@ def check_readings(factory: Factory) -> None:
 
 
 def check_bad_outputs(factory: Factory) -> None:
-    """It refuses an output that it lacks and a value that is none, by name, and sends nothing."""
+    """Check that an unknown output or a NaN is refused by an error that names it, and not sent."""
     with factory() as specimen:
         driver = specimen.driver
         driver.open()
@@ -166,7 +171,7 @@ def check_bad_outputs(factory: Factory) -> None:
 
 
 def check_safe_state(factory: Factory) -> None:
-    """It reaches its safe state: unopened, at once, after any move, again, and after closing."""
+    """Check that `safe_state` works before open, after open, after a move, twice, after close."""
     with factory() as specimen:
         driver = specimen.driver
         _safe(specimen, "before it is open")
@@ -184,7 +189,7 @@ def check_safe_state(factory: Factory) -> None:
 
 
 def check_vanished_device(factory: Factory) -> None:
-    """Without its device it says so and never hangs; if it moves something, by an error."""
+    """Check that a vanished device is noticed, by an error if it has outputs, and no call hangs."""
     with factory() as specimen:
         driver = specimen.driver
         driver.open()
@@ -200,7 +205,7 @@ def check_vanished_device(factory: Factory) -> None:
 
 
 def check_absent_device(factory: Factory) -> None:
-    """It cannot be opened without its device, and says so."""
+    """Check that `open` raises a `DriverError` if the device is not there."""
     with factory() as specimen:
         specimen.unplug()
         _refusal(specimen.driver, "opens without its device", specimen.driver.open)
@@ -208,7 +213,7 @@ def check_absent_device(factory: Factory) -> None:
 
 
 def check_exchange(factory: Factory) -> None:
-    """A fast one exchanges by its plan, compiled as in the loop; by its look plan it only reads."""
+    """Check that both plans of a fast driver exchange when compiled; the look plan only reads."""
     with factory() as specimen:
         driver = specimen.driver
         if not isinstance(driver, FastDriver):
@@ -231,7 +236,7 @@ def check_exchange(factory: Factory) -> None:
 
 
 def check_lost_exchange(factory: Factory) -> None:
-    """Without its device a fast one's exchange ends by its deadline, and has no inputs."""
+    """Check that a fast driver's exchange ends in time, with NaN inputs, if the device is gone."""
     with factory() as specimen:
         driver = specimen.driver
         if not isinstance(driver, FastDriver):
@@ -240,7 +245,7 @@ def check_lost_exchange(factory: Factory) -> None:
         driver.open()
         specimen.unplug()
         for plan in (driver.look_plan(), driver.plan()):
-            # What the device had sent before may still come; in the end nothing does.
+            # A reply that the device sent before it was unplugged may still come; later none does.
             for sequence in range(_READINGS):
                 status, _, inputs = _exchanged(driver, plan, sequence, {}, 1.0 / driver.rate_hz)
                 if status != ExchangeStatus.OK:
@@ -263,7 +268,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     check_exchange,
     check_lost_exchange,
 )
-"""Every check, to be run one by one; each makes its own specimen."""
+"""All checks; they are called one by one, and each makes a specimen of its own."""
 
 
 def _require(holds: bool, otherwise: str) -> None:
@@ -272,7 +277,7 @@ def _require(holds: bool, otherwise: str) -> None:
 
 
 def _bounded(what: str, call: Callable[..., object], *args: object) -> None:
-    """Make a call that must return, or raise, in time."""
+    """Make a call and raise what it raises; raise an error if it takes more than `PATIENCE_S`."""
     raised: list[BaseException] = []
 
     def run() -> None:
@@ -293,7 +298,17 @@ def _bounded(what: str, call: Callable[..., object], *args: object) -> None:
 def _refusal(
     driver: Driver, otherwise: str, call: Callable[..., object], *args: object
 ) -> DriverError:
-    """Return the error by which a call is refused, which has to be a helpful one."""
+    """Return the `DriverError` that a call raises, which must name driver, state and action.
+
+    Args:
+        driver: the driver that is called.
+        otherwise: what the driver does wrong if the call succeeds, for the message.
+        call: the method to call.
+        args: its arguments.
+
+    Raises:
+        NonconformityError: the call succeeds, raises another error, or hangs.
+    """
     try:
         _bounded(otherwise, call, *args)
     except DriverError as error:
@@ -314,7 +329,7 @@ def _safe(specimen: Specimen, when: str) -> None:
 
 
 def _leaves_safety(specimen: Specimen) -> bool:
-    """Return whether the device moves in the end, if anything is to move."""
+    """Return whether the device leaves its safe state in time; True if nothing is to move."""
     for _ in range(_READINGS):
         if not specimen.moves or not specimen.is_safe():
             return True
@@ -324,7 +339,10 @@ def _leaves_safety(specimen: Specimen) -> bool:
 
 
 def _notices(specimen: Specimen) -> bool:
-    """Return whether readings fail, or have no values, for want of the device."""
+    """Return whether the driver notices in time that its device is gone.
+
+    It notices by an error in `read` or, if it has no outputs, by readings that are all NaN.
+    """
     driver = specimen.driver
     for _ in range(_READINGS):
         specimen.wait(1.0 / driver.rate_hz)
@@ -346,7 +364,7 @@ def _in_compiled_code(
 
 
 def _compile_exchange(driver: FastDriver) -> None:
-    """Compile it apart, because that may take longer than any call of a driver."""
+    """Compile the exchange before it is timed, because that may take longer than any call."""
     numbers = np.zeros(1)
     arguments = 0, driver.plan(), 0, numbers, numbers, 0
     try:
@@ -359,7 +377,11 @@ def _compile_exchange(driver: FastDriver) -> None:
 def _exchanged(
     driver: FastDriver, plan: Plan, sequence: int, values: Mapping[str, float], time_s: float
 ) -> tuple[int, int, NDArray[np.float64]]:
-    """Exchange as the loop does; return status, when the command left, and inputs."""
+    """Exchange once as the loop does, with `values` as outputs by name and 0 for all others.
+
+    Returns:
+        The status, the time in ns at which the command left, and the inputs.
+    """
     outputs = np.array([values.get(name, 0.0) for name in FAST_OUTPUTS])
     inputs = np.zeros(len(FAST_INPUTS))
     returned: list[Any] = []
@@ -377,7 +399,11 @@ def _exchanged(
 
 
 def _exchange_well(specimen: Specimen, driver: FastDriver, plan: Plan) -> None:
-    """Exchange often enough for inputs to come, and for a device that is commanded to move."""
+    """Exchange until inputs have come and the device has left its safe state, or enough times.
+
+    Raises:
+        NonconformityError: an exchange fails, or no inputs come.
+    """
     for sequence in range(_READINGS):
         values = {**specimen.moves, "host_counter": float(sequence)}
         before = time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""One program at a time on a device: a lock that vanishes with the process, however it ends."""
+"""Locks that let one program at a time use a device; a lock ends with its process."""
 
 import fcntl
 import hashlib
@@ -14,9 +14,10 @@ from .registry import DriverSpec
 
 
 def connection_of(options: Any) -> str | None:
-    """Return what only one driver can have: `host:port`, a serial port, or a node of a bus.
+    """Return a name of the device that only one driver may use; None if options name no device.
 
-    None where the options name no device. The node of a bus is its id, or the DBC of its frames.
+    The name is `host:port`, a serial port, or a node with its CAN bus. A node is named by its id,
+    or by the DBC file that describes its frames.
     """
     if getattr(options, "channel", ""):
         return _node_of(options)
@@ -41,13 +42,13 @@ def _node_of(options: Any) -> str | None:
 
 @contextmanager
 def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
-    """Keep other programs that ask for it on this machine off the drivers' devices.
+    """Lock the devices of drivers against other programs on this machine that use this lock.
 
-    A bus is shared by its nature; its nodes are locked, not the bus. Setting up a node anew would
-    stop it for the program that drives it.
+    Several programs may share a CAN bus, so that its nodes are locked and not the bus: setting up a
+    node anew would stop it for the program that drives it.
 
     Raises:
-        DriverError: another program has one of them; names its process.
+        DriverError: another program has locked one of the devices; the message names its process.
     """
     with ExitStack() as locks:
         for spec in drivers:
@@ -61,7 +62,7 @@ def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
 def _lock(driver: str, connection: str) -> Iterator[None]:
     digest = hashlib.sha256(connection.encode()).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"rig-device-{digest}.lock"
-    # Any user's run is to be seen by any other's, whatever the umask.
+    # Runs of all users must be able to open the same lock file.
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
         try:

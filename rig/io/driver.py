@@ -1,7 +1,7 @@
-"""What a driver is: the protocols to hardware, and the error that all drivers raise.
+"""The protocols that every driver of hardware fulfils, and the error that all drivers raise.
 
 Third parties add a driver by an entry point of the group `hydraulic_rig.drivers` that names its
-class; `rig.io.conformance` is the suite that it should pass.
+class. The driver should pass the checks of `rig.io.conformance`.
 """
 
 from collections.abc import Mapping
@@ -15,13 +15,13 @@ Floats = NDArray[np.float64]
 
 
 class DriverError(Exception):
-    """A driver that cannot do what is asked of it.
+    """Raised when a driver cannot do what it is asked to do.
 
     Args:
         driver: name of the driver in the rig file.
         state: what is wrong, with value and limit.
         action: what to do about it.
-        channel: the signal or address concerned, if it is one.
+        channel: the signal or address concerned; empty if there is none.
     """
 
     def __init__(self, driver: str, state: str, action: str, channel: str = "") -> None:
@@ -35,20 +35,22 @@ class DriverError(Exception):
 
 @runtime_checkable
 class Driver(Protocol):
-    """A device of the rig; a fast one is a `FastDriver`. Nothing moves before the first `write`.
+    """What the driver of a device must offer; a driver of kind "fast" must be a `FastDriver`.
 
-    The class is made with its name in the rig file and its `options`, a frozen dataclass whose
-    fields are the keys of its section there: `str`, `int`, `bool`, `Path`, `Literal`, a
-    `rig.io.modbus_daq.register_map.RegisterMap` (given by name) or float `Annotated` with a
-    `rig.plant.parameters.Quantity`, from which its unit and limits are checked.
+    A driver moves nothing before the first `write`. Its class is called with the driver's name in
+    the rig file and with its `options`, a frozen dataclass of the class `Options`, whose fields are
+    the keys of the driver's section there. A field is a `str`, `int`, `bool`, `Path`, `Literal`, a
+    `rig.io.modbus_daq.register_map.RegisterMap` (given by name) or a float `Annotated` with a
+    `rig.plant.parameters.Quantity`, by which its unit and limits are checked.
 
     Attributes:
-        kind: "fast" for the one that the loop exchanges samples with, "slow" for the others, which
-            the field process serves.
-        name: its name in the rig file; errors begin with it.
-        inputs: names in `rig.io.signals` that it reads.
-        outputs: names there that it writes.
-        rate_hz: how often it can be read and written; the loop or field process asks no more often.
+        kind: "fast" for the driver with which the loop exchanges samples, "slow" for the others,
+            which the field process serves.
+        Options: the class of the driver's options.
+        name: name of the driver in the rig file; errors begin with it.
+        inputs: names in `rig.io.signals` of the signals that the driver reads.
+        outputs: names there of the signals that the driver writes.
+        rate_hz: greatest rate in Hz at which the loop or the field process may read and write.
     """
 
     kind: ClassVar[Literal["fast", "slow"]]
@@ -60,111 +62,118 @@ class Driver(Protocol):
     rate_hz: float
 
     def open(self) -> None:
-        """Connect, verify that it is the device expected, and set it up.
+        """Connect, verify that the device is the one expected, and set it up.
 
         Raises:
-            DriverError: no such device, another one, or one that cannot do what is configured.
+            DriverError: no device answers, another device does, or the device cannot do what is
+                configured.
         """
 
     def read(self) -> Mapping[str, float]:
-        """Return what has come in since the last call, by signal, SI; NaN for an invalid value.
+        """Return the values that came in since the last call, by signal, SI; NaN if invalid.
 
         Raises:
             DriverError: the device is lost, or a move did not end in time.
         """
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Set outputs by signal; begins a move where one takes time, and does not wait for it.
+        """Set outputs, given by signal in SI, without waiting for the end of a move.
 
         Raises:
             DriverError: the device is lost, or refuses.
         """
 
     def safe_state(self) -> None:
-        """Bring every output to its safe state: valve at null and disabled, bypass shut, unloaded.
+        """Bring every output to its safe state, and return when the device has confirmed that.
 
-        Works whatever happened before, by a new connection if need be, and returns when the device
-        has confirmed it; repeated calls do no harm.
+        In the safe state the valve is at null and disabled, the bypasses are shut and the pump is
+        unloaded. The call works whatever happened before, over a new connection if need be.
+        Repeated calls do no harm.
 
         Raises:
-            DriverError: it was not confirmed.
+            DriverError: the device did not confirm its safe state.
         """
 
     def close(self) -> None:
-        """Let go of the device; harmless when repeated."""
+        """Close the connection to the device; repeated calls do no harm."""
 
 
 class ExchangeStatus(IntEnum):
-    """How an exchange ended; after any but OK its inputs are NaN."""
+    """How an exchange with a device ended; its inputs are NaN unless it ended with OK."""
 
     OK = 0
     TIMEOUT = 1
-    """No whole reply until the deadline; if it comes later, it is dropped."""
+    """No whole reply came before the deadline; a reply that comes later is dropped."""
     EXCEPTION = 2
-    """The device refused."""
+    """The device refused the request."""
     WRONG_REPLY = 3
-    """A whole reply, but not to this request."""
+    """A whole reply came, but it does not answer this request."""
     DISCONNECTED = 4
-    """The connection is gone, or cannot take a whole frame."""
+    """The connection is closed, or took only a part of the request."""
     GARBAGE = 5
-    """The bytes that came cannot be from the device; all of them were dropped."""
+    """Bytes came that no such device sends; all of them were dropped."""
 
 
 @runtime_checkable
 class Plan(Protocol):
-    """An exchange prepared for one connection; compiled code takes it, and may change its arrays.
+    """An exchange prepared for one connection; compiled code runs it, and may change its arrays.
 
-    It is an instance of a `NamedTuple` of arrays and numbers. The class has the exchange as a
-    method that numba compiles, by `njit(cache=True, error_model="numpy", nogil=True)`.
+    A plan is an instance of a `NamedTuple` of arrays and numbers. Its class has the method
+    `exchange`, decorated with `njit(cache=True, error_model="numpy", nogil=True)`.
     """
 
     def exchange(
         self, fd: int, sequence: int, outputs: Floats, inputs: Floats, deadline_ns: int
     ) -> tuple[int, int]:
-        """Write outputs and read inputs in the device, and wait for nothing but its reply.
+        """Write the outputs to the device and read its inputs, waiting for its reply alone.
 
         Args:
             fd: the driver's `fileno()`.
-            sequence: number of the exchange; plan and look plan of a driver count up together.
-            outputs: (outputs,), `FAST_OUTPUTS`, SI.
-            inputs: (inputs,), filled with `FAST_INPUTS`, SI; NaN where the device has no such
-                signal, and all NaN unless the status is OK.
-            deadline_ns: when to give up, on CLOCK_MONOTONIC.
+            sequence: number of the exchange, greater by 1 each time; the plan and the look plan of
+                a driver share one count.
+            outputs: float64 (len(FAST_OUTPUTS),), values of `FAST_OUTPUTS`, SI.
+            inputs: float64 (len(FAST_INPUTS),), filled with the values of `FAST_INPUTS`, SI; NaN
+                for signals that the device lacks, and all NaN unless the status is OK.
+            deadline_ns: time on CLOCK_MONOTONIC in ns at which the exchange gives up.
 
         Returns:
-            The `ExchangeStatus`, and when the command left, CLOCK_MONOTONIC in ns; 0 if it did not.
+            The `ExchangeStatus`, and the time on CLOCK_MONOTONIC in ns at which the command left,
+            0 if it did not leave.
         """
 
 
 @runtime_checkable
 class FastDriver(Driver, Protocol):
-    """The driver of kind "fast": the loop exchanges a sample with its device at every tick.
+    """What a driver of kind "fast" must offer, so that the loop exchanges a sample at every tick.
 
-    `read` and `write` serve whoever has no loop. The loop takes the plans and the connection, and
-    calls none of this while it runs.
+    `read` and `write` are for callers that have no loop. The loop takes the plans and the
+    connection before it starts, and calls no method of the driver while it runs.
     """
 
     def fileno(self) -> int:
-        """Return the connection that samples are exchanged over, for the plans' exchange.
+        """Return the descriptor of the connection over which the plans exchange samples.
 
-        It is a descriptor in blocking mode, or any number from 0 on if the exchange needs none.
+        It is in blocking mode. A driver whose exchange needs no descriptor returns any number from
+        0 on.
 
         Raises:
             DriverError: the device is not open.
         """
 
     def plan(self) -> Plan:
-        """Return the plan of the exchange over this connection, open or not; always the same."""
+        """Return the plan of the exchange, the same at every call, whether or not it is open."""
 
     def look_plan(self) -> Plan:
-        """Return the plan of an exchange that reads the inputs and writes nothing; the same type.
+        """Return a plan of the type of `plan()` whose exchange reads inputs and writes no output.
 
-        By it the loop looks whether a valve at null stays there, before it sends null again.
+        With it the loop checks that a valve at null has stayed there, before it sends null again.
         """
 
     def driven(self) -> str:
-        """Return what of the valve is not at null, over a new connection; empty if nothing is.
+        """Return a text that names what of the valve is not at null; empty if all is at null.
+
+        The state is read over a new connection.
 
         Raises:
-            DriverError: nobody answers.
+            DriverError: the device does not answer.
         """

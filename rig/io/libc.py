@@ -36,12 +36,12 @@ _C_TYPES: Final = {
 
 
 def bind(name: str, result: str, *arguments: str) -> Any:
-    """Return a function of the C library, callable where it is called from.
+    """Return a function of the C library that compiled code, or Python without JIT, can call.
 
     Args:
-        name: its name there.
-        result: numba's name of its result's type, such as "int32".
-        arguments: the same of its arguments; addresses are "uintp".
+        name: name of the function in the library.
+        result: numba's name of the type of its result, such as "int32".
+        arguments: numba's names of the types of its arguments; addresses are "uintp".
     """
     if _COMPILED:
         signature = getattr(types, result)(*(getattr(types, argument) for argument in arguments))
@@ -76,7 +76,10 @@ def _on_heap() -> Any:
 
 
 scratch: Any = intrinsic(_on_stack) if _COMPILED else _on_heap
-"""Return int64 (3,) for a structure, on the stack of the function that asks: nothing allocated."""
+"""Return int64 (3,), not initialised, for a structure.
+
+Compiled code gets it on the stack of the calling function, so that nothing is allocated.
+"""
 
 _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
 
@@ -87,12 +90,12 @@ def _library_errno():
 
 
 errno: Any = _library_errno if _COMPILED else ctypes.get_errno
-"""Return why the last call failed (errno.h)."""
+"""Return the error number of the last call that failed (errno.h)."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def monotonic_ns():
-    """Return CLOCK_MONOTONIC, ns."""
+    """Return the time on CLOCK_MONOTONIC in ns."""
     time = scratch()
     _clock_gettime(_CLOCK_MONOTONIC, time.ctypes.data)
     return time[0] * _SECOND + time[1]
@@ -100,26 +103,32 @@ def monotonic_ns():
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def send(fd, data, start, stop):
-    """Send `data[start:stop]` (uint8) as far as it goes without waiting; -1 and `errno` if not."""
+    """Send as much of `data[start:stop]` (uint8) as is possible without waiting.
+
+    Returns:
+        The number of bytes sent; -1 if the call failed, and `errno` says why.
+    """
     return _send(fd, data.ctypes.data + start, stop - start, MSG_DONTWAIT | MSG_NOSIGNAL)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def receive(fd, data, start):
-    """Receive into `data[start:]` (uint8) what is there, without waiting; -1 and `errno` if none.
+    """Receive the bytes that are there into `data[start:]` (uint8), without waiting.
 
-    Returns 0 when the other end has closed.
+    Returns:
+        The number of bytes received; 0 if the other end has closed the connection; -1 if the call
+        failed or no byte was there, and `errno` says which.
     """
     return _recv(fd, data.ctypes.data + start, data.size - start, MSG_DONTWAIT)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def wait_readable(fd, deadline_ns):
-    """Wait until `fd` can be read, or failed, and return True; False once the deadline passed.
+    """Wait until `fd` can be read or has failed, and return True; return False at the deadline.
 
     Args:
-        fd: descriptor.
-        deadline_ns: on CLOCK_MONOTONIC.
+        fd: descriptor to wait for.
+        deadline_ns: time on CLOCK_MONOTONIC in ns.
     """
     # struct timespec, then struct pollfd: int fd, short events, short revents (little-endian).
     words = scratch()

@@ -1,29 +1,31 @@
-"""A limit of a channel as configured: between which values, how long beyond them, and what then."""
+"""A limit of a channel as it is configured: a range of values, and what happens beyond it."""
 
 from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
 Response = Literal["indicate", "hold", "ramp_down", "trip"]
-"""What a channel beyond its limit calls for, mildest first: inform the operator, hold the position,
-bring the motion to rest, or leave at once for the safe state (`rig.loop.interlocks.ladder` carries
-it out)."""
+"""What is done when a channel is beyond its limit, mildest first: inform the operator, hold the
+position, bring the motion to rest, or go to the safe state at once (`Action` in
+`rig.loop.interlocks.ladder`)."""
 
 
 @dataclass(frozen=True)
 class ChannelLimit:
-    """One rung of the action ladder of a channel.
+    """One rung of a channel's ladder: a range of values, and the action that is taken beyond it.
 
-    A value at the limit is within it. NaN is no value and exceeds nothing: that values are fresh
-    and plausible is watched elsewhere.
+    A value equal to a limit is within the range. NaN is never beyond it, because other checks watch
+    whether values are fresh and plausible.
 
     Attributes:
-        channel: name in FAST_INPUTS of `rig.io.signals`: limits act in the loop.
+        channel: name of the channel, one of FAST_INPUTS in `rig.io.signals`, since limits act in
+            the loop.
         low: least value allowed, SI.
         high: greatest value allowed, SI.
-        action: what to do beyond them.
-        for_s: time in s that the value must stay beyond before anything is done; 0: one sample.
-        hysteresis: how far back within it must be for the action to end, SI.
+        action: what is done when the value is beyond the range.
+        for_s: time in s that the value must stay beyond the range before the action is taken; with
+            0 one sample is enough.
+        hysteresis: how far back within the range the value must come for the action to end, SI.
     """
 
     channel: str

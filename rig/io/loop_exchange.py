@@ -1,7 +1,7 @@
-"""The exchange of whichever fast driver a rig has, for the compiled loop.
+"""The function by which the compiled loop exchanges a sample with any fast driver's device.
 
-A plan's class brings the exchange as a compiled method (`rig.io.driver.Plan`), so that the type of
-the plan says which one is compiled into the loop: the choice costs a tick nothing.
+The class of a plan has its exchange as a compiled method (`rig.io.driver.Plan`). The type of the
+plan decides which exchange is compiled into the loop, so that the choice takes no time in a tick.
 """
 
 from numba.extending import overload
@@ -12,7 +12,7 @@ from .driver import Floats, Plan
 def exchange(
     fd: int, plan: Plan, sequence: int, outputs: Floats, inputs: Floats, deadline_ns: int
 ) -> tuple[int, int]:
-    """Exchange as the plan's class does; see `rig.io.driver.Plan.exchange`."""
+    """Exchange by the method of the plan's class; see `rig.io.driver.Plan.exchange`."""
     return plan.exchange(fd, sequence, outputs, inputs, deadline_ns)
 
 

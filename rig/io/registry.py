@@ -1,7 +1,7 @@
-"""Finds the class of a driver by its type in a rig file: an entry point of `hydraulic_rig.drivers`.
+"""Finds the class of a driver by its type, which names an entry point of `hydraulic_rig.drivers`.
 
-A driver's module is imported when a rig asks for it, so that the client libraries of other drivers
-cost nothing, and a third party's driver that cannot be imported hurts nobody else.
+A driver's module is imported only when a rig asks for it. So the client libraries of other drivers
+take no time, and a third party's driver that cannot be imported does not disturb the others.
 """
 
 from collections.abc import Mapping
@@ -20,17 +20,17 @@ _REQUIRED_OF_FAST: Final = ("fileno", "plan", "look_plan", "driven")
 
 @dataclass(frozen=True)
 class DriverSpec:
-    """A driver as a rig file configures it, and what it says of itself before it is opened.
+    """A driver as a rig file configures it, with the properties that it has before it is opened.
 
     Attributes:
-        name: its name in the rig file.
-        type: its entry point's name.
-        path: where its class is, `module:class`.
-        options: an instance of its class's `Options`.
+        name: name of the driver in the rig file.
+        type: name of the driver's entry point.
+        path: place of the driver's class, as `module:class`.
+        options: an instance of that class's `Options`.
         kind: "fast" or "slow".
-        inputs: signals it reads.
-        outputs: signals it writes.
-        rate_hz: how often it can be read and written.
+        inputs: signals that the driver reads.
+        outputs: signals that the driver writes.
+        rate_hz: greatest rate in Hz at which the driver can be read and written.
     """
 
     name: str
@@ -44,11 +44,11 @@ class DriverSpec:
 
     @classmethod
     def of(cls, name: str, driver_type: str, options: Any) -> "DriverSpec":
-        """Return the specification of a driver, which is made for it and not opened.
+        """Return the specification of a driver; an instance is made for it, and is not opened.
 
         Raises:
-            DriverError: there is none of this type, it is broken, or its options do not fit
-                together.
+            DriverError: no driver of this type is installed, it is broken, or its options do not
+                fit together.
         """
         entry, driver = _entry_point(driver_type), driver_class(driver_type)(name, options)
         if driver.kind == "fast":
@@ -60,16 +60,16 @@ class DriverSpec:
         """Return the driver, not yet open.
 
         Raises:
-            DriverError: there is none of this type any more, or it refuses its options.
+            DriverError: no driver of this type is installed any more, or it refuses its options.
         """
         driver: Driver = driver_class(self.type)(self.name, self.options)
         return driver
 
     def create_fast(self) -> FastDriver:
-        """Return the driver, not yet open, which the loop exchanges samples with.
+        """Return the fast driver, not yet open, with which the loop is to exchange samples.
 
         Raises:
-            DriverError: as `create`, or it is no fast driver.
+            DriverError: `create` fails, or the driver is not a fast one.
         """
         driver = self.create()
         if not isinstance(driver, FastDriver):
@@ -78,7 +78,7 @@ class DriverSpec:
 
 
 def driver_types() -> tuple[str, ...]:
-    """Return the types of driver installed, sorted."""
+    """Return the names of all types of drivers that are installed, sorted."""
     return tuple(sorted(_installed()))
 
 
@@ -86,7 +86,8 @@ def driver_class(driver_type: str) -> Any:
     """Return the class of a type of driver.
 
     Raises:
-        DriverError: none or several are installed, or the one is broken; names its package.
+        DriverError: no driver of this type is installed, several are, or the driver is broken; the
+            message names the packages.
     """
     entry = _entry_point(driver_type)
     try:
@@ -105,7 +106,7 @@ def driver_class(driver_type: str) -> Any:
 
 
 def _check_plans(entry: EntryPoint, driver: FastDriver) -> None:
-    """Verify that the loop can take the plans of a fast driver."""
+    """Raise `DriverError` unless both plans of a fast driver are such as the loop needs."""
     for name, plan in (("plan", driver.plan()), ("look_plan", driver.look_plan())):
         if not (isinstance(plan, tuple) and isinstance(plan, Plan)):
             state = f"returns by {name}() a {type(plan).__name__}, no NamedTuple with an exchange"
@@ -125,10 +126,10 @@ def _entry_point(driver_type: str) -> EntryPoint:
 
 @cache
 def _installed() -> Mapping[str, Mapping[str, EntryPoint]]:
-    """Return the entry points by name, and by the class they name: one found twice counts once.
+    """Return the entry points by type of driver and then by `module:class`.
 
-    They are looked up once a process: a rig file asks for them dozens of times, and each look reads
-    a file of every package installed.
+    An entry point that is found twice counts once. They are looked up once in a process, because a
+    rig file needs them dozens of times, and each look-up reads a file of every installed package.
     """
     installed: dict[str, dict[str, EntryPoint]] = {}
     for entry in entry_points(group=DRIVERS):

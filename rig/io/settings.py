@@ -1,6 +1,7 @@
 """Settings of a rig on hardware: how its loop is paced and watched, and how its encoder is homed.
 
-Fields are the keys of the rig file's sections `loop` and `homing`; times in s, frequencies in Hz.
+Fields are the keys of the rig file's sections `loop` and `homing`; times are in s, frequencies in
+Hz.
 """
 
 from dataclasses import dataclass
@@ -17,24 +18,26 @@ def _q(unit: str, lower: float, upper: float, source: str) -> _Quantity:
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """How the loop is paced, and after how long a silence each part of the session trips.
+    """How the loop is paced, and how long each part of a session may be silent before a trip.
 
     Attributes:
-        rate: ticks a second; filters and recordings know 1 kHz only.
-        cpu: processor that the loop is pinned to; without, the kernel chooses.
-        priority: of SCHED_FIFO; 0 asks for none.
-        overrun: what follows a missed tick: `skip` it and count, `realign` the ticks to now, or
-            `trip` after `trip_after` of them in a row. Never a burst to catch up.
-        trip_after: missed ticks in a row that trip, if `overrun` is `trip`.
-        slower_device: whether a fast device slower than the loop is refused, or its values held
-            from one sample to the next, with their age recorded.
-        exchange_timeout: how long the loop waits for a reply; the tick goes on without it then.
-        stale_limit: age of the newest sample of the fast device at which the loop trips.
-        slow_stale_limit: age at which a slow channel's value counts as none.
-        loop_silence: silence of the loop process after which the others trip.
-        field_silence: silence of the field process after which the others trip.
-        supervisor_silence: silence of the supervisor after which the others trip.
-        recorder_silence: silence of the recorder after which the others trip.
+        rate: ticks in a second; filters and recordings support 1 kHz only.
+        cpu: processor to which the loop is pinned; if it is not given, the kernel chooses.
+        priority: real-time priority of the loop (SCHED_FIFO); 0 asks for none.
+        overrun: what follows a missed tick: `skip` counts it and goes on at the next one, `realign`
+            moves the time grid to the present, `trip` trips after `trip_after` missed ticks in a
+            row. The loop never catches up in a burst.
+        trip_after: number of missed ticks in a row that trip, if `overrun` is `trip`.
+        slower_device: what to do with a fast device that is slower than the loop: `refuse` it, or
+            `hold` its values from one sample to the next, with their age recorded.
+        exchange_timeout: how long the loop waits for the device's reply; after that the tick goes
+            on without it.
+        stale_limit: age of the fast device's newest sample beyond which the loop trips.
+        slow_stale_limit: age beyond which a slow channel's value is recorded as missing.
+        loop_silence: silence of the loop process after which the other processes trip.
+        field_silence: silence of the field process after which the other processes trip.
+        supervisor_silence: silence of the supervisor after which the other processes trip.
+        recorder_silence: silence of the recorder after which the other processes trip.
     """
 
     rate: Annotated[float, _q("Hz", 1.0, 10e3, "")] = 1000.0
@@ -54,16 +57,17 @@ class LoopSettings:
 
 @dataclass(frozen=True)
 class HomingSettings:
-    """How an incremental encoder finds its zero: the ram is driven gently onto an end stop.
+    """How the zero of an incremental encoder is found: the ram is driven gently onto an end stop.
 
     Attributes:
-        end: the stop to drive to; the plant's stroke says where it is.
+        end: the stop to which the ram is driven; its position is that end of the plant's stroke.
         command: magnitude of the valve command; its sign follows from `end`.
-        standstill: the ram is at the stop once it stood still for so long.
-        speed: below it, it counts as standing still.
-        load_pressure: difference of the chamber pressures that it may not exceed on the way.
-        timeout: without a stop after so long, homing has failed.
-        before_run: whether a campaign homes a rig that is not homed; else it is refused.
+        standstill: time for which the ram must stand still to count as being at the stop.
+        speed: speed below which the ram counts as standing still.
+        load_pressure: difference of the chamber pressures that is not exceeded on the way.
+        timeout: time after which homing has failed if one of its phases has not ended.
+        before_run: whether a campaign homes a rig that is not homed; if not, the campaign is
+            refused.
     """
 
     end: Literal["retract", "extend"] = "retract"

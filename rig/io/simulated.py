@@ -1,7 +1,8 @@
-"""The simulated rig: the plant with its transducers in place of the wire.
+"""The simulated rig: a plant with its transducers, in place of a connection to hardware.
 
-Noise comes from a generator seeded by the test, drawn in order, so that a run does not depend on
-how its ticks are batched: the same seed gives the same recording bit for bit, paced or not.
+Noise comes from a generator that the test seeds, and is drawn in order. So a run does not depend on
+how its ticks are batched, nor on whether the clock paces it: the same seed gives the same recording
+bit for bit.
 """
 
 from dataclasses import dataclass
@@ -28,15 +29,15 @@ _FLOW_METERS = 3
 
 @dataclass
 class SimulatedRig:
-    """A plant's true state and its transducers' memory, advanced in place by the loop.
+    """The true state of a plant and the memory of its transducers; the loop updates both in place.
 
     Attributes:
-        parameters: the truth of this rig, SI.
-        sensors: its transducers' data sheet.
+        parameters: the true parameters of this rig, SI.
+        sensors: data sheet of its transducers.
         fitted: float64 (9,), 1 where the rig has the transducer of `rig.plant.sensors.Reading`,
             else NaN.
         state: float64 (9,), `rig.plant.dynamics.PlantState`.
-        path: what lies between command and plant (`rig.plant.command_effects`).
+        path: memory of what lies between command and plant (`rig.plant.command_effects`).
         seen: the transducers' memory (`rig.plant.transducer_effects`).
         meters: float64 (3,), flow-meter lag states in m^3/s.
         offsets: float64 (3,), the meters' fixed errors in m^3/s, drawn once.
@@ -54,15 +55,18 @@ class SimulatedRig:
     generator: np.random.Generator
 
     def noise(self, ticks: int) -> Array:
-        """Return standard normal numbers (ticks, 9), one for each transducer and tick."""
+        """Return float64 (ticks, 9) standard normal numbers, one for each tick and transducer."""
         return self.generator.standard_normal((ticks, READING_COUNT))
 
     def noise_apart(self, ticks: int) -> Array:
-        """Return as `noise` what is not part of a test, so that its own noise stays the same."""
+        """Return noise for ticks outside a test; the noise that the test itself gets is unchanged.
+
+        The result is as that of `noise`, but a generator of its own draws it.
+        """
         return self.generator.spawn(1)[0].standard_normal((ticks, READING_COUNT))
 
     def start_clock(self, time_s: float) -> None:
-        """Let the next tick be at `time_s` of the test, from which a supply ripple counts."""
+        """Set the time of the next tick, s from the test's start; a supply ripple follows it."""
         start_clock(self.path, time_s)
 
 
@@ -78,9 +82,9 @@ def simulated_rig(
     """Return a simulated rig at rest at mid stroke.
 
     Args:
-        model: the truth of the rig.
-        seed: fixes all noise.
-        sensors: its transducers' data sheet.
+        model: the true model of the rig.
+        seed: seed of all noise.
+        sensors: data sheet of the rig's transducers.
         spool_sensor: whether the rig measures its spool.
         supply_pressure_sensor: whether it measures its supply pressure.
         load_cell: whether it measures the force on its rod.

@@ -1,6 +1,6 @@
 """The compiled cycle of the rig: read, estimate, control, limit, write, record.
 
-Nothing in it returns to Python before the run ends; knows no YAML.
+Compiled code runs the ticks, without a return to Python between them. This package reads no YAML.
 """
 
 from lazy_loader import attach_stub

@@ -1,8 +1,9 @@
 """Ordered access to the words that processes share.
 
-What was written before a release-store is seen by whoever load-acquires the stored value: a reader
-that sees the index of a row sees the row, on processors that reorder stores too. With the JIT off
-(NUMBA_DISABLE_JIT=1) they are ordinary stores and loads, which x86 does not reorder.
+A process that load-acquires a value which another process release-stored sees everything that the
+other process wrote before that. So a reader that sees the index of a row sees the row as well, even
+on processors that reorder stores. With the JIT off (NUMBA_DISABLE_JIT=1) these are ordinary stores
+and loads, which x86 does not reorder.
 """
 
 from typing import Any, Final
@@ -18,7 +19,7 @@ _INTERPRETED: Final = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 
 def _word(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Return a pointer to the element that the first two arguments, array and index, name."""
+    """Return a pointer to an array's element; array and index are the first two `arguments`."""
     kind = signature.args[0]
     array = context.make_array(kind)(context, builder, arguments[0])
     return cgutils.get_item_pointer(context, builder, kind, array, [arguments[1]])
@@ -45,7 +46,7 @@ def _load(typing_context, words, index):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def store_release(words, index, value):
-    """Store `words[index] = value` (int64) after everything written before."""
+    """Store `value` (int64) in `words[index]`, visible only after everything written before it."""
     if _INTERPRETED:
         words[index] = value
     else:
@@ -54,7 +55,7 @@ def store_release(words, index, value):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def load_acquire(words, index):
-    """Return `words[index]` (int64); whatever is read after it is no older."""
+    """Return `words[index]` (int64); values that are read afterwards are not older than it."""
     if _INTERPRETED:
         return words[index]
     return _load(words, index)  # type: ignore[call-arg]

@@ -1,8 +1,8 @@
 """The memory that the processes of a session share: words, slow values, decisions, and the ring.
 
 It is anonymous (memfd), so that nothing is left of it however the processes end. Every word, every
-slow value and the ring have one writer each; all are aligned 8-byte stores. A row is written before
-the index that counts it (`store_release`), so a reader that sees the index sees the row.
+slow value and the ring have one writer each, which uses aligned 8-byte stores. A row is written
+before the word that counts it (`store_release`), so that a reader that sees the count sees the row.
 """
 
 import mmap
@@ -22,35 +22,38 @@ Words = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 RING_ROWS: Final = 1 << 15
-"""Rows the ring holds: 32 s at 1 kHz, far more than a recorder can fall behind and recover."""
+"""Number of rows in the ring: 32 s at 1 kHz, far more than a recorder may fall behind."""
 
 DECISIONS_KEPT: Final = 8
-"""Decisions that stand on the board, the last 4 s: far longer than the loop takes to copy one."""
+"""Number of decisions on the board, those of 4 s: far longer than the loop takes to copy one."""
 
 
 class Word(IntEnum):
-    """Index of each word, with its writer; times are CLOCK_MONOTONIC in ns, 0 if it never was."""
+    """Index of each word on the board; the text of a word begins with the process that writes it.
+
+    Times are CLOCK_MONOTONIC in ns, and 0 before the event has happened.
+    """
 
     ROWS = 0
-    """Loop: rows written to the ring so far; written last (release)."""
+    """Loop: number of rows written to the ring so far; stored after the row itself (release)."""
     LOOP_BEAT = 1
-    """Loop: when its last tick ended."""
+    """Loop: time at which its last tick ended."""
     FIELD_BEAT = 2
-    """Field process: when its last cycle ended."""
+    """Field process: time at which its last cycle ended."""
     SUPERVISOR_BEAT = 3
-    """Supervisor: when it last proved that it works."""
+    """Supervisor: time at which it last proved that it works."""
     RECORDER_BEAT = 4
-    """Recorder: when its last flush ended."""
+    """Recorder: time at which its last flush ended."""
     SWITCH = 5
-    """Supervisor: number of the segment the loop shall be in; it leaves an open-ended one then."""
+    """Supervisor: number of the segment that the loop must run; it leaves any other segment."""
     STOP = 6
-    """Supervisor: `Action` asked of the loop: NONE, HOLD, RAMP_DOWN or TRIP."""
+    """Supervisor: `Action` that it asks of the loop: NONE, HOLD, RAMP_DOWN or TRIP."""
     SEGMENT = 7
-    """Loop: number of the segment it is in."""
+    """Loop: number of the segment that it runs."""
     TICK = 8
-    """Loop: ticks of that segment done."""
+    """Loop: number of ticks of that segment that are done."""
     LOOP_TRIP = 9
-    """Loop: cause (`rig.loop.interlocks.ladder.Cause`) for which it tripped; 0 none."""
+    """Loop: cause (`rig.loop.interlocks.ladder.Cause`) for which it tripped; 0 if it did not."""
     LOOP_TRIP_AT = 10
     FIELD_TRIP = 11
     """Field process: as LOOP_TRIP."""
@@ -59,31 +62,31 @@ class Word(IntEnum):
     """Supervisor: as LOOP_TRIP."""
     SUPERVISOR_TRIP_AT = 14
     VALVE_NULL_AT = 15
-    """Loop: when the device confirmed null and disabled after a trip."""
+    """Loop: time at which the device confirmed, after a trip, that the valve is null and off."""
     BYPASS_SHUT_AT = 16
-    """Field process: when every ball valve's feedback was shut after a trip."""
+    """Field process: time at which, after a trip, the feedback of every ball valve was shut."""
     PUMP_UNLOADED_AT = 17
-    """Field process: when the pump unit confirmed."""
+    """Field process: time at which, after a trip, the pump unit confirmed that it is unloaded."""
     ACTION = 18
-    """Loop: worst `Action` of the ladder at present."""
+    """Loop: worst present `Action` of the interlock."""
     ACTION_CAUSE = 19
-    """Loop: its `Cause`."""
+    """Loop: `Cause` of that action."""
     ACTION_CHANNEL = 20
-    """Loop: index of the limit concerned, -1 none."""
+    """Loop: index in `FAST_INPUTS` of the channel that the cause concerns, -1 for none."""
     MISSED = 21
-    """Loop: ticks missed so far."""
+    """Loop: number of ticks missed so far."""
     EXCHANGE_ERRORS = 22
-    """Loop: exchanges that failed so far."""
+    """Loop: number of exchanges that failed so far."""
     HOMED = 23
     """Loop: 1 once the encoder's zero is known; 0 again after a lost count."""
     RECORDED = 24
-    """Recorder: rows on disk so far."""
+    """Recorder: number of rows on disk so far."""
     DECISIONS = 25
-    """Supervisor: decisions posted so far; written last (release)."""
+    """Supervisor: number of decisions posted so far; stored after the decision (release)."""
     PUBLISHER_BEAT = 26
-    """Publisher of the live stream: when its last turn ended."""
+    """Publisher of the live stream: time at which its last turn ended."""
     PUBLISHED = 27
-    """Publisher: number of the row it reads next; one that is started again goes on there."""
+    """Publisher: number of the row that it reads next, where a restarted publisher goes on."""
 
 
 _WORDS: Final = 64
@@ -94,16 +97,16 @@ _RING_AT: Final = _WORDS + 2 * _SLOW + DECISIONS_KEPT * _DECISION
 
 @dataclass(frozen=True)
 class Board:
-    """The shared memory, mapped.
+    """The shared memory, mapped into this process.
 
     Attributes:
-        fd: descriptor to hand to child processes (`subprocess` pass_fds).
-        words: int64 (64,), by `Word`.
-        slow: float64 (n,), the latest of each of `SLOW_INPUTS`, SI; NaN if none ever came.
-        slow_at: int64 (n,), CLOCK_MONOTONIC in ns at which each came.
-        decisions: float64 (DECISIONS_KEPT, 1 + len(DECIDED)); decision k of the session stands at
-            k % DECISIONS_KEPT, behind the number of the segment it is on.
-        ring: float64 (RING_ROWS, columns); row k of the session stands at k % RING_ROWS.
+        fd: descriptor to pass to child processes (`subprocess` pass_fds).
+        words: int64 (64,), indexed by `Word`.
+        slow: float64 (n,), the latest value of each of `SLOW_INPUTS`, SI; NaN if none ever came.
+        slow_at: int64 (n,), time on CLOCK_MONOTONIC in ns at which each of these values came.
+        decisions: float64 (DECISIONS_KEPT, 1 + len(DECIDED)); decision k of the session is in row
+            k % DECISIONS_KEPT, which begins with the number of the segment that it is about.
+        ring: float64 (RING_ROWS, columns); row k of the session is at k % RING_ROWS.
     """
 
     fd: int
@@ -115,7 +118,7 @@ class Board:
 
     @classmethod
     def create(cls, columns: int) -> "Board":
-        """Return new memory for rows of so many columns."""
+        """Return a new board for rows of `columns` numbers."""
         fd = os.memfd_create("rig-board", 0)
         os.ftruncate(fd, 8 * (_RING_AT + RING_ROWS * columns))
         board = cls.attach(fd)
@@ -124,7 +127,7 @@ class Board:
 
     @classmethod
     def attach(cls, fd: int) -> "Board":
-        """Return the memory of a descriptor inherited from the process that made it."""
+        """Return the board of a descriptor that is inherited from the process that made it."""
         memory = mmap.mmap(fd, 0)
         floats, integers = np.frombuffer(memory), np.frombuffer(memory, np.int64)
         slow, slow_at = _WORDS, _WORDS + _SLOW

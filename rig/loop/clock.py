@@ -1,4 +1,4 @@
-"""Sleep on the monotonic clock, for compiled code; `rig.io.libc` reads it."""
+"""Sleep until a time on the monotonic clock, for compiled code; `rig.io.libc` reads the clock."""
 
 from typing import Final
 
@@ -17,6 +17,6 @@ def sleep_until(time_ns):
     """Sleep until a time on CLOCK_MONOTONIC, ns; return at once when it is past."""
     timespec = scratch()
     timespec[0], timespec[1] = time_ns // _SECOND, time_ns % _SECOND
-    # It returns early, and not zero, when a signal arrives.
+    # When a signal arrives, the call returns early and not with 0.
     while _clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, timespec.ctypes.data, 0) != 0:
         pass

@@ -1,9 +1,10 @@
 """The loop's cycle, compiled: control and limit the command, estimate, record, once a millisecond.
 
-Row k of a recording is one sample, the filter's update by it with the command held since t_{k-1},
-and the command that holds from t_k on. This is the same on every backend. On the simulated one the
-command of row k follows from sample k; on the wire (`rig.loop.wire.cycle`) it follows from sample
-k-1, as both travel in one transaction.
+Row k of a recording has sample k, the filter's estimates after an update by that sample with the
+command held since t_{k-1}, and the command that is held from t_k on. This is the same on every
+backend. On the simulated one the command of row k follows from sample k; on the wire
+(`rig.loop.wire.cycle`) it follows from sample k-1, since command and sample travel in one
+transaction.
 """
 
 from math import isnan, nan
@@ -50,7 +51,7 @@ READINGS_AT: Final = 3
 _OUTPUTS_AT: Final = READINGS_AT + READING_COUNT
 STATES_AT: Final = _OUTPUTS_AT + len(OUTPUTS)
 DECISION_COLUMNS: Final = len(DECIDED) + len(ACTED)
-"""Columns behind the filter's states: what was decided, and what was done about it."""
+"""Number of columns behind the filter's states: the decision, and the loop's reaction to it."""
 _DECIDED: Final = len(DECIDED)
 _ACTED: Final = len(ACTED)
 
@@ -58,21 +59,21 @@ Array = NDArray[np.float64]
 
 
 class Guard(NamedTuple):
-    """How a simulated rig's samples are judged."""
+    """What judges the samples of a simulated rig in its loop."""
 
     watched: bool
     """Whether the samples are judged at all."""
     interlock: Interlock
     ends_from: int
-    """The least `Action` that ends the ticks."""
+    """The least `Action` that ends the run of ticks."""
     stopped: NDArray[np.int64]
-    """(3,): action, cause and channel of the worst so far."""
+    """(3,): action, cause and channel of the worst action so far."""
     inputs: NDArray[np.float64]
-    """(len(FAST_INPUTS),) scratch."""
+    """(len(FAST_INPUTS),): the sample that was judged last."""
 
 
 def guard(interlock: Interlock, watched: bool) -> Guard:
-    """Return what judges the samples of a test that begins; a hold ends its ticks."""
+    """Return the guard of a test that begins; a hold and any worse action end its ticks."""
     return Guard(
         watched,
         interlock,
@@ -96,9 +97,9 @@ def row_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
 
 @inlined
 def limited_command(open_loop, setpoint, position, gain, limit):
-    """Return the command in V within +-limit; in open loop the setpoint (V) is the command.
+    """Return the command in V within +-`limit`, of the position loop or of an open loop.
 
-    Without a setpoint (NaN) it is 0 V, the valve's null.
+    In open loop the setpoint (V) is the command. A setpoint of NaN gives 0 V, the valve's null.
     """
     if not open_loop:
         return proportional_command(setpoint, position, gain, limit)
@@ -113,14 +114,14 @@ def sample_row(starts, begin, held, reading, filt, decided, acted, row):
 
     Args:
         starts: whether this is the sample that starts the filter.
-        begin: what the row begins with: time of the sample, s; setpoint, m, or V in open loop;
-            command, V, held from this sample on.
-        held: V, held up to this sample.
-        reading: (9,) in the order of `READINGS`; what is NaN is skipped by the filter.
+        begin: the first numbers of the row: time of the sample in s; setpoint in m, or V in open
+            loop; command in V that is held from this sample on.
+        held: command in V that was held up to this sample.
+        reading: (9,) in the order of `READINGS`; the filter skips values that are NaN.
         filt: the filter, `CompiledFilter`; updated.
         decided: (len(DECIDED),) the newest decision.
-        acted: (len(ACTED),) what is done about it.
-        row: to fill, in the order of `row_channels`.
+        acted: (len(ACTED),) the loop's reaction to it.
+        row: filled, in the order of `row_channels`.
     """
     for i in range(READING_COUNT):
         row[READINGS_AT + i] = reading[i]
@@ -131,7 +132,7 @@ def sample_row(starts, begin, held, reading, filt, decided, acted, row):
         filter_start(filt, begin[2], seen)
     else:
         filter_step(filt, held, seen, outputs)
-    # Not to a slice at once: the text of its error would come along, a second of compiling.
+    # An assignment to a slice would bring the text of its error along: a second of compiling.
     states = filt.x.size
     for i in range(states):
         row[STATES_AT + i] = filt.x[i]
@@ -143,44 +144,44 @@ def sample_row(starts, begin, held, reading, filt, decided, acted, row):
 
 
 class Ticks(NamedTuple):
-    """What is asked of a simulated rig, tick by tick."""
+    """The setpoints, faults and noise of a simulated rig, tick by tick."""
 
     setpoint: Array
     """(ticks,) in m, or in V in open loop."""
     faults: Array
     """(ticks, 8) coefficients (`rig.plant.faults.FaultInput`)."""
     noise: Array
-    """(ticks, 9) standard normal numbers, of the transducers."""
+    """(ticks, 9) standard normal numbers, for the noise of the transducers."""
 
 
 class Steering(NamedTuple):
-    """How a command follows from setpoint and position."""
+    """How the command follows from setpoint and position."""
 
     open_loop: bool
-    """Whether the setpoint is the command."""
+    """Whether the setpoint itself is the command."""
     gain: float
-    """Of the position loop, V/m."""
+    """Gain of the position loop, V/m."""
     limit: float
     """Greatest command of either sign, V."""
     on_fault: int
-    """`Reaction` to a confirmed fault."""
+    """`Reaction` that the test asks for after a confirmed fault."""
 
 
 class TrueRig(NamedTuple):
-    """A simulated rig as it is, and what it remembers; the arrays but `fitted` are updated."""
+    """The true state and parameters of a simulated rig; all arrays but `fitted` are updated."""
 
     plant: Array
     """(9,) `rig.plant.dynamics.PlantState`."""
     path: Array
-    """Between command and plant (`rig.plant.command_effects`)."""
+    """Memory of what lies between command and plant (`rig.plant.command_effects`)."""
     seen: Array
     """The transducers' memory (`rig.plant.transducer_effects`)."""
     meters: Array
-    """(3,) lags of the flow meters, m^3/s."""
+    """(3,) lag states of the flow meters, m^3/s."""
     offsets: Array
-    """(3,) errors of the flow meters, m^3/s."""
+    """(3,) fixed errors of the flow meters, m^3/s."""
     fitted: Array
-    """(9,) 1 or NaN: which transducers there are."""
+    """(9,) 1 for each transducer that the rig has, NaN for the others."""
     held: Array
     """(1,) command held since the last tick, V."""
     parameters: Parameters
@@ -191,8 +192,7 @@ class TrueRig(NamedTuple):
 def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows):
     """Run ticks on the simulated backend until `rows` is full or something ends them.
 
-    Return how many rows there are, that of the sample included which the interlock stopped at. The
-    valve is at null from a sample on that trips.
+    If a sample trips, the valve is at null from that sample on.
 
     Args:
         first: number of the first tick; tick 0 starts the filter.
@@ -204,6 +204,10 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
         reaction: `ReactionMemory`; updated.
         guard: `Guard` that judges every sample; updated.
         rows: (ticks, columns) to fill, in the order of `row_channels`.
+
+    Returns:
+        The number of rows filled. If the interlock stopped the ticks, the last row is that of the
+        sample for which it did so.
     """
     plant, par, held, noise = rig.plant, rig.parameters, rig.held, ticks.noise
     on_fault, gain, limit, faults = how.on_fault, how.gain, how.limit, ticks.faults
@@ -216,7 +220,7 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
             _stop(Action.TRIP.value, Cause.FAULT_CONFIRMED.value, NO_CHANNEL, guard)
             held[0] = 0.0
             return k
-        # A tuple: numba counts references to an array wherever it is handed on.
+        # A tuple is used because numba counts references to an array wherever it is passed on.
         fault = (
             faults[k, 0], faults[k, 1], faults[k, 2], faults[k, 3], faults[k, 4], faults[k, 5],
             faults[k, 6], faults[k, 7],
@@ -267,14 +271,14 @@ def simulated_ticks(first, ticks, how, rig, filt, decided, reaction, guard, rows
 
 @inlined
 def judge(reading, command, guard):
-    """Return what the interlock does about a sample, an `Action`, and keep the worst.
+    """Return the interlock's `Action` on a sample, and note it in the guard if it is the worst.
 
-    Nothing stands between a simulated rig and its loop: every sample is fresh, and there is no
-    device to report its own state, so that those channels have no value.
+    No device is between a simulated rig and its loop. So every sample is fresh, and the channels by
+    which a device reports its own state are NaN.
 
     Args:
         reading: (9,) in the order of `READINGS`.
-        command: V, held from this sample on.
+        command: command in V that is held from this sample on.
         guard: `Guard`; updated.
     """
     if not guard.watched:

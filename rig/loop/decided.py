@@ -1,7 +1,7 @@
-"""What the detector holds, as the columns of numbers that the loop copies beside every sample.
+"""The detector's newest decision as columns of numbers, which the loop copies into every row.
 
-A recording then shows of each sample what was known when it came, and what the loop could act upon.
-Everything is NaN before the first decision.
+So a recording shows for each sample what was decided when it came, and what the loop could act
+upon. All columns are NaN before the first decision.
 """
 
 from enum import IntEnum
@@ -26,10 +26,10 @@ VERDICT_CODES: Final = (
     Verdict.UNKNOWN_FAULT,
     Verdict.INCONCLUSIVE,
 )
-"""A verdict's code is its index here; recordings hold codes, so that none is given to another."""
+"""Verdicts in the order of their codes, which never change, because recordings contain them."""
 
 PROBABLE: Final = (Verdict.HEALTHY, *FAULT_KINDS, Verdict.MULTIPLE)
-"""What has a probability; the probabilities add up to 1."""
+"""Verdicts that have a probability; the probabilities add up to 1."""
 PROBABILITIES: Final = tuple(f"probability_{name}" for name in PROBABLE)
 PRESENT: Final = tuple(f"present_{leak}_m3_per_s_sqrtPa" for leak in LEAK_KINDS)
 
@@ -43,13 +43,13 @@ DECIDED: Final = (
     "decided_leak_high_m3_per_s",
     *PRESENT,
 )
-"""Time of the newest sample it rests on; index in `VERDICT_CODES`; 1 for a confirmed fault, else 0;
-probabilities; mean leak flow with its 95 % interval, NaN without; coefficients of the leaks that
-are confirmed to be there now, 0 where there is none."""
+"""Columns of a decision: time of the newest sample on which it rests; index in `VERDICT_CODES`; 1
+for a confirmed fault, else 0; probabilities; mean leak flow with its 95 % interval, NaN without a
+leak; coefficients of the leaks that are confirmed to be there now, 0 where there is none."""
 
 
 class Decided(IntEnum):
-    """Index in a row of `DECIDED` of what is acted upon."""
+    """Index in a row of `DECIDED` of the numbers on which the loop acts."""
 
     AT_S = DECIDED.index("decided_at_s")
     VERDICT = DECIDED.index("verdict_code")
@@ -63,12 +63,12 @@ def no_decision() -> Array:
 
 
 def verdict_of(code: float) -> str:
-    """Return the verdict of a recorded code; empty for NaN, before the first decision."""
+    """Return the verdict of a recorded code; empty for NaN, which means no decision yet."""
     return "" if isnan(code) else str(VERDICT_CODES[int(code)])
 
 
 def confirmed_fault(row: Array) -> str:
-    """Return what a decision confirms: "external_leakage_1 confirmed"; empty if nothing."""
+    """Return the confirmed fault, such as "external_leakage_1 confirmed"; empty if none."""
     if row[Decided.CONFIRMED] != 1.0:
         return ""
     return f"{verdict_of(row[Decided.VERDICT])} confirmed"

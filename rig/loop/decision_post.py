@@ -1,8 +1,9 @@
-"""How a decision reaches the loop in another process: posted on the board, and never waited for.
+"""Posts decisions on the board for the loop in another process, which never waits for them.
 
-Decisions stand in a ring of their own. One is written before the number that counts it
-(`store_release`); the loop copies the newest and then sees by the number whether its place can have
-been written again meanwhile, which takes seconds. It then goes without, until the next tick.
+Decisions have a ring of their own. A decision is written before the word that counts it
+(`store_release`). The loop copies the newest decision, and then checks by the count whether its
+place can have been written again meanwhile, which takes seconds. If so, the loop ignores the copy
+and tries again at the next tick.
 """
 
 import numpy as np
@@ -15,13 +16,13 @@ Array = NDArray[np.float64]
 
 
 class DecisionPost:
-    """The supervisor's end."""
+    """The supervisor's side, which writes decisions on the board."""
 
     def __init__(self, board: Board) -> None:
         self._words, self._decisions = board.words, board.decisions
 
     def post(self, segment: int, row: Array) -> None:
-        """Post a row of `rig.loop.decided.DECIDED` on a segment; others' are ignored."""
+        """Post a decision on a segment, a row of `DECIDED`; other segments ignore it."""
         number = int(self._words[Word.DECISIONS]) + 1
         place = self._decisions[number % DECISIONS_KEPT]
         place[0], place[1:] = segment, row
@@ -29,5 +30,5 @@ class DecisionPost:
 
 
 def prepare() -> None:
-    """Compile what posting needs, before time matters."""
+    """Compile the function that `post` needs, before a session begins."""
     store_release(np.zeros(1, np.int64), 0, 0)

@@ -1,9 +1,9 @@
-"""Homing: finding an incremental encoder's zero at an end stop, gently.
+"""Homing finds the zero of an incremental encoder at an end stop, gently.
 
-Two approaches with the valve command as setpoint, in open loop: the first finds the stop, the
-second, slower, must find it at the same count. What follows from a late or lost `Homing` is limited
-by the compiled loop, which holds a ram that is not homed below a command and a load pressure
-(`rig.loop.interlocks.judging.allowed_command`), and by each move's end.
+The ram approaches the stop twice, in open loop. The first approach finds the stop; the second one,
+which is slower, must find it at the same count. If `Homing` is late or lost, two things limit what
+the ram can do: the compiled loop keeps a ram that is not homed below a command and a load pressure
+(`rig.loop.interlocks.judging.allowed_command`), and each move ends by itself.
 """
 
 from collections import deque
@@ -16,24 +16,24 @@ from rig.io import HomingSettings
 from rig.plant import Parameters
 
 BACK_OFF: Final = 0.02
-"""m. Way between the approaches: far enough that the second is a motion of its own."""
+"""Way in m back from the stop between the approaches, so that the second is a separate motion."""
 SLOWER: Final = 0.6
-"""Speed of the second approach in that of the first; a null bias of 10 um must not stop it."""
+"""Command of the second approach in that of the first; a null bias of 10 um must not stop it."""
 REPEATABLE_COUNTS: Final = 5
-"""How many counts both approaches may be apart: the stop gives way by two at the force of
-contact."""
+"""Greatest difference in counts between the stops that the two approaches find; the stop itself
+gives way by two counts at the force of contact."""
 _CONTACT: Final = 0.5
-"""Part of the load-pressure limit that the ram must push with to be at a stop."""
+"""Part of the load-pressure limit with which the ram must push to count as being at a stop."""
 _OVERTRAVEL: Final = 1.05
-"""Travel in strokes after which there is no stop to come: the encoder's scale is wrong."""
+"""Travel, in strokes, beyond which no stop can follow, so that the encoder's scale is wrong."""
 
 
 class HomingError(Exception):
-    """Homing that found no stroke end it can be sure of; the message gives reason and remedy."""
+    """Raised when homing finds no certain stroke end; the message gives reason and remedy."""
 
 
 class Phase(Enum):
-    """What a homing run is doing."""
+    """The phases of a homing run, in order."""
 
     APPROACH = "approach"
     BACK_OFF = "back off"
@@ -43,13 +43,13 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class HomingSample:
-    """What homing looks at, at least ten times a second.
+    """The measured values that homing needs, at least ten times a second.
 
     Attributes:
-        time_s: since any beginning.
-        position_m: as the encoder counts, from wherever it was switched on.
-        pressure_1_Pa: of chamber 1, which extends the ram.
-        pressure_2_Pa: of chamber 2.
+        time_s: time since any fixed moment.
+        position_m: position as the encoder counts it, from where it was switched on.
+        pressure_1_Pa: pressure of chamber 1, which extends the ram.
+        pressure_2_Pa: pressure of chamber 2.
     """
 
     time_s: float
@@ -59,17 +59,18 @@ class HomingSample:
 
 
 class Homing:
-    """One homing run, driven by samples; it moves nothing itself.
+    """One homing run, which takes samples and returns commands; it moves nothing itself.
 
     Args:
-        settings: which end, how gently, for how long.
-        par: the plant, for its stroke.
-        count_m: the encoder's resolution.
+        settings: the end stop, the limits of command and pressure, and the times.
+        par: parameters of the plant, for its stroke.
+        count_m: resolution of the encoder, m.
 
     Attributes:
-        phase: what it is doing.
-        offset_m: to add to the encoder's position; None until done.
-        apart_m: by how much the second approach found the stop elsewhere than the first.
+        phase: the present phase.
+        offset_m: offset in m that must be added to the encoder's position; None until homing is
+            done.
+        apart_m: distance in m between the stops that the first and the second approach found.
     """
 
     def __init__(self, settings: HomingSettings, par: Parameters, count_m: float) -> None:
@@ -87,7 +88,7 @@ class Homing:
 
     @property
     def command_V(self) -> float:  # noqa: N802
-        """The valve command that the present phase asks for; it changes with the phase only."""
+        """The valve command of the present phase in V; it changes only with the phase."""
         return (
             self._outward
             * {
@@ -99,10 +100,10 @@ class Homing:
         )
 
     def next_command(self, sample: HomingSample) -> float:
-        """Take one sample and return the command in V from now on; 0 when done.
+        """Take one sample and return the command in V from now on; 0 when homing is done.
 
         Raises:
-            HomingError: no repeatable stroke end; the rig is not homed.
+            HomingError: no repeatable stroke end was found; the rig is not homed.
         """
         if self.phase is Phase.DONE:
             return 0.0
@@ -123,7 +124,7 @@ class Homing:
         self._recent.clear()
 
     def _way(self, sample: HomingSample) -> float:
-        """Return the way towards the stop since the phase began, m."""
+        """Return the way in m that the ram has gone towards the stop since the phase began."""
         began = self._began or sample
         return self._outward * (sample.position_m - began.position_m)
 
@@ -134,7 +135,7 @@ class Homing:
             recent.popleft()
 
     def _stands(self) -> bool:
-        """Return whether the ram stayed below its speed limit for the time of standstill."""
+        """Return whether the ram has stayed below its speed limit for the time of standstill."""
         duration = self._recent[-1].time_s - self._recent[0].time_s
         if duration < self._settings.standstill:
             return False
@@ -149,7 +150,7 @@ class Homing:
             return
         self.apart_m = abs(sample.position_m - self._first_m)
         apart = self.apart_m / self._count_m
-        # Half a count: positions are whole counts but for the last bit of a float.
+        # Half a count is allowed, since positions are whole counts only up to rounding.
         if apart > REPEATABLE_COUNTS + 0.5:
             raise HomingError(
                 f"the stroke end was found {apart:.0f} counts apart, {REPEATABLE_COUNTS} allowed: "
@@ -178,7 +179,7 @@ class Homing:
             )
 
     def _check_contact(self) -> None:
-        # The median: at a stop the stiff oil may swing a little about the force held.
+        # The median is taken because at a stop the pressure in the stiff oil may swing a little.
         pushed = self._outward * median(
             sample.pressure_1_Pa - sample.pressure_2_Pa for sample in self._recent
         )

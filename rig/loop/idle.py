@@ -1,4 +1,4 @@
-"""The loop with nothing to do but wake in time: what the machine adds to every tick."""
+"""A loop that does nothing but wake at every tick, to measure how late the machine wakes it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,9 @@ from .clock import sleep_until
 def wakeup_lateness(period_s: float, ticks: int) -> NDArray[np.float64]:
     """Return float64 (ticks,), s: how late each tick of an idle loop woke; NaN for a missed one.
 
-    The calling thread's place (`rig.loop.realtime`) is what is measured.
+    The result depends on how the calling thread is scheduled (`rig.loop.realtime`).
     """
-    # Compiled, or loaded, before it is timed.
+    # The first call makes numba compile or load the function, which must not be timed.
     _wake(round(1e9 * period_s), np.empty(1))
     lateness = np.full(ticks, np.nan)
     _wake(round(1e9 * period_s), lateness)
@@ -29,7 +29,7 @@ def _wake(period_ns, lateness):
         sleep_until(due)
         late = monotonic_ns() - due
         lateness[tick] = 1e-9 * late
-        # What is past by a period or more is skipped, as the loop does.
+        # Ticks that are past by a period or more are skipped, as in the loop.
         steps = 1 + late // period_ns
         tick += steps
         due += steps * period_ns

@@ -1,10 +1,10 @@
 """Compiled ticks of simulated rigs in lanes (`rig.lanes`): plants first, then transducers.
 
-Each lane takes as many integration steps as its own motion asks for, and goes on to its next tick
-while others are still at theirs: else all would wait for the one that sticks and slips. What all
-lanes do at once is one row of a log; each lane remembers which rows were its ticks. The position
-loop needs the encoder only, which has no noise, so that the other transducers can follow later,
-tick by tick.
+Each lane takes as many integration steps as its own motion needs, and goes on to its next tick
+while other lanes are still in an earlier one. Otherwise all lanes would wait for the one whose ram
+sticks and slips. One step of all lanes together is one row of a log, and each lane notes in which
+row each of its ticks begins. The position loop needs only the encoder, which has no noise, so that
+the other transducers can be sampled later, tick by tick.
 """
 
 from typing import Final, NamedTuple
@@ -29,10 +29,10 @@ from rig.plant import (
 )
 
 LOGGED: Final = 7
-"""Rows of lanes that each step leaves in the log: what transducers see, the return pressure, and
-the command. The fewer they are, the longer a log stays in the processor's cache."""
+"""Number of quantities that each step writes to the log for every lane: what the transducers
+measure, the return pressure, and the command. A small log stays in the processor's cache."""
 LOGGED_OF_CHAMBERS: Final = 5
-"""Rows of a log without spool and supply pressure, for a filter that does not look at them."""
+"""The same number without spool and supply pressure, for a filter that does not use them."""
 POSITION: Final = 0
 PRESSURE_1: Final = 1
 PRESSURE_2: Final = 2
@@ -41,11 +41,11 @@ RETURN: Final = 4
 SPOOL: Final = 5
 SUPPLY: Final = 6
 MOST_STEPS: Final = 80
-"""Rows of log that are enough for a tick: 64 steps of the shortest length, and some that end
-where a ram comes to rest."""
+"""Number of steps that are enough for a tick: 64 of the shortest length, and some that end where a
+ram comes to rest."""
 
 LANE_READINGS: Final = (*FAST_INPUTS[:5], "command_V")
-"""What a sample of rigs in lanes holds: measured values, and the command from there on."""
+"""Quantities in a sample of rigs in lanes: measured values, and the command from then on."""
 READING_COUNT: Final = len(LANE_READINGS)
 NOISE_COUNT: Final = 4
 
@@ -62,29 +62,29 @@ class LoopSetting(NamedTuple):
     """How simulated rigs are driven, and how finely they are simulated."""
 
     gain: float
-    """Of the position loop, V/m."""
+    """Gain of the position loop, V/m."""
     limit: float
     """Greatest command of either sign, V."""
     longest_step: float
-    """Of the integration, s; `rig.plant.integrator.LONGEST_STEP` to a tick."""
+    """Longest step of the integration in s, from `rig.plant.integrator.LONGEST_STEP` to a tick."""
 
 
 class LaneRigs(NamedTuple):
-    """Rigs in lanes."""
+    """Simulated rigs, one in each lane."""
 
     plant: NDArray[np.float64]
     """(9, LANES) true states, `PlantState`; they are updated."""
     parameters: NDArray[np.float64]
-    """(fields, LANES), `Parameters` of each rig, all of one friction law."""
+    """(fields, LANES), `Parameters` of each rig; all rigs have the same friction law."""
     faults: NDArray[np.float64]
     """(8, LANES) coefficients (`rig.plant.faults.FaultInput`)."""
     onset: NDArray[np.float64]
-    """(1, LANES), tick from which on they act."""
+    """(1, LANES), number of the tick from which on the faults act."""
 
 
 @inlined
 def _store_states(plant, y):
-    """Write the states `y` (lanes) to an array (9, LANES)."""
+    """Write the nine states `y`, each one vector of lanes, to an array (9, LANES)."""
     store(plant, 0, y[0])
     store(plant, 1, y[1])
     store(plant, 2, y[2])
@@ -98,7 +98,7 @@ def _store_states(plant, y):
 
 @inlined
 def _log_step(log, first, y, command):
-    """Write what is seen of the states `y` (lanes), and the command, to the rows of a step."""
+    """Write the states in `y` that transducers measure, and the command, to one step of the log."""
     store(log, first + POSITION, y[_POSITION])
     store(log, first + PRESSURE_1, y[_PRESSURE_1])
     store(log, first + PRESSURE_2, y[_PRESSURE_2])
@@ -111,7 +111,7 @@ def _log_step(log, first, y, command):
 
 @inlined
 def _faults_at(faults, acts):
-    """Return the eight fault coefficients, 0 in lanes where they do not act yet."""
+    """Return the eight fault coefficients, which are 0 in lanes where `acts` is false."""
     return (
         select(acts, load(faults, 0), 0.0),
         select(acts, load(faults, 1), 0.0),
@@ -131,15 +131,15 @@ def plant_ticks(first, setpoint, open_loop, loop, rigs, like, sensors, log, rows
     Args:
         first: number of the first tick.
         setpoint: (ticks, LANES) in m, or in V in open loop.
-        open_loop: (1, LANES) for all ticks or (ticks, LANES), not 0 where the setpoint is the
-            command.
+        open_loop: (1, LANES) for all ticks or (ticks, LANES); where it is not 0, the setpoint is
+            the command.
         loop: `LoopSetting`.
         rigs: `LaneRigs`; their plants are updated.
-        like: `Parameters`, of which the friction law is that of all rigs.
+        like: any `Parameters` with the friction law of all rigs.
         sensors: `SensorParameters`.
-        log: (steps, `LOGGED` or `LOGGED_OF_CHAMBERS`, LANES), to be filled; `MOST_STEPS` steps a
-            tick are enough.
-        rows: (ticks, LANES), to be filled: which row of the log is a lane's tick.
+        log: (steps, `LOGGED` or `LOGGED_OF_CHAMBERS`, LANES), which is filled; `MOST_STEPS` steps
+            for each tick are enough.
+        rows: (ticks, LANES), filled with the row of the log in which each tick of a lane begins.
 
     Returns:
         Whether the log was long enough.
@@ -184,13 +184,13 @@ def reading_ticks(log, rows, noise, parameters, like, sensors, readings):
     """Sample the transducers at every tick.
 
     Args:
-        log: (steps, `LOGGED`, LANES), of `plant_ticks`.
-        rows: (ticks, LANES), of `plant_ticks`.
-        noise: (ticks, 4, LANES) standard normal numbers: of pressures 1 and 2, spool, supply.
+        log: (steps, `LOGGED`, LANES), as `plant_ticks` has filled it.
+        rows: (ticks, LANES), as `plant_ticks` has filled it.
+        noise: (ticks, 4, LANES) standard normal numbers, for pressures 1 and 2, spool, supply.
         parameters: (fields, LANES), `Parameters` of each rig.
-        like: `Parameters`, of which the friction law is that of all rigs.
+        like: any `Parameters` with the friction law of all rigs.
         sensors: `SensorParameters`.
-        readings: (ticks, 6, LANES), to be filled with `LANE_READINGS`.
+        readings: (ticks, 6, LANES), filled with `LANE_READINGS`.
     """
     par = load_fields(parameters, like, _FRICTION_LAW)
     for k in range(rows.shape[0]):

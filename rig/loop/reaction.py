@@ -1,7 +1,7 @@
-"""What the loop does about a confirmed fault, compiled; the same on every backend.
+"""The loop's reaction to a confirmed fault, compiled; it is the same on every backend.
 
-A decision is acted upon while it is fresh: if the detector is late or gone, the loop goes back to
-the proportional command by itself. A hold and a trip stay.
+The loop acts upon a decision only while it is fresh: if the detector is late or gone, the loop goes
+back to the proportional command by itself. A hold or a trip, once begun, lasts to the test's end.
 """
 
 from enum import IntEnum
@@ -20,22 +20,22 @@ from .decided import Decided
 Array = NDArray[np.float64]
 
 STALE_S: Final = 2.0
-"""A decision that rests on samples older than this is not acted upon: one is due every half second,
-so that the detector has missed three."""
+"""Age in s of a decision's newest sample beyond which the loop does not act upon it. A decision is
+due every half second, so that the detector has missed three by then."""
 
 ACTED: Final = ("fault_action", "compensation_V")
-"""Columns beside a sample: `Reaction`, and what it adds to the proportional command."""
+"""Columns of a row: the present `Reaction`, and what it adds to the proportional command."""
 
 
 class Reaction(IntEnum):
-    """What a test asks to be done about a confirmed fault, and what is being done; recorded."""
+    """The reactions to a confirmed fault; a test asks for one, and rows record the present one."""
 
     IGNORE = 0
-    """Nothing: it is recorded."""
+    """The loop does nothing; the fault is only recorded."""
     TOLERATE = 1
-    """The position loop makes up for leaks that are confirmed to be there now."""
+    """The position loop compensates for leaks that are confirmed to be there now."""
     HOLD = 2
-    """The ram is held where it is, to the end of the test."""
+    """The ram is held where it is until the end of the test."""
     TRIP = 3
     """The rig trips, as for any other cause."""
 
@@ -48,18 +48,18 @@ _CONFIRMED: Final = int(Decided.CONFIRMED)
 _PRESENT: Final = int(Decided.PRESENT)
 _PRESSURE_1: Final = 1
 _PRESSURE_2: Final = 2
-"""Places of the pressures among the states of every filter."""
+"""Indices of the two chamber pressures among the states of every filter."""
 
 
 class ReactionMemory(NamedTuple):
-    """What is kept from tick to tick; a test begins with `forget`."""
+    """The memory of the reaction from tick to tick; each test begins with `forget`."""
 
     acted: Array
-    """(len(ACTED),) of the present tick."""
+    """(len(ACTED),): the columns `ACTED` of the present tick."""
     held_at: Array
-    """(1,) where a simulated ram is held, m; NaN while it is not."""
+    """(1,): position in m at which a simulated ram is held; NaN while it is not held."""
     tolerant: Array
-    """(TOLERANT_STATE,) of `control.tolerant.tolerant_command`."""
+    """(TOLERANT_STATE,): state of `control.tolerant.tolerant_command`."""
 
 
 def reaction_memory() -> ReactionMemory:
@@ -69,7 +69,7 @@ def reaction_memory() -> ReactionMemory:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def forget(memory):
-    """Begin a test."""
+    """Reset the memory in place, for a test that begins."""
     memory.acted[:] = 0.0
     memory.held_at[:] = nan
     memory.tolerant[:] = 0.0
@@ -77,18 +77,18 @@ def forget(memory):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def react(asked, decided, time_s, memory):
-    """Return what is done at a tick, a `Reaction`, and keep it; nothing is compensated yet.
+    """Return the `Reaction` at a tick, and store it in `memory.acted` with a compensation of 0 V.
 
     Args:
         asked: `Reaction` that the test asks for.
         decided: (len(DECIDED),) the newest decision, NaN before the first.
-        time_s: of the tick.
+        time_s: time of the tick in the test, s.
         memory: `ReactionMemory`; updated.
     """
     action = int(memory.acted[0])
     if action < _HOLD:
         action = _IGNORE
-        # Never true of a decision that is not there (NaN).
+        # Without a decision the time is NaN, so that this is False.
         fresh = time_s - decided[_AT_S] <= STALE_S
         if fresh and asked == _TOLERATE:
             if leaks_now(decided):
@@ -102,23 +102,23 @@ def react(asked, decided, time_s, memory):
 
 @inlined
 def leaks_now(decided):
-    """Return whether a leak is confirmed to be there now."""
+    """Return whether a decision confirms that a leak is there now."""
     return decided[_PRESENT] > 0.0 or decided[_PRESENT + 1] > 0.0 or decided[_PRESENT + 2] > 0.0
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def tolerating(command, asked, decided, x, par, limit, period, memory):
-    """Return the position loop's command in V with what makes up for leaks; called once a tick.
+    """Return the position loop's command in V, with a compensation for leaks; call it every tick.
 
     Args:
-        command: the proportional one, V; returned as it is unless the test asks to tolerate leaks,
-            and one is, or has just been, confirmed.
+        command: the proportional command, V; it is returned unchanged unless the test asks to
+            tolerate leaks and one is, or has just been, confirmed.
         asked: `Reaction` that the test asks for.
         decided: (len(DECIDED),) the newest decision.
         x: the filter's state.
-        par: the `Parameters` it assumes.
+        par: the `Parameters` that the filter assumes.
         limit: greatest command of either sign, V.
-        period: of the loop, s.
+        period: period of the loop, s.
         memory: `ReactionMemory` after `react` of this tick; updated.
     """
     if asked != _TOLERATE:

@@ -1,7 +1,7 @@
-"""What the kernel can do for a loop that must keep its time, asked for one by one.
+"""Asks the kernel, one by one, for everything that helps the loop to keep its time.
 
-The loop runs without any of it, later at times; what was refused is reported with its remedy, by
-`rig doctor` and in every recording.
+The loop also runs without any of these, but is late at times. `rig doctor` and every recording
+report what the kernel refused, with its remedy.
 """
 
 import ctypes
@@ -17,10 +17,10 @@ _MCL_CURRENT: Final = 1  # sys/mman.h
 _MCL_FUTURE: Final = 2
 _PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
 _TIMER_SLACK_NS: Final = 1000
-"""The kernel's own is 50 us, by which a thread that is not SCHED_FIFO wakes late."""
+"""Timer slack that is asked for; the kernel's own 50 us delay threads without SCHED_FIFO."""
 _LATENCY_FILE: Final = "/dev/cpu_dma_latency"
 
-# Threads and processes that this one starts would inherit it.
+# With the reset, threads and processes that this one starts do not inherit the priority.
 _FIFO: Final = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 
 _libc: Final = ctypes.CDLL(None, use_errno=True)
@@ -28,13 +28,13 @@ _libc: Final = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class Grant:
-    """One thing asked of the kernel, and what came of it.
+    """One request to the kernel, and the kernel's answer.
 
     Attributes:
-        name: what was asked for.
-        granted: whether it was given.
-        why: what it is good for, or why it was refused.
-        remedy: what to do to get it; empty if it was given.
+        name: name of what was asked for.
+        granted: whether the kernel granted it.
+        why: the benefit of it if it was granted, else the reason for the refusal.
+        remedy: how to get it; empty if it was granted.
     """
 
     name: str
@@ -44,14 +44,14 @@ class Grant:
 
 
 class RealTime:
-    """Everything asked for, for the calling thread and its process; a context manager.
+    """All requests for the calling thread and its process; a context manager that undoes them.
 
     Args:
-        cpu: processor to pin the thread to; None leaves it to the kernel.
-        priority: of SCHED_FIFO for this thread only; 0 asks for none.
+        cpu: processor to which the thread is pinned; None leaves it to the kernel.
+        priority: SCHED_FIFO priority for this thread only; 0 asks for none.
 
     Attributes:
-        grants: what was asked for and what came of it.
+        grants: the requests, with the kernel's answers.
     """
 
     def __init__(self, cpu: int | None, priority: int) -> None:
@@ -97,7 +97,7 @@ class RealTime:
             ),
         ]
         self.grants = tuple(_made(request) for request in requests)
-        # What exists now is never garbage: the collector need not look at it again.
+        # Objects that exist now are never garbage, so that the collector may ignore them.
         gc.collect()
         gc.freeze()
 
@@ -113,7 +113,7 @@ class RealTime:
         self.close()
 
     def close(self) -> None:
-        """Give back memory, processor and the thread's place; harmless when repeated."""
+        """Undo what was granted, except the timer slack; repeated calls do no harm."""
         gc.unfreeze()
         _libc.munlockall()
         if self._latency_fd is not None:
@@ -124,7 +124,7 @@ class RealTime:
         os.sched_setaffinity(0, self._affinity)
 
     def _hold_latency(self) -> None:
-        # It holds for as long as the file is open (Documentation/power/pm_qos_interface.rst).
+        # This is in force as long as the file is open (Documentation/power/pm_qos_interface.rst).
         fd = os.open(_LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC)
         self._latency_fd = fd
         os.write(fd, struct.pack("i", 0))

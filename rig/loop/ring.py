@@ -1,4 +1,4 @@
-"""Reading the board's ring: every row once, in order, while the loop goes on writing."""
+"""Reads the board's ring: every row once, in order, while the loop goes on writing."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,14 +8,14 @@ from .board import RING_ROWS, Board, Word
 Array = NDArray[np.float64]
 
 _MARGIN = 256
-"""Rows that the loop may write while a reader copies: those next in line are given up as lost."""
+"""Number of oldest rows that a reader counts as lost, as the loop may overwrite them meanwhile."""
 
 
 class RingReader:
     """One reader of the ring, which does not disturb the loop or other readers.
 
     Attributes:
-        lost: rows overwritten before they were read, since it was last set to 0.
+        lost: number of rows that were overwritten before they were read; the user may reset it.
     """
 
     def __init__(self, board: Board) -> None:
@@ -24,25 +24,28 @@ class RingReader:
         self.lost = 0
 
     def go_on_from(self, row: int) -> None:
-        """Read on from the row of a number, or the oldest one after it that is still there."""
+        """Read on from row number `row` of the session; rows that are overwritten count as lost."""
         self._next = min(row, int(self._words[Word.ROWS]))
 
     @property
     def next_row(self) -> int:
-        """Number, in the session, of the row that is read next."""
+        """Number in the session of the row that is read next."""
         return self._next
 
     @property
     def waiting(self) -> int:
-        """Rows written and not yet read."""
+        """Number of rows that are written and not yet read."""
         return int(self._words[Word.ROWS]) - self._next
 
     def skip_to_end(self) -> None:
-        """Read on from the next row that is written."""
+        """Skip all rows written so far, so that the next row that is written is read next."""
         self._next = int(self._words[Word.ROWS])
 
     def take(self, most: int = RING_ROWS) -> Array:
-        """Return the rows since the last call, at most so many, float64 (n, columns)."""
+        """Return the rows that were not yet read, at most `most`, float64 (n, columns).
+
+        Rows that were overwritten before that are added to `lost`.
+        """
         end = int(self._words[Word.ROWS])
         oldest = end - RING_ROWS + _MARGIN
         if self._next < oldest:
@@ -54,6 +57,6 @@ class RingReader:
         return rows
 
     def latest(self, count: int) -> Array:
-        """Return the last rows written, at most so many, whether or not they were read."""
+        """Return the last rows written, at most `count`; `take` still returns those unread."""
         end = int(self._words[Word.ROWS])
         return self._ring[np.arange(max(end - count, 0), end) % RING_ROWS]

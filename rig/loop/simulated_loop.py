@@ -1,4 +1,4 @@
-"""The loop on the simulated backend: compiled ticks in batches of whatever length is asked for."""
+"""The loop on the simulated backend, which runs compiled ticks in batches of any length."""
 
 from dataclasses import dataclass
 
@@ -33,14 +33,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Motion:
-    """What a test asks of the ram, tick by tick.
+    """The setpoints and faults of a test, tick by tick, and the start of its motion.
 
     Attributes:
         setpoint: float64 (ticks,), m in closed loop, V in open loop.
         open_loop: whether the setpoint is the valve command itself.
         faults: float64 (ticks, 8), coefficients (`rig.plant.faults.FAULT_COLUMNS`).
-        start_position: where the ram is brought before the first tick, m.
-        settle_ticks: ticks that this may take.
+        start_position: position to which the ram is brought before the first tick, m.
+        settle_ticks: number of ticks in which it is brought there.
     """
 
     setpoint: Array
@@ -54,14 +54,14 @@ class SimulatedLoop:
     """One test on a simulated rig, advanced any number of ticks at a time.
 
     Args:
-        rig: the simulated rig; its state is the loop's to change.
+        rig: the simulated rig, whose state the loop changes.
         motion: setpoint and faults of every tick.
         memory: the filter's memory, before its first sample.
-        assumed: the parameters the filter assumes.
-        gain: position loop, V/m.
+        assumed: the parameters that the filter assumes.
+        gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
-        on_fault: what is done about a confirmed fault.
-        interlock: judges every sample, as on hardware; none does if not given.
+        on_fault: the reaction to a confirmed fault.
+        interlock: judges every sample, as on hardware; if it is None, no sample is judged.
 
     Raises:
         ValueError: setpoint and fault table differ in length.
@@ -98,7 +98,7 @@ class SimulatedLoop:
 
     @property
     def ticks_left(self) -> int:
-        """Ticks of the test that are still to run; at least 1 until a stop was reported."""
+        """Number of ticks still to run; at least 1 after a stop, so that `advance` can raise it."""
         left = self._motion.setpoint.size - self._tick
         return max(left, 1) if self._is_stopped else left
 
@@ -108,7 +108,7 @@ class SimulatedLoop:
 
     @property
     def indicated(self) -> tuple[Cause, str]:
-        """What the interlock last indicated, and the channel concerned; `Cause.NONE` if nothing."""
+        """Cause and channel of the interlock's worst action so far; `Cause.NONE` if none."""
         return Cause(int(self._guard.stopped[1])), self._channel
 
     @property
@@ -118,17 +118,18 @@ class SimulatedLoop:
 
     @property
     def stopped(self) -> LoopStoppedError:
-        """Return what stopped the loop, as the error to raise: action, cause and channel."""
+        """The error to raise for what stopped the loop: action, cause and channel."""
         action, cause, _ = self._guard.stopped
         return LoopStoppedError(Action(int(action)), Cause(int(cause)), self._channel)
 
     def position(self) -> None:
-        """Bring the ram to its start by the position loop, along a raised cosine; let it rest.
+        """Bring the ram to its start position by the position loop, along a raised cosine.
 
-        Nothing is recorded, and the filter that runs is a copy: the test's begins with the test.
+        Nothing is recorded. A copy of the filter runs, since the test's own filter must begin with
+        the test.
 
         Raises:
-            LoopStoppedError: the interlock stopped it.
+            LoopStoppedError: the interlock stopped the motion.
         """
         rig = self._rig
         setpoint = raised_cosine(
@@ -149,8 +150,8 @@ class SimulatedLoop:
         """Run up to `ticks` ticks and return their rows, float64 (n, columns of `channels`).
 
         Raises:
-            LoopStoppedError: the interlock stopped it, or a fault was confirmed and is to trip;
-                rows up to then were returned.
+            LoopStoppedError: the interlock stopped the loop, or a fault was confirmed and the test
+                asks to trip then. Earlier calls have returned the rows up to the stop.
         """
         if self._is_stopped:
             raise self.stopped
@@ -164,9 +165,10 @@ class SimulatedLoop:
         return rows
 
     def come_to_rest(self) -> Array:
-        """Bring the command to 0 V along a ramp, without faults, after a stop that is no trip.
+        """Bring the command to 0 V along a ramp, after a stop that is no trip; return the rows.
 
-        Return the rows, up to a trip on the way: `stopped` is that trip then.
+        Injected faults do not act meanwhile. If the interlock trips on the way, the rows end there,
+        and `stopped` is that trip.
         """
         left = 1.0 - np.arange(round(RAMP_S / TICK)) / round(RAMP_S / TICK)
         command = self._holding_command if self._guard.stopped[0] == Action.HOLD else self._held[0]
@@ -175,15 +177,15 @@ class SimulatedLoop:
 
     @property
     def _holding_command(self) -> float:
-        """The command that begins to hold the ram where it is, well within its limits, V."""
+        """The first command in V of a hold: of the ram where it is, or well within its limits."""
         position = self._guard.inputs[0]
         held = held_position(position, True, self._guard.interlock.limits)
         return float(np.clip(self._gain * (held - position), -self._limit, self._limit))
 
     def last_sample(self) -> Array:
-        """Return the last sample judged as a row, float64 (1, columns), NaN where it has nothing.
+        """Return the sample that was judged last as a row, float64 (1, columns); the rest is NaN.
 
-        It shows the ram on its way to a test's start, which is not recorded.
+        It shows what stopped a ram on its way to the start position, which is not recorded.
         """
         row = np.full((1, len(self.channels)), np.nan)
         row[0, 0] = -TICK
@@ -229,23 +231,23 @@ class SimulatedLoop:
         return rows[:done]
 
     def decided(self, row: Array) -> None:
-        """Take a decision, a row of `DECIDED`, which all rows from now on carry."""
+        """Set the newest decision, a row of `DECIDED`, which all rows from now on contain."""
         self._decided = row
 
     def safe_state(self) -> None:
-        """Put the valve at null and take every injected fault away."""
+        """Bring the valve to null, and remove all faults from the rest of the test."""
         self._held[0] = 0.0
         self._motion.faults[self._tick :] = 0.0
 
 
 def _no_interlock(rig: SimulatedRig, assumed: Parameters) -> Interlock:
-    """Return an interlock that nothing is judged by, for a loop without one."""
+    """Return an interlock without limits, for a loop that judges no sample."""
     judged = tolerances(assumed, rig.sensors, frozenset(), TICK, TICK, HomingSettings())
     return interlock(limit_table((), TICK), judged)
 
 
 def estimates_in(rows: Array, channels: tuple[str, ...], memory: FilterMemory) -> FilterRun:
-    """Return the filter's estimates that a batch of rows holds, for a detector."""
+    """Return the filter's estimates in a batch of rows, in the form that a detector takes."""
     outputs = channels.index("innovation_position_m")
     states = channels.index(f"est_{memory.filter.states[0]}")
     return FilterRun(
@@ -258,7 +260,7 @@ def estimates_in(rows: Array, channels: tuple[str, ...], memory: FilterMemory) -
 
 
 def batch_ticks(first: bool) -> int:
-    """Return the ticks of one batch: half a second, and one more to start with.
+    """Return the number of ticks of one batch: half a second, and one more if it is the first.
 
     Oil accounts run from sample to sample, so that the first block needs the sample before it.
     """

@@ -1,7 +1,7 @@
 """How well the loop kept its time: statistics of each stage of a tick, taken from its rows.
 
-They are kept in histograms of constant size, so that a run of any length can be counted while it
-goes on. A percentile is interpolated within its bin, 5 % wide; the greatest value is exact.
+Times are counted in histograms of constant size, so that a run of any length can be counted while
+it goes on. A percentile is interpolated within its bin, 5 % wide; the greatest value is exact.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,21 +20,21 @@ STAGES: Final = {
     "tick_to_reply": "from the time of the tick until the sample came",
     "period": "from one waking to the next",
 }
-"""What is timed, by name."""
+"""The stages of a tick that are timed, by name, with their meanings."""
 
 TIMING: Final = "timing"
-"""Kind of the event by which a recording holds `Timing.summary`, as JSON."""
+"""Kind of the event that contains `Timing.summary` as JSON in a recording."""
 
 _TIMED: Final = ("wakeup_s", "sent_s", "exchange_s", "compute_s")
 
 PERCENTILES: Final = (50.0, 99.0, 99.9)
 
 _EDGES: Final = np.logspace(-7.0, 1.0, 8 * 50 + 1)
-"""Bins from 0.1 us to 10 s, 50 a decade; what is beyond falls into the outermost."""
+"""Edges of bins from 0.1 us to 10 s, 50 in a decade; other times fall into the outermost bins."""
 
 
 class StageTimes:
-    """The times of one stage."""
+    """A histogram of the times of one stage, with the greatest time."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(_EDGES.size - 1, np.int64)
@@ -49,11 +49,11 @@ class StageTimes:
 
     @property
     def count(self) -> int:
-        """Times counted."""
+        """Number of times that were counted."""
         return int(self._counts.sum())
 
     def percentile(self, percent: float) -> float | None:
-        """Return the time in s that so many percent of all do not exceed; None without any."""
+        """Return the time in s that `percent` of all times do not exceed; None without times."""
         if not self.count:
             return None
         cumulative = np.concatenate([[0], np.cumsum(self._counts)])
@@ -65,7 +65,7 @@ class StageTimes:
         return min(value, self._greatest)
 
     def summary(self) -> dict[str, Any]:
-        """Return percentiles, greatest value and occupied bins, JSON-able, times in s."""
+        """Return count, percentiles, greatest time and occupied bins as JSON values; times in s."""
         occupied = np.flatnonzero(self._counts)
         return {
             "count": self.count,
@@ -76,11 +76,11 @@ class StageTimes:
 
 
 class Timing:
-    """The stages of all ticks whose rows it takes.
+    """Statistics of the stages of all ticks whose rows were passed to `take`.
 
     Args:
         channels: names of the rows' columns (`rig.loop.wire.layout.wire_channels`).
-        period_s: of the loop.
+        period_s: period of the loop, s.
     """
 
     def __init__(self, channels: Sequence[str], period_s: float) -> None:
@@ -92,7 +92,7 @@ class Timing:
         self.missed = 0
 
     def take(self, rows: Array) -> None:
-        """Count the next rows, float64 (n, channels)."""
+        """Count the times in the next rows, float64 (n, channels), which must follow the last."""
         wakeup, sent, exchange, compute = (rows[:, column] for column in self._columns)
         wakeups = np.concatenate([self._last_wakeup, wakeup])
         self._last_wakeup = wakeups[-1:].copy()
@@ -109,7 +109,7 @@ class Timing:
         self.missed += int(np.count_nonzero(np.isnan(wakeup)))
 
     def summary(self) -> dict[str, Any]:
-        """Return the statistics of all rows so far, JSON-able, by stage; times in s."""
+        """Return the statistics of all rows so far by stage, as JSON values; times in s."""
         return {
             "ticks": self.ticks,
             "missed": self.missed,
@@ -118,10 +118,10 @@ class Timing:
 
 
 def in_short(summary: Mapping[str, Any]) -> str:
-    """Return ticks missed, and median and 99 % of the stages an operator asks about.
+    """Return a sentence with the missed ticks, and median and 99 % of the most important stages.
 
     Args:
-        summary: as `Timing.summary` gives it, or an event of kind `timing` holds it.
+        summary: the result of `Timing.summary`, or the content of an event of kind `timing`.
     """
     shown = [f"{summary['missed']} of {summary['ticks']} ticks missed"]
     for name, words in (
@@ -129,7 +129,7 @@ def in_short(summary: Mapping[str, Any]) -> str:
         ("tick_to_command", "has its command out"),
         ("tick_to_reply", "has its reply"),
     ):
-        # Recordings from before a stage was timed do not hold it.
+        # Recordings that are older than a stage do not contain it.
         stage = summary["stages"].get(name, {})
         p50, p99 = (stage.get(key) for key in ("p50_s", "p99_s"))
         if p50 is not None and p99 is not None:

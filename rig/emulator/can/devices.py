@@ -1,4 +1,4 @@
-"""The emulated devices on CAN, each on the bus where the rig file has its driver look."""
+"""The emulated devices on CAN, each on the bus that its driver uses in the rig file."""
 
 import asyncio
 from typing import Any
@@ -13,18 +13,19 @@ from .valve_node import ValveNode
 
 
 class CanDevices:
-    """Servovalve electronics and pump unit, either or both; two drivers of a bus share it.
+    """The servovalve's electronics and the pump unit, either or both; they may share a bus.
 
     Args:
-        plant: whose valve and pump they are.
+        plant: the plant whose valve and pump they drive.
         record: takes note of what they receive.
         drive: `CanValveOptions` of the servovalve; None: it is an analog one.
-        pump: `CanPumpOptions` of the pump unit; None: it always runs.
+        pump: `CanPumpOptions` of the pump unit; None: the pump always runs.
 
     Attributes:
-        valve: the servovalve's electronics, once open.
-        pump: the pump unit, once open.
-        tasks: that serve them, a bus each; none ends before they are closed, unless it fails.
+        valve: the servovalve's electronics, once open; None if there are none.
+        pump: the pump unit, once open; None if there is none.
+        tasks: the tasks that serve them, one for each bus; a task that ends before `close` has
+            failed.
     """
 
     def __init__(self, plant: EmulatedPlant, record: Record, drive: Any, pump: Any) -> None:
@@ -38,10 +39,10 @@ class CanDevices:
         self.tasks: list[asyncio.Task[None]] = []
 
     def open(self) -> dict[str, str]:
-        """Begin to serve; return where each device is.
+        """Begin to serve; return the bus of each device by name.
 
         Raises:
-            DriverError: there is no such bus.
+            DriverError: a bus cannot be opened.
         """
         nodes: dict[tuple[str, str, int], list[Node]] = {}
         places = {}
@@ -82,7 +83,7 @@ class CanDevices:
         return self._buses[key]
 
     def acting_command(self, command_V: float) -> float:  # noqa: N803
-        """Return what moves the spool, V, given the analog command from the I/O node."""
+        """Return the command in V that moves the spool, given the analog one of the I/O node."""
         if self.valve is None:
             return command_V
         return COMMAND_RANGE * self.valve.acting_command(command_V / COMMAND_RANGE)
@@ -95,7 +96,7 @@ class CanDevices:
         }
 
     async def close(self) -> None:
-        """Leave the buses; harmless when repeated."""
+        """Leave the buses; repeated calls do no harm."""
         for task in self.tasks:
             task.cancel()
         await asyncio.gather(*self.tasks, return_exceptions=True)
@@ -106,11 +107,11 @@ class CanDevices:
 
 
 class ValvePath:
-    """What stands between the node's output and the spool: the servovalve's own electronics.
+    """The path from the I/O node's output to the spool, through the servovalve's own electronics.
 
     Args:
-        plant: whose spool it is.
-        devices: the electronics, if the rig has them.
+        plant: the plant whose spool is moved.
+        devices: devices on CAN, with the valve's electronics if the rig has them.
     """
 
     def __init__(self, plant: EmulatedPlant, devices: CanDevices) -> None:
@@ -120,12 +121,12 @@ class ValvePath:
         self._acting = 0.0
 
     def set_analog(self, command_V: float, at_ns: int) -> None:  # noqa: N803
-        """Set the node's output, V, from a moment in ns on."""
+        """Set the output of the I/O node in V, from a moment in ns on."""
         self._analog = command_V
         self._drive(at_ns)
 
     def tend(self) -> None:
-        """Follow the electronics, whose state changes by itself."""
+        """Update the spool's command, since the electronics' state changes by itself."""
         self._drive(None)
 
     def _drive(self, at_ns: int | None) -> None:

@@ -7,27 +7,27 @@ from typing import Final, Protocol
 from rig.io import python_can as can
 
 Send = Callable[[can.Message], None]
-"""What puts a frame on the bus."""
+"""Puts a frame on the bus."""
 
 Note = Callable[..., None]
-"""Takes note of an event by its name and details, as `rig.emulator.record.Record.note`."""
+"""Takes note of an event by its name and details, as `rig.emulator.record.Record.note` does."""
 
 _PERIOD: Final = 0.005
-"""s between two cycles of the nodes."""
+"""Time in s between two cycles of the nodes."""
 
 
 class Node(Protocol):
     """An emulated device on a bus."""
 
     def receive(self, frame: can.Message) -> None:
-        """Take in a frame."""
+        """Handle a frame from the bus."""
 
     def cycle(self, now: float) -> None:
-        """Do what is due at a time in s."""
+        """Do what is due at the time `now` in s."""
 
 
 async def serve(bus: can.BusABC, nodes: Iterable[Node]) -> None:
-    """Serve nodes on one bus until cancelled; the bus stays open."""
+    """Serve nodes on one bus until the task is cancelled; the bus stays open."""
     loop, nodes = asyncio.get_running_loop(), tuple(nodes)
     notifier = can.Notifier(bus, [node.receive for node in nodes], timeout=0.05, loop=loop)
     try:

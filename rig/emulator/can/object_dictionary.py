@@ -20,12 +20,12 @@ _WHOLE_REQUEST: Final = 8
 
 
 class ObjectDictionary:
-    """Entries with their values.
+    """The entries of a node with their values.
 
     Args:
         values: entries that can be read and written, with their values at power-up.
-        live: entries that are computed when they are read, and read only.
-        changed: called after a write from the bus.
+        live: read-only entries, with the functions that compute them when they are read.
+        changed: called with entry and new value after a write from the bus.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class ObjectDictionary:
         self._values[entry] = value
 
     def answer(self, data: bytes) -> bytes | None:
-        """Return the reply to an SDO request; None to what is none."""
+        """Return the reply to an SDO request; None if the data are no request of 8 bytes."""
         if len(data) != _WHOLE_REQUEST:
             return None
         index, subindex = struct.unpack_from("<HB", data, 1)

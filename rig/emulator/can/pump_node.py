@@ -1,4 +1,7 @@
-"""The emulated pump unit on CAN, as a DBC describes it, and its faults; stepped as the valve is."""
+"""The emulated pump unit on CAN, whose messages a DBC describes, and its faults.
+
+Like the emulated valve it is driven by two calls, `receive` and `cycle`.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,20 +13,20 @@ from rig.io import COMMAND, STATUS, UNITS, cantools, python_can as can
 from .nodes import Note, Send
 
 _OIL_TEMPERATURE_K: Final = 313.15
-"""What the unit reports; it never changes."""
+"""Oil temperature that the unit reports; it never changes."""
 
 
 @dataclass
 class PumpFaults:
-    """What is wrong with the emulated pump unit.
+    """The faults of the emulated pump unit; each is present while it is True.
 
     Attributes:
-        silent: it sends nothing.
-        frozen: it sends the same message again and again.
-        stuck: its unloading valve does not move.
-        motor_fault: its motor starter has tripped: it is unloaded and says so.
-        garbage: it sends messages of a wrong length besides.
-        watchdog_dead: it stays as it is when its host falls silent.
+        silent: the unit sends nothing.
+        frozen: the unit sends the same message again and again.
+        stuck: the unloading valve does not move.
+        motor_fault: the motor starter has tripped, so that the unit is unloaded and reports FAULT.
+        garbage: the unit also sends messages of a wrong length.
+        watchdog_dead: the unit stays as it is when its host falls silent.
     """
 
     silent: bool = False
@@ -39,20 +42,20 @@ class PumpNode:
 
     Args:
         send: puts a frame on the bus.
-        dbc: describes its messages.
+        dbc: DBC file that describes the unit's messages.
         pressure: returns the supply pressure, Pa.
-        load: called when the unloading valve moves, with whether the pump is loaded.
-        note: takes note of what it receives and does; a repeated command is noted once.
+        load: called with whether the pump is loaded, when the unloading valve moves.
+        note: takes note of what the unit receives and does; a repeated command is noted once.
 
     Attributes:
-        faults: what is wrong with it.
-        loaded: whether it delivers pressure.
+        faults: the unit's faults.
+        loaded: whether the unit delivers pressure.
     """
 
     WATCHDOG: Final = 1.0
-    """s without a new command, after which it unloads."""
+    """Time in s without a new command after which the unit unloads."""
     PERIOD: Final = 0.05
-    """s between two status messages."""
+    """Time in s between two status messages."""
 
     def __init__(
         self,
@@ -80,7 +83,7 @@ class PumpNode:
         self._last = b""
 
     def receive(self, frame: can.Message) -> None:
-        """Take in a frame."""
+        """Handle a frame from the bus."""
         if frame.arbitration_id != self._command.frame_id or frame.dlc != self._command.length:
             return
         signals: Mapping[str, int] = self._command.decode(bytes(frame.data), decode_choices=False)
@@ -92,7 +95,7 @@ class PumpNode:
             self._note("pump_command", load=self._asked)
 
     def cycle(self, now: float) -> None:
-        """Move the unloading valve, watch the host, send what is due."""
+        """Watch the host, move the unloading valve, and send a status that is due at `now`, s."""
         self._now = now
         silent = now - self._host_at > self.WATCHDOG
         if self._asked and silent and not self.faults.watchdog_dead:
@@ -133,6 +136,6 @@ class PumpNode:
         return bytes(self._status.encode(values, strict=False))
 
     def _in_unit(self, signal: str, value: float) -> float:
-        """Return a value in SI in the unit that the DBC gives its signal."""
+        """Convert a value in SI to the unit that the DBC gives for its signal, and return it."""
         factor, offset = UNITS[self._status.get_signal_by_name(signal).unit]
         return (value - offset) / factor

@@ -1,7 +1,7 @@
 """The emulated digital servovalve: CANopen, device profile CiA 408, and its faults.
 
 It is driven by two calls, `receive` for every frame and `cycle` for the time, so that a test can
-step it; `rig.emulator.can.nodes.serve` does it on a bus.
+step it; `rig.emulator.can.nodes.serve` makes these calls on a bus.
 """
 
 import struct
@@ -50,22 +50,22 @@ from .nodes import Note, Send
 from .object_dictionary import ObjectDictionary
 
 HOST_HEARTBEAT_LOST: Final = 0x8130
-"""Emergency of a node that misses its host (CiA 301, section 7.2.7)."""
+"""Emergency code of a node whose host's heartbeat stays away (CiA 301, section 7.2.7)."""
 
 _GARBAGE: Final = (b"", b"\xff\xff", b"\x05\x00\x00\x00", bytes(range(8)))
-"""Data that no TPDO1 has: wrong lengths, and a state that there is not."""
+"""Data that no TPDO1 has: some have a wrong length, one has a state that does not exist."""
 
 
 @dataclass
 class ValveFaults:
-    """What is wrong with the emulated valve, besides a fault that it knows of itself.
+    """The faults of the emulated valve of which its own electronics do not know.
 
     Attributes:
-        silent: it sends nothing at all.
-        heartbeat_lost: it sends no heartbeat.
-        stuck: its state follows no control word.
-        frozen_actual: its actual value stands still.
-        garbage: between its status messages it sends nonsense under the same identifier.
+        silent: the valve sends nothing at all.
+        heartbeat_lost: the valve sends no heartbeat.
+        stuck: the valve's state follows no control word.
+        frozen_actual: the actual value that the valve reports does not change.
+        garbage: before each status message the valve sends nonsense under the same identifier.
     """
 
     silent: bool = False
@@ -76,18 +76,18 @@ class ValveFaults:
 
 
 class ValveNode:
-    """A digital servovalve.
+    """An emulated digital servovalve.
 
     Args:
         send: puts a frame on the bus.
-        spool: returns where the spool is, m.
+        spool: returns the spool's position, m.
         full_stroke: travel of the spool at 100 %, m.
-        node: its node id.
-        note: takes note of what it receives and does; a repeated command is noted once.
+        node: node id of the valve.
+        note: takes note of what the valve receives and does; a repeated command is noted once.
 
     Attributes:
-        faults: what is wrong with it.
-        state: state of its electronics.
+        faults: faults of which the electronics do not know.
+        state: state of the electronics.
     """
 
     def __init__(
@@ -129,9 +129,10 @@ class ValveNode:
         self._become(DriveState.INIT)
 
     def acting_command(self, analog: float) -> float:
-        """Return what moves the spool, as a share of full stroke, given the analog input's.
+        """Return the command that moves the spool, given that of the analog input.
 
-        A spool that nothing controls goes to null: that is this valve's fail-safe position.
+        Both are shares of full stroke. A spool that nothing controls goes to null, which is the
+        fail-safe position of this valve.
         """
         if self.state.disabled:
             return 0.0
@@ -142,13 +143,13 @@ class ValveNode:
         return to_share(self._objects[SETPOINT])
 
     def fail(self, code: int) -> None:
-        """Meet a fault: send its emergency and leave for a fault state."""
+        """Meet a fault: send an emergency with its code, and go to a fault state."""
         self._note("drive_fault", code=f"0x{code:04X}")
         self._send(EMERGENCY, struct.pack("<HB5x", code, 1))
         self._become(after_fault(self.state))
 
     def receive(self, frame: can.Message) -> None:
-        """Take in a frame."""
+        """Handle a frame from the bus."""
         data = bytes(frame.data)
         if frame.is_extended_id:
             return
@@ -189,7 +190,7 @@ class ValveNode:
         if entry == CONTROL_WORD:
             self._take_word(value)
         elif entry == CONSUMER_HEARTBEAT:
-            # It is watched for from the first that comes (CiA 301, section 7.2.8).
+            # The heartbeat is watched from the first one that comes (CiA 301, section 7.2.8).
             self._host_at = None
 
     def _take_word(self, word: int) -> None:
@@ -198,7 +199,7 @@ class ValveNode:
         self._follow(previous)
 
     def _follow(self, previous_word: int) -> None:
-        """Make one transition at most: the next follows in the next cycle."""
+        """Make at most one transition by the control word; the next follows in the next cycle."""
         if not self.faults.stuck:
             self._become(after_word(self.state, self._word, previous_word))
 
@@ -212,7 +213,7 @@ class ValveNode:
             self._send(EMERGENCY, bytes(8))
 
     def cycle(self, now: float) -> None:
-        """Make a transition, watch the host, send what is due."""
+        """Make a transition, watch the host, and send the messages that are due at `now` in s."""
         self._now = now
         self._follow(self._word)
         self._watch_host()

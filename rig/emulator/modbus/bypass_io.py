@@ -32,20 +32,20 @@ _BOTH: Final = (True, True)
 
 
 class BypassIo:
-    """Valves behind Modbus registers.
+    """The emulated I/O device of the bypass valves, with the valves behind its registers.
 
     Args:
         record: takes note of what happens.
         clock: returns the time in ns.
-        ball_travel_s: time of a ball from shut to open.
-        needle_travel_s: time of a needle over its whole range.
+        ball_travel_s: time that a ball takes from shut to open, s.
+        needle_travel_s: time that a needle takes over its whole range, s.
 
     Attributes:
-        valves: the valves; jam one by its `stick`.
-        wire: what is wrong with its line; change it as you like.
-        shorted: bypasses whose ball has both switches on, as by a broken cable.
-        identity: what its identity register holds.
-        requests: how many it was asked.
+        valves: the valves; its method `stick` jams one.
+        wire: faults of the line to the device; the user may change it at any time.
+        shorted: bypasses whose ball has both switches on, as by a damaged cable.
+        identity: number in the identity register.
+        requests: number of requests that the device has served.
     """
 
     name: Final = "bypass"
@@ -71,7 +71,7 @@ class BypassIo:
         """Begin to serve over TCP; return the port, which the system chooses if 0 is asked for.
 
         Raises:
-            AddressError: the port is in use, or not to be had.
+            AddressError: the port is in use, or cannot be used.
         """
         server = ModbusTcpServer(
             self._device(),
@@ -80,7 +80,7 @@ class BypassIo:
             trace_connect=self._note_connection,
         )
         try:
-            # What pymodbus's `listen` does, which swallows the reason for a failure.
+            # pymodbus's `listen` does the same, but swallows the reason for a failure.
             server.is_listener = True
             listener = server.transport = await server.call_create()
         except OSError as error:
@@ -93,7 +93,7 @@ class BypassIo:
         """Begin to serve in Modbus RTU on a serial line whose near end is `path`.
 
         Raises:
-            LinkError: there can be no such line.
+            LinkError: the line cannot be made at the path.
         """
         line = PseudoTerminal(path)
         line.plug_in()
@@ -101,7 +101,7 @@ class BypassIo:
         self._lines.append(RtuLine(line, server.callback_new_connection()))
 
     def close(self) -> None:
-        """Let go of ports, lines and clients; harmless when repeated."""
+        """Close ports, lines and connections; repeated calls do no harm."""
         for server in self._servers:
             server.close()
         for line in self._lines:
@@ -109,13 +109,13 @@ class BypassIo:
         self._servers, self._lines = [], []
 
     def disconnect(self) -> None:
-        """Break off all TCP connections."""
+        """Close all TCP connections."""
         for server in self._servers:
             for connection in tuple(server.active_connections.values()):
                 connection.close()
 
     def positions(self) -> dict[str, tuple[float, float]]:
-        """Return where ball and needle of each bypass are now, 0 shut to 1 open."""
+        """Return the positions (ball, needle) of each bypass now, from 0 (shut) to 1 (open)."""
         return self.valves.positions()
 
     def state(self) -> dict[str, object]:
@@ -156,11 +156,14 @@ class BypassIo:
         registers: list[int],
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        """Take what is written, or bring what is read up to date; pymodbus does the rest."""
+        """Act on written values, or update the registers that are read; pymodbus does the rest.
+
+        Return the exception by which the device refuses; None if it does not.
+        """
         if self.wire.delay_s > 0.0:
             await asyncio.sleep(self.wire.delay_s)
         if self.wire.requests_lost:
-            return ExcCodes.DEVICE_BUSY  # which is lost as well
+            return ExcCodes.DEVICE_BUSY  # `_through_wire` drops this reply as well
         if self.wire.exception:
             return ExcCodes(self.wire.exception)
         self.requests += 1
@@ -196,7 +199,7 @@ class BypassIo:
         return None
 
     def _current(self, function: int) -> Mapping[int, int]:
-        """Return the registers that a function reads, by address; of bits, 16 in each."""
+        """Return the registers that a function reads, by address; 16 bits are in one register."""
         at, valves = STANDARD_REGISTERS, self.valves
         if function in _COILS:
             return {at.coils // 16: _packed(opened for opened, _ in valves.orders().values())}
@@ -212,7 +215,7 @@ class BypassIo:
         return {**setpoints, at.identity: self.identity, at.watchdog: valves.watchdog_ms}
 
     def _through_wire(self, sending: bool, data: bytes) -> bytes:
-        """Return what becomes of a frame on a wire that may not be sound."""
+        """Return the bytes that remain of a frame after the wire's present faults."""
         if not sending:
             return data
         if self.wire.requests_lost or self.wire.replies_lost:

@@ -1,6 +1,6 @@
-"""Modbus functions on a device's registers: request PDU in, reply PDU out.
+"""Serves Modbus functions on a device's registers: a reply PDU is made of each request PDU.
 
-Modbus Application Protocol V1.1b3 for functions 3, 4, 6, 16 and 23; function 76 is LabJack's
+Functions 3, 4, 6, 16 and 23 follow the Modbus Application Protocol V1.1b3; function 76 is LabJack's
 "feedback" of the T series (Direct Modbus TCP, protocol details).
 """
 
@@ -16,7 +16,7 @@ _READ_LIMIT: Final = 125
 _WRITE_LIMIT: Final = 123
 _READ_WRITE_LIMIT: Final = 121
 FEEDBACK_LIMIT: Final = 1040
-"""Bytes of a LabJack packet, MBAP header included."""
+"""Greatest number of bytes of a LabJack packet, MBAP header included."""
 
 _MBAP_BYTES: Final = 7
 _TWO: Final = Struct(">HH")
@@ -27,7 +27,7 @@ _WRITE_FRAME: Final = 1
 
 
 class ModbusException(Exception):  # noqa: N818 (the protocol's word)
-    """What a device answers instead of doing what it was asked to."""
+    """Raised when a device refuses a request; `code` is that of its exception reply."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"Modbus exception {code}")
@@ -38,8 +38,8 @@ class Device(Protocol):
     """Registers behind a Modbus address, two bytes each, high byte first.
 
     Attributes:
-        functions: function codes it serves.
-        connections: number of its clients; the server keeps it.
+        functions: function codes that the device serves.
+        connections: number of the device's clients, which the server sets.
     """
 
     @property
@@ -49,25 +49,25 @@ class Device(Protocol):
     connections: int
 
     def has(self, address: int, count: int) -> bool:
-        """Return whether there are registers to read there."""
+        """Return whether `count` registers from `address` on can be read."""
 
     def read(self, address: int, count: int) -> bytes:
-        """Return 2 count bytes.
+        """Return `count` registers from `address` on, as 2 * count bytes.
 
         Raises:
-            ModbusException: no such registers.
+            ModbusException: there are no such registers.
         """
 
     def write(self, address: int, data: bytes) -> None:
-        """Write len(data) / 2 registers, all or none.
+        """Write len(data) / 2 registers from `address` on, all of them or none.
 
         Raises:
-            ModbusException: no such registers, or a value that it refuses.
+            ModbusException: there are no such registers, or the device refuses a value.
         """
 
 
 def serve(device: Device, request: bytes) -> bytes:
-    """Return a device's reply PDU to a request PDU; an exception reply where it refuses."""
+    """Return a device's reply PDU to a request PDU; an exception reply if the device refuses."""
     function = request[0]
     try:
         if function not in device.functions:
@@ -78,7 +78,7 @@ def serve(device: Device, request: bytes) -> bytes:
 
 
 def exception_reply(request: bytes, code: int) -> bytes:
-    """Return the exception reply of a code to a request PDU."""
+    """Return the exception reply with a code to a request PDU."""
     return bytes((request[0] | 0x80, code))
 
 
@@ -109,7 +109,7 @@ def _write_many(device: Device, body: bytes) -> bytes:
 
 
 def _read_write(device: Device, body: bytes) -> bytes:
-    """Write first, then read, as the standard has it; nothing is written for a read refused."""
+    """Write first and then read, as in the standard; write nothing if the read is refused."""
     _require(len(body) > _FOUR.size)
     read_at, read_count, write_at, write_count = _FOUR.unpack_from(body)
     _require(1 <= read_count <= _READ_LIMIT and 1 <= write_count <= _READ_WRITE_LIMIT)
@@ -121,7 +121,10 @@ def _read_write(device: Device, body: bytes) -> bytes:
 
 
 def _feedback(device: Device, body: bytes) -> bytes:
-    """Serve frames in order: reads `00 address16 count8`, writes `01 address16 count8 data`."""
+    """Serve the frames of a request in order, and return what its reads yield.
+
+    A frame is a read `00 address16 count8` or a write `01 address16 count8 data`.
+    """
     replies: list[bytes] = []
     at = 0
     while at < len(body):

@@ -1,4 +1,4 @@
-"""What the emulated I/O devices have in common: what is wired to them, and what the rig asks."""
+"""The base class of the emulated I/O devices: what is wired to them, and what they can be asked."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -8,18 +8,18 @@ from rig.emulator.record import Record
 
 
 class IoDevice(ABC):
-    """A Modbus device that transducers, valve, buttons and lamp are wired to.
+    """A Modbus device to which transducers, valve, buttons and lamp are wired.
 
     Args:
         instruments: the transducers.
-        valve: takes the voltage at the valve, and the moment in ns from which it stands there.
+        valve: called with the voltage at the valve and the time in ns from which it acts.
         record: takes note of what happens.
 
     Attributes:
-        functions: Modbus functions it serves.
-        connections: how many clients it has.
-        frozen: its converters hang: it returns its last sample for ever.
-        exchanges: how often its host has written outputs.
+        functions: codes of the Modbus functions that the device serves.
+        connections: number of its clients.
+        frozen: whether its converters hang, so that it returns its last sample for ever.
+        exchanges: number of times that its host has written outputs.
     """
 
     functions: frozenset[int]
@@ -40,11 +40,11 @@ class IoDevice(ABC):
 
     @abstractmethod
     def has(self, address: int, count: int) -> bool:
-        """Return whether there are registers to read there."""
+        """Return whether `count` registers from `address` on can be read."""
 
     @abstractmethod
     def read(self, address: int, count: int) -> bytes:
-        """Return registers, high byte first; sample the instruments if inputs are among them.
+        """Return registers, high byte first; take a new sample if inputs are among them.
 
         Raises:
             ModbusException: there are no such registers.
@@ -52,7 +52,7 @@ class IoDevice(ABC):
 
     @abstractmethod
     def write(self, address: int, data: bytes) -> None:
-        """Write registers, high byte first; all of them or, with an exception, none.
+        """Write registers, high byte first: all of them, or none if an exception is raised.
 
         Raises:
             ModbusException: there are no such registers to write, or a value is refused.
@@ -60,18 +60,18 @@ class IoDevice(ABC):
 
     @abstractmethod
     def tend(self) -> None:
-        """Let the watchdog trip if its time has come."""
+        """Make the watchdog trip if its time is over."""
 
     @abstractmethod
     def press_estop(self, pressed: bool) -> None:
-        """Open the emergency stop's chain, or close it again."""
+        """Open the emergency stop's chain if `pressed`, else close it."""
 
     @abstractmethod
     def press_reset(self, pressed: bool) -> None:
-        """Press the reset button, or let it go."""
+        """Press the reset button, or release it."""
 
     def lose_counts(self, counts: int, flagged: bool) -> None:
-        """Let the encoder lose counts; `flagged` if its interface notices."""
+        """Make the encoder lose counts; with `flagged` its interface reports a fault."""
         self._zero += counts
         self._encoder_fault = self._encoder_fault or flagged
         self._record.note("encoder_counts_lost", counts=counts, flagged=flagged)

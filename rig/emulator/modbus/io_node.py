@@ -1,7 +1,7 @@
 """The generic I/O node of docs/io_node.md as a Modbus device, around the emulated plant.
 
-It samples whenever its read block is read. Its watchdog acts at its deadline, also when nobody
-looks until later.
+It takes a sample whenever its read block is read. Its watchdog acts as of its deadline, even if the
+emulator notices that only later.
 """
 
 import secrets
@@ -39,7 +39,7 @@ _BLOCKS: Final = {
     SETUP_BLOCK: _SETUP.size // 2,
     NULL_REQUEST: 1,
 }
-"""Registers of each block, by its first address."""
+"""Number of registers of each block, by the block's first address."""
 
 
 class Control(IntFlag):
@@ -65,9 +65,9 @@ class IoNode(IoDevice):
 
     Args:
         instruments: the transducers wired to it.
-        valve: takes the voltage of its output and the moment in ns from which it stands there.
+        valve: called with the voltage of the valve output and the time in ns from which it acts.
         record: takes note of what happens.
-        power_up_id: its register 516; random if None.
+        power_up_id: number in register 516; random if None.
     """
 
     functions = frozenset((3, 4, 6, 16, 23, 76))
@@ -96,18 +96,18 @@ class IoNode(IoDevice):
         self._enabled = False
 
     def has(self, address: int, count: int) -> bool:
-        """Return whether there are registers to read there, all of one block."""
+        """Return whether `count` registers from `address` on can be read, all of one block."""
         return self._block(address, count) is not None
 
     def _block(self, address: int, count: int) -> int | None:
-        """Return the first address of the block that holds registers; None: none does."""
+        """Return the first address of the block that has all these registers; None if none has."""
         for start, size in _BLOCKS.items():
             if start <= address and address + count <= start + size:
                 return start
         return None
 
     def read(self, address: int, count: int) -> bytes:
-        """Return registers, high byte first; samples if they are of the read block.
+        """Return registers, high byte first; take a new sample if they are of the read block.
 
         Raises:
             ModbusException: there are no such registers.
@@ -127,7 +127,7 @@ class IoNode(IoDevice):
         return block[offset : offset + 2 * count]
 
     def write(self, address: int, data: bytes) -> None:
-        """Write registers, high byte first; all of them or, with an exception, none.
+        """Write registers, high byte first: all of them, or none if an exception is raised.
 
         Raises:
             ModbusException: there are no such registers to write, or a value is refused.
@@ -143,7 +143,7 @@ class IoNode(IoDevice):
             raise ModbusException(ILLEGAL_ADDRESS)
 
     def _take(self, offset: int, data: bytes) -> None:
-        """Take what the host wrote, and act on it."""
+        """Act on data that the host wrote from byte `offset` of the write block on."""
         image = self._image.copy()
         image[offset : offset + len(data)] = data
         counter, bits, command = _WRITTEN.unpack(image)
@@ -171,7 +171,7 @@ class IoNode(IoDevice):
         return self._watchdog_ms * 1_000_000
 
     def tend(self, now: int | None = None) -> None:
-        """Let the watchdog trip if its time has come."""
+        """Make the watchdog trip if its time is over at `now` in ns, by default the present."""
         now = self._clock() if now is None else now
         armed = Control.VALVE_ENABLE in self._control and not self._tripped
         deadline = self._fed_ns + self._watchdog_ns
@@ -181,7 +181,7 @@ class IoNode(IoDevice):
             self._settle("watchdog", deadline)
 
     def _settle(self, cause: str, at_ns: int) -> None:
-        """Bring relay and output to what host, e-stop chain and latches allow."""
+        """Set relay and output as host, emergency stop, latch and watchdog allow, at `at_ns`."""
         asked = Control.VALVE_ENABLE in self._control
         enabled = asked and self._estop_closed and not self._latched and not self._tripped
         if enabled != self._enabled:
@@ -212,7 +212,7 @@ class IoNode(IoDevice):
         self._settle("null_request", now)
 
     def press_estop(self, pressed: bool) -> None:
-        """Open the emergency stop's chain, or close it again; it latches the node."""
+        """Open the emergency stop's chain, which latches the node, or close the chain again."""
         now = self._clock()
         self.tend(now)
         self._estop_closed = not pressed
@@ -221,7 +221,7 @@ class IoNode(IoDevice):
         self._settle("estop", now)
 
     def press_reset(self, pressed: bool) -> None:
-        """Press the reset button, or let it go; its rising edge counts while the lamp is on."""
+        """Press the reset button, or release it; a press resets the latch if the lamp is on."""
         now = self._clock()
         self.tend(now)
         rising = pressed and not self._button
@@ -269,7 +269,7 @@ class IoNode(IoDevice):
         )
 
     def _sampled(self) -> bytes:
-        """Return the read block with a new sample in it."""
+        """Return the read block with a new sample, or with the last one while frozen."""
         if self.frozen:
             return self._sample
         now = self._clock()

@@ -1,8 +1,8 @@
 """An I/O device with the registers of a map, such as a LabJack T7 (docs/labjack.md).
 
-Unlike the generic I/O node it latches nothing: the valve's relay closes while `valve_enable` is
-set, through the emergency stop's chain. Any request keeps its watchdog quiet, which opens the relay
-until the next command.
+Unlike the generic I/O node it latches nothing: the valve's relay is closed while `valve_enable` is
+set and the emergency stop's chain is closed. If no request at all comes for the watchdog's time,
+the watchdog opens the relay until the next command.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,12 +22,12 @@ _FUNCTIONS: Final = {"fc23": 23, "fc76": 76}
 
 
 class MappedDevice(IoDevice):
-    """Registers as a map has them; those of set-up keep what is written into them.
+    """A device with the registers of a map; registers of the set-up keep what is written to them.
 
     Args:
-        register_map: what the device has where.
+        register_map: map of the device's registers.
         instruments: the transducers wired to it.
-        valve: takes the voltage at the valve and the moment in ns from which it is there.
+        valve: called with the voltage at the valve and the time in ns from which it acts.
         record: takes note of what happens.
     """
 
@@ -51,7 +51,7 @@ class MappedDevice(IoDevice):
         self._heard_ns = self._clock()
 
     def _initial(self) -> dict[int, int]:
-        """Return the words as they are at power-up, by address."""
+        """Return the contents of all registers at power-up, by address."""
         known = self._map
         words = dict.fromkeys(self._inputs | self._outputs, 0)
         places: list[RegisterValue] = [*known.setup]
@@ -67,11 +67,11 @@ class MappedDevice(IoDevice):
         return words
 
     def has(self, address: int, count: int) -> bool:
-        """Return whether there are registers to read there."""
+        """Return whether `count` registers from `address` on can be read."""
         return self._words.keys() >= set(range(address, address + count))
 
     def read(self, address: int, count: int) -> bytes:
-        """Return registers, high byte first; samples if an input is among them.
+        """Return registers, high byte first; take a new sample if an input is among them.
 
         Raises:
             ModbusException: there are no such registers.
@@ -85,7 +85,7 @@ class MappedDevice(IoDevice):
         return b"".join(self._words[at].to_bytes(2, "big") for at in asked)
 
     def write(self, address: int, data: bytes) -> None:
-        """Write registers, high byte first; all of them or, with an exception, none.
+        """Write registers, high byte first: all of them, or none if an exception is raised.
 
         Raises:
             ModbusException: there are no such registers to write, or a value is no number.
@@ -103,7 +103,7 @@ class MappedDevice(IoDevice):
             self._take(given, now)
 
     def _take(self, given: dict[str, float], now: int) -> None:
-        """Act on outputs that the host has set."""
+        """Act on outputs in SI by signal, which the host has set at `now` in ns."""
         enabled = self.enabled
         self._given = given
         self._tripped = False
@@ -112,7 +112,7 @@ class MappedDevice(IoDevice):
         self._record.command(now, given["command_V"], self._acting, self.enabled)
 
     def _settle(self, cause: str, at_ns: int, was_enabled: bool) -> None:
-        """Bring relay and valve to what host, e-stop chain and watchdog allow."""
+        """Set relay and valve as host, emergency stop and watchdog allow, at `at_ns`."""
         enabled = self.enabled
         acting = self._given["command_V"] if enabled else 0.0
         if enabled and not was_enabled:
@@ -124,13 +124,13 @@ class MappedDevice(IoDevice):
             self._valve(acting, at_ns)
 
     def _hear(self) -> int:
-        """Note that the host is there; return the present moment in ns."""
+        """Restart the watchdog's time, since the host sent a request; return the present in ns."""
         self.tend()
         self._heard_ns = self._clock()
         return self._heard_ns
 
     def tend(self) -> None:
-        """Let the watchdog trip if its time has come."""
+        """Make the watchdog trip if its time is over."""
         timeout_ns = self._watchdog_ns()
         if not timeout_ns or self._tripped or self._clock() - self._heard_ns < timeout_ns:
             return
@@ -141,7 +141,7 @@ class MappedDevice(IoDevice):
         self._settle("watchdog", deadline, was_enabled)
 
     def _watchdog_ns(self) -> int:
-        """Return after how much silence the watchdog trips; 0: it is not armed."""
+        """Return the silence in ns after which the watchdog trips; 0 if it is not armed."""
         watchdog = self._map.watchdog
         if watchdog is None:
             return 0
@@ -153,7 +153,7 @@ class MappedDevice(IoDevice):
         return round(1e9 * counts / watchdog.counts_per_s)
 
     def press_estop(self, pressed: bool) -> None:
-        """Open the emergency stop's chain, or close it again."""
+        """Open the emergency stop's chain if `pressed`, else close it."""
         self.tend()
         was_enabled, now = self.enabled, self._clock()
         self._estop_closed = not pressed
@@ -161,7 +161,7 @@ class MappedDevice(IoDevice):
         self._settle("estop", now, was_enabled)
 
     def press_reset(self, pressed: bool) -> None:
-        """Press the reset button, or let it go; the device only reads it."""
+        """Press the reset button, or release it; the device only reports it."""
         if pressed and not self._button:
             self._record.note("reset")
         self._button = pressed
@@ -192,7 +192,7 @@ class MappedDevice(IoDevice):
         }
 
     def _sample(self) -> None:
-        """Take a sample of all inputs into the registers."""
+        """Take a sample of all inputs, and write it into the registers."""
         found = self._found()
         words = dict.fromkeys(self._inputs, 0)
         for register in self._map.read:
@@ -205,7 +205,7 @@ class MappedDevice(IoDevice):
         self._words |= words
 
     def _found(self) -> dict[str, float]:
-        """Return what there is to read, SI."""
+        """Return a new sample of all signals that a fast driver may read, SI."""
         found: dict[str, float] = dict(zip(READINGS, self._instruments.read(), strict=True))
         self._samples = (self._samples + 1) & 0xFFFF
         resolution = self._instruments.plant.sensors.position_resolution

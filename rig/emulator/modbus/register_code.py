@@ -1,4 +1,4 @@
-"""How a device codes numbers in registers of 16 bits."""
+"""The code by which a device stores numbers in registers of 16 bits."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -18,21 +18,21 @@ _RANGES: Final = {
 
 @dataclass(frozen=True)
 class RegisterCode:
-    """Codes numbers as registers, high byte first.
+    """Converts numbers to the contents of registers, and back.
 
     Attributes:
-        word_order: of numbers of 32 bits.
+        word_order: order of the two words of a number of 32 bits.
     """
 
     word_order: Literal["high_first", "low_first"]
 
     def number(self, address: int, kind: RegisterType, words: Mapping[int, int]) -> float:
-        """Return the number that registers hold, given as words by address."""
+        """Return the number of type `kind` at `address`, given the registers' words by address."""
         halves = [words[at].to_bytes(2, "big") for at in range(address, address + WORDS[kind])]
         return float(unpack(_FORMATS[kind], b"".join(self._ordered(halves)))[0])
 
     def words(self, address: int, kind: RegisterType, number: float) -> dict[int, int]:
-        """Return the words that hold a number, by address; whole ones saturate."""
+        """Return the words of a number by address; unless F32, round it and limit its range."""
         if kind != "F32":
             low, high = _RANGES[kind]
             number = min(max(round(number), low), high)
@@ -45,5 +45,5 @@ class RegisterCode:
 
 
 def addresses(register: Register | RegisterValue) -> range:
-    """Return the addresses that a number takes."""
+    """Return the addresses of the one or two registers that a number takes."""
     return range(register.address, register.address + WORDS[register.type])

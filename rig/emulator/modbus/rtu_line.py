@@ -1,4 +1,4 @@
-"""Serves Modbus RTU on a pseudo-terminal: pymodbus itself opens serial ports by name only."""
+"""Serves Modbus RTU on a pseudo-terminal, since pymodbus itself opens serial ports only by name."""
 
 import asyncio
 
@@ -8,11 +8,11 @@ from rig.emulator.pseudo_terminal import PseudoTerminal
 
 
 class RtuLine(asyncio.Transport):
-    """What pymodbus takes for a serial port: the far end of a pseudo-terminal.
+    """The far end of a pseudo-terminal, which pymodbus uses as a serial port.
 
     Args:
-        line: plugged in.
-        handler: answers what comes over it.
+        line: the pseudo-terminal, which must be plugged in.
+        handler: answers the requests that come over it.
     """
 
     def __init__(self, line: PseudoTerminal, handler: ServerRequestHandler) -> None:

@@ -1,6 +1,7 @@
-"""Serves a device's registers over Modbus/TCP, through whatever is wrong with the wire.
+"""Serves a device's registers over Modbus/TCP, through a wire that may have faults.
 
-Parsed by hand: a round trip is one call of the event loop's, in the order in which requests arrive.
+Requests are parsed here and not by a library: each is answered in one call of the event loop, in
+the order in which requests arrive.
 """
 
 import asyncio
@@ -21,16 +22,16 @@ _HEADER_BYTES: Final = 6
 
 @dataclass
 class Wire:
-    """What is wrong with the line to a device at present; sound as made.
+    """The present faults of the line to a device; there are none by default.
 
     Attributes:
-        delay_s: replies come so much late.
-        requests_lost: requests never arrive.
-        replies_lost: they arrive, but their replies do not.
-        garbage: replies are random bytes of the right length.
-        wrong_transaction: replies bear another transaction's number.
-        exception: the device refuses every request with this code; 0: it does not.
-        refuses: nobody gets a connection.
+        delay_s: time in s by which replies are late.
+        requests_lost: whether requests never arrive.
+        replies_lost: whether requests arrive, but their replies do not.
+        garbage: whether replies are random bytes of the right length.
+        wrong_transaction: whether replies have the number of another transaction.
+        exception: code of the exception by which the device refuses every request; 0 for none.
+        refuses: whether new connections are refused.
     """
 
     delay_s: float = 0.0
@@ -46,13 +47,13 @@ class ModbusServer:
     """A Modbus/TCP server for one device.
 
     Args:
-        name: what the record calls it.
-        device: whose registers it serves; any unit number reaches it.
+        name: name of the device in the record.
+        device: the device whose registers are served; any unit number reaches it.
         record: takes note of connections.
 
     Attributes:
-        wire: what is wrong with its line; change it as you like.
-        requests: how many came in, those that it lost included.
+        wire: faults of the line to the device; the user may change it at any time.
+        requests: number of requests that came in, with those that the wire lost.
     """
 
     def __init__(self, name: str, device: Device, record: Record) -> None:
@@ -68,42 +69,42 @@ class ModbusServer:
         """Begin to serve; return the port, which the system chooses if 0 is asked for.
 
         Raises:
-            AddressError: the port is in use, or not to be had.
+            AddressError: the port is in use, or cannot be used.
         """
         self._server, port = await listen(self.name, host, port, lambda: _Connection(self))
         return port
 
     def close(self) -> None:
-        """Let go of the port and of all clients."""
+        """Close the port and all connections."""
         if self._server is not None:
             self._server.close()
         self.disconnect()
 
     def disconnect(self) -> None:
-        """Break off all connections, as a pulled cable or a restart would in the end."""
+        """Close all connections at once, as a pulled cable or a restart does in the end."""
         for connection in tuple(self._connections):
             connection.abort()
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is wrong with the wire."""
+        """Whether the wire has no fault."""
         return self.wire == self._sound
 
     def joined(self, connection: "_Connection", peer: str) -> None:
-        """Count a client in."""
+        """Add a client's connection, and record it."""
         self._connections.add(connection)
         self.device.connections = len(self._connections)
         self.record.note("connected", device=self.name, peer=peer)
 
     def left(self, connection: "_Connection", peer: str) -> None:
-        """Count a client out."""
+        """Remove a client's connection, and record that."""
         self._connections.discard(connection)
         self.device.connections = len(self._connections)
         self.record.note("disconnected", device=self.name, peer=peer)
 
 
 class _Connection(asyncio.Protocol):
-    """One client: takes requests off the stream, and answers them in order."""
+    """The connection of one client, which reads requests and answers them in order."""
 
     def __init__(self, server: ModbusServer) -> None:
         self._server = server
@@ -156,7 +157,7 @@ class _Connection(asyncio.Protocol):
             self._answer_badly(request, self._transport)
 
     def _answer_badly(self, request: bytes, transport: asyncio.Transport) -> None:
-        """Answer through a wire that is not sound; several things may be wrong with it at once."""
+        """Answer a request through a wire with faults, of which several may act at once."""
         wire, pdu = self._server.wire, request[_MBAP.size :]
         if wire.requests_lost:
             return

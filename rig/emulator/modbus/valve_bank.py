@@ -1,4 +1,4 @@
-"""The bypass valves themselves: balls and needles that take their time, and what shuts them."""
+"""The emulated bypass valves: balls and needles that need time to move, and their watchdog."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _SHUT, _OPEN = 0.0, 1.0
 
 @dataclass
 class _Drive:
-    """Moves a valve towards where it was sent, at a constant speed."""
+    """Moves a valve towards its target at a constant speed."""
 
     travel_s: float
     position: float = _SHUT
@@ -21,7 +21,7 @@ class _Drive:
     stuck: bool = False
 
     def advance(self, elapsed_s: float) -> float | None:
-        """Move for a time; return how much of it was left when it arrived, if it arrived now."""
+        """Move for a time; return the time in s left on arrival, None if it does not arrive now."""
         distance = self.target - self.position
         if self.stuck or distance == 0.0:
             return None
@@ -35,16 +35,17 @@ class _Drive:
 
 
 class ValveBank:
-    """All bypasses, each a ball and a needle; the throttle's ball is always open.
+    """The valves of all bypasses, a ball and a needle each; the throttle's ball is always open.
 
     Args:
         record: takes note of orders, arrivals and the watchdog.
         clock: returns the time in ns.
-        ball_travel_s: time of a ball from shut to open.
-        needle_travel_s: time of a needle over its whole range.
+        ball_travel_s: time that a ball takes from shut to open, s.
+        needle_travel_s: time that a needle takes over its whole range, s.
 
     Attributes:
-        watchdog_ms: silence after which everything is shut; 0: never.
+        watchdog_ms: time in ms without a request after which the balls are shut and the throttle
+            is opened; 0: never.
     """
 
     def __init__(
@@ -63,13 +64,13 @@ class ValveBank:
         self._barked = False
 
     def hear(self) -> None:
-        """Note that the host has asked for something: the watchdog counts from now."""
+        """Restart the watchdog's time, since the host has sent a request."""
         self.tend()
         self._heard_ns = self._time_ns
         self._barked = False
 
     def tend(self) -> None:
-        """Bring the valves to the present, through the watchdog's moment if that has come."""
+        """Advance the valves to the present; a watchdog whose time ended acts at that moment."""
         now = self._clock()
         deadline = self._heard_ns + self.watchdog_ms * 1_000_000
         if self.watchdog_ms and not self._barked and deadline <= now:
@@ -78,19 +79,19 @@ class ValveBank:
         self._advance(now)
 
     def watch(self, watchdog_ms: int) -> None:
-        """Set the silence after which everything is shut."""
+        """Set the watchdog's time in ms; see `watchdog_ms`."""
         self.tend()
         self._record.note("bypass_watchdog_set", self._time_ns, watchdog_ms=watchdog_ms)
         self.watchdog_ms = watchdog_ms
 
     def order_ball(self, bypass: str, opened: bool) -> None:
-        """Send a ball to open or shut."""
+        """Start to open or shut a ball."""
         self.tend()
         self._record.note("ball_ordered", self._time_ns, bypass=bypass, opened=opened)
         self._balls[bypass].target = _OPEN if opened else _SHUT
 
     def order_needle(self, bypass: str, opening: float) -> None:
-        """Send a needle to an opening, 0 to 1."""
+        """Start to move a needle to an opening, 0 to 1."""
         self.tend()
         self._record.note("needle_ordered", self._time_ns, bypass=bypass, opening=opening)
         self._needles[bypass].target = opening
@@ -103,7 +104,7 @@ class ValveBank:
                 drives[bypass].stuck = stuck
 
     def positions(self) -> dict[str, tuple[float, float]]:
-        """Return where ball and needle of each bypass are now, 0 shut to 1 open."""
+        """Return the positions (ball, needle) of each bypass now, from 0 (shut) to 1 (open)."""
         self.tend()
         return {
             bypass: (
@@ -114,7 +115,7 @@ class ValveBank:
         }
 
     def orders(self) -> dict[str, tuple[bool, float]]:
-        """Return where ball (open or not) and needle of each bypass are sent."""
+        """Return the targets of each bypass: whether the ball is to be open, and the needle's."""
         self.tend()
         return {
             bypass: (
@@ -145,5 +146,5 @@ class ValveBank:
 
 
 SWITCHES: Final = {_OPEN: (True, False), _SHUT: (False, True)}
-"""What the switches of a ball say at either end of its travel: that of open, that of shut. Both are
-off between."""
+"""The states of a ball's switches "open" and "shut" at either end of its travel. Between the ends
+both are off."""

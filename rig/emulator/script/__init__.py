@@ -1,4 +1,4 @@
-"""What goes wrong on the emulated rig, and when: scripts, faults, and the port that steers it."""
+"""The faults of the emulated rig: scripts, their effects, and the port that controls them."""
 
 from lazy_loader import attach_stub
 

@@ -1,11 +1,12 @@
-"""A TCP port through which a test, in whatever language, steers the emulator: JSON, line by line.
+"""A TCP port by which a test in any language controls the emulator: JSON, one object a line.
 
-A request is an object with what to `do`; the reply is an object with `ok`, and `problems` if not:
+A request is an object whose key `do` names an action. The reply is an object with `ok`, and with
+`problems` if that is false:
 
     {"do": "inject", "fault": "delay", "target": "daq", "by": "5 ms", "for": "500 ms"}
-    {"do": "clear"}                      or one fault: {"do": "clear", "number": 3}
-    {"do": "status"}                     how all devices stand, and the plant's true state
-    {"do": "record", "since_ns": 0}      events from then on
+    {"do": "clear"}                      ends all faults; one: {"do": "clear", "number": 3}
+    {"do": "status"}                     returns the states of all devices and of the plant
+    {"do": "record", "since_ns": 0}      returns the events from that time on
     {"do": "operator", "attentive": false}
     {"do": "press_reset"}
     {"do": "stop"}
@@ -36,31 +37,31 @@ _KEYS: Final[Mapping[str, Mapping[str, type]]] = {
     "press_reset": {},
     "stop": {},
 }
-"""Keys of a request besides `do`, with their types; those of `inject` are a fault's."""
+"""Keys of a request besides `do`, with their types; those of `inject` are the keys of a fault."""
 
 
 class Steered(Protocol):
-    """What the control port needs of an emulator: its faults, its operator and its record."""
+    """The part of an emulator that the control port uses: faults, operator, record, status."""
 
     injection: Injection
     operator: EmulatedOperator
     record: Record
 
     def status(self) -> dict[str, Any]:
-        """Return how everything stands."""
+        """Return the state of every device and of the plant."""
 
     def stop(self) -> None:
-        """End the emulator."""
+        """Stop the emulator."""
 
 
 class ControlPort:
-    """Serves requests of any number of clients.
+    """Serves the requests of any number of clients.
 
     Args:
-        emulator: what they steer.
+        emulator: the emulator that the clients control.
 
     Attributes:
-        clients: connections open now.
+        clients: the connections that are open now.
     """
 
     def __init__(self, emulator: Steered) -> None:
@@ -81,23 +82,23 @@ class ControlPort:
         """Begin to serve; return the port, which the system chooses if 0 is asked for.
 
         Raises:
-            AddressError: the port is in use, or not to be had.
+            AddressError: the port is in use, or cannot be used.
         """
         self._server, port = await listen("control", host, port, lambda: _Client(self))
         return port
 
     def close(self) -> None:
-        """Let go of the port and of all clients, once they have their replies."""
+        """Close the port, and all connections once their replies are sent."""
         if self._server is not None:
             self._server.close()
         for client in tuple(self.clients):
             client.close()
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """Do what one line asks for and return the reply, whatever the line is."""
+        """Carry out the request of one line and return the reply; no line raises an error."""
         try:
             return self._answer(line)
-        except Exception as error:  # its sender learns of it, and may send another one
+        except Exception as error:  # the reply reports it, and the client may go on
             return _refusal(f"request: it failed: {failure(error)}")
 
     def _answer(self, line: bytes) -> dict[str, Any]:
@@ -151,7 +152,7 @@ def _keys(action: str) -> str:
 
 
 class _Client(asyncio.Protocol):
-    """One connection: takes lines off the stream, and answers each."""
+    """One connection, which takes lines off the stream and answers each."""
 
     def __init__(self, port: ControlPort) -> None:
         self._port = port

@@ -1,4 +1,4 @@
-"""What each fault does to the emulated rig when it begins, and when it ends."""
+"""The effects of each fault on the emulated rig, when it begins and when it ends."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -33,7 +33,7 @@ from .wire_faults import (
 
 
 class NotServedError(ValueError):
-    """Faults of parts that the emulated rig does not have; bad input, as `problems` says."""
+    """Raised for faults of parts that the emulated rig lacks; `problems` names them."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("\n".join(problems))
@@ -44,13 +44,13 @@ class FaultEffects:
     """Applies faults to the parts of an emulator.
 
     Args:
-        plant: whose valves stick.
-        instruments: whose transducers fail.
-        node: whose buttons are pressed.
-        daq: the node's server, whose wire fails.
-        bypass: whose wire fails, and whose valves stick.
-        can: devices whose electronics fail, if the rig has any.
-        meters: who are unplugged, if the rig has any.
+        plant: the plant, whose servovalve sticks.
+        instruments: the transducers, which fail.
+        node: the I/O device, whose buttons are pressed.
+        daq: the server of the I/O device, whose wire fails.
+        bypass: the bypass valves' I/O, whose wire fails and whose valves stick.
+        can: the devices on CAN, whose electronics fail, if the rig has any.
+        meters: the flow meters, which are unplugged; None if the rig has none.
     """
 
     def __init__(
@@ -72,17 +72,17 @@ class FaultEffects:
         self._meters = meters
 
     def require(self, *faults: Any) -> None:
-        """Verify that the rig has what the faults concern.
+        """Check that the rig has the parts that the faults concern.
 
         Raises:
-            NotServedError: it has not.
+            NotServedError: the rig lacks one.
         """
         problems = [problem for fault in faults if (problem := self._lacking(fault))]
         if problems:
             raise NotServedError(problems)
 
     def _lacking(self, fault: Any) -> str:
-        """Return what is wrong with a fault; empty if nothing is."""
+        """Return a sentence on the part that a fault concerns and the rig lacks; empty if none."""
         match fault:
             case MeterUnplugged() | MeterNoise() if self._meters is None:
                 return "the rig has no flow meters on a serial line; leave the fault out"
@@ -97,7 +97,7 @@ class FaultEffects:
         return ""
 
     def apply(self, fault: Any, begins: bool) -> None:
-        """Let a fault, an instance of a class of `KINDS`, begin or end."""
+        """Make a fault, an instance of a class of `KINDS`, begin or, if not `begins`, end."""
         match fault:
             case Frozen(target=target):
                 if target == "daq":

@@ -1,7 +1,7 @@
-"""Reads what happens on an emulated rig from a script, or a fault from what somebody sends.
+"""Reads the faults of an emulated rig from a script, or a single fault from a request.
 
-A script is a YAML file with a list `faults`; each names its `fault`, and when it begins and ends.
-Whoever stands at the rig presses its reset button only if the script has an `operator` who does:
+A script is a YAML file with a list `faults`; each entry names its `fault`, and when it begins and
+ends. The reset button is pressed only if the script says that the `operator` is attentive:
 
     operator: attentive
     faults:
@@ -31,7 +31,7 @@ from rig.configuration import (
 from .wire_faults import KINDS, Start, WireFault
 
 ATTENTIVE: Final = Path(__file__).with_name("attentive.yaml")
-"""The script of an emulator that is not given another one."""
+"""File of the script that is used if no other one is given."""
 
 _TIMES: Final = ("at", "after", "for")
 _TIMES_SCHEMA: Final = create_model(
@@ -48,11 +48,11 @@ _TIMES_SCHEMA: Final = create_model(
 
 
 class Script(NamedTuple):
-    """What happens on an emulated rig by itself.
+    """The faults of an emulated rig, and how its operator behaves.
 
     Attributes:
-        faults: in the order of the file.
-        attentive: whether somebody presses the reset button whenever its lamp is lit.
+        faults: the faults in the order of the file.
+        attentive: whether the operator presses the reset button whenever its lamp is lit.
     """
 
     faults: tuple[WireFault, ...] = ()
@@ -60,11 +60,11 @@ class Script(NamedTuple):
 
 
 NOTHING: Final = Script()
-"""Nothing happens by itself, and nobody presses a button."""
+"""A script without faults, whose operator presses no button."""
 
 
 class ScriptFile(Schema):
-    """Keys of a script."""
+    """The keys of a script file."""
 
     operator: Literal["attentive", "away"] = "away"
     faults: Any
@@ -74,7 +74,7 @@ def read_script(path: Path) -> Script:
     """Return the script in a file.
 
     Raises:
-        ConfigError: every problem of the file.
+        ConfigError: the file is not valid; the error names every problem.
     """
     sources = Sources()
     root = sources.read_yaml(path)
@@ -96,7 +96,7 @@ def fault_from(request: Mapping[str, Any]) -> WireFault:
     """Return a fault given as plain values, with the keys of a script.
 
     Raises:
-        ConfigError: every problem with it.
+        ConfigError: the fault is not valid; the error names every problem.
     """
     sources = Sources()
     fault = read_fault(_located(request, "request"), sources)
@@ -106,7 +106,7 @@ def fault_from(request: Mapping[str, Any]) -> WireFault:
 
 
 def _located(value: Any, name: str) -> Located:
-    """Return plain values as if they stood in a file named `request`."""
+    """Return plain values as if they had been read from a file named `request`."""
     place = Place(Path("request"), 0, 0)
     if isinstance(value, Mapping):
         return Located({str(k): _located(v, str(k)) for k, v in value.items()}, place, name)
@@ -116,7 +116,7 @@ def _located(value: Any, name: str) -> Located:
 
 
 def read_fault(item: Located, sources: Sources) -> WireFault | None:
-    """Return one fault; None, with problems added to the sources', if it cannot be made."""
+    """Return one fault; if it is not valid, return None and add its problems to `sources`."""
     entry = item.get("fault")
     if entry is None or str(entry.value) not in KINDS:
         place, value = (entry.place, shown(entry)) if entry else (item.place, "")

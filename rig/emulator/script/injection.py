@@ -1,4 +1,4 @@
-"""Makes faults begin and end: by a script's times, or at once when somebody asks."""
+"""Makes faults begin and end, by the times of a script or on request."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ from .wire_faults import WireFault
 
 
 class Effects(Protocol):
-    """What lets faults act on an emulated rig: `rig.emulator.script.effects.FaultEffects`."""
+    """What makes faults act on an emulated rig: `rig.emulator.script.effects.FaultEffects`."""
 
     def require(self, *faults: Any) -> None:
-        """Verify that the rig has what the faults concern.
+        """Check that the rig has the parts that the faults concern.
 
         Raises:
-            ValueError: it has not.
+            ValueError: the rig lacks one.
         """
 
     def apply(self, fault: Any, begins: bool) -> None:
-        """Let a fault begin or end."""
+        """Make a fault begin or, if not `begins`, end."""
 
 
 @dataclass
 class _Injected:
-    """One fault on its way: waiting for its time, acting, or over."""
+    """One fault that waits for its time or acts."""
 
     number: int
     fault: WireFault
@@ -36,7 +36,7 @@ class _Injected:
 
     @property
     def begin_ns(self) -> float:
-        """When the fault begins, ns; inf while the event that it waits for has not happened."""
+        """Time in ns at which the fault begins; inf while it waits for the valve's enabling."""
         return inf if self.origin_ns is None else self.origin_ns + 1e9 * self.fault.at_s
 
     @property
@@ -48,8 +48,8 @@ class Injection:
     """The faults of a run of the emulator.
 
     Args:
-        effects: what makes faults begin and end.
-        record: takes note of each.
+        effects: makes faults begin and end.
+        record: takes note when a fault begins and ends.
         clock: returns the time in ns.
     """
 
@@ -62,10 +62,10 @@ class Injection:
         self._numbers = 0
 
     def script(self, faults: Iterable[WireFault]) -> None:
-        """Take up the faults of a script, whose times count from now or from the first enable.
+        """Add a script's faults, whose times count from now or from the valve's first enabling.
 
         Raises:
-            ValueError: some concern what the rig does not have.
+            ValueError: some faults concern parts that the rig lacks.
         """
         faults = tuple(faults)
         self._effects.require(*(fault.options for fault in faults))
@@ -73,10 +73,10 @@ class Injection:
             self._add(fault)
 
     def inject(self, fault: WireFault) -> int:
-        """Take up a fault whose time counts from now; return the number to clear it by.
+        """Add a fault, whose time counts as in a script; return the number by which to clear it.
 
         Raises:
-            ValueError: it concerns what the rig does not have.
+            ValueError: the fault concerns a part that the rig lacks.
         """
         self._effects.require(fault.options)
         number = self._add(fault)
@@ -90,21 +90,21 @@ class Injection:
         return self._numbers
 
     def clear(self, number: int | None = None) -> int:
-        """End a fault, acting or waiting, or all of them; return how many there were."""
+        """End the fault of a number, whether it acts or waits, or all; return how many ended."""
         chosen = [f for f in self._faults if number is None or f.number == number]
         for injected in chosen:
             self._end(injected)
         return len(chosen)
 
     def valve_enabled(self) -> None:
-        """Let the times begin that count from the first time the valve is enabled."""
+        """Start the times of faults that wait for the first time that the valve is enabled."""
         self._enabled = True
         for injected in self._faults:
             if injected.origin_ns is None:
                 injected.origin_ns = self._clock()
 
     def tend(self) -> None:
-        """Begin and end what is due."""
+        """Begin and end the faults that are due."""
         now = self._clock()
         for injected in tuple(self._faults):
             if not injected.acting and injected.begin_ns <= now:
@@ -124,7 +124,7 @@ class Injection:
         self._record.note(event, number=injected.number, **injected.fault.described())
 
     def state(self) -> list[dict[str, Any]]:
-        """Return the faults that act or wait."""
+        """Return the faults that act or wait, as JSON values."""
         return [
             {"number": f.number, "acting": f.acting, **f.fault.described()} for f in self._faults
         ]

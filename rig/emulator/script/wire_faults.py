@@ -1,4 +1,4 @@
-"""What can be made to fail on the emulated rig: wires, sensors, valves, the operator."""
+"""The faults that can be injected on the emulated rig, in wires, sensors, valves and devices."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -26,7 +26,7 @@ class _OfWire:
 
 @dataclass(frozen=True)
 class Delay(_OfWire):
-    """Replies come late by so much."""
+    """Replies come late by the time `by`, s."""
 
     by: Annotated[float, _q("s", 1e-4, 60.0)] = 5e-3
 
@@ -43,7 +43,7 @@ class Garbage(_OfWire):
 
 
 class WrongTransaction(_OfWire):
-    """Replies bear another transaction's number."""
+    """Replies have the number of another transaction."""
 
 
 @dataclass(frozen=True)
@@ -54,22 +54,22 @@ class Refusal(_OfWire):
 
 
 class Disconnect(_OfWire):
-    """Every connection breaks, and nobody gets a new one as long as it lasts."""
+    """Every connection breaks, and new ones are refused while the fault lasts."""
 
 
 @dataclass(frozen=True)
 class Frozen:
-    """A channel stays at its value; `daq`: the whole device returns its last sample for ever."""
+    """A channel keeps its value; with `daq` the whole device returns its last sample for ever."""
 
     target: Channel | Literal["daq"] = "daq"
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A transducer fails: not a number, zero, the low or high end of its range, or drifting off.
+    """A transducer fails: it reads not a number, zero, an end of its range, or drifts away.
 
     Attributes:
-        rate: of a drift, in the channel's SI unit a second.
+        rate: rate of a drift, in the channel's SI unit a second.
     """
 
     target: Channel
@@ -91,12 +91,12 @@ class StuckBypass:
 
 @dataclass(frozen=True)
 class Estop:
-    """Somebody presses the emergency stop, and pulls it out again when it ends."""
+    """The emergency stop is pressed; when the fault ends, the button is pulled out again."""
 
 
 @dataclass(frozen=True)
 class LostCounts:
-    """The encoder loses counts, which stay lost; `flagged` if its interface notices."""
+    """The encoder loses counts, which stay lost; with `flagged` its interface reports a fault."""
 
     counts: Annotated[int, _q("", -1_000_000, 1_000_000)] = 100
     flagged: bool = False
@@ -104,21 +104,21 @@ class LostCounts:
 
 @dataclass(frozen=True)
 class CanSilence:
-    """A node of the CAN bus says nothing any more."""
+    """A node of the CAN bus sends nothing any more."""
 
     target: CanDevice = "drive"
 
 
 @dataclass(frozen=True)
 class CanGarbage:
-    """A node of the CAN bus sends nonsense besides."""
+    """A node of the CAN bus sends nonsense beside its messages."""
 
     target: CanDevice = "drive"
 
 
 @dataclass(frozen=True)
 class StuckCan:
-    """A node of the CAN bus hears, but obeys no more: a pump unit stays loaded."""
+    """A node of the CAN bus answers, but obeys no commands: a pump unit stays loaded."""
 
     target: CanDevice = "pump"
 
@@ -130,10 +130,10 @@ class PumpWatchdogDead:
 
 @dataclass(frozen=True)
 class DriveFault:
-    """The servovalve's electronics meet a fault of their own, and leave for a fault state.
+    """The servovalve's electronics meet a fault of their own, and go to a fault state.
 
     Attributes:
-        code: of the emergency that they send (CiA 301): 0x3100 is the mains voltage.
+        code: code of the emergency that they send (CiA 301); 0x3100 is the mains voltage.
     """
 
     code: Annotated[int, _q("", 1, 0xFFFF)] = 0x3100
@@ -141,7 +141,7 @@ class DriveFault:
 
 @dataclass(frozen=True)
 class MeterUnplugged:
-    """The flow meters' serial line is pulled out, and plugged in again when it ends."""
+    """The flow meters' serial line is unplugged, and plugged in again when the fault ends."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ KINDS: Final[Mapping[str, type]] = {
     "meter_unplugged": MeterUnplugged,
     "meter_noise": MeterNoise,
 }
-"""What can be injected, by its name in a script, with its options."""
+"""The classes of all faults that can be injected, by their names in a script."""
 
 
 @dataclass(frozen=True)
@@ -179,10 +179,11 @@ class WireFault:
 
     Attributes:
         kind: one of `KINDS`.
-        options: an instance of its class.
-        at_s: when it begins, in s.
-        after: from when that counts: the emulator's start, or the first time the valve is enabled.
-        for_s: how long it lasts; inf: to the end.
+        options: an instance of the class of that kind.
+        at_s: time at which it begins, in s from the moment that `after` names.
+        after: moment from which `at_s` counts: "start", when the fault is added, or "enable", when
+            the valve is first enabled.
+        for_s: how long it lasts, s; inf: to the end.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""Driver of the bypass valves: ball and needle valves over Modbus/TCP or RTU, moves verified."""
+"""The driver of the bypass valves: it moves balls and needles by Modbus, and verifies the moves."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -17,21 +17,21 @@ from .registers import THROTTLE
 _PARITY: Final = {"even": "E", "odd": "O", "none": "N"}
 
 _SWITCH_TOLERANCE: Final = 0.0
-"""A ball is where its switch says, or it is not."""
+"""Tolerance of a ball's position; it is 0, since the switches give that as 0, 0.5 or 1."""
 
 _LOOK: Final = "look at the valve, its drive and its feedback"
 
 Clock = Callable[[], int]
-"""Returns the present moment in ns, as `time.monotonic_ns`."""
+"""Returns the present time in ns, as `time.monotonic_ns` does."""
 
 
 class Travel:
-    """The last move of one valve: whether it arrives in time, and stays where it was sent.
+    """The last move of one valve, checked: it must arrive in time, and stay at its target.
 
     Args:
-        allowed_s: time within which feedback must confirm a move.
-        tolerance: distance from the target that still counts as there.
-        clock: returns the time.
+        allowed_s: time in s within which the feedback must confirm a move.
+        tolerance: greatest distance from the target at which the valve counts as arrived.
+        clock: returns the time in ns.
     """
 
     def __init__(self, allowed_s: float, tolerance: float, clock: Clock) -> None:
@@ -41,7 +41,7 @@ class Travel:
         self._begun_ns = 0
         self._arrived = False
         self.target: float | None = None
-        """Where it was sent; None before the first move."""
+        """Position to which the valve was last sent; None before the first move."""
 
     def begin(self, target: float) -> None:
         """Note that the valve has just been sent to a position."""
@@ -50,11 +50,11 @@ class Travel:
         self._begun_ns = self._clock()
 
     def reached(self, position: float) -> bool:
-        """Return whether a valve at `position` is where it was sent."""
+        """Return whether `position` is the target, within the tolerance; False before a move."""
         return self.target is not None and abs(position - self.target) <= self._tolerance
 
     def fault(self, position: float) -> str:
-        """Return what is wrong with a valve that now stands at `position`; empty if nothing is."""
+        """Return what is wrong with the valve, which is now at `position`; empty if nothing is."""
         if self.target is None:
             return ""
         if self.reached(position):
@@ -69,16 +69,16 @@ class Travel:
 
 
 class BypassValves:
-    """The bypass valves of a rig.
+    """The driver of the bypass valves of a rig.
 
     Outputs are `<bypass>_ball`, 0 or 1, and `<bypass>_needle`, 0 to 1; inputs have the same names.
-    The return throttle has no ball: 0 of its needle leaves the line free, 1 blocks it.
+    The return throttle has no ball; at 0 its needle leaves the line free, at 1 it blocks the line.
 
     Args:
-        name: name in the rig file.
-        options: its section there.
-        clock: returns the time.
-        sleep: waits for a time in s, in `safe_state` only.
+        name: name of the driver in the rig file.
+        options: the driver's section there.
+        clock: returns the time in ns.
+        sleep: waits for a time in s; only `safe_state` uses it.
 
     Raises:
         DriverError: the options do not fit together.
@@ -114,16 +114,16 @@ class BypassValves:
         """Connect, verify the device's identity and arm its watchdog; no valve moves.
 
         Raises:
-            DriverError: nobody answers there, or another device.
+            DriverError: no device answers there, or another one does.
         """
         if self._link is None:
             self._connect()
 
     def read(self) -> Mapping[str, float]:
-        """Return every valve's position; a ball under way is at 0.5.
+        """Return every valve's position by signal; a ball between its ends is at 0.5.
 
         Raises:
-            DriverError: the device is lost, or a valve is not where it was sent.
+            DriverError: the device is lost, a valve did not arrive in time, or one left its target.
         """
         positions = self._connected().positions(self._options.bypasses)
         faults = {
@@ -135,11 +135,11 @@ class BypassValves:
         return positions
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Send valves to positions; a valve that was sent there before is left alone.
+        """Send valves to positions; a valve whose last target is the same gets no command.
 
         Raises:
-            DriverError: a valve or position that there is not, of which nothing is sent; or the
-                device is lost, or refuses.
+            DriverError: there is no such valve or position, and nothing is sent; or the device is
+                lost, or refuses.
         """
         for signal, target in outputs.items():
             self._check(signal, target)
@@ -149,13 +149,15 @@ class BypassValves:
                 self._send(link, signal, target)
 
     def safe_state(self) -> None:
-        """Shut every ball and set the throttle free, by a new connection, until it is confirmed.
+        """Shut every ball, open the throttle, and return when the device has confirmed it.
 
-        The balls are sent there by the present connection first: the device may still hear what it
-        does not answer, and a new connection is of no use until it has answered.
+        This uses a new connection. Before that, the balls are commanded to shut over the present
+        one: the device may still receive commands there though it does not answer, and a new
+        connection is of no use before the device answers.
 
         Raises:
-            DriverError: it was not confirmed within the time of a move; names the valves.
+            DriverError: it was not confirmed within the time of a move; the message names the
+                valves.
         """
         deadline_ns = self._clock() + round(max(self._ball_time, self._needle_time) * 1e9)
         if self._link is not None:
@@ -172,7 +174,7 @@ class BypassValves:
             self._sleep(1.0 / self.rate_hz)
 
     def close(self) -> None:
-        """Close the connection; the device's watchdog, if armed, then shuts the valves."""
+        """Close the connection; the device's watchdog, if it is armed, then shuts the valves."""
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -185,7 +187,7 @@ class BypassValves:
         except DriverError:
             self.close()
             raise
-        # Where the valves were sent before, by whomever, is not known.
+        # Targets from before this connection are not known; another program may have set them.
         self._travels = {signal: self._travel(signal) for signal in self.outputs}
         return self._link
 
@@ -239,7 +241,7 @@ class BypassValves:
         self._travels[signal].begin(target)
 
     def _make_safe(self) -> None:
-        """Send every valve to its safe position, 0, and see whether all are there."""
+        """Command every valve of the safe state to 0; raise `DriverError` unless all are there."""
         link = self._link
         if link is None or link.lost:
             link = self._connect()
@@ -248,7 +250,7 @@ class BypassValves:
             try:
                 self._send(link, signal, 0.0)
             except DriverError as error:
-                # The next one may still obey.
+                # The other valves may still obey.
                 failures[signal] = error.state
         if not failures:
             positions = link.positions(self._options.bypasses)
@@ -259,7 +261,7 @@ class BypassValves:
 
     @property
     def _safe_outputs(self) -> list[str]:
-        """Outputs that are 0 in the safe state: a needle is nothing behind a shut ball."""
+        """Outputs that must be 0 in the safe state; a needle behind a shut ball does not matter."""
         throttle = f"{THROTTLE}_needle"
         return [signal for signal in self.outputs if signal.endswith("_ball") or signal == throttle]
 
@@ -270,5 +272,5 @@ class BypassValves:
 
 
 def shown(position: float) -> str:
-    """Say where a valve stands."""
+    """Return a valve's position in words; NaN is that of a ball whose switches are both on."""
     return "with both switches on" if isnan(position) else f"at {position:.3g}"

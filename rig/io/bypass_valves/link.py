@@ -1,4 +1,4 @@
-"""One connection to the bypass valves' I/O, through pymodbus."""
+"""A connection to the I/O device of the bypass valves, through pymodbus."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ from .registers import IDENTITY, NEEDLE_FULL_SCALE, THROTTLE, BypassRegisters
 
 Client = ModbusTcpClient | ModbusSerialClient
 
-# What pymodbus has to say is raised as DriverError; it need not be on the screen as well.
+# Errors of pymodbus are raised as DriverError, so that they need not be printed as well.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 _Value = TypeVar("_Value")
@@ -30,16 +30,16 @@ _BY_SWITCHES: Final = {
 
 
 class BypassLink:
-    """Valve positions and commands over one connection, verified to lead to the right device.
+    """One connection for valve positions and commands; the device's identity is verified.
 
     Args:
-        driver: name of the driver, for errors.
+        driver: name of the driver, for error messages.
         client: pymodbus client, not yet connected, with retries off.
-        registers: addresses.
+        registers: addresses in the device.
         unit: Modbus unit identifier.
 
     Raises:
-        DriverError: nobody answers there, or another device.
+        DriverError: no device answers there, or another one does.
     """
 
     def __init__(self, driver: str, client: Client, registers: BypassRegisters, unit: int) -> None:
@@ -58,46 +58,46 @@ class BypassLink:
             raise
 
     def close(self) -> None:
-        """Close the connection; harmless when repeated."""
+        """Close the connection; repeated calls do no harm."""
         self._client.close()
 
     @property
     def lost(self) -> bool:
-        """Whether the connection is closed, by either end."""
+        """Whether the connection is closed, by this program or by the device."""
         return not self._client.connected
 
     def set_watchdog(self, time_s: float) -> None:
-        """Have the device shut the valves when it hears nothing for so long; 0: never.
+        """Set the time in s without requests after which the device shuts the valves; 0: never.
 
         Raises:
-            DriverError: no reply, or the device refuses.
+            DriverError: the device does not reply, or refuses.
         """
         milliseconds = round(time_s * 1e3)
         self._ask("watchdog", self._client.write_register, self._registers.watchdog, milliseconds)
 
     def set_ball(self, bypass: str, opened: bool) -> None:
-        """Start a ball valve's move.
+        """Command a ball valve to open or to shut, without waiting for its move.
 
         Raises:
-            DriverError: no reply, or the device refuses.
+            DriverError: the device does not reply, or refuses.
         """
         address = self._registers.coils + BYPASSES.index(bypass)
         self._ask(f"{bypass}_ball", self._client.write_coil, address, opened)
 
     def shut_balls(self, bypasses: Sequence[str]) -> None:
-        """Start to shut all balls up to the last of the bypasses, by a single request.
+        """Command all balls up to that of the last given bypass to shut, by a single request.
 
         Raises:
-            DriverError: no reply, or the device refuses.
+            DriverError: the device does not reply, or refuses.
         """
         shut = [False] * (1 + max(BYPASSES.index(bypass) for bypass in bypasses))
         self._ask("balls", self._client.write_coils, self._registers.coils, shut)
 
     def set_needle(self, bypass: str, opening: float) -> None:
-        """Start a needle valve's move to an opening, 0 to 1.
+        """Command a needle valve to an opening, 0 to 1, without waiting for its move.
 
         Raises:
-            DriverError: no reply, or the device refuses.
+            DriverError: the device does not reply, or refuses.
         """
         address = self._registers.setpoints + BYPASSES.index(bypass)
         setpoint = round(opening * NEEDLE_FULL_SCALE)
@@ -106,10 +106,11 @@ class BypassLink:
     def positions(self, bypasses: Sequence[str]) -> Mapping[str, float]:
         """Return the positions of the bypasses' valves by signal.
 
-        A ball is at 0 (shut), 1 (open), 0.5 (neither switch on) or NaN (both on: one is broken).
+        A needle is at 0 to 1. A ball is at 0 (shut), 1 (open), 0.5 (neither switch is on) or NaN
+        (both switches are on, so that one is broken).
 
         Raises:
-            DriverError: no reply, or not the one expected.
+            DriverError: the device does not reply, or not as expected.
         """
         count = 1 + max(BYPASSES.index(bypass) for bypass in bypasses)
         switches = self._read_switches(2 * count)

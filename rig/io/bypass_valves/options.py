@@ -1,4 +1,4 @@
-"""What a rig file says of its bypass valves."""
+"""The options of the bypass valves in a rig file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from rig.plant import Quantity as _Quantity
 from .registers import STANDARD_REGISTERS, BypassRegisters
 
 _CYCLE_CHARACTERS: Final = 38 + 4 * 3.5
-"""Characters that one `read` takes on an RTU line: both requests and replies, each followed by a
-silence of 3.5."""
+"""Time that one `read` takes on an RTU line, in characters: two requests and two replies, each
+followed by a silence of 3.5 characters."""
 _BITS_PER_CHARACTER: Final = 11
-"""Start, 8 data, parity or stop, stop (Modbus over serial line V1.02, section 2.5.1)."""
+"""Start, 8 data bits, parity or stop, stop (Modbus over serial line V1.02, section 2.5.1)."""
 
 
 def _q(unit: str, lower: float, upper: float, source: str = "") -> _Quantity:
@@ -27,20 +27,21 @@ class BypassOptions:
     Attributes:
         transport: `tcp` (Modbus/TCP) or `rtu` (on a serial line).
         host: address of the device, with `tcp`.
-        port: its port, with `tcp`.
-        device: serial port, with `rtu`; one process at a time can hold it.
-        baud: of the serial line, with `rtu`.
-        parity: of the serial line, with `rtu`; 8 data bits and 1 stop bit.
+        port: port of the device, with `tcp`.
+        device: serial port, with `rtu`; only one process at a time can use it.
+        baud: baud rate of the serial line, with `rtu`.
+        parity: parity of the serial line, with `rtu`; it has 8 data bits and 1 stop bit.
         unit: Modbus unit identifier.
         rate: how often the valves are read.
         timeout: how long a reply may take.
-        watchdog: silence after which the device itself shuts the valves; 0 switches that off.
-        bypasses: those that the rig has.
-        ball_travel: time of a ball from shut to open.
-        needle_travel: time of a needle over its whole range.
+        watchdog: time without a request after which the device itself shuts the valves; 0 switches
+            that off.
+        bypasses: the bypasses that the rig has.
+        ball_travel: time that a ball takes from shut to open.
+        needle_travel: time that a needle takes over its whole range.
         margin: time beyond the travel after which a move has failed.
-        needle_tolerance: distance from its setpoint at which a needle is there.
-        map: where the device has what, inline or a file of `config/maps`.
+        needle_tolerance: greatest distance from its setpoint at which a needle counts as arrived.
+        map: addresses of the device's registers, given here or in a file of `config/maps`.
     """
 
     transport: Literal["tcp", "rtu"] = "tcp"
@@ -61,7 +62,7 @@ class BypassOptions:
     map: BypassRegisters = STANDARD_REGISTERS
 
     def problems(self) -> Iterator[str]:
-        """Yield what does not fit together."""
+        """Yield a sentence for each option that is missing, wrong, or does not fit the others."""
         if self.transport == "tcp" and not self.host:
             yield "`host` is missing, which `transport: tcp` needs"
         if self.transport == "rtu" and not self.device:

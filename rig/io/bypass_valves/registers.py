@@ -1,12 +1,12 @@
 """Registers of the I/O that drives the bypass valves: Modbus/TCP, or RTU on a serial line.
 
-Bypass i of `BYPASSES` has coil i (open its ball valve), discrete inputs 2i and 2i + 1 (its switches
-open and shut, neither on while it travels), holding register i (needle setpoint) and input register
-i (needle position). The return throttle has no ball: its coil and switches are spare, and its
-needle counts from 0, the line free, to full scale, the line blocked.
+Bypass i of `BYPASSES` has coil i (1 opens its ball valve), discrete inputs 2i and 2i + 1 (the
+ball's switches "open" and "shut", both off while it moves), holding register i (needle setpoint)
+and input register i (needle position). The return throttle has no ball, so that its coil and
+switches are unused; its needle counts from 0 (the line is free) to full scale (it is blocked).
 
-Whoever is not heard (no request at all) for the watchdog's time has the balls shut and the throttle
-set free by the device itself.
+If the device gets no request at all for the watchdog's time, it shuts the balls and opens the
+throttle by itself.
 """
 
 from dataclasses import dataclass
@@ -16,28 +16,28 @@ from rig.channels import BYPASSES
 from rig.plant import Quantity as _Quantity
 
 THROTTLE: Final = BYPASSES[-1]
-"""The bypass without a ball."""
+"""The bypass without a ball valve: the return throttle."""
 
 NEEDLE_FULL_SCALE: Final = 10_000
-"""What a needle's registers hold when it is wide open, opening 1."""
+"""Number in a needle's registers for opening 1."""
 
 IDENTITY: Final = 0x4256
-"""What the identity register holds: "BV"."""
+"""Number in the identity register, which is "BV" in ASCII."""
 
 _Address = Annotated[int, _Quantity("", 0, 0xFFFF, "", "")]
 
 
 @dataclass(frozen=True)
 class BypassRegisters:
-    """Addresses, counted from 0 as on the wire; each list in the order of `BYPASSES`.
+    """Addresses in the device, counted from 0 as on the wire; series are in order of `BYPASSES`.
 
     Attributes:
-        coils: first coil.
-        switches: first discrete input.
-        setpoints: first holding register.
-        positions: first input register.
-        identity: holding register, read only.
-        watchdog: holding register, ms; 0 switches the watchdog off.
+        coils: first coil, by which balls are commanded.
+        switches: first discrete input, the switches of the balls.
+        setpoints: first holding register of needle setpoints.
+        positions: first input register of needle positions.
+        identity: holding register of the identity, read only.
+        watchdog: holding register of the watchdog's time in ms; 0 switches the watchdog off.
     """
 
     coils: _Address = 0
@@ -49,4 +49,4 @@ class BypassRegisters:
 
 
 STANDARD_REGISTERS: Final = BypassRegisters()
-"""Those of an I/O built for this rig."""
+"""Addresses in an I/O device that was built for this rig."""

@@ -1,4 +1,4 @@
-"""The drivers on CAN: digital servovalves by CANopen (CiA 408), pump units by DBC."""
+"""The drivers of devices on CAN: digital servovalves (CANopen, CiA 408) and pump units (DBC)."""
 
 from lazy_loader import attach_stub
 

@@ -1,7 +1,7 @@
 """The part of CANopen (CiA 301) that a drive's driver needs: identifiers, SDO, heartbeat, EMCY.
 
-Expedited SDO transfers only (section 7.2.4): every object used fits in four bytes. Sections are
-those of CiA 301 version 4.2.0.
+It has expedited SDO transfers only (section 7.2.4), since every object that is used fits into four
+bytes. Sections are those of CiA 301 version 4.2.0.
 """
 
 import struct
@@ -20,7 +20,7 @@ HEARTBEAT: Final = 0x700
 
 
 class NmtCommand(IntEnum):
-    """What a master asks of a node: first byte of the NMT message (section 7.2.8)."""
+    """The command of a master to a node, first byte of the NMT message (section 7.2.8)."""
 
     START = 0x01
     STOP = 0x02
@@ -30,7 +30,7 @@ class NmtCommand(IntEnum):
 
 
 class NmtState(IntEnum):
-    """What a node's heartbeat says of it (section 7.2.8)."""
+    """The communication state of a node, which its heartbeat contains (section 7.2.8)."""
 
     BOOT_UP = 0x00
     STOPPED = 0x04
@@ -56,7 +56,7 @@ PRODUCER_HEARTBEAT: Final = Entry(0x1017, 0, "<H")
 
 
 class SdoError(Exception):
-    """The node refused a transfer; `code` says why (section 7.2.4)."""
+    """Raised when a node refuses a transfer; `code` is the abort code (section 7.2.4)."""
 
     def __init__(self, code: int) -> None:
         self.code = code
@@ -95,7 +95,10 @@ def _frame(command: int, index: int, subindex: int, value: bytes = b"") -> bytes
 
 
 def _with_value(command: int, entry: Entry, value: int) -> bytes:
-    """Bits 2 and 3 of the command count the bytes of the value that are not used."""
+    """Return the 8 bytes of an SDO transfer that carries a value.
+
+    Bits 2 and 3 of the command count the bytes of the value field that are not used.
+    """
     data = struct.pack(entry.layout, value)
     unused = (4 - len(data)) << _SIZE_SHIFT
     return _frame(command | unused, entry.index, entry.subindex, data)
@@ -112,31 +115,31 @@ def write_request(entry: Entry, value: int) -> bytes:
 
 
 def read_reply(entry: Entry, value: int) -> bytes:
-    """Return a node's answer to `read_request`."""
+    """Return the 8 bytes by which a node answers `read_request`."""
     return _with_value(_READ_REPLY, entry, value)
 
 
 def write_reply(entry: Entry) -> bytes:
-    """Return a node's answer to `write_request`."""
+    """Return the 8 bytes by which a node answers `write_request`."""
     return _frame(_WRITE_REPLY, entry.index, entry.subindex)
 
 
 def abort_reply(index: int, subindex: int, code: int) -> bytes:
-    """Return a node's refusal."""
+    """Return the 8 bytes by which a node refuses a request, with an abort code."""
     return _frame(_ABORT, index, subindex, struct.pack("<I", code))
 
 
 def answers(data: bytes, entry: Entry) -> bool:
-    """Return whether the 8 bytes of a node's reply are about an entry."""
+    """Return whether the data of a node's reply are 8 bytes and concern an entry."""
     return len(data) == 8 and struct.unpack_from("<HB", data, 1) == (entry.index, entry.subindex)
 
 
 def value_of(data: bytes, entry: Entry) -> int:
-    """Return the value in a reply to `read_request`; 0 for one to `write_request`.
+    """Return the value in a reply to `read_request`; return 0 for a reply to `write_request`.
 
     Raises:
-        SdoError: the node refused.
-        ValueError: it is neither, or of another length than the entry.
+        SdoError: the reply is a refusal.
+        ValueError: the reply is of another kind, or its value is not as long as the entry.
     """
     command = data[0]
     if command == _ABORT:
@@ -151,7 +154,7 @@ def value_of(data: bytes, entry: Entry) -> int:
 
 @dataclass(frozen=True)
 class Request:
-    """What a node is asked: an entry's address, and the value's bytes, None to read it."""
+    """An SDO request: address of an entry, and the bytes to write into it, or None to read it."""
 
     index: int
     subindex: int
@@ -159,11 +162,11 @@ class Request:
 
 
 def parse_request(data: bytes) -> Request:
-    """Return what 8 bytes ask of a node.
+    """Return the SDO request that 8 bytes contain.
 
     Raises:
-        SdoError: it is no expedited transfer.
-        ValueError: it is not 8 bytes.
+        SdoError: the request is no expedited transfer.
+        ValueError: the data are not 8 bytes.
     """
     if len(data) != 8:
         raise ValueError(f"{len(data)} bytes are no SDO request, which has 8")

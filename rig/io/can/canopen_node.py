@@ -1,4 +1,4 @@
-"""A CANopen node as its host sees it: is it alive, what is it doing, what do its objects hold."""
+"""The host's connection to a CANopen node: its heartbeat and state, and access to its objects."""
 
 from collections.abc import Callable
 from typing import Final
@@ -26,31 +26,31 @@ from .libraries import python_can as can
 from .link import LOOK, CanLink, Clock
 
 HOST_NODE: Final = 127
-"""Node id of the host: the highest, so that its heartbeat yields to every device's."""
+"""Node id of the host; the highest id gives its heartbeat the lowest priority on the bus."""
 
 _SDO_TIMEOUT: Final = 0.5
-"""s. Usual for SDO clients; a node answers within milliseconds."""
+"""Longest wait in s for an SDO reply, as usual for clients; a node answers in milliseconds."""
 
 
 def identifiers(node: int) -> tuple[int, ...]:
-    """Return the identifiers of all that a node sends."""
+    """Return the CAN identifiers of all frames that a node sends."""
     return tuple(base + node for base in (EMERGENCY, TPDO1, SDO_REPLY, HEARTBEAT))
 
 
 class CanopenNode:
-    """One node on a bus.
+    """One CANopen node on a bus, as its host uses it.
 
     Args:
-        driver: name of its driver; errors begin with it.
-        link: the bus, which lets the node's `identifiers` through.
-        node: its id.
+        driver: name of the node's driver; errors begin with it.
+        link: connection to the bus, which must receive the node's `identifiers`.
+        node: the node's id.
         clock: returns the time in s.
         take_pdo: called with the data of every TPDO1.
 
     Attributes:
-        state: what its last heartbeat said; None before the first.
-        heard_at: when that was, in s.
-        emergencies: error codes that have come in and were not taken out yet.
+        state: communication state in the node's last heartbeat; None before the first.
+        heard_at: time of the last heartbeat, s; before the first, the time at which this was made.
+        emergencies: error codes that have come in and that the driver has not removed yet.
     """
 
     def __init__(
@@ -73,12 +73,12 @@ class CanopenNode:
         self._reply: bytes | None = None
 
     def listen(self, wait: float = 0.0) -> None:
-        """Take in what has come; with nothing there, wait up to so many seconds."""
+        """Handle the frames that have come in; if there is none, wait for up to `wait` seconds."""
         for frame in self._link.receive(wait):
             self._take(frame)
 
     def _take(self, frame: can.Message) -> None:
-        """Sort one frame; a frame of a length that its kind does not have is dropped."""
+        """Handle one frame by its identifier; drop one whose length does not fit its kind."""
         data = bytes(frame.data)
         match frame.arbitration_id - self._node, len(data):
             case (base, 1) if base == HEARTBEAT:
@@ -99,7 +99,7 @@ class CanopenNode:
         self.heard_at = self._clock()
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Listen until a condition holds or so many seconds are over; return whether it held."""
+        """Handle frames until a condition holds, and return True; False after `timeout` seconds."""
         until = self._clock() + timeout
         while not condition():
             if self._clock() >= until:
@@ -108,22 +108,22 @@ class CanopenNode:
         return True
 
     def command(self, command: NmtCommand) -> None:
-        """Ask the node for a communication state."""
+        """Send the node a command that changes its communication state."""
         self._link.send(NMT, bytes((command, self._node)))
 
     def beat(self) -> None:
-        """Send the host's own heartbeat, which the node watches once it was asked to."""
+        """Send the host's own heartbeat, which the node watches if it was set up to do so."""
         self._link.send(HEARTBEAT + HOST_NODE, bytes((NmtState.OPERATIONAL,)))
 
     def send_pdo(self, data: bytes) -> None:
-        """Send the node's RPDO1."""
+        """Send the node an RPDO1 with these data."""
         self._link.send(RPDO1 + self._node, data)
 
     def read(self, entry: Entry) -> int:
-        """Return what an entry of its object dictionary holds.
+        """Return the value of an entry of the node's object dictionary.
 
         Raises:
-            DriverError: it refuses, or does not answer.
+            DriverError: the node refuses, or does not answer.
         """
         return self._transfer(entry, read_request(entry), "read")
 
@@ -131,7 +131,7 @@ class CanopenNode:
         """Set an entry of the node's object dictionary.
 
         Raises:
-            DriverError: it refuses, or does not answer.
+            DriverError: the node refuses, or does not answer.
         """
         self._transfer(entry, write_request(entry, value), f"set to {value}")
 

@@ -1,4 +1,4 @@
-"""Takes a digital servovalve from state to state, one transition at a time, each one confirmed."""
+"""Brings a digital servovalve to a target state by single transitions, each one confirmed."""
 
 from collections.abc import Callable
 from typing import Final
@@ -6,23 +6,23 @@ from typing import Final
 from .ds408 import D, DriveState, keeping_word, next_state, words_towards
 
 Refuse = Callable[[str, str], Exception]
-"""Makes the error of a state of affairs and the action it calls for."""
+"""Makes an error from two texts: what is wrong, and what to do about it."""
 
 _LOOK: Final = "look at the valve's enable input, its supply and its error memory"
 
 
 class DriveWalk:
-    """The way of one valve through its states.
+    """The way of one valve through its states to a target state.
 
-    It begins by asking and ends by giving up: a valve that met a fault, or left its target by
-    itself, does not walk back to it until somebody asks again.
+    A walk begins with `ask`, and ends with `give_up` or `disable`. A valve that met a fault, or
+    left its target by itself, is not brought back to the target until `ask` is called again.
 
     Args:
-        timeout: s that one transition may take.
+        timeout: longest time in s that one transition may take.
         refuse: makes the errors that are raised.
 
     Attributes:
-        word: the control word to send; None before anything was asked.
+        word: the control word that the driver must send; None before any target was asked for.
     """
 
     def __init__(self, timeout: float, refuse: Refuse) -> None:
@@ -40,10 +40,10 @@ class DriveWalk:
         return self._target is DriveState.ACTIVE and self._expected is None
 
     def ask(self, state: DriveState, target: DriveState, now: float) -> None:
-        """Begin to walk; a fault is reset on the way.
+        """Begin to walk from `state` to `target` at time `now` in s; a fault is reset on the way.
 
         Raises:
-            Exception: of `refuse`: a fault was met just now.
+            Exception: made by `refuse`, if the valve reacts to a fault that it met just now.
         """
         if state is DriveState.FAULT_REACTION:
             raise self._refuse(f"is in {state.name}", "wait until it has ended")
@@ -51,12 +51,13 @@ class DriveWalk:
         self._go_on(state, now)
 
     def advance(self, state: DriveState, now: float) -> None:
-        """Take the next step, if the last one is confirmed by the state that the valve shows.
+        """Take the next step if `state`, which the valve reports, confirms the last one.
 
-        Whoever calls gives up when this raises.
+        Without a target, nothing is done. The caller must call `give_up` when this raises.
 
         Raises:
-            Exception: of `refuse`: a step took too long, or the valve left its target by itself.
+            Exception: made by `refuse`, if a step took too long, or the valve left its target by
+                itself.
         """
         target, expected = self._target, self._expected
         if target is None:
@@ -73,18 +74,18 @@ class DriveWalk:
             self.word = self._words.pop(0)
 
     def give_up(self, state: DriveState) -> None:
-        """Stay where the valve is, until another target is asked for."""
+        """End the walk, and keep the valve in `state` until another target is asked for."""
         self._target = self._expected = None
         if self.word is not None:
             self.word = keeping_word(state)
 
     def disable(self) -> None:
-        """Give up, and want DISABLED from now on."""
+        """End the walk, and command DISABLED from now on."""
         self._target = self._expected = None
         self.word = D
 
     def _go_on(self, state: DriveState, now: float) -> None:
-        """Begin the next transition; a valve that has come to its target stays there."""
+        """Begin the next transition, or keep the valve in `state` if that is the target."""
         assert self._target is not None
         if state is self._target:
             self._expected, self.word = None, keeping_word(state)

@@ -1,8 +1,9 @@
 """CiA 408, the CANopen profile of digital servovalves: state machine, words, objects, scaling.
 
-Pure logic, shared by the driver and the emulated valve. The profile is sold by CiA; what stands
-here was checked against the manual of a valve that follows it: Moog ACV with CANopen interface,
-B99224-DV018-D-211, 2018, whose sections are cited ("5.2.2": state transitions).
+The driver and the emulated valve share this module, which talks to no device. CiA sells the
+profile; this module was checked against the manual of a valve that follows it: Moog ACV with
+CANopen interface, B99224-DV018-D-211, 2018. Its sections are cited, such as 5.2.2 on state
+transitions.
 """
 
 from enum import IntEnum
@@ -30,49 +31,50 @@ SPOOL_CLOSED_LOOP: Final = 2
 """Control mode: closed-loop control of the spool position (section 7.1.1)."""
 
 D: Final = 0b0001
-"""Bit "disabled" of either word."""
+"""Bit "disabled" of the control word and of the status word."""
 H: Final = 0b0010
-"""Bit "hold"."""
+"""Bit "hold" of both words."""
 M: Final = 0b0100
-"""Bit "active"."""
+"""Bit "active" of both words."""
 R: Final = 0b1000
-"""Control word: reset of a fault, by its rising edge; status word: ready, no fault."""
+"""Bit whose rising edge in the control word resets a fault; in the status word it means "ready"."""
 
 FULL_SCALE: Final = 16384
 """Increments of setpoint and actual value at 100 % (object 0x6311, section 7.2.2)."""
 
 
 class DriveState(IntEnum):
-    """State of the valve's electronics; its value is what the status word shows as bits RMHD.
+    """The state of the valve's electronics; its value is the bits RMHD of the status word.
 
-    Figure 19 and section 5.2.1. FAULT_INIT, a fault met in INIT, shows the same bits as NOT_READY.
+    The states are those of figure 19 and section 5.2.1. FAULT_INIT, a fault that was met in INIT,
+    has the same bits as NOT_READY.
     """
 
     NOT_READY = 0b0000
-    """Starting up, or a fault met in INIT; the spool is in its hydraulic fail-safe position."""
+    """The electronics start, or met a fault in INIT; the spool is in its fail-safe position."""
     FAULT_DISABLED = D
-    """A fault; spool as in DISABLED."""
+    """There is a fault; the spool is as in DISABLED."""
     FAULT_HOLD = D | H
-    """A fault; spool as in HOLD."""
+    """There is a fault; the spool is as in HOLD."""
     FAULT_REACTION = D | H | M
-    """A fault was just met; which fault state follows depends on it."""
+    """A fault was met just now; which fault state follows depends on the fault."""
     INIT = R
-    """Ready to be set up; spool in its fail-safe position."""
+    """The valve can be set up; the spool is in its hydraulic fail-safe position."""
     DISABLED = R | D
-    """Actual values are there; spool in its fail-safe position."""
+    """Actual values are available; the spool is in its fail-safe position."""
     HOLD = R | D | H
-    """The spool is controlled to the hold setpoint, object 0x6314; others have no effect."""
+    """The spool is controlled to the hold setpoint, object 0x6314; other setpoints do nothing."""
     ACTIVE = R | D | H | M
     """The spool follows the setpoint of the bus or of the analog input."""
 
     @property
     def ready(self) -> bool:
-        """Whether there is no fault."""
+        """Whether the bit "ready" is set: there is no fault, and the start is over."""
         return bool(self & R)
 
     @property
     def disabled(self) -> bool:
-        """Whether the electronics have let go of the spool: it is at its fail-safe position."""
+        """Whether the electronics do not control the spool, so that it is fail-safe."""
         return not self & H
 
 
@@ -84,9 +86,10 @@ class Transition(NamedTuple):
     """One transition of the drive's state machine, an arrow of its figure 19.
 
     Attributes:
-        number: its name in figure 19, "TR2".
-        source, target: from where to where.
-        word: what of the control word makes it, bits RMHD, x: any, ^: rising edge; or `FAULT`.
+        number: its name in figure 19, such as "TR2".
+        source, target: the states before and after it.
+        word: bits RMHD of the control word that make it: 0, 1, x for any, ^ for a rising edge; or
+            `FAULT`, if a fault makes it.
     """
 
     number: str
@@ -133,20 +136,21 @@ TRANSITIONS: Final = (
 )
 """The state machine (figure 19 and section 5.2.2).
 
-Left out: TR0 and TR1, power-up, which nobody commands, and the enable input, which valves have in
-many variants. TR8 stands for itself and the TR9, 12 or 13 after it: FAULT_REACTION lasts no longer
-than the reaction. A valve can be set to fall lower than these, never higher (section 5.2.1). TR15
-and TR16 take the words of TR6 and TR7.
+TR0 and TR1, the power-up, are left out because no word commands them, and so is the enable input,
+which differs from valve to valve. Each TR8 includes the TR9, TR12 or TR13 after it, since
+FAULT_REACTION lasts no longer than the reaction. A valve can be set up so that a fault brings it to
+a lower state than given here, but never to a higher one (section 5.2.1). TR15 and TR16 are made by
+the words of TR6 and TR7.
 """
 
 
 def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
-    """Return the state one transition after a control word; the same where it makes none.
+    """Return the state after the one transition that a control word makes, or `state` if none.
 
     Args:
-        state: where the valve is.
+        state: the valve's present state.
         word: the control word.
-        previous_word: the one before it, for the rising edge of a reset.
+        previous_word: the control word before it, for the rising edge of a reset.
     """
     for transition in TRANSITIONS:
         if transition.source is state and transition.made_by(word, previous_word):
@@ -155,7 +159,7 @@ def after_word(state: DriveState, word: int, previous_word: int) -> DriveState:
 
 
 def after_fault(state: DriveState) -> DriveState:
-    """Return the state in which a fault leaves the valve; the same where there is one already."""
+    """Return the state to which a fault brings the valve; `state` if there is a fault already."""
     for transition in TRANSITIONS:
         if transition.source is state and transition.word == FAULT:
             return transition.target
@@ -163,14 +167,15 @@ def after_fault(state: DriveState) -> DriveState:
 
 
 def keeping_word(state: DriveState) -> int:
-    """Return the control word under which a valve stays in a state: its own bits M, H, D."""
+    """Return the control word that keeps a valve in a state, which is the state's bits M, H, D."""
     return state & (M | H | D)
 
 
 def next_state(state: DriveState, target: DriveState) -> DriveState:
     """Return the state one transition nearer to a target of `WALK`.
 
-    Out of a fault that is its reset; FAULT_REACTION has to end by itself.
+    From a fault state, the next one is that after the reset. FAULT_REACTION is returned as it is,
+    since it has to end by itself.
     """
     if state is DriveState.FAULT_REACTION:
         return state
@@ -181,17 +186,17 @@ def next_state(state: DriveState, target: DriveState) -> DriveState:
 
 
 def words_towards(state: DriveState, target: DriveState) -> tuple[int, ...]:
-    """Return the control words, to be sent one after the other, that make `next_state`."""
+    """Return the control words that lead to `next_state`, to be sent one after the other."""
     if state.ready or state is DriveState.FAULT_REACTION:
         return (keeping_word(next_state(state, target)),)
     return keeping_word(state), keeping_word(state) | R
 
 
 def to_increments(share: float) -> int:
-    """Return a setpoint, -1 to 1, as the device counts it (section 7.2.2).
+    """Return the increments of the device for a setpoint from -1 to 1 (section 7.2.2).
 
     Raises:
-        ValueError: it is beyond full scale, or not a number.
+        ValueError: the setpoint is beyond full scale, or not a number.
     """
     if not -1.0 <= share <= 1.0:
         raise ValueError(f"{share:g} is not between -1 and 1")
@@ -199,5 +204,5 @@ def to_increments(share: float) -> int:
 
 
 def to_share(increments: int) -> float:
-    """Return an actual value as a share of full scale; it may exceed 1 a little."""
+    """Return the share of full scale of an actual value in increments; it may exceed 1 a little."""
     return increments / FULL_SCALE

@@ -1,8 +1,8 @@
-"""What a digital servovalve and its host exchange cyclically, and how the valve is set up for it.
+"""The messages that a digital servovalve and its host exchange cyclically, and their set-up.
 
 RPDO1 is control word and setpoint, TPDO1 is status word and actual spool position; the file
 `config/dbc/servovalve.dbc` describes both to other programs. The mapping is written at every start
-(CiA 301, sections 7.5.2.33 ff.), so that nothing depends on what a valve was left with.
+(CiA 301, sections 7.5.2.33 ff.), so that earlier settings of a valve do not matter.
 """
 
 from collections.abc import Iterator
@@ -12,10 +12,10 @@ from .canopen import PRODUCER_HEARTBEAT, RPDO1, TPDO1, Entry
 from .ds408 import ACTUAL, CONTROL_WORD, SETPOINT, STATUS_WORD
 
 COMMAND_LAYOUT: Final = "<Hh"
-"""RPDO1: control word, setpoint in increments."""
+"""Format of RPDO1 for `struct`: control word, setpoint in increments."""
 
 STATUS_LAYOUT: Final = "<Hh"
-"""TPDO1: status word, actual spool position in increments."""
+"""Format of TPDO1 for `struct`: status word, actual spool position in increments."""
 
 _RPDO1_COMMUNICATION: Final = 0x1400
 _TPDO1_COMMUNICATION: Final = 0x1800
@@ -27,19 +27,20 @@ TPDO1_PERIOD: Final = Entry(_TPDO1_COMMUNICATION, 5, "<H")
 
 _NOT_VALID: Final = 1 << 31
 _ON_CHANGE: Final = 255
-"""Transmission type: at once when received, or when the event timer has run out."""
+"""Transmission type: an RPDO acts when it is received, a TPDO is sent when its timer ends."""
 
 _BEATS_IN_SILENCE: Final = 4
-"""Heartbeats that may be lost before a node is called lost."""
+"""Number of heartbeats that a node sends in the silence after which it counts as lost."""
 
 
 def set_up(node: int, rate_hz: float, silence: float) -> Iterator[tuple[Entry, int]]:
-    """Yield the entries to be written, in order, to a node that is pre-operational.
+    """Yield the entries with the values to write into them, in order, in a pre-operational node.
 
     Args:
-        node: its id.
-        rate_hz: how often the host reads; TPDO1 comes twice as often, so that none is missed.
-        silence: s after which the host calls the node lost.
+        node: the node's id.
+        rate_hz: how often the host reads, Hz; TPDO1 is sent twice as often, so that every read
+            finds a new one.
+        silence: time in s without a heartbeat after which the host counts the node as lost.
     """
     period_ms = max(1, round(500.0 / rate_hz))
     yield from _pdo(_RPDO1_COMMUNICATION, _RPDO1_MAPPING, RPDO1 + node, (CONTROL_WORD, SETPOINT))
@@ -51,7 +52,7 @@ def set_up(node: int, rate_hz: float, silence: float) -> Iterator[tuple[Entry, i
 def _pdo(
     communication: int, mapping: int, identifier: int, mapped: tuple[Entry, ...]
 ) -> Iterator[tuple[Entry, int]]:
-    """Yield what maps 16-bit entries to a PDO: it is made invalid meanwhile."""
+    """Yield the entries and values that map 16-bit entries to a PDO, which is invalid meanwhile."""
     yield Entry(communication, 1, "<I"), _NOT_VALID | identifier
     yield Entry(communication, 2, "<B"), _ON_CHANGE
     yield Entry(mapping, 0, "<B"), 0

@@ -1,4 +1,4 @@
-"""A digital servovalve as its host sees it on the bus: state, actual spool, what it can be sent."""
+"""The host's connection to a digital servovalve: its state, its spool position, its commands."""
 
 import struct
 from typing import Final
@@ -32,21 +32,21 @@ _MODES: Final = {"bus": MODE_BUS, "analog": MODE_ANALOG}
 
 
 class Ds408Valve:
-    """A connection to a servovalve.
+    """A connection to one digital servovalve.
 
     Args:
-        driver: name of its driver; errors begin with it.
-        options: its section in the rig file.
+        driver: name of the valve's driver; errors begin with it.
+        options: the driver's section in the rig file.
         clock: returns the time in s.
 
     Attributes:
-        state: what it last showed; NOT_READY before that.
-        spool: actual position, as a share of full stroke.
+        state: the state that the valve last reported; NOT_READY before its first report.
+        spool: actual spool position, as a share of full stroke.
         fresh: whether a status message has come since this was last set to False.
-        watched: whether it goes to a fault when this host falls silent.
+        watched: whether the valve goes to a fault when this host falls silent.
 
     Raises:
-        DriverError: there is no such bus.
+        DriverError: the bus cannot be opened.
     """
 
     def __init__(self, driver: str, options: CanValveOptions, clock: Clock) -> None:
@@ -65,10 +65,11 @@ class Ds408Valve:
         return DriverError(self._driver, f"node {self._options.node} {state}", action)
 
     def set_up(self) -> None:
-        """Wait for it, verify that it is a servovalve, and set it up; nothing moves.
+        """Wait for the node, verify that it is a servovalve, and set it up; nothing moves.
 
         Raises:
-            DriverError: it is not heard, is no valve of CiA 408, or is ACTIVE already.
+            DriverError: its heartbeat or status does not come, it is no valve of CiA 408, or it is
+                ACTIVE already.
         """
         options, node = self._options, self._node
         if not node.wait_for(lambda: node.state is not None, options.open_timeout):
@@ -100,10 +101,10 @@ class Ds408Valve:
             raise self._error("is ACTIVE already", action)
 
     def listen(self) -> list[int]:
-        """Take in what has come; return the error codes of its emergencies.
+        """Handle the frames that have come in; return the error codes of the valve's emergencies.
 
         Raises:
-            DriverError: heartbeat or status stay away, or it has restarted.
+            DriverError: heartbeat or status message stay away, or the valve has restarted.
         """
         self._node.listen()
         self._require_heard(self._clock())
@@ -121,32 +122,33 @@ class Ds408Valve:
             raise self._error(f"has restarted: it is in {state.name}, not OPERATIONAL", action)
 
     def command(self, word: int | None, setpoint: float) -> None:
-        """Send control word and setpoint, if there is a word, and this host's heartbeat.
+        """Send this host's heartbeat and, unless `word` is None, control word and setpoint.
 
         Raises:
-            DriverError: the bus does not take it.
+            DriverError: the bus does not accept a frame.
         """
         self._node.beat()
         if word is not None:
             self._node.send_pdo(struct.pack(COMMAND_LAYOUT, word, to_increments(setpoint)))
 
     def watch_host(self, silence: float) -> None:
-        """Let it go to a fault when this host is silent for so many seconds; 0: never.
+        """Make the valve go to a fault when this host is silent for `silence` s; 0: never.
 
         Raises:
-            DriverError: it refuses, or does not answer.
+            DriverError: the valve refuses, or does not answer.
         """
         watched = HOST_NODE << 16 | round(1e3 * silence) if silence else 0
         self._node.write(CONSUMER_HEARTBEAT, watched)
         self.watched = silence > 0.0
 
     def disable(self) -> None:
-        """Ask for DISABLED, by PDO and by SDO, and take in the state that it shows then.
+        """Command DISABLED by PDO and by SDO, and read the state that the valve has afterwards.
 
-        So neither a lost message nor a node that has stopped its PDOs can prevent it.
+        Because of the two ways, neither a lost message nor a node that has stopped its PDOs can
+        prevent the command.
 
         Raises:
-            DriverError: it does not answer.
+            DriverError: the valve does not answer.
         """
         self.command(D, 0.0)
         if self._options.setpoint == "bus":
@@ -162,7 +164,7 @@ class Ds408Valve:
             raise self._error(state, "check the valve's firmware")
 
     def _take_status(self, data: bytes) -> None:
-        """Take in a TPDO1; one of another length, or with an unknown state, is dropped."""
+        """Handle a TPDO1; drop one of another length, or with an unknown state."""
         if len(data) != struct.calcsize(STATUS_LAYOUT):
             return
         word, actual = struct.unpack(STATUS_LAYOUT, data)
@@ -170,7 +172,7 @@ class Ds408Valve:
             self.spool, self._status_at, self.fresh = to_share(actual), self._clock(), True
 
     def _show(self, status_word: int) -> bool:
-        """Take the state from a status word; return whether there is such a state."""
+        """Set `state` from a status word; return False if no known state has its bits."""
         try:
             self.state = DriveState(status_word & _STATUS_BITS)
         except ValueError:
@@ -178,5 +180,5 @@ class Ds408Valve:
         return True
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the connection to the bus."""
         self._link.close()

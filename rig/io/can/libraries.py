@@ -1,8 +1,8 @@
 """python-can and cantools, imported without asammdf.
 
-cantools imports python-can, and that imports asammdf where it is installed, to read and write MF4
-files of CAN frames. Nothing here does; asammdf and its pandas take longer than all the rest of what
-a process on a CAN bus begins with.
+cantools imports python-can, which imports asammdf where that is installed, to read and write MF4
+files of CAN frames. The rig uses no such files, and importing asammdf with its pandas takes longer
+than all other imports of a process on a CAN bus.
 """
 
 import sys
@@ -15,7 +15,7 @@ __all__ = ["cantools", "python_can"]
 
 @contextmanager
 def _empty(name: str) -> Iterator[None]:
-    """Let nothing be imported from a module meanwhile, as if it were not installed."""
+    """Replace a module by an empty one in the `with` block, as if it were not installed."""
     there = sys.modules.get(name)
     sys.modules[name] = ModuleType(name)
     try:

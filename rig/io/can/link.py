@@ -1,4 +1,4 @@
-"""A driver's access to a CAN bus: which bus, what it sends, and what has come in."""
+"""A driver's access to a CAN bus: its options, and the sending and receiving of frames."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -10,15 +10,18 @@ from rig.plant import Quantity as _Quantity
 from .libraries import python_can as can
 
 Clock = Callable[[], float]
-"""Seconds, as `time.monotonic`."""
+"""Returns the time in s, as `time.monotonic` does."""
 
 Interface = Literal["socketcan", "pcan", "slcan", "udp_multicast", "virtual"]
 
 LOOK: Final = 0.01
-"""s. How often whoever waits for a device looks at the clock when nothing comes in."""
+"""Time in s after which code that waits for a frame looks at the clock again if none comes."""
 
 _MOST_FRAMES: Final = 500
-"""Frames taken in at once: a babbling node must not keep the field process from its other work."""
+"""Greatest number of frames that one call receives.
+
+A node that sends without end must not keep the field process from its other work.
+"""
 
 _REMEDIES: Final[Mapping[Interface, str]] = {
     "socketcan": "bring it up: ip link set {channel} up type can bitrate {bitrate}",
@@ -31,15 +34,17 @@ _REMEDIES: Final[Mapping[Interface, str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class CanOptions:
-    """Which bus a driver is on; several may share one.
+    """The CAN bus of a driver and how it is used; several drivers may share a bus.
 
     Attributes:
-        interface: what python-can calls it: socketcan on a rig, udp_multicast for an emulated one.
+        interface: python-can's name of the interface: socketcan on a rig, udp_multicast for an
+            emulated one.
         channel: `can0`, a serial port, or a multicast address.
-        port: of udp_multicast.
-        bitrate: in bit/s, of pcan and slcan; that of socketcan is set by `ip link`.
+        port: UDP port, for udp_multicast.
+        bitrate: in bit/s, for pcan and slcan; for socketcan `ip link` sets it.
         rate: how often the device is read and written.
-        silence: after so long without what a device sends by itself, it is lost.
+        silence: time without the messages that a device sends by itself after which it counts as
+            lost.
     """
 
     interface: Interface = "socketcan"
@@ -51,16 +56,16 @@ class CanOptions:
 
 
 class CanLink:
-    """An open bus, or a part of one, for one driver.
+    """An open bus of which one driver receives the frames that it wants.
 
     Args:
-        driver: its name; errors begin with it.
-        options: which bus.
-        identifiers: of the frames wanted.
-        extended: whether these have 29 bits.
+        driver: name of the driver; errors begin with it.
+        options: says which bus it is.
+        identifiers: identifiers of the wanted frames.
+        extended: whether these identifiers have 29 bits; otherwise they have 11.
 
     Raises:
-        DriverError: there is no such bus.
+        DriverError: the bus cannot be opened.
     """
 
     def __init__(
@@ -78,10 +83,10 @@ class CanLink:
         self._bus = open_bus(driver, options)
 
     def send(self, identifier: int, data: bytes, *, extended: bool = False) -> None:
-        """Send one frame; `extended`: with a 29-bit identifier.
+        """Send one frame, with a 29-bit identifier if `extended`, else with one of 11 bits.
 
         Raises:
-            DriverError: the bus does not take it.
+            DriverError: the bus does not accept the frame.
         """
         frame = can.Message(
             arbitration_id=identifier, data=data, is_extended_id=extended, check=True
@@ -93,10 +98,10 @@ class CanLink:
             raise DriverError(self._driver, state, "check cable and termination") from error
 
     def receive(self, wait: float = 0.0) -> list[can.Message]:
-        """Return the frames wanted that have come in; with none there, wait up to so many seconds.
+        """Return the wanted frames that have come in; if there is none, wait up to `wait` seconds.
 
-        What the bus cannot read is passed over: a device that nothing comes from is missed by
-        whoever watches its heartbeat.
+        Errors of reading the bus are ignored, since the check of a device's heartbeat notices when
+        nothing comes from it any more.
         """
         frames: list[can.Message] = []
         for _ in range(_MOST_FRAMES):
@@ -113,8 +118,8 @@ class CanLink:
         return frames
 
     def _is_wanted(self, frame: can.Message) -> bool:
-        # Not by python-can's filters: where the kernel does not filter, recv(0) says None to a
-        # frame that it drops, as if there were no more.
+        # python-can's filters are not used: where the kernel does not filter, recv(0) returns None
+        # for a frame that it drops, as if no more frames were there.
         return (
             frame.arbitration_id in self._identifiers
             and frame.is_extended_id == self._extended
@@ -122,7 +127,7 @@ class CanLink:
         )
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the connection to the bus."""
         self._bus.shutdown()
 
 
@@ -130,11 +135,11 @@ def open_bus(driver: str, options: CanOptions) -> can.BusABC:
     """Return a bus opened by python-can.
 
     Args:
-        driver: who opens it; the error begins with it.
-        options: which bus.
+        driver: name of the part that opens the bus; the error begins with it.
+        options: says which bus it is.
 
     Raises:
-        DriverError: there is no such bus.
+        DriverError: the bus cannot be opened.
     """
     particulars: dict[str, Any] = {}
     match options.interface:
@@ -144,7 +149,7 @@ def open_bus(driver: str, options: CanOptions) -> can.BusABC:
         case "pcan" | "slcan":
             particulars = {"bitrate": options.bitrate}
     try:
-        # ignore_config: the rig file says all, no ~/.canrc does.
+        # ignore_config: the rig file alone configures the bus, no ~/.canrc does.
         return can.Bus(
             ignore_config=True,
             interface=options.interface,

@@ -1,4 +1,4 @@
-"""Driver of the pump unit on CAN: pressure, oil temperature and unloading valve, as a DBC says."""
+"""The driver of the pump unit on CAN: pressure, oil temperature, unloading valve; DBC messages."""
 
 import time
 from collections.abc import Mapping
@@ -16,7 +16,10 @@ STATUS: Final = (
     "PumpStatus",
     ("Pressure", "OilTemperature", "MotorState", "Loaded", "AliveCounter"),
 )
-"""Message and signals that a DBC has to describe; identifier, layout and units are its own."""
+"""Names of the status message and its signals, which the DBC must describe.
+
+Identifier, layout and units are up to the DBC.
+"""
 COMMAND: Final = ("PumpCommand", ("Load", "AliveCounter"))
 
 UNITS: Final[Mapping[str, tuple[float, float]]] = {
@@ -27,7 +30,7 @@ UNITS: Final[Mapping[str, tuple[float, float]]] = {
     "K": (1.0, 0.0),
     "degC": (1.0, 273.15),
 }
-"""Factor and offset to SI of the units that a DBC may give."""
+"""Factor and offset that convert a value in each unit that a DBC may give to SI."""
 
 _IN_SI: Final = {"Pressure": "pump_pressure_Pa", "OilTemperature": "oil_temperature_K"}
 _FAULT: Final = "FAULT"
@@ -38,7 +41,7 @@ class CanPumpOptions(CanOptions):
     """Keys of the driver in a rig file, besides those of its bus.
 
     Attributes:
-        dbc: describes the unit's messages; the shipped one is `pump_unit`.
+        dbc: DBC file that describes the unit's messages; the shipped one is `pump_unit`.
         load_timeout: how long the unit may take to load or unload.
     """
 
@@ -47,14 +50,14 @@ class CanPumpOptions(CanOptions):
 
 
 class CanPump:
-    """A pump unit with an unloading valve.
+    """The driver of a pump unit with an unloading valve.
 
-    Output is `pump_load`, 0 or 1, which is sent at every `read` from the first `write` on. Inputs
-    are `pump_pressure_Pa`, `oil_temperature_K` and `pump_loaded`.
+    Its output is `pump_load`, 0 or 1, which is sent at every `read` from the first `write` on. Its
+    inputs are `pump_pressure_Pa`, `oil_temperature_K` and `pump_loaded`.
 
     Args:
-        name: name in the rig file.
-        options: its section there.
+        name: name of the driver in the rig file.
+        options: the driver's section there.
         clock: returns the time in s.
 
     Raises:
@@ -128,7 +131,7 @@ class CanPump:
         return DriverError(self.name, state, action)
 
     def _fault(self, state: str, action: str) -> DriverError:
-        """Return the error of a unit that is there, but does not do what it should."""
+        """Return the error of a unit that is connected, but does not do what it should."""
         return DriverError(self.name, state, action, "pump_loaded")
 
     def _connected(self) -> CanLink:
@@ -137,10 +140,10 @@ class CanPump:
         return self._link
 
     def open(self) -> None:
-        """Join the bus and wait for the unit's status; nothing is commanded.
+        """Open the bus and wait for the unit's status message; nothing is commanded.
 
         Raises:
-            DriverError: no such bus, or the unit is not heard.
+            DriverError: the bus cannot be opened, or no status message comes.
         """
         if self._link is not None:
             return
@@ -164,7 +167,7 @@ class CanPump:
         return self._link
 
     def read(self) -> Mapping[str, float]:
-        """Return what has come in, and send the command.
+        """Send the command, and return the values that came since the last call, by signal, SI.
 
         Raises:
             DriverError: the unit is lost or frozen, reports a fault, or does not do what was asked.
@@ -184,7 +187,7 @@ class CanPump:
             self._take(bytes(frame.data))
 
     def _take(self, data: bytes) -> None:
-        """Take in one status message; one of another length, or a repeated one, is dropped."""
+        """Handle one status message; drop one of another length, or with an old alive counter."""
         if len(data) != self._status.length:
             return
         signals: Any = self._status.decode(data, decode_choices=False)
@@ -212,7 +215,7 @@ class CanPump:
         raise self._fault(state, "look at the unit's unloading valve")
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Load or unload the pump; the feedback is verified by later calls of `read`.
+        """Command the unit to load or unload the pump; later calls of `read` check that it does.
 
         Raises:
             DriverError: there is no such output or value, or the bus is lost.
@@ -240,10 +243,10 @@ class CanPump:
         link.send(self._command.frame_id, data, extended=self._command.is_extended_frame)
 
     def safe_state(self) -> None:
-        """Unload the pump, by a new connection, and wait until it confirms.
+        """Unload the pump over a new connection, and wait until the unit confirms it.
 
         Raises:
-            DriverError: it has not confirmed in time.
+            DriverError: the unit has not confirmed in time.
         """
         self._ask(False)
         was_open = self._link is not None
@@ -261,7 +264,7 @@ class CanPump:
                 self.close()
 
     def close(self) -> None:
-        """Let go of the bus; the unit unloads when the command stays away."""
+        """Close the bus; the unit unloads by itself when no command comes any more."""
         if self._link is not None:
             self._link.close()
         self._link = None

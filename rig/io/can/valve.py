@@ -1,4 +1,4 @@
-"""Driver of a digital servovalve on CANopen, device profile CiA 408 (`rig.io.can.ds408`)."""
+"""The driver of a digital servovalve on CANopen, device profile CiA 408 (`rig.io.can.ds408`)."""
 
 import time
 from collections.abc import Iterable, Mapping
@@ -15,18 +15,19 @@ from .valve_options import CanValveOptions
 
 
 class CanValve:
-    """A digital servovalve.
+    """The driver of a digital servovalve.
 
-    Outputs are `drive_target`, a `DriveState` of `rig.io.can.ds408.WALK`, and, if the setpoint
-    comes by the bus, `drive_setpoint`, -1 to 1, which is sent as 0 until the valve is ACTIVE.
-    Inputs are `drive_state`, `drive_spool_m` and the `drive_setpoint` last sent.
+    Its outputs are `drive_target`, a `DriveState` of `rig.io.can.ds408.WALK`, and, if the setpoint
+    comes by the bus, `drive_setpoint`, -1 to 1, which is sent as 0 until the valve is ACTIVE. Its
+    inputs are `drive_state`, `drive_spool_m` and, by the bus, the `drive_setpoint` last sent.
 
-    The valve walks towards a target by one transition at a time, each confirmed by its status word
-    while `read` is called. A fault ends the walk, and is reset by the next `write` of a target.
+    The valve goes to a target state by one transition at a time. Calls of `read` take the status
+    word that confirms a transition, and begin the next one. A fault ends this walk; the next
+    `write` of a target resets the fault.
 
     Args:
-        name: name in the rig file.
-        options: its section there.
+        name: name of the driver in the rig file.
+        options: the driver's section there.
         clock: returns the time in s.
     """
 
@@ -45,14 +46,14 @@ class CanValve:
         self._forget()
 
     def _forget(self) -> None:
-        """Ask nothing of the valve, and have heard of no fault."""
+        """Begin anew: without a target, with setpoint 0, and without known faults."""
         self._walk = DriveWalk(self._options.step_timeout, self._fault)
         self._setpoint = 0.0
         self._was_ready = False
         self._emergencies: list[int] = []
 
     def _fault(self, state: str, action: str) -> DriverError:
-        """Return the error of a valve that is there, but not where it should be."""
+        """Return the error of a valve that is connected, but not in the state asked for."""
         return DriverError(self.name, state, action, "drive_state")
 
     def _connected(self) -> Ds408Valve:
@@ -65,10 +66,11 @@ class CanValve:
         return self._valve
 
     def open(self) -> None:
-        """Wait for the valve's heartbeat, verify that it is one, and set it up; nothing moves.
+        """Wait for the node, verify that it is a servovalve, and set it up; nothing moves.
 
         Raises:
-            DriverError: it is not heard, is no valve of CiA 408, or is ACTIVE already.
+            DriverError: its heartbeat or status does not come, it is no valve of CiA 408, or it is
+                ACTIVE already.
         """
         if self._valve is not None:
             return
@@ -80,12 +82,15 @@ class CanValve:
             raise
 
     def read(self) -> Mapping[str, float]:
-        """Return what has come in, send the command, and take the next step of a walk.
+        """Take the next step of a walk, send the command, and return the values by signal, SI.
+
+        Returns:
+            The inputs; empty if no status message came since the last call.
 
         Raises:
             DriverError: the valve is lost, has met a fault, left its state, or does not take a
-                step in time. An emergency and a fault are raised once each; a valve that is lost,
-                as long as it is.
+                step in time. An emergency and a fault are raised once each. The error of a lost
+                valve is raised at every call while it is lost.
         """
         valve = self._connected()
         try:
@@ -123,7 +128,7 @@ class CanValve:
             raise self._fault(f"is in {state.name}: {why}", action)
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Ask for a target, a setpoint, or both; refuses without sending anything.
+        """Set a target state, a setpoint, or both; nothing is sent if one of them is refused.
 
         Raises:
             DriverError: there is no such output or value, or the valve or its bus is lost.
@@ -159,10 +164,12 @@ class CanValve:
         valve.command(self._walk.word, self._sent_setpoint)
 
     def safe_state(self) -> None:
-        """Let go of the spool: DISABLED with setpoint 0, or a fault state no higher than that.
+        """Bring the valve to DISABLED, or a fault state as low, so that nothing drives the spool.
+
+        The setpoint becomes 0.
 
         Raises:
-            DriverError: the valve has not confirmed it in time; names where it stands.
+            DriverError: the valve has not confirmed it in time; the message names its state.
         """
         self._walk.disable()
         self._setpoint = 0.0
@@ -178,9 +185,10 @@ class CanValve:
                 self.close()
 
     def _above_disabled(self) -> str:
-        """Ask for DISABLED, by a new connection if need be; return where the valve stands instead.
+        """Command DISABLED, and return the state in which the valve is instead, or an error's text.
 
-        Empty if it is disabled; its watchdog is then off, since nobody need be there any more.
+        The text is empty if the valve is disabled; its watchdog is then switched off, since this
+        host may leave. After an error there is a new connection for the next attempt.
         """
         valve = self._valve or self._connect()
         try:
@@ -195,7 +203,7 @@ class CanValve:
         return ""
 
     def close(self) -> None:
-        """Let go of the bus; a valve that was not brought to its safe state goes to a fault."""
+        """Close the bus; the watchdog of a valve that is not in its safe state then acts."""
         if self._valve is not None:
             self._valve.close()
         self._valve = None

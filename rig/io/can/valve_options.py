@@ -1,4 +1,4 @@
-"""What a rig file says of a digital servovalve."""
+"""The options of a digital servovalve in a rig file."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -16,10 +16,10 @@ class CanValveOptions(CanOptions):
         node: the valve's CANopen node id.
         setpoint: where its setpoint comes from: the valve's analog input or the bus.
         full_stroke: travel of the spool at 100 %.
-        open_timeout: how long `open` waits for the valve to be heard.
+        open_timeout: how long `open` waits for the valve's heartbeat, and then for its status.
         step_timeout: how long one transition of its state may take, and `safe_state` as a whole.
-        watchdog: silence of this host at which the valve goes to a fault; 0 for never. Longer than
-            the rig file's `field_silence`, so that a trip names who fell silent.
+        watchdog: silence of this host at which the valve goes to a fault; 0 for never. It should be
+            longer than the rig file's `field_silence`, so that a trip names the silent process.
     """
 
     node: Annotated[int, _Quantity("", 1, 126, "", "CiA 301; 127 is this host")] = 5

@@ -1,4 +1,4 @@
-"""Driver of the leak-flow meters: three of them on one serial line, read only."""
+"""The driver of the leak-flow meters: three meters on one serial line, which are only read."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -16,10 +16,10 @@ from .lines import LineCounts, MeterLineParser
 
 _FIRST_RETRY_S: Final = 0.1
 _LAST_RETRY_S: Final = 2.0
-"""An unplugged line is tried again after twice the time each, from the first to the last."""
+"""Longest wait before an unplugged line is opened again; the wait doubles after each attempt."""
 
 _READ_BYTES: Final = 4096
-"""More than comes between two readings at any rate that is allowed."""
+"""Bytes to read at once, more than come between two readings at any rate that is allowed."""
 
 _LOOK_S: Final = 0.02
 
@@ -34,9 +34,9 @@ class FlowMeterOptions:
 
     Attributes:
         port: serial port.
-        baud: of the line; 8 data bits, no parity, 1 stop bit.
+        baud: baud rate of the line, which has 8 data bits, no parity and 1 stop bit.
         rate: how often the line is read; the meters themselves send their flow 10 times a second.
-        stale: silence after which a meter has no value.
+        stale: silence of a meter after which its value is missing.
     """
 
     port: str
@@ -47,12 +47,12 @@ class FlowMeterOptions:
 
 @dataclass
 class MeterDiagnostics:
-    """What became of the line so far.
+    """Counts of what happened on the serial line so far.
 
     Attributes:
-        lines: what came over it.
-        unplugged: how often it was lost.
-        reopened: how often it came back.
+        lines: counts of the text lines that came.
+        unplugged: how often the serial line was lost.
+        reopened: how often it was opened again.
     """
 
     lines: LineCounts
@@ -61,18 +61,18 @@ class MeterDiagnostics:
 
 
 class FlowMeters:
-    """The leak-flow meters of a rig; meter 1, 2 and 3 are the flows of `METERS` in order.
+    """The driver of a rig's leak-flow meters; meters 1, 2 and 3 are the signals `METERS` in order.
 
-    An unplugged line is no error: its meters read NaN until it is back.
+    An unplugged line is no error: its meters read NaN until it is plugged in again.
 
     Args:
-        name: name in the rig file.
-        options: its section there.
+        name: name of the driver in the rig file.
+        options: the driver's section there.
         clock: returns the time in ns.
-        sleep: waits for a time in s, in `open` only.
+        sleep: waits for a time in s; only `open` uses it.
 
     Attributes:
-        diagnostics: counts of what came and went.
+        diagnostics: counts of what happened on the line so far.
     """
 
     kind: ClassVar[Literal["fast", "slow"]] = "slow"
@@ -101,10 +101,10 @@ class FlowMeters:
         self._retry_ns = 0
 
     def open(self) -> None:
-        """Open the line, and wait until a meter has been heard.
+        """Open the serial line, and wait until a valid text line of a meter has come.
 
         Raises:
-            DriverError: there is no such port, or nothing valid comes over it in time.
+            DriverError: the port cannot be opened, or no valid line comes in time.
         """
         if self._is_open:
             return
@@ -128,10 +128,12 @@ class FlowMeters:
             self._sleep(_LOOK_S)
 
     def read(self) -> Mapping[str, float]:
-        """Return the flows in m^3/s that came since the last call; NaN for a silent meter.
+        """Return the newest flows in m^3/s that came since the last call, by signal.
+
+        A meter of which none came is left out; it is NaN once it has been silent for `stale`.
 
         Raises:
-            DriverError: it is not open.
+            DriverError: the driver is not open.
         """
         if not self._is_open:
             raise DriverError(self.name, "is not open", "open it first")
@@ -144,7 +146,7 @@ class FlowMeters:
         return flows
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Refuse: the meters have no outputs.
+        """Refuse every output, since the meters have none; do nothing if none is given.
 
         Raises:
             DriverError: an output is given.
@@ -154,10 +156,10 @@ class FlowMeters:
             raise DriverError(self.name, "is not an output", action, ", ".join(outputs))
 
     def safe_state(self) -> None:
-        """Do nothing: the meters move nothing."""
+        """Do nothing, since the meters move nothing."""
 
     def close(self) -> None:
-        """Close the line; harmless when repeated."""
+        """Close the line; repeated calls do no harm."""
         self._is_open = False
         self._let_go()
 
@@ -166,11 +168,11 @@ class FlowMeters:
         return round(self._options.stale * 1e9)
 
     def _plugged(self) -> serial.Serial:
-        # Opening discards what has waited in the line.
+        # Opening discards the bytes that were waiting in the line.
         return serial.Serial(self._options.port, self._options.baud, timeout=0, exclusive=True)
 
     def _take(self) -> dict[str, float]:
-        """Return what the line has for us, the newest of each meter."""
+        """Return the newest flow in m^3/s of each meter that sent one, by signal."""
         if self._port is None:
             return {}
         try:
@@ -189,7 +191,7 @@ class FlowMeters:
         self._retry_ns = self._clock() + round(self._retry_s * 1e9)
 
     def _replug(self) -> None:
-        """Try to open a lost line again, if it is time to."""
+        """Try to open a lost line again, if the wait since the last attempt is over."""
         if self._port is not None or self._clock() < self._retry_ns:
             return
         try:

@@ -1,8 +1,8 @@
-r"""The flow meters' line protocol: ASCII, one line a meter and sample, unsolicited.
+r"""The flow meters' line protocol: a meter sends one ASCII line for each sample, without request.
 
-`$FM,<meter>,<flow>,<status>*<checksum>\r\n`: meter 1, 2 or 3; flow in L/min with 3 decimals; status
-in hexadecimal, bit 0 a sensor fault; checksum the exclusive or of all characters between `$` and
-`*`, as 2 hexadecimal digits (as in NMEA 0183).
+A line is `$FM,<meter>,<flow>,<status>*<checksum>\r\n`. The meter is 1, 2 or 3. The flow is in L/min
+with 3 decimals. The status is hexadecimal; its bit 0 means a sensor fault. The checksum is the
+exclusive or of all characters between `$` and `*`, as 2 hexadecimal digits (as in NMEA 0183).
 """
 
 import re
@@ -20,11 +20,11 @@ _LINE: Final = re.compile(
     rb"\*(?P<checksum>[0-9A-F]{2})\r"
 )
 _LONGEST: Final = 32
-"""Bytes up to the line feed that any valid line has room in."""
+"""Number of bytes before the line feed that no valid line exceeds."""
 
 
 class MeterLine(NamedTuple):
-    """What one line says: number of the meter, flow in m^3/s, NaN if its sensor has failed."""
+    """One line as values: number of the meter, and flow in m^3/s, NaN if its sensor has failed."""
 
     meter: int
     flow: float
@@ -32,12 +32,12 @@ class MeterLine(NamedTuple):
 
 @dataclass
 class LineCounts:
-    """What has come over the line so far.
+    """Counts of the text lines that have come so far.
 
     Attributes:
-        valid: lines understood.
-        checksum_errors: lines with a wrong checksum.
-        malformed: anything else that ended in a line feed.
+        valid: number of valid lines.
+        checksum_errors: number of lines with a wrong checksum.
+        malformed: number of other texts that ended in a line feed.
     """
 
     valid: int = 0
@@ -49,7 +49,7 @@ class MeterLineParser:
     """Finds the valid lines in a stream of bytes, however it is cut and whatever else is in it.
 
     Attributes:
-        counts: what has come so far.
+        counts: counts of the lines so far.
     """
 
     def __init__(self) -> None:
@@ -57,15 +57,15 @@ class MeterLineParser:
         self._begun = b""
 
     def feed(self, data: bytes) -> list[MeterLine]:
-        """Return the lines that end in these bytes."""
+        """Return the valid lines that end in these bytes; the rest is kept for the next call."""
         *ended, begun = (self._begun + data).split(b"\n")
-        # No valid line is longer, so whatever stands before is none.
+        # No valid line is longer than this, so that earlier bytes can belong to none.
         self._begun = begun[-_LONGEST:]
         found = (self._parse(line) for line in ended)
         return [line for line in found if line is not None]
 
     def _parse(self, line: bytes) -> MeterLine | None:
-        # A line that was cut, or noise, may stand before it.
+        # Noise, or a part of another line, may precede the valid line.
         match = _LINE.fullmatch(line, max(line.rfind(b"$"), 0))
         if match is None:
             self.counts.malformed += 1

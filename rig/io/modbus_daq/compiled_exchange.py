@@ -1,7 +1,8 @@
 """The exchange with a Modbus device once a tick: patch the prebuilt frame, send, receive, decode.
 
-It waits by ppoll for what is left until the deadline, keeps what came of a reply that is cut off,
-and knows each reply by its transaction id: one that comes too late is dropped when it comes.
+It waits in ppoll until the deadline at most. The part of an incomplete reply that has come stays in
+the receive buffer for the next exchange. A reply is recognised by its transaction id, so that one
+that comes too late is dropped when it comes.
 """
 
 from enum import IntEnum
@@ -24,18 +25,18 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 TYPES: Final = tuple(WORDS)
-"""The types of registers, by the index that stands for each in a plan."""
+"""The types of registers; a plan gives a type by its index here."""
 
 
 class Tally(IntEnum):
     """Index of each number in `ExchangePlan.tally`."""
 
     RECEIVED = 0
-    """Bytes at the start of the receive buffer that await the rest of their frame."""
+    """Number of bytes at the start of the receive buffer whose frame is not yet complete."""
     LATE = 1
-    """Late replies dropped so far."""
+    """Number of late replies that were dropped so far."""
     EXCEPTION = 2
-    """Exception code of the last refusal; 0 none so far."""
+    """Exception code of the device's last refusal; 0 before the first."""
 
 
 _U16, _I16, _U32, _I32, _F32 = range(len(TYPES))
@@ -54,18 +55,18 @@ _CODE: Final = int(Tally.EXCEPTION)
 
 _HEADER: Final = LENGTH_AT + 2
 _SHORTEST_REPLY: Final = FUNCTION_AT + 2
-"""An exception's: unit, function and code after the header."""
+"""Bytes of the shortest reply, an exception: header, unit, function and code."""
 _REFUSED: Final = 0x80
-"""Set in the function code of an exception (V1.1b3, section 7)."""
+"""Bit that is set in the function code of an exception reply (V1.1b3, section 7)."""
 _STILL_LATE: Final = 0x4000
-"""Transactions for which an unanswered request is remembered: 16 s at 1 kHz."""
+"""Number of latest transactions whose replies count as late, not as wrong: 16 s at 1 kHz."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def encode_outputs(plan, outputs):
     """Write outputs, float64 in the order of `FAST_OUTPUTS`, into the plan's frames.
 
-    What an integer register can't hold is clipped; NaN is written as 0.
+    A value beyond the range of an integer register is clipped to it. NaN is written as 0.
     """
     frames = plan.frames
     for row in range(plan.encode.shape[0]):
@@ -95,7 +96,7 @@ def encode_outputs(plan, outputs):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def decode_inputs(plan, inputs):
-    """Read inputs, float64 in the order of `FAST_INPUTS`, from the reply in the receive buffer."""
+    """Fill `inputs`, float64 in the order of `FAST_INPUTS`, from the reply in the buffer."""
     reply = plan.received
     for row in range(plan.decode.shape[0]):
         at, kind, bit = plan.decode[row, 1], plan.decode[row, 2], plan.decode[row, 3]
@@ -123,7 +124,7 @@ def decode_inputs(plan, inputs):
 
 @inner
 def _drop(plan, size):
-    """Take `size` bytes off the start of the receive buffer."""
+    """Remove `size` bytes from the start of the receive buffer."""
     left = plan.tally[_RECEIVED] - size
     for index in range(left):
         plan.received[index] = plan.received[size + index]
@@ -132,7 +133,10 @@ def _drop(plan, size):
 
 @inner
 def _judge_reply(plan, transaction, size):
-    """Return the status of a reply with the right id, whole at the start of the buffer."""
+    """Return the status of a whole reply of `size` bytes with the right transaction id.
+
+    The reply is at the start of the receive buffer.
+    """
     reply, frames = plan.received, plan.frames
     start, head_size = plan.transactions[transaction, 0], plan.transactions[transaction, 3]
     function = frames[start + FUNCTION_AT]
@@ -151,7 +155,10 @@ def _judge_reply(plan, transaction, size):
 
 @inner
 def _receive_reply(fd, plan, transaction, deadline_ns):
-    """Wait for the reply to a transaction; a reply that fits stays at the start of the buffer."""
+    """Wait for the reply to a transaction, and return its `ExchangeStatus`.
+
+    After OK the reply is at the start of the receive buffer. All other whole replies are dropped.
+    """
     reply, tally = plan.received, plan.tally
     start = plan.transactions[transaction, 0]
     expected = np.int64(plan.frames[start]) << 8 | np.int64(plan.frames[start + 1])
@@ -193,33 +200,34 @@ def _send_request(fd, plan, transaction, identifier):
     sent = libc.send(fd, plan.frames, start, stop)
     if sent == stop - start:
         return _OK
-    # Nothing sent may be tried again next time; the rest of half a frame can't be made up for.
+    # A request of which no byte was sent may be sent again; half a frame cannot be completed later.
     if sent < 0 and (libc.errno() == libc.EAGAIN or libc.errno() == libc.EINTR):
         return _TIMEOUT
     return _DISCONNECTED
 
 
 class ExchangePlan(NamedTuple):
-    """An exchange prepared: frames, where each value goes and comes from, and what it remembers.
+    """A prepared exchange: its frames, the place of each value in them, and its memory.
 
-    One plan serves one connection; every exchange changes it.
+    A plan serves one connection, and every exchange changes its arrays.
 
     Attributes:
         frames: uint8, the frames of all transactions, one after the other.
-        transactions: int64 (n, 4), of each: first byte and end in `frames`, size of its reply,
-            size of the reply's head.
-        identifiers: transaction ids that are counted for each exchange.
-        heads: uint8 (n, 5), the heads expected, from the function code on.
-        encode: int64 (outputs, 4): index in `FAST_OUTPUTS`, byte in `frames`, `TYPES` index, bit
-            or -1.
+        transactions: int64 (n, 4), for each transaction: first byte and end of its request in
+            `frames`, size of its reply in bytes, size of the reply's head in bytes.
+        identifiers: number of transaction ids by which the count goes on at each exchange.
+        heads: uint8 (n, 5), the bytes that each reply must have from its function code on.
+        encode: int64 (outputs, 4), for each output: index in `FAST_OUTPUTS`, byte in `frames`,
+            index in `TYPES`, and bit or -1.
         encode_scale: float64 (outputs, 2): gain and bias, SI = gain * number + bias.
-        decode: int64 (inputs, 4): index in `FAST_INPUTS`, byte in the last reply, type, bit.
-        decode_scale: float64 (inputs, 2), as for outputs.
-        low_word_first: int64 (1,), 1 if 32-bit values come so.
+        decode: int64 (inputs, 4), for each input: index in `FAST_INPUTS`, byte in the last reply,
+            index in `TYPES`, and bit or -1.
+        decode_scale: float64 (inputs, 2): gain and bias, as for outputs.
+        low_word_first: int64 (1,), 1 if the low word of a 32-bit value comes first, else 0.
         received: uint8, the receive buffer.
-        word: uint32 (1,), a 32-bit value on its way to or from float.
-        single: float32 (1,), the same memory.
-        tally: int64 (3,), by `Tally`.
+        word: uint32 (1,), scratch for a 32-bit value that is converted to or from float.
+        single: float32 (1,), the same memory as `word`.
+        tally: int64 (3,), indexed by `Tally`.
     """
 
     frames: Bytes
@@ -238,14 +246,14 @@ class ExchangePlan(NamedTuple):
 
     @njit(cache=True, error_model="numpy", nogil=True)
     def exchange(self, fd, sequence, outputs, inputs, deadline_ns):
-        """Exchange by one transaction or several; see `rig.io.driver.Plan.exchange`.
+        """Write outputs and read inputs by all transactions; see `rig.io.driver.Plan.exchange`.
 
         Args:
             fd: a connected socket in blocking mode.
-            sequence: the transaction ids follow from it.
-            outputs: `FAST_OUTPUTS`.
-            inputs: `FAST_INPUTS`.
-            deadline_ns: for all replies together.
+            sequence: number of the exchange, from which its transaction ids follow.
+            outputs: values of `FAST_OUTPUTS`, SI.
+            inputs: filled with the values of `FAST_INPUTS`, SI.
+            deadline_ns: deadline of all replies together, on CLOCK_MONOTONIC.
         """
         inputs[:] = np.nan
         sent_ns = 0
@@ -257,7 +265,7 @@ class ExchangePlan(NamedTuple):
             if status != _OK:
                 return status, sent_ns
             if transaction == 0:
-                # The outputs are in the first one, whatever the mode.
+                # In every mode the first transaction carries the outputs.
                 sent_ns = libc.monotonic_ns()
             status = _receive_reply(fd, self, transaction, deadline_ns)
             if status != _OK:
@@ -269,7 +277,7 @@ class ExchangePlan(NamedTuple):
 
 
 def exception_text(plan: ExchangePlan) -> str:
-    """Return what the device answered to the last request that it refused."""
+    """Return the Modbus exception by which the device last refused a request, with its name."""
     return exception_name(int(plan.tally[_CODE]))
 
 

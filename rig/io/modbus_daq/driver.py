@@ -1,7 +1,7 @@
-"""Driver of an I/O device on Modbus/TCP: the fast one, which the loop exchanges samples with.
+"""The fast driver of an I/O device on Modbus/TCP, with which the loop exchanges samples.
 
-Set-up, diagnosis and nulling go by pymodbus, each over a connection of its own; samples go over
-one more, by the compiled exchange (`rig.io.modbus_daq.compiled_exchange`).
+Set-up, diagnosis and nulling use pymodbus, each over a connection of its own. Samples are exchanged
+over one more connection, by compiled code (`rig.io.modbus_daq.compiled_exchange`).
 """
 
 import socket
@@ -25,7 +25,7 @@ from .register_map import ExchangeMode, RegisterMap
 from .setup import set_up, verify
 
 _EXCHANGES_IN_WATCHDOG: Final = 3
-"""Fewer, and one reply that comes late would trip the device."""
+"""Least number of exchanges in the watchdog's time; with fewer, one late reply would trip it."""
 
 _NANOSECONDS: Final = 1e9
 
@@ -42,13 +42,13 @@ class ModbusDaqOptions:
     """Keys of the device in a rig file.
 
     Attributes:
-        host: its name or address.
-        map: its registers, a file of `config/maps`.
-        port: its TCP port.
-        unit: its unit id.
-        exchange: how samples are exchanged; None takes the map's first.
-        watchdog: its own watchdog's time; needed where it has one.
-        rate: exchanges in a second; None takes the map's.
+        host: network name or address of the device.
+        map: registers of the device, a file of `config/maps`.
+        port: TCP port of the device.
+        unit: Modbus unit id of the device.
+        exchange: how samples are exchanged; if it is not given, the first way in the map.
+        watchdog: time of the device's own watchdog; required if the device has one.
+        rate: exchanges in a second; if it is not given, the rate of the map.
         timeout: longest wait for a connection, or for a reply outside the loop.
     """
 
@@ -63,11 +63,11 @@ class ModbusDaqOptions:
 
 
 class ModbusDaq:
-    """An I/O device on Modbus/TCP.
+    """The driver of an I/O device on Modbus/TCP.
 
     Args:
-        name: its name in the rig file.
-        options: its section there.
+        name: name of the driver in the rig file.
+        options: the driver's section there.
 
     Raises:
         DriverError: the options do not fit the map.
@@ -86,7 +86,7 @@ class ModbusDaq:
         self._check()
         self._socket: socket.socket | None = None
         self._plan = exchange_plan(self._map, self._mode, options.unit)
-        # On the same connection: what is left of a reply to one is received by the other.
+        # Both plans use one connection: either may receive the rest of a reply to the other.
         self._look = look_plan(self._map, self._mode, options.unit)._replace(
             received=self._plan.received, tally=self._plan.tally
         )
@@ -95,24 +95,24 @@ class ModbusDaq:
         self._found = np.full(len(FAST_INPUTS), np.nan)
 
     def open(self) -> None:
-        """Connect, verify that it is the device of the map, and set it up; no output changes.
+        """Connect, verify that the device is that of the map, and set it up; no output changes.
 
         Raises:
-            DriverError: nobody answers, another device does, or it is too slow.
+            DriverError: no device answers, another one does, or the device is too slow.
         """
         if self._socket is not None:
             return
         with self._link() as link:
             verify(link, self._map, self.rate_hz)
             set_up(link, self._map, self._options.watchdog)
-        # What a connection before this one left unfinished is none of this one's.
+        # Bytes that are left from an earlier connection do not belong to this one.
         self._plan.tally[Tally.RECEIVED] = 0
-        # Compiled, or loaded, here rather than within the first deadline.
+        # This call makes numba compile or load the exchange now, not within the first deadline.
         self._plan.exchange(-1, 0, self._given, self._found, 0)
         self._socket = self._connected()
 
     def fileno(self) -> int:
-        """Return the socket that samples are exchanged over; blocking, as compiled code needs it.
+        """Return the descriptor of the socket for samples, in blocking mode for compiled code.
 
         Raises:
             DriverError: the device is not open.
@@ -124,11 +124,11 @@ class ModbusDaq:
         return self._plan
 
     def look_plan(self) -> ExchangePlan:
-        """Return the plan of an exchange over this socket that reads and writes nothing."""
+        """Return the plan of an exchange over this socket that reads, and writes no output."""
         return self._look
 
     def read(self) -> Mapping[str, float]:
-        """Exchange once with the outputs as they are, and return the inputs.
+        """Exchange once with unchanged outputs, and return the inputs by signal, SI.
 
         Raises:
             DriverError: the device is lost, or refuses.
@@ -137,12 +137,13 @@ class ModbusDaq:
         return {signal: float(self._found[FAST_INPUTS.index(signal)]) for signal in self.inputs}
 
     def write(self, outputs: Mapping[str, float]) -> None:
-        """Exchange once with some outputs set anew, the others as they were.
+        """Exchange once with the given outputs changed and all others unchanged.
 
-        `host_counter` counts by itself.
+        The driver counts `host_counter` up by itself.
 
         Raises:
-            DriverError: the device is lost, refuses, or has no such output.
+            DriverError: the device has no such output, the value is not finite, or the device is
+                lost or refuses.
         """
         for signal, value in outputs.items():
             if signal not in self.outputs:
@@ -157,32 +158,34 @@ class ModbusDaq:
         self._exchange()
 
     def safe_state(self) -> None:
-        """Null the valve over a new connection, and return when the device says that it is.
+        """Bring the valve to null over a new connection, and return when the device reports that.
 
-        A device with a null request latches it. One without takes 0 V and valve off like any other
-        command, so that nobody must be exchanging with it any more.
+        A device that has a null request latches it. Any other device is sent 0 V and "valve off" as
+        an ordinary command, so that no exchanges may go on with it, which would overwrite that.
 
         Raises:
-            DriverError: it was not confirmed in time; the valve may still be driven.
+            DriverError: the device did not confirm in time; the valve may still be driven.
         """
         self._given[:] = 0.0
         with self._link() as link:
             null(link, self._map, self._options.timeout)
 
     def driven(self) -> str:
-        """Return what of the valve is not at null, over a new connection; empty if nothing is.
+        """Return a text that names what of the valve is not at null; empty if all is at null.
+
+        The state is read over a new connection.
 
         Raises:
-            DriverError: nobody answers.
+            DriverError: the device does not answer.
         """
         with self._link() as link:
             return next(driven(link, self._map), "")
 
     def diagnostics(self) -> Mapping[str, float]:
-        """Return what the device says of itself, over a new connection; see the map's `facts`.
+        """Return the identity, map version and `facts` of the map by name, over a new connection.
 
         Raises:
-            DriverError: nobody answers, or another device does.
+            DriverError: no device answers, or another one does.
         """
         with self._link() as link:
             verify(link, self._map, self.rate_hz)
@@ -194,7 +197,7 @@ class ModbusDaq:
             }
 
     def close(self) -> None:
-        """Close the connection; harmless when repeated."""
+        """Close the connection; repeated calls do no harm."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -238,7 +241,7 @@ class ModbusDaq:
         except OSError as error:
             state = f"{self._map.device} takes no second connection: {error.strerror or error}"
             raise DriverError(self.name, state, "end other programs that use it") from error
-        # Blocking for good: a timeout would make it non-blocking underneath.
+        # Compiled code needs a blocking socket; Python makes one with a timeout non-blocking.
         found.settimeout(None)
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return found

@@ -1,7 +1,8 @@
-"""The request frames of an exchange as bytes, with the places of their values.
+"""The request frames of an exchange as bytes, with the place of each value in them.
 
-Modbus Application Protocol V1.1b3, sections 6.3 (read), 6.12 (write) and 6.17 (both), in the frame
-of "Modbus Messaging on TCP/IP" V1.0b, 3.1.3; function 76 as in LabJack's "Protocol Details".
+The requests follow the Modbus Application Protocol V1.1b3, sections 6.3 (read), 6.12 (write) and
+6.17 (both), in the frame of "Modbus Messaging on TCP/IP" V1.0b, section 3.1.3. Function 76 follows
+LabJack's "Protocol Details".
 """
 
 import struct
@@ -11,10 +12,10 @@ from typing import Final, NamedTuple
 from .register_map import ExchangeMode, RegisterMap, Span, block, spans
 
 TRANSACTION_AT: Final = 0
-"""Byte of a frame at which its transaction id stands, high byte first."""
+"""Byte of a frame at which its transaction id begins, high byte first."""
 
 LENGTH_AT: Final = 4
-"""Byte at which the length of what follows it stands."""
+"""Byte of a frame at which the number of bytes after that number begins, high byte first."""
 
 UNIT_AT: Final = 6
 FUNCTION_AT: Final = 7
@@ -24,14 +25,14 @@ _FEEDBACK_READ, _FEEDBACK_WRITE = 0, 1
 
 
 class Request(NamedTuple):
-    """One transaction: the frame to send, and what its reply looks like.
+    """One transaction: the frame that is sent, and the form of its reply.
 
     Attributes:
         frame: the frame with transaction id 0 and all values 0.
-        reply_head: what the reply must have from its function code up to its values.
-        reply_size: bytes of the reply.
-        written: byte of the frame at which each register written stands, by address.
-        returned: byte of the reply at which each register read stands, by address.
+        reply_head: the bytes that the reply must have from its function code up to its values.
+        reply_size: length of the reply in bytes.
+        written: byte of the frame at which the value of each written register begins, by address.
+        returned: byte of the reply at which the value of each read register begins, by address.
     """
 
     frame: bytes
@@ -44,11 +45,11 @@ class Request(NamedTuple):
 def exchange_requests(
     register_map: RegisterMap, mode: ExchangeMode, unit: int
 ) -> tuple[Request, ...]:
-    """Return the transactions that exchange all outputs and inputs, in their order.
+    """Return the transactions that exchange all outputs and inputs, in the order of sending.
 
     Args:
         register_map: the device's registers.
-        mode: one of the map's.
+        mode: one of the modes in the map's `exchange`.
         unit: unit id, 0 to 255.
     """
     read, written = register_map.read, register_map.written
@@ -60,7 +61,10 @@ def exchange_requests(
 
 
 def look_request(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> Request:
-    """Return the transaction that reads all inputs and writes nothing; arguments as above."""
+    """Return the transaction that reads all inputs and writes no output.
+
+    The arguments are those of `exchange_requests`.
+    """
     if mode == "fc76":
         return feedback(unit, spans(register_map.read), ())
     return read_registers(unit, block(register_map.read))
@@ -87,7 +91,10 @@ def read_write(unit: int, read: Span, written: Span) -> Request:
 
 
 def feedback(unit: int, read: Sequence[Span], written: Sequence[Span]) -> Request:
-    """Return a request of LabJack's function 76: its frames act in order, so writes come first."""
+    """Return a request of LabJack's function 76, which writes first and then reads.
+
+    The device carries out the parts of the request in their order.
+    """
     pdu = bytes((_FEEDBACK,))
     places = []
     for span in written:
@@ -106,7 +113,16 @@ def _request(
     written: Sequence[tuple[int, Span]],
     read: Sequence[Span],
 ) -> Request:
-    """Frame a protocol data unit; a run written at its very end still gets room for its values."""
+    """Return the request of a protocol data unit, put into a frame.
+
+    Args:
+        unit: unit id.
+        pdu: the protocol data unit; zeros are appended if the values of its last run are missing.
+        reply_head: the bytes that the reply must begin with, from its function code on.
+        written: runs of registers that are written, each with the byte of `pdu` at which its values
+            begin.
+        read: runs of registers that the reply holds, in order.
+    """
     room = max((at + 2 * span.size for at, span in written), default=0)
     pdu = pdu.ljust(room, b"\0")
     places = {

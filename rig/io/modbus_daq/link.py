@@ -1,4 +1,4 @@
-"""A connection to a Modbus device for its single registers: set-up, diagnosis and nulling."""
+"""A connection to a Modbus device by which set-up, diagnosis and nulling use single registers."""
 
 import logging
 from types import TracebackType
@@ -13,7 +13,7 @@ from rig.io.driver import DriverError
 from .compiled_exchange import exception_name
 from .register_map import WORDS, RegisterMap, RegisterType, RegisterValue
 
-# What pymodbus has to say is raised as DriverError; it need not be on the screen as well.
+# Errors of pymodbus are raised as DriverError, so that they need not be printed as well.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 _TYPES: Final = {
@@ -26,10 +26,10 @@ _TYPES: Final = {
 
 
 class RefusedError(DriverError):
-    """A device that answers a request with an exception.
+    """Raised when a device answers a request with a Modbus exception.
 
     Attributes:
-        exception: code and name.
+        exception: code and name of the exception.
     """
 
     def __init__(self, driver: str, device: str, channel: str, code: int) -> None:
@@ -43,22 +43,22 @@ class RefusedError(DriverError):
 
 
 class DaqLink:
-    """One connection, open while it is the context of a `with`.
+    """One connection, which is opened when it is made and closed at the end of its `with` block.
 
     Args:
-        driver: name of the driver, for errors.
-        host: of the device.
-        port: of the device.
-        unit: its unit id.
-        register_map: for its name and its word order.
-        timeout_s: for the connection, and for each reply.
+        driver: name of the driver, for error messages.
+        host: network name or address of the device.
+        port: TCP port of the device.
+        unit: Modbus unit id of the device.
+        register_map: map of the device, for its name and its word order.
+        timeout_s: longest time in s for the connection, and for each reply.
 
     Attributes:
         driver: name of the driver.
         place: host and port.
 
     Raises:
-        DriverError: nobody answers there.
+        DriverError: no device answers there.
     """
 
     def __init__(
@@ -94,10 +94,10 @@ class DaqLink:
         self._client.close()
 
     def read(self, address: int, kind: RegisterType) -> float:
-        """Return the number that a register holds.
+        """Return the number that a register holds, not scaled.
 
         Raises:
-            DriverError: no reply, or the device refuses.
+            DriverError: the device does not reply, or refuses.
         """
         words = WORDS[kind]
         reply = self._answered(
@@ -113,10 +113,10 @@ class DaqLink:
         return float(number)
 
     def write(self, value: RegisterValue) -> None:
-        """Write a number into a register.
+        """Write the number of `value` into its register, rounded unless the register is F32.
 
         Raises:
-            DriverError: no reply, or the device refuses.
+            DriverError: the device does not reply, or refuses.
         """
         number = value.value if value.type == "F32" else round(value.value)
         registers = self._client.convert_to_registers(
@@ -128,10 +128,10 @@ class DaqLink:
         )
 
     def holds(self, value: RegisterValue) -> bool:
-        """Return whether a register holds a value.
+        """Return whether the register of `value` holds the number of `value`.
 
         Raises:
-            DriverError: no reply, or the device refuses.
+            DriverError: the device does not reply, or refuses.
         """
         return self.read(value.address, value.type) == value.value
 

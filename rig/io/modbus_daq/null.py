@@ -1,4 +1,4 @@
-"""How a Modbus device is brought to null, and how it shows that it is there."""
+"""Brings the valve of a Modbus device to null, and reads whether it is there."""
 
 import time
 from collections.abc import Iterator
@@ -10,22 +10,22 @@ from .link import DaqLink
 from .register_map import Register, RegisterMap, RegisterValue
 
 _COMMANDED: Final = ("command_V", "valve_enable")
-"""Set to 0, in this order, where there is no null request."""
+"""Outputs that are set to 0, in this order, on a device without a null request."""
 
 _REPORTED: Final = ("device_command_V", "valve_enabled")
 _POLL_S: Final = 0.002
 
 
 def null(link: DaqLink, register_map: RegisterMap, timeout_s: float) -> None:
-    """Bring the valve to 0 V and off, and wait until all that the device reports of it says so.
+    """Bring the valve to 0 V and switch it off, and wait until the device reports both.
 
     Args:
-        link: to the device.
-        register_map: its registers.
-        timeout_s: longest time that this may take.
+        link: connection to the device.
+        register_map: the device's registers.
+        timeout_s: longest time in s that the device may take.
 
     Raises:
-        DriverError: it was refused, or not confirmed in time.
+        DriverError: the device refused, or did not confirm in time.
     """
     refusals = []
     for value in _requests(register_map):
@@ -47,7 +47,7 @@ def null(link: DaqLink, register_map: RegisterMap, timeout_s: float) -> None:
 
 
 def _requests(register_map: RegisterMap) -> list[RegisterValue]:
-    """Return what brings the valve to null, in order."""
+    """Return the values whose writing brings the valve to null, in order."""
     if register_map.null_request is not None:
         return [register_map.null_request]
     registers = {register.signal: register for register in register_map.written}
@@ -56,7 +56,7 @@ def _requests(register_map: RegisterMap) -> list[RegisterValue]:
 
 
 def _waiting(link: DaqLink, register_map: RegisterMap) -> str:
-    """Return what the device has not done yet of what it was asked for; empty if nothing."""
+    """Return a text that says why the valve is not yet at null; empty if it is."""
     request = register_map.null_request
     if request is not None and not link.holds(request):
         return "has not taken the request"
@@ -65,10 +65,12 @@ def _waiting(link: DaqLink, register_map: RegisterMap) -> str:
 
 
 def driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:
-    """Yield what of the valve is not at null, of all that the device reports.
+    """Yield a text for each quantity of the valve that the device reports and that is not 0.
+
+    On a device without a null request, outputs that can be read back count as well.
 
     Raises:
-        DriverError: no reply, or the device refuses.
+        DriverError: the device does not reply, or refuses.
     """
     request = register_map.null_request
     for register in register_map.registers:
@@ -80,7 +82,7 @@ def driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:
 
 
 def _number_at_zero(register: Register) -> float:
-    """Return the number that stands for 0; the whole word of a switch."""
+    """Return the number that a register holds for the value 0; for a switch, the whole word."""
     number = (0.0 - register.bias) / register.gain
     return number * (1 << register.bit) if register.bit is not None else number
 

@@ -1,4 +1,4 @@
-"""An exchange prepared: its frames as arrays, and where each value goes and comes from."""
+"""Prepares exchanges: makes arrays of the frames and of the place of each value in them."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -15,11 +15,11 @@ _LONGEST_HEAD: Final = 5
 
 
 def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
-    """Return the plan of an exchange.
+    """Return the plan of an exchange that writes all outputs and reads all inputs.
 
     Args:
         register_map: the device's registers.
-        mode: one of its `exchange`.
+        mode: one of the modes in the map's `exchange`.
         unit: unit id of the device, 0 to 255.
     """
     requests = exchange_requests(register_map, mode, unit)
@@ -27,8 +27,11 @@ def exchange_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> E
 
 
 def look_plan(register_map: RegisterMap, mode: ExchangeMode, unit: int) -> ExchangePlan:
-    """Return the plan of an exchange that writes nothing; see `exchange_plan`."""
-    # Looks and exchanges are counted together: none may have an identifier of another.
+    """Return the plan of an exchange that reads all inputs and writes no output.
+
+    The arguments are those of `exchange_plan`.
+    """
+    # Looks and exchanges are counted together, so that no two have the same transaction id.
     identifiers = len(exchange_requests(register_map, mode, unit))
     return _plan(register_map, (look_request(register_map, mode, unit),), identifiers)
 

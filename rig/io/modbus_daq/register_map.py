@@ -1,7 +1,7 @@
-"""What a Modbus device holds at which address: the map its driver works by.
+"""The register map of a Modbus device, which gives its driver the address of each signal.
 
-A shipped map (config/maps) is this dataclass as YAML, field by field; a device that has no register
-for a signal leaves the signal out, and it reads NaN.
+A shipped map (config/maps) is this dataclass written as YAML, field by field. If a device has no
+register for a signal, its map leaves the signal out, and the signal reads NaN.
 """
 
 from collections.abc import Iterable
@@ -26,7 +26,7 @@ from .registers import (
     spans,
 )
 
-# All that who works by a map needs of it.
+# These are all the names that a user of register maps needs.
 __all__ = [
     "FEEDBACK_BYTES",
     "WORDS",
@@ -48,24 +48,26 @@ __all__ = [
 
 @dataclass(frozen=True)
 class RegisterMap:
-    """A device's registers, and what else its driver must know of it.
+    """The registers of a device, and the other properties that its driver must know.
 
     Attributes:
-        device: what to call it in messages.
-        exchange: the ways in which it can exchange outputs and inputs, the best first.
-        rate: exchanges it can do in a second, Hz.
-        registers: its signals.
-        identity: register and value by which it is known.
-        version: the same for the version of its map, if it has one.
-        word_order: of 32-bit values.
-        setup: written at the start, in order, unless the device has the last value of each already
-            (some keep them in flash, which wears).
-        watchdog: its watchdog, if it has one.
-        null_request: writing this brings its valve output to 0 and the valve off; reads back so.
-        facts: read for diagnostics; "greatest_rate_Hz", if there is one, further limits `rate`.
+        device: name of the device in messages.
+        exchange: the ways in which the device can exchange outputs and inputs, the best first.
+        rate: greatest number of exchanges in a second, Hz.
+        registers: the registers of the device's signals.
+        identity: register and value by which the device is recognised.
+        version: register and value by which the version of its map is recognised, if it has one.
+        word_order: order of the two words of a 32-bit value.
+        setup: values that are written at the start, in order, unless the device holds the last
+            value of each register already (some devices keep them in flash memory, which wears).
+        watchdog: the device's watchdog, if it has one.
+        null_request: value whose writing brings the valve output to 0 V and switches the valve off;
+            its register then reads back that value.
+        facts: registers that are read for diagnostics; "greatest_rate_Hz", if there is one,
+            limits `rate` further.
 
     Raises:
-        RegisterMapError: every rule that the values break.
+        RegisterMapError: the values break rules; the error names all of them.
     """
 
     device: str
@@ -87,12 +89,12 @@ class RegisterMap:
 
     @property
     def read(self) -> tuple[Register, ...]:
-        """Return the registers read in an exchange, by address."""
+        """Return the registers that are read in an exchange, ordered by address."""
         return _ordered(register for register in self.registers if register.signal in FAST_INPUTS)
 
     @property
     def written(self) -> tuple[Register, ...]:
-        """Return the registers written in an exchange, by address."""
+        """Return the registers that are written in an exchange, ordered by address."""
         return _ordered(register for register in self.registers if register.signal in FAST_OUTPUTS)
 
 

@@ -1,4 +1,4 @@
-"""The rules of register maps; all that are broken are reported at once."""
+"""The rules that a register map must keep; all broken rules are reported at once."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -24,25 +24,31 @@ if TYPE_CHECKING:
     from .register_map import RegisterMap
 
 READ_REGISTERS: Final = 125
-"""Most registers one request reads (Modbus Application Protocol V1.1b3, 6.3 and 6.17)."""
+"""Greatest number of registers that one request reads.
+
+Source: Modbus Application Protocol V1.1b3, sections 6.3 and 6.17.
+"""
 
 WRITE_REGISTERS: Final = {"fc23": 121, "fc16_fc3": 123}
-"""Most registers one request writes, by exchange mode (same, 6.17 and 6.12)."""
+"""Greatest number of registers that one request writes, by exchange mode.
+
+Source: Modbus Application Protocol V1.1b3, sections 6.17 and 6.12.
+"""
 
 FEEDBACK_BYTES: Final = 1040
-"""Longest packet of LabJack's feedback function over Ethernet (its "Protocol Details")."""
+"""Bytes of the longest packet of LabJack's feedback function by Ethernet ("Protocol Details")."""
 
 _LAST_ADDRESS: Final = 0xFFFF
 
 
 class MapProblem(NamedTuple):
-    """One rule that a register map breaks: where, what, and what would mend it."""
+    """One rule that a register map breaks, with the value that breaks it and a remedy."""
 
     path: tuple[str | int, ...]
-    """Field by field and index by index, where it stands in the map."""
+    """Place of the value in the map, as names of fields and indices from the outside in."""
     value: object
     limit: str
-    """What the value breaks, as the end of a sentence."""
+    """What is wrong with the value, as the end of a sentence that begins with the value."""
     remedy: str
 
     def __str__(self) -> str:
@@ -51,7 +57,7 @@ class MapProblem(NamedTuple):
 
 
 class RegisterMapError(ValueError):
-    """Everything wrong with one map, one line a problem.
+    """Raised with everything that is wrong with one map, one line for each problem.
 
     Attributes:
         problems: the problems, never empty.
@@ -66,9 +72,9 @@ class RegisterMapError(ValueError):
 
 
 def problems(given: "RegisterMap") -> list[MapProblem]:
-    """Return all that is wrong with a map."""
+    """Return everything that is wrong with a map; empty if nothing is."""
     found = [*_register_problems(given.registers), *_other_problems(given)]
-    # Blocks of registers that are wrong themselves would only repeat it.
+    # If single registers are wrong, the rules for blocks of them would only repeat that.
     return found or [*_block_problems(given)]
 
 

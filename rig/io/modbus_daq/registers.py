@@ -1,4 +1,4 @@
-"""The pieces of a register map: registers, what their numbers mean, and the runs they stand in."""
+"""The parts of a register map: registers, the meaning of their numbers, and runs of addresses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ RegisterType = Literal["U16", "I16", "U32", "I32", "F32"]
 ExchangeMode = Literal["fc23", "fc76", "fc16_fc3"]
 
 WORDS: Final = {"U16": 1, "I16": 1, "U32": 2, "I32": 2, "F32": 2}
-"""Registers of 16 bits that a value of each type takes."""
+"""Number of 16-bit registers that a value of each type takes."""
 
 UNITS: Final = {
     "": ("", 1.0),
@@ -29,13 +29,13 @@ UNITS: Final = {
     "m^3/s": ("m3_per_s", 1.0),
     "L/min": ("m3_per_s", LITRE_PER_MINUTE),
 }
-"""Units that a register may have: the ending of the signals that it fits, and its value in SI."""
+"""Units that a register may have, with the ending of the signals they fit and their size in SI."""
 
 _SHORTEST, _LONGEST = 1e-3, 3600.0
 
 
 class Span(NamedTuple):
-    """Registers one after the other."""
+    """A run of `size` registers, one after the other, from `address` on."""
 
     address: int
     size: int
@@ -43,7 +43,7 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class RegisterValue:
-    """A register, with the value that it has or shall get."""
+    """A register, with the number that it must hold or that is written into it."""
 
     address: int
     type: RegisterType
@@ -52,7 +52,7 @@ class RegisterValue:
 
 @dataclass(frozen=True)
 class Fact:
-    """A register that says something about the device; read for diagnostics, as it stands."""
+    """A register that describes the device; diagnostics show its number without scaling."""
 
     name: str
     address: int
@@ -61,17 +61,18 @@ class Fact:
 
 @dataclass(frozen=True)
 class Register:
-    """Where a signal is, and what its number means: `(scale * number + offset)` in `unit`.
+    """The register of one signal, whose value is `scale * number + offset` in `unit`.
 
     Attributes:
-        signal: its name in `rig.io.signals`.
-        address: its first register, from 0.
+        signal: name of the signal in `rig.io.signals`.
+        address: address of the signal's first register, counted from 0.
         type: how the number is coded.
-        access: "r" read in the exchange, "w" written in it, "rw" written and can be read back.
-        bit: for a switch in a U16 word, its bit, 0 the lowest.
-        scale: of one count, in `unit`; -1 with offset 1 inverts a switch.
-        offset: at number 0, in `unit`.
-        unit: one of `UNITS`; none for counters and switches.
+        access: "r" if it is read in the exchange, "w" if it is written in it, "rw" if it is written
+            in it and can be read back.
+        bit: bit of a switch in a U16 register, 0 being the lowest; None for a number.
+        scale: value of one count, in `unit`; -1 with offset 1 inverts a switch.
+        offset: value at number 0, in `unit`.
+        unit: one of `UNITS`; empty for counters and switches.
     """
 
     signal: str
@@ -96,15 +97,15 @@ class Register:
 
 @dataclass(frozen=True)
 class Watchdog:
-    """The device's own watchdog: where its time is set, and what arms it after that.
+    """The registers by which the device's own watchdog is set and armed.
 
     Attributes:
-        address: register of its time.
-        type: of that register.
-        counts_per_s: what the register holds for one second.
-        shortest: shortest time it can do, s.
-        longest: longest time it may have, s.
-        arm: written after the time, in order.
+        address: address of the register of the watchdog's time.
+        type: type of that register.
+        counts_per_s: number that the register holds for one second.
+        shortest: shortest time that the watchdog can have, s.
+        longest: longest time that it may have, s.
+        arm: values that are written after the time, in order, to arm the watchdog.
     """
 
     address: int
@@ -116,7 +117,7 @@ class Watchdog:
 
 
 def spans(registers: Sequence[Register]) -> tuple[Span, ...]:
-    """Return the runs without gap that registers, ordered by address, stand in."""
+    """Return the runs without gaps that registers make, which are given ordered by address."""
     found: list[Span] = []
     for register in registers:
         end = register.address + WORDS[register.type]
@@ -128,13 +129,13 @@ def spans(registers: Sequence[Register]) -> tuple[Span, ...]:
 
 
 def block(registers: Sequence[Register]) -> Span:
-    """Return the one run, gaps included, that registers, ordered by address, stand in."""
+    """Return the run from the first to the last register, gaps included; ordered by address."""
     runs = spans(registers)
     return Span(runs[0].address, runs[-1].address + runs[-1].size - runs[0].address)
 
 
 def feedback_bytes(read: Sequence[Span], written: Sequence[Span]) -> tuple[int, int]:
-    """Return the lengths of a feedback request (function 76) and of its reply."""
+    """Return the lengths in bytes of a feedback request (function 76) and of its reply."""
     header = 8
     words_out = sum(span.size for span in written)
     words_in = sum(span.size for span in read)

@@ -1,4 +1,4 @@
-"""What is done with a Modbus device before samples are exchanged: verified, then set up."""
+"""Verifies a Modbus device and sets it up, before samples are exchanged with it."""
 
 from typing import Final
 
@@ -8,14 +8,14 @@ from .link import DaqLink, RefusedError
 from .register_map import RegisterMap, RegisterValue
 
 GREATEST_RATE: Final = "greatest_rate_Hz"
-"""The fact of a map that holds the rate which the device itself gives."""
+"""Name of the fact of a map that holds the greatest rate which the device itself states, Hz."""
 
 
 def verify(link: DaqLink, register_map: RegisterMap, rate_hz: float) -> None:
-    """Verify that it is the device of the map, and keeps up.
+    """Check that the device is that of the map, and that it can exchange at `rate_hz`.
 
     Raises:
-        DriverError: it is another one, by what it says; or it is slower than asked.
+        DriverError: its identity or map version is another one, or it is slower than `rate_hz`.
     """
     _verify_register(link, register_map, "identity", register_map.identity)
     if register_map.version is not None:
@@ -29,15 +29,15 @@ def verify(link: DaqLink, register_map: RegisterMap, rate_hz: float) -> None:
 
 
 def set_up(link: DaqLink, register_map: RegisterMap, watchdog_s: float | None) -> None:
-    """Write the map's set-up and the watchdog, unless the device has all of it; read it back.
+    """Write the map's set-up and the watchdog's, unless the device holds all of it; read it back.
 
     Args:
-        link: to the device.
-        register_map: its registers.
-        watchdog_s: its watchdog's time; None where it has none.
+        link: connection to the device.
+        register_map: the device's registers.
+        watchdog_s: time of the device's watchdog in s; None if the device has none.
 
     Raises:
-        DriverError: the device refuses, or has not taken it.
+        DriverError: the device refuses, or does not hold the values after they were written.
     """
     values = [*register_map.setup]
     watchdog = register_map.watchdog

@@ -1,4 +1,4 @@
-"""What every sample is judged by: limits, plausibility, and what a breach calls for."""
+"""The interlock, which judges every sample: limits, plausibility, and the actions they cause."""
 
 from lazy_loader import attach_stub
 

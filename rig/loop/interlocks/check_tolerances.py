@@ -1,7 +1,8 @@
-"""What the plausibility checks allow, derived from data sheets and a stated false-alarm rate.
+"""The tolerances of the plausibility checks, from data sheets and a stated false-alarm rate.
 
-Derivations are in docs/safety.md. Where noise decides, a threshold follows from `YEARS_BETWEEN`;
-where the model's error does, from the tolerances that the detector grants the same model.
+Derivations are in docs/safety.md. A threshold that noise could cross follows from `YEARS_BETWEEN`;
+one that an error of the model could cross follows from the tolerances that the detector allows the
+same model.
 """
 
 from math import ceil, inf, log, sqrt
@@ -20,45 +21,46 @@ YEARS_BETWEEN: Final = 10.0
 """Years at full rate in which all noise-driven checks together make one false trip."""
 
 _NOISY_CHECKS: Final = 12
-"""Comparisons a tick that noise could trip, among which the false trips are shared."""
+"""Number of comparisons in a tick that noise could trip, among which false trips are shared."""
 _REPEAT_CHANCE: Final = 0.5
-"""Greatest chance that a healthy sample equals the last one: clipped at zero, half of all are."""
+"""Greatest chance that a healthy sample equals the last one: half of all do if clipped at zero."""
 _SPEED_MARGIN: Final = 2.0
 _NULL_TOLERANCE: Final = 1.3e-5
-"""m. Null bias 10 um and overlap 3 um, as granted in docs/detection.md."""
+"""Tolerance of the spool's null in m: bias 10 um and overlap 3 um, as in docs/detection.md."""
 _FLOW_TOLERANCE: Final = 0.2
-"""Discharge coefficient 5 %, edges 2 %, supply 5 %, and what the nominal law leaves out."""
+"""Relative tolerance of the valve's flow: discharge coefficient 5 %, edges 2 %, supply 5 %, and
+what the nominal law leaves out."""
 _PRESSURE_BIAS: Final = 1e5
-"""Pa, of each transducer, as granted in docs/detection.md."""
+"""Greatest bias in Pa of each pressure transducer, as in docs/detection.md."""
 _LEAK_COEFFICIENT: Final = 2.6e-8
-"""m^3/(s Pa^0.5). Greatest crossport leak that a shipped rig injects."""
+"""Greatest crossport leak that a shipped rig injects, m^3/(s Pa^0.5)."""
 _RETURN_RESTRICTION: Final = 4e13
-"""Pa/(m^3/s)^2. Greatest blockage that a shipped rig's return throttle makes."""
+"""Greatest blockage that the return throttle of a shipped rig makes, Pa/(m^3/s)^2."""
 
 
 class Tolerances(NamedTuple):
-    """What the checks compare with, SI; compiled code takes this tuple."""
+    """The tolerances with which the checks compare, SI; compiled code takes this tuple."""
 
     period_s: float
     stale_ticks: int
-    """Ticks that a sample may be old."""
+    """Greatest age of a sample, in ticks."""
     required: NDArray[np.int64]
-    """By `FAST_INPUTS`: 1 where every fresh sample must have a value."""
+    """In the order of `FAST_INPUTS`: 1 where every fresh sample must have a value, else 0."""
     range_low: NDArray[np.float64]
-    """By `FAST_INPUTS`: at or below it a transducer is at its rail; -inf for none."""
+    """In the order of `FAST_INPUTS`: low end of the range, at which a value is bad; -inf: none."""
     range_high: NDArray[np.float64]
     frozen_samples: NDArray[np.int64]
-    """By `FAST_INPUTS`: equal samples in a row that noise does not make; 0 where not checked."""
+    """In the order of `FAST_INPUTS`: number of equal samples in a row that are bad; 0: none is."""
     count_m: float
     jump_speed_m_per_s: float
-    """Faster than the valve can move the ram."""
+    """Speed beyond which the encoder has jumped, since the valve cannot move the ram so fast."""
     null_m: float
-    """Spool opening that may be unknown."""
+    """Error that the spool's opening may have."""
     flow_fraction: float
     leak_coefficient: float
     return_restriction: float
     flow_account_m: float
-    """Travel that the flow may leave unexplained beyond its tolerances."""
+    """Travel that the valve's flow, with its tolerances, may leave unexplained."""
     work_J: float  # noqa: N815
     """Energy that the ram may give back: four times its greatest kinetic energy."""
     pressure_bias_Pa: float  # noqa: N815
@@ -69,9 +71,9 @@ class Tolerances(NamedTuple):
     spool_lag_s: float
     spool_ticks: int
     command_V: float  # noqa: N815
-    """Difference of the output from the command that converters explain."""
+    """Difference between valve output and command that errors of converters explain."""
     confirm_ticks: int
-    """Ticks in which the device must confirm what it was sent."""
+    """Number of ticks within which the device must confirm what it was sent."""
     unhomed_command_V: float  # noqa: N815
     unhomed_load_pressure_Pa: float  # noqa: N815
     conductance: float
@@ -81,20 +83,26 @@ class Tolerances(NamedTuple):
 
 
 def false_alarm_chance(period_s: float) -> float:
-    """Return the chance of a false trip that each comparison may have.
+    """Return the chance of a false trip that a single comparison in one tick may have.
 
-    With it all comparisons together trip falsely once in `YEARS_BETWEEN` years.
+    With it, all comparisons together trip falsely once in `YEARS_BETWEEN` years.
     """
     return period_s / (YEARS_BETWEEN * 365.25 * 86400.0) / _NOISY_CHECKS
 
 
 def sigmas(period_s: float) -> float:
-    """Return how many standard deviations of normal noise have that chance, on one side."""
+    """Return the standard deviations that normal noise exceeds with `false_alarm_chance`.
+
+    The chance is that of one side.
+    """
     return -NormalDist().inv_cdf(false_alarm_chance(period_s))
 
 
 def frozen_samples(period_s: float) -> int:
-    """Return how many repetitions in a row have that chance, converters finer than the noise."""
+    """Return the number of equal samples in a row whose chance is `false_alarm_chance`.
+
+    It holds for a healthy transducer whose converter is finer than the noise.
+    """
     return ceil(log(false_alarm_chance(period_s)) / log(_REPEAT_CHANCE))
 
 
@@ -110,12 +118,12 @@ def tolerances(
     """Return the tolerances of a rig.
 
     Args:
-        par: the nominal plant, not the truth of a simulated one.
-        sensors: data sheets.
+        par: parameters of the nominal plant, not the true ones of a simulated rig.
+        sensors: data sheets of the transducers.
         fitted: channels of `FAST_INPUTS` that the fast driver supplies.
-        period_s: of the loop.
-        stale_s: how old a sample may become.
-        homing: what a ram may do that is not homed.
+        period_s: period of the loop.
+        stale_s: greatest age of a sample.
+        homing: gives the greatest command and load pressure of a ram that is not homed.
         command_limit_V: greatest command of either sign.
     """
     deviation = sigmas(period_s)
@@ -139,7 +147,7 @@ def tolerances(
     repeats = frozen_samples(period_s)
     conductance = valve_conductance(par)
     drop = par.supply_pressure - par.return_pressure
-    # One port alone under the whole supply: more than any motion of the ram (eq. 2.1).
+    # One port takes the whole supply pressure, which is more than in any real motion (eq. 2.1).
     speed = conductance * par.valve_gain * command_limit_V * sqrt(drop) / par.piston_area
 
     def ticks(seconds: float) -> int:

@@ -1,8 +1,8 @@
-"""What the loop asks about every sample: whether it may go on, and if not, why; compiled.
+"""The interlock's check of every sample, compiled: whether the motion may go on; if not, why.
 
-The worst action wins, the first cause among equals. A trip is latched with the cause that came
-first. While the valve is not driven, the rig is already in the state to which a trip leads: causes
-are indicated then, and nothing more.
+Of several actions the worst is taken; of equal ones, that of the first cause. A trip is latched
+with its first cause. While the valve is not driven, the rig is already in the state to which a trip
+leads, so that causes are only indicated then.
 """
 
 from math import isnan
@@ -34,22 +34,22 @@ _NONE, _INDICATE, _TRIP = int(Action.NONE), int(Action.INDICATE), int(Action.TRI
 _HOLD: Final = int(Action.HOLD)
 _RAMP_DOWN: Final = int(Action.RAMP_DOWN)
 _BAD_SAMPLES: Final = 3
-"""Samples in a row without a value, or at a rail, that are no single slip of a converter."""
+"""Number of samples in a row, without a value or at a rail, after which a channel has failed."""
 _COMMANDS: Final = 4
-"""Commands among which the device's present output may be one: what is on its way."""
+"""Number of latest commands of which the device's output may be one, as some are on their way."""
 _ECHO_LAG: Final = 4
-"""Exchanges by which the device may be behind in what it took."""
+"""Number of exchanges by which the `host_counter` that the device returns may be behind."""
 _FADING: Final = 0.25
 _GENTLE: Final = 0.75
-"""Part of the limit of load pressure to which a ram that is not homed may be pushed."""
+"""Part of the limit of load pressure up to which a ram that is not homed is pushed."""
 _RELIEF: Final = 0.4
-"""Part of the command with which a ram that pushes too hard is relieved; more would swing, as the
-small chamber is so stiff."""
+"""Part of the command that relieves a ram that pushes too hard; with more the ram would swing,
+since the small chamber is so stiff."""
 _INWARD_M: Final = 5e-3
-"""How far within its limits a ram is held: a null that is off leaves the position loop short by
-less."""
+"""Distance in m within its limits at which a ram is held; the position loop's error by a null that
+is off is smaller."""
 _COUNTERS: Final = 65536
-"""Values of `host_counter`."""
+"""Number of values of `host_counter`."""
 
 _NOT_SAMPLED: Final = 0
 _NOT_TAKEN: Final = 1
@@ -59,33 +59,34 @@ _FORCED: Final = 4
 
 
 class InterlockMemory(NamedTuple):
-    """What the interlock remembers from tick to tick."""
+    """The interlock's memory from tick to tick."""
 
     latched: NDArray[np.int64]
-    """(3,): action, cause and channel of the first trip; zeros before."""
+    """(3,): action, cause and channel of the first trip; zeros before it."""
     values: NDArray[np.float64]
     """(len(FAST_INPUTS),): latest value of each channel, NaN if none came."""
     trusted: NDArray[np.float64]
-    """As `values`, NaN for a transducer that has failed by itself."""
+    """As `values`, but NaN for a transducer that fails a check of its own channel."""
     outside: NDArray[np.int64]
-    """(limits,): ticks in a row outside."""
+    """(limits,): number of ticks in a row outside each limit."""
     active: NDArray[np.int64]
-    """(limits,): 1 while the limit's action is taken."""
+    """(limits,): 1 while the limit's action is taken, else 0."""
     missing: NDArray[np.int64]
-    """(len(FAST_INPUTS),): samples in a row without a value."""
+    """(len(FAST_INPUTS),): number of samples in a row without a value."""
     repeated: NDArray[np.int64]
-    """(len(FAST_INPUTS),): samples in a row equal to the one before."""
+    """(len(FAST_INPUTS),): number of samples in a row that equal the one before."""
     railed: NDArray[np.int64]
-    """(len(FAST_INPUTS),): samples in a row at the end of the transducer's range."""
+    """(len(FAST_INPUTS),): number of samples in a row at an end of the transducer's range."""
     unconfirmed: NDArray[np.int64]
-    """(5,): how long no new sample, taken write, commanded output, enabled valve, low force."""
+    """(5,): number of ticks in a row in which the device took no new sample, took no write, did not
+    put out the command, did not enable the valve, or the ram pushed too hard."""
     commands: NDArray[np.float64]
-    """The last commands, V, newest first."""
+    """The last commands in V, the newest first."""
     evidence: NDArray[np.float64]
-    """`rig.loop.interlocks.plausibility.Evidence`."""
+    """Memory of the plausibility checks (`rig.loop.interlocks.plausibility.Evidence`)."""
 
     def clear(self) -> None:
-        """Forget everything, the latched trip as well: before the valve is enabled anew."""
+        """Reset the memory and with it a latched trip, before the valve is enabled anew."""
         for array, start in zip(self, _start(self.outside.size), strict=True):
             array[:] = start
 
@@ -108,12 +109,12 @@ def _start(limits: int) -> InterlockMemory:
 
 
 def interlock_memory(limits: LimitTable) -> InterlockMemory:
-    """Return the memory of an interlock that begins."""
+    """Return the memory of an interlock before its first tick."""
     return _start(limits.channel.size)
 
 
 class Interlock(NamedTuple):
-    """Limits, tolerances and memory by which `judged_sample` judges."""
+    """The limits, tolerances and memory with which `judged_sample` judges."""
 
     limits: LimitTable
     tolerances: Tolerances
@@ -121,17 +122,18 @@ class Interlock(NamedTuple):
 
 
 def interlock(limits: LimitTable, tolerances: Tolerances) -> Interlock:
-    """Return an interlock that begins."""
+    """Return an interlock before its first tick."""
     return Interlock(limits, tolerances, interlock_memory(limits))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def allowed_command(command, homed, tol, memory):
-    """Return a command in V, limited to what a ram may do that does not know where it is.
+    """Return the command in V, which is limited while the rig is not homed.
 
-    Not homed, it goes slowly and pushes gently: the command fades while the load pressure that it
-    makes rises from a quarter to three quarters of its limit, and turns round a little beyond, so
-    that a ram at its stroke end stays there with that force, even if the valve's null is off.
+    A ram that is not homed goes slowly and pushes gently. The command fades to 0 while the load
+    pressure that it makes rises from a quarter to three quarters of its limit, and changes its sign
+    beyond that. So a ram at its stroke end stays there with that force, even if the valve's null is
+    off.
     """
     if homed:
         return command
@@ -147,7 +149,11 @@ def allowed_command(command, homed, tol, memory):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def held_position(position, homed, limits):
-    """Return where to hold a ram in m: where it is, or well within its limits if beyond them."""
+    """Return the position in m at which to hold a ram: the present one, if it is within limits.
+
+    Beyond a limit at which the rig holds or worse, it is a position well within that limit. A ram
+    that is not homed is held at its present position.
+    """
     if not homed:
         return position
     for i in range(limits.channel.size):
@@ -161,36 +167,37 @@ def held_position(position, homed, limits):
 
 
 class Tick(NamedTuple):
-    """What the interlock is given of one tick."""
+    """The facts about one tick that the interlock judges."""
 
     inputs: NDArray[np.float64]
-    """(len(FAST_INPUTS),) of this tick's sample, SI; read if `fresh`."""
+    """(len(FAST_INPUTS),): sample of this tick, SI; ignored unless `fresh`."""
     fresh: bool
     """Whether a sample came in this tick."""
     elapsed_ticks: int
-    """Ticks since the last call: 1, and more where ticks were missed."""
+    """Number of ticks since the last call: 1, or more if ticks were missed."""
     exchange_ticks: float
-    """How long this tick's exchange took, in ticks."""
+    """Duration of this tick's exchange, in ticks."""
     age_ticks: int
-    """Ticks since the newest sample that the device took."""
+    """Number of ticks since the newest sample that the device took."""
     command: float
-    """V, as written in this tick's exchange: what stands at the valve from now on."""
+    """Command in V that this tick's exchange wrote, which the valve gets from now on."""
     counter: float
-    """`host_counter` written with it."""
+    """`host_counter` that was written with the command."""
     driving: bool
-    """Whether the valve is meant to be enabled, and was confirmed to be once."""
+    """Whether the valve is commanded to be enabled, and the device has confirmed that once."""
     homed: bool
-    """Whether the position is known; if not, its limits say nothing, and command and load pressure
-    are limited instead (`unhomed_command_V`, `unhomed_load_pressure_Pa` of the tolerances)."""
+    """Whether the position is known. If not, the limits of the position do not apply, and command
+    and load pressure are limited (`unhomed_command_V` and `unhomed_load_pressure_Pa`)."""
 
 
 @inlined
 def judged_sample(tick, interlock):
     """Return (action, cause, channel) for one tick: numbers of `Action` and `Cause`.
 
-    To be called every tick that is not missed, also when no sample came. A trip is returned until
-    the memory is cleared; other actions end with their cause, so that the caller latches what it
-    acts upon. The channel is an index in `FAST_INPUTS`, -1 where the cause concerns none.
+    It must be called at every tick that is not missed, also when no sample came. A trip is returned
+    until the memory is cleared. Other actions end with their cause, so that the caller must latch
+    an action that it carries out. The channel is an index in `FAST_INPUTS`, -1 if the cause
+    concerns none.
 
     Args:
         tick: `Tick`.
@@ -228,13 +235,13 @@ def judged_sample(tick, interlock):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def check_sample(tick, interlock):
-    """Return `judged_sample` of the same arguments, compiled once for whoever calls it."""
+    """Return the result of `judged_sample`; this function is compiled once for all callers."""
     return judged_sample(tick, interlock)
 
 
 @inlined
 def _take(inputs, tol, memory):
-    """Keep a fresh sample, and return whether the device took it since the last one."""
+    """Store a fresh sample, and return whether it is a new one of the device, not a repetition."""
     new = isnan(inputs[_COUNTER]) or inputs[_COUNTER] != memory.values[_COUNTER]
     for i in range(inputs.size):
         value = inputs[i]
@@ -250,7 +257,7 @@ def _take(inputs, tol, memory):
 
 @inlined
 def _chain(driving, tol, memory):
-    """Judge the emergency stop's chain; what the device does not report is not judged."""
+    """Judge emergency stop, device watchdog and enabled valve, as far as they are reported."""
     values = memory.values
     off = driving and values[_ENABLED] == 0.0
     memory.unconfirmed[_DISABLED] = memory.unconfirmed[_DISABLED] + 1 if off else 0
@@ -265,7 +272,7 @@ def _chain(driving, tol, memory):
 
 @inlined
 def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
-    """Judge whether the device answers, samples, takes what is written, and puts it out."""
+    """Judge whether the device answers, takes samples, takes writes, and puts out the command."""
     values, ticks, commands = memory.values, memory.unconfirmed, memory.commands
     if fresh or command != commands[0]:
         for i in range(_COMMANDS - 1, 0, -1):
@@ -296,7 +303,7 @@ def _device(fresh, sampled, age_ticks, command, counter, tol, memory):
 
 @inlined
 def _transducers(tol, memory):
-    """Judge each channel by itself: there, off its rails, and alive."""
+    """Judge each channel by itself: it must have a value, be within its range, and not freeze."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     if memory.values[_ENCODER_FAULT] == 1.0:
         worst, cause, channel = _TRIP, Cause.ENCODER_FAULT.value, _POSITION
@@ -311,7 +318,7 @@ def _transducers(tol, memory):
             found = Cause.SENSOR_FROZEN.value
         if found != _NONE:
             memory.trusted[i] = np.nan
-            # Without these three the ram cannot be held or its chambers not be protected.
+            # Without these three the ram cannot be held, or its chambers cannot be protected.
             needed = i in (_POSITION, _PRESSURE_1, _PRESSURE_2)
             action = _TRIP if needed else _RAMP_DOWN
             if action > worst:
@@ -321,11 +328,11 @@ def _transducers(tol, memory):
 
 @inlined
 def _unhomed(command, homed, tol, memory):
-    """Judge a ram that may meet its stroke end at any time: slowly and gently, or not at all."""
+    """Judge command and load pressure of a ram that is not homed, which may meet its stroke end."""
     if homed:
         return _NONE, _NONE, NO_CHANNEL
     force = memory.values[_PRESSURE_1] - memory.values[_PRESSURE_2]
-    # Only what is being pushed harder: oil trapped at a stroke end must be able to let go.
+    # Only a command that raises the load pressure counts: the opposite one relieves trapped oil.
     pushes = abs(force) > tol.unhomed_load_pressure_Pa and force * command > 0.0
     memory.unconfirmed[_FORCED] = memory.unconfirmed[_FORCED] + 1 if pushes else 0
     if abs(command) > tol.unhomed_command_V + tol.command_V:
@@ -337,7 +344,7 @@ def _unhomed(command, homed, tol, memory):
 
 @inlined
 def _limits(homed, limits, memory):
-    """Judge the limits of all channels, but for the position's while that is not known."""
+    """Judge the limits of all channels, except those of the position while it is not known."""
     worst, cause, channel = _NONE, _NONE, NO_CHANNEL
     for i in range(limits.channel.size):
         where = limits.channel[i]

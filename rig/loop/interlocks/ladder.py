@@ -1,6 +1,7 @@
 """The ladder of actions, every cause that can lead to one, and the limits of channels.
 
-A cause's number stands on the board and in recordings, so that it is never given to another one.
+The number of a cause is used on the board and in recordings, so that it must never be given to
+another cause.
 """
 
 from collections.abc import Iterable
@@ -17,17 +18,17 @@ NO_CHANNEL: Final = -1
 
 
 class Action(IntEnum):
-    """What is done about a cause; the higher one wins."""
+    """What the interlock does about a cause; of several actions the highest is taken."""
 
     NONE = 0
     INDICATE = 1
-    """Shown and recorded; the motion goes on."""
+    """The cause is shown and recorded; the motion goes on."""
     HOLD = 2
     """The ram is held where it is, within its limits; the valve stays enabled."""
     RAMP_DOWN = 3
     """The motion is brought to rest along a ramp, then the valve is disabled."""
     TRIP = 4
-    """Valve to null and disabled, bypass shut, pump unloaded; latched until reset."""
+    """The valve is nulled and disabled, bypasses shut, the pump unloaded; latched until reset."""
 
 
 class Cause(IntEnum):
@@ -79,7 +80,7 @@ class Cause(IntEnum):
 
 
 class Explanation(NamedTuple):
-    """A cause in the operator's words; `{channel}` stands for the channel concerned."""
+    """A text for the operator that explains a cause; `{channel}` stands for the channel's name."""
 
     sentence: str
     remedy: str
@@ -222,11 +223,11 @@ EXPLANATIONS: Final = {
         "on_fault",
     ),
 }
-"""What the operator is shown about every cause."""
+"""The explanation of every cause, as the operator is shown it."""
 
 
 def explain(cause: Cause, channel: str = "") -> Explanation:
-    """Return a cause in the operator's words, with the name of the channel concerned."""
+    """Return the explanation of a cause, with the name of the channel that it concerns."""
     explanation = EXPLANATIONS[cause]
     return explanation._replace(
         sentence=explanation.sentence.format(channel=channel or "a channel")
@@ -236,7 +237,7 @@ def explain(cause: Cause, channel: str = "") -> Explanation:
 class LimitTable(NamedTuple):
     """Limits as arrays (n,) for compiled code, in the order in which they were given.
 
-    Rungs of one channel that are farther out, or last longer, make its ladder.
+    Several limits of one channel, which differ in range or time, make its ladder.
     """
 
     channel: NDArray[np.int64]
@@ -246,11 +247,11 @@ class LimitTable(NamedTuple):
     hysteresis: NDArray[np.float64]
     action: NDArray[np.int64]
     ticks: NDArray[np.int64]
-    """Ticks in a row outside from which the action is taken, at least 1."""
+    """Number of ticks in a row outside the limit after which the action is taken, at least 1."""
 
 
 def limit_table(limits: Iterable[ChannelLimit], period_s: float) -> LimitTable:
-    """Return limits for a loop of that period.
+    """Return limits as a table for a loop whose period is `period_s`.
 
     Raises:
         ValueError: a limit's channel is unknown, or its low end is not below its high one.

@@ -1,7 +1,7 @@
-"""Whether a sample can be what a healthy rig shows, compiled; derivations are in docs/safety.md.
+"""Checks whether a sample can come from a healthy rig, compiled; docs/safety.md derives them.
 
-Two of the checks are accounts that only grow while the sample contradicts the physics (CUSUM,
-Page 1954): of travel against the valve's flow, and of work against the motion.
+Two of the checks keep accounts that grow only while samples contradict the physics (CUSUM, Page
+1954): one compares the travel with the valve's flow, the other the work with the motion.
 """
 
 from math import isnan, sqrt
@@ -32,26 +32,27 @@ _NOT_FOLLOWING: Final = int(Cause.SPOOL_NOT_FOLLOWING)
 _RELATIVE: Final = 1.0
 _HOMED: Final = 2.0
 _SUBSTEPS: Final = 4
-"""Steps a tick in which the nominal valve's second-order lag is advanced: some 0.16 rad each."""
+"""Steps in a tick by which the nominal valve's second-order lag advances: some 0.16 rad each."""
 _SETTLED_TICKS: Final = 200
-"""Ticks after which any valve has come to its command."""
+"""Number of ticks after which any valve has reached its command."""
 _SMOOTHING: Final = 5e-3
-"""s. Pressures are smoothed before their rate is taken; what is smoothed away comes later."""
+"""Time constant in s by which pressures are smoothed before their rate is taken; a change of
+pressure is not lost by that, but counts later."""
 _DRY: Final = 5e5
-"""Pa. Below it a chamber's oil is too soft, or a cavity, for an account of it."""
+"""Pressure in Pa below which no account is kept of a chamber: its oil is soft or has a cavity."""
 _UNHOMED_COMPRESSION: Final = 1.2
-"""Part of the compressed volume that is unknown while the position in the stroke is."""
+"""Part of the compressed volume that is unknown while the position in the stroke is unknown."""
 _HOMED_COMPRESSION: Final = 0.3
 """The same part once the ram is homed: bulk modulus 15 %, and air."""
 
 
 class Evidence(NamedTuple):
-    """What the checks remember from tick to tick: float64 array in this order."""
+    """The memory of the checks from tick to tick, as a float64 array in this order."""
 
     started: float = 0.0
-    """0 before the first sample; then what the position counts from: switch-on 1, stroke end 2."""
+    """0 before the first sample; then 1 if the position counts from switch-on, 2 if it is homed."""
     spool_m: float = 0.0
-    """Spool of the nominal valve under the commands sent."""
+    """Spool position of the nominal valve under the commands that were sent."""
     spool_velocity: float = 0.0
     position_m: float = 0.0
     """Position at the last fresh sample."""
@@ -59,22 +60,23 @@ class Evidence(NamedTuple):
     """Pressure of chamber 1, smoothed."""
     pressure_2_Pa: float = 0.0  # noqa: N815
     gap_ticks: float = 0.0
-    """Since the last fresh sample."""
+    """Ticks since the last fresh sample."""
     high_m: float = 0.0
-    """Travel beyond what the flow allows, extending."""
+    """Account of travel above the greatest that the flow allows; extending is positive."""
     low_m: float = 0.0
+    """Account of travel below the least that the flow allows."""
     account_ticks: float = 0.0
-    """Since either account left zero."""
+    """Ticks since either of these accounts left zero."""
     still_ticks: float = 0.0
-    """Since the encoder last changed."""
+    """Ticks since the encoder last changed."""
     work_J: float = 0.0  # noqa: N815
     above_1_ticks: float = 0.0
     above_2_ticks: float = 0.0
     spool_ticks: float = 0.0
     command_V: float = 0.0  # noqa: N815
-    """Since the last tick."""
+    """Command at the valve since the last tick."""
     exchange_ticks: float = 0.0
-    """How long the exchange of the last fresh sample took: it was taken somewhere in it."""
+    """Duration in ticks of the last fresh sample's exchange, in which it was taken at some time."""
 
 
 _E: Final = Evidence(*range(len(Evidence._fields)))
@@ -83,27 +85,30 @@ _HIGH, _LOW, _ACCOUNT, _STILL, _WORK = (int(i) for i in _E[7:12])
 _ABOVE_1, _ABOVE_2, _SPOOL_TICKS, _COMMAND, _EXCHANGE = (int(i) for i in _E[12:])
 
 _UNTIMED_TICKS: Final = 2.5
-"""Samples are this sure of their distance in time, and no less than they are apart, or no account
-is kept across them. In so many milliseconds the ram goes half of what an account may leave open."""
+"""Greatest uncertainty in ticks of the time between two samples across which accounts are kept.
+
+It must not exceed the time between the samples either. In this time the ram can go half the travel
+that an account may leave unexplained.
+"""
 
 
 def no_evidence() -> NDArray[np.float64]:
-    """Return the memory of checks that begin."""
+    """Return the memory of the checks before the first tick."""
     return np.array(Evidence())
 
 
 @inlined
 def implausible(values, fresh, elapsed_ticks, exchange_ticks, command, homed, tol, evidence):
-    """Take one tick into account and return (cause, channel), or (0, -1) if all is plausible.
+    """Check one tick and return (cause, channel), or (0, -1) if everything is plausible.
 
     Args:
         values: float64 (len(FAST_INPUTS),), the latest value of each channel, NaN if none came.
         fresh: whether this tick brought a sample.
-        elapsed_ticks: ticks since the last call, in which the last command stood.
-        exchange_ticks: how long this tick's exchange took, in ticks: a host that stalls makes a
-            sample come from anywhere within it.
-        command: V at the valve from this tick on; 0 while it is disabled.
-        homed: whether the position is within the stroke, not just relative.
+        elapsed_ticks: ticks since the last call, during which the last command was at the valve.
+        exchange_ticks: duration of this tick's exchange in ticks; if the host stalls, the sample
+            may come from any time within it.
+        command: command in V at the valve from this tick on; 0 while the valve is disabled.
+        homed: whether the position is known in the stroke, and not just relative to switch-on.
         tol: `rig.loop.interlocks.check_tolerances.Tolerances`.
         evidence: `Evidence`, updated.
     """
@@ -149,15 +154,15 @@ def _jumped(step, unsure_ticks, tol, evidence):
 
 @inlined
 def _against_flow(values, step, homed, tol, evidence):
-    """Return whether the travel leaves what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
+    """Return whether the travel is outside what eq. 2.3 allows for the flow of eqs. 2.1 and 2.2.
 
-    Oil that leaks out makes the ram extend less than chamber 1's account says and more than that of
-    chamber 2: acc_2 - q_12 <= A v <= acc_1 - q_12, whatever external leaks there are.
+    Oil that leaks out makes the ram extend less than the account of chamber 1 gives and more than
+    that of chamber 2: acc_2 - q_12 <= A v <= acc_1 - q_12, whatever external leaks there are.
     """
     par, elapsed_ticks = tol.par, evidence[_GAP]
     elapsed_s = elapsed_ticks * tol.period_s
     p1, p2, supply = evidence[_P1], evidence[_P2], par.supply_pressure
-    # A failing supply or its failing transducer is not the encoder's fault: both only widen.
+    # A failing supply, or its transducer, must not look like a failed encoder: it only widens.
     if values[_SUPPLY] > supply:
         supply = values[_SUPPLY]
     opening = values[_SPOOL]
@@ -192,21 +197,21 @@ def _against_flow(values, step, homed, tol, evidence):
     low -= tol.leak_coefficient * sqrt(max(p1 - p2, 0.0))
     high_m = (high * elapsed_s - compressed_1 + part * abs(compressed_1)) / par.piston_area
     low_m = (low * elapsed_s + compressed_2 - part * abs(compressed_2)) / par.piston_area
-    # A cavity takes up travel that no flow explains: no account of a dry chamber.
+    # A cavity takes up travel that no flow explains, so that a dry chamber has no account.
     evidence[_HIGH] = 0.0 if p1 < _DRY else max(evidence[_HIGH] + step - high_m, 0.0)
     evidence[_LOW] = 0.0 if p2 < _DRY else max(evidence[_LOW] + low_m - step, 0.0)
     worst = max(evidence[_HIGH], evidence[_LOW])
     evidence[_ACCOUNT] = evidence[_ACCOUNT] + elapsed_ticks if worst > 0.0 else 0.0
-    # Samples that come seldom leave the flow between them unknown.
+    # Of samples that are more than a tick apart, the flow between them is not known.
     unseen = 0.5 * tol.jump_speed_m_per_s * (elapsed_ticks - 1.0) * tol.period_s
     return worst > tol.flow_account_m + unseen
 
 
 @inlined
 def _works_backwards(load_pressure, load, step, tol, evidence):
-    """Return whether the ram gives back more energy than it can hold: friction only takes.
+    """Return whether the ram gives back more energy than it can store, which friction never does.
 
-    Without a load cell a spring could be what gives it, and nothing is said.
+    Without a load cell the result is False, since a spring could give the energy.
     """
     if isnan(load):
         return False
@@ -218,7 +223,7 @@ def _works_backwards(load_pressure, load, step, tol, evidence):
 
 @inlined
 def _above_supply(p1, p2, supply, tol, evidence):
-    """Return the chamber whose pressure has been above the supply for too long, or -1."""
+    """Return the channel of a chamber pressure that was above the supply for too long, or -1."""
     limit = (tol.par.supply_pressure if isnan(supply) else supply) + tol.above_supply_Pa
     evidence[_ABOVE_1] = evidence[_ABOVE_1] + evidence[_GAP] if p1 > limit else 0.0
     evidence[_ABOVE_2] = evidence[_ABOVE_2] + evidence[_GAP] if p2 > limit else 0.0
@@ -231,7 +236,7 @@ def _above_supply(p1, p2, supply, tol, evidence):
 
 @inlined
 def _not_following(spool, tol, evidence):
-    """Return whether the spool has left the nominal valve's for longer than a valve's lag."""
+    """Return whether the spool has been away from the nominal valve's for longer than its lag."""
     if isnan(spool):
         return False
     model = evidence[_MODEL]
@@ -244,7 +249,7 @@ def _not_following(spool, tol, evidence):
 
 @inlined
 def _advance_valve(ticks, tol, evidence):
-    """Advance the nominal valve's second-order lag under the command that stood (docs/model.md)."""
+    """Advance the nominal valve's second-order lag under the last command (docs/model.md)."""
     par = tol.par
     natural, target = par.valve_natural_frequency, par.valve_gain * evidence[_COMMAND]
     step = tol.period_s / _SUBSTEPS

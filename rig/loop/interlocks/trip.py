@@ -1,4 +1,4 @@
-"""The errors by which a trip of the rig ends whatever was being done with it."""
+"""The errors that are raised when a trip or a stop ends the motion of the rig."""
 
 import errno
 from pathlib import Path
@@ -7,17 +7,17 @@ from typing import Final
 from .ladder import Action, Cause, explain
 
 FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""`errno` where a file cannot grow: no space, or its user's quota or limit."""
+"""Values of `errno` for a file that cannot grow: no space, or a quota or limit is reached."""
 
 
 class LoopStoppedError(Exception):
-    """A test that the loop ended: it tripped, ramped down, holds, or is silent.
+    """Raised when the loop ended a test: it tripped, ramped down, holds the ram, or is silent.
 
     Attributes:
-        action: what it did.
-        cause: why.
-        channel: name of the channel concerned, or empty.
-        explanation: sentence and remedy.
+        action: the action that the loop took.
+        cause: the cause of the action.
+        channel: name of the channel that the cause concerns; empty if none.
+        explanation: sentence and remedy for the operator.
     """
 
     def __init__(self, action: Action, cause: Cause, channel: str = "") -> None:
@@ -28,10 +28,10 @@ class LoopStoppedError(Exception):
 
 
 class TripError(Exception):
-    """The rig tripped, or left the motion that was asked for; the message says why.
+    """Raised when the rig tripped, or left the motion that was asked for; the message says why.
 
     Attributes:
-        report: the trip report, if there is one.
+        report: path of the trip report; None if there is none.
     """
 
     def __init__(self, message: str, report: Path | None = None) -> None:
@@ -40,4 +40,4 @@ class TripError(Exception):
 
 
 class StopRequestedError(TripError):
-    """The operator stopped what was being done; nothing was wrong with the rig."""
+    """Raised when the operator stopped the rig; nothing was wrong with it."""

@@ -1,8 +1,8 @@
 """The loop on the wire: wait, exchange, estimate, check, record, in one compiled function.
 
-At tick k the frame written carries the command that follows from sample k-1 and setpoint k; the
-same transaction returns sample k (docs/decisions/0007). Nothing here returns to Python, and nobody
-is waited for but the clock and the device.
+At tick k the loop writes a frame with the command that follows from sample k-1 and setpoint k; the
+same transaction returns sample k (docs/decisions/0007). Nothing here returns to Python, and the
+loop waits for nothing but the clock and the device.
 """
 
 from math import isnan, nan
@@ -47,14 +47,14 @@ _SLOW_AT: Final = _STATUS_AT + _STATUS_COUNT
 _DECIDED: Final = len(DECIDED)
 
 _COUNTER_SPAN: Final = 65536
-"""`host_counter` counts modulo this."""
+"""Number of values of `host_counter`, which counts modulo this."""
 _CONFIRM_NS: Final = 200_000_000
-"""Time the device has to confirm null, first and ever again; then it is brought there by another
-connection."""
+"""Time in ns within which the device must confirm null after a trip, and confirm it again and
+again; otherwise another connection brings it there."""
 _S_PER_NS: Final = 1e-9
 _NOT_EXCHANGED: Final = -1
 _NOT_DONE: Final = (nan, nan, nan, nan, nan, float(_NOT_EXCHANGED))
-"""The timings of a tick that did not take place."""
+"""The measured timings of a tick that did not take place."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -62,16 +62,16 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
     """Run one segment until another one is asked for; return why it ended, a `Left`.
 
     Args:
-        course: what to do, `Course`.
+        course: the segment, `Course`.
         filt: the filter, `CompiledFilter`; updated. The first whole sample starts it and the
             segment.
         interlock: `Interlock`; its memory is updated.
         pace: `Pace`.
-        fd: the device's connection; below 0 nothing is exchanged or checked.
-        plan: the driver's, whose class brings the exchange; see `rig.io.driver.Plan`.
-        look: the plan that reads the device and writes nothing.
-        memory: `WireMemory`, kept from segment to segment; updated.
-        shared: the board, `SharedMemory`.
+        fd: descriptor of the device's connection; below 0 nothing is exchanged or checked.
+        plan: plan of the driver, whose class has the exchange; see `rig.io.driver.Plan`.
+        look: plan that reads the device and writes no output.
+        memory: `WireMemory`, the same for all segments of a session; updated.
+        shared: arrays of the board, `SharedMemory`; updated.
     """
     words, counts, outputs = shared.words, memory.counts, memory.outputs
     memory.handling[:] = nan
@@ -84,13 +84,13 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
     while load_acquire(words, Word.SWITCH.value) == course.number:
         due, woken, missed = _wait_for_tick(counts, pace)
         words[Word.MISSED] += missed
-        # What others say comes before any command: this process may have been stopped for long.
+        # Words of other processes are read before any command: this one may have been stopped.
         cause = _cause_at_wakeup(words, counts, woken, missed, pace)
         if cause != Cause.NONE.value:
             _trip(words, cause, NO_CHANNEL, woken)
         action = max(action, words[Word.STOP])
         _take_decision(course.number, counts, memory, shared)
-        # A missed tick has no row where the time grid moves, or before the recording starts.
+        # A missed tick has no row if the time grid moves, or before the first whole sample.
         skipped = missed if started and pace.overrun != Overrun.REALIGN else 0
         now = tick + skipped
 
@@ -120,7 +120,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
             _trip(words, Cause.EXCHANGE_LOST.value, NO_CHANNEL, ended)
 
         memory.reading[:] = nan
-        # A variable: for a constant the row would be compiled once more.
+        # This is a variable because numba would compile the row once more for a constant.
         starts = not started
         for k in range(tick, now):
             setpoint = _setpoint(_drive(course, k, action, taken, words), course, k, memory)
@@ -175,8 +175,8 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
 def _wait_for_tick(counts, pace):
     """Sleep to the next tick; return when it was due, when the loop woke, and the ticks missed.
 
-    A tick is missed that cannot begin before half its period has passed: two exchanges are never
-    nearer to each other than that.
+    A tick counts as missed if it cannot begin before half its period has passed, so that two
+    exchanges are never less than half a period apart.
     """
     due, missed = counts[Count.DUE_NS], 0
     if due == 0:
@@ -196,7 +196,7 @@ def _wait_for_tick(counts, pace):
 
 @inner
 def _cause_at_wakeup(words, counts, now, missed, pace):
-    """Return why the loop must trip by what others say and by the clock, or `Cause.NONE`."""
+    """Return the cause for which other processes or the clock make the loop trip, or `NONE`."""
     if words[Word.FIELD_TRIP] != 0:
         return words[Word.FIELD_TRIP]
     if words[Word.SUPERVISOR_TRIP] != 0:
@@ -221,14 +221,14 @@ def _cause_at_wakeup(words, counts, now, missed, pace):
 
 @inner
 def _take_decision(segment, counts, memory, shared):
-    """Take over the newest decision, if it is whole and on this segment."""
+    """Copy the newest decision to `memory.decided`, if it is whole and about this segment."""
     number = load_acquire(shared.words, Word.DECISIONS.value)
     if number == counts[Count.DECISION]:
         return
     place = shared.decisions[number % DECISIONS_KEPT]
     for i in range(place.size):
         memory.posted[i] = place[i]
-    # The place is written again once the others have been: it may be being so then.
+    # After so many newer decisions, the place may have been overwritten while it was copied.
     if load_acquire(shared.words, Word.DECISIONS.value) - number >= DECISIONS_KEPT - 1:
         return
     counts[Count.DECISION] = number
@@ -239,13 +239,13 @@ def _take_decision(segment, counts, memory, shared):
 
 @inner
 def _is_silent(beat, now, limit):
-    """Return whether a part beat once, and not since `limit` ns; 0 is no limit."""
+    """Return whether the last beat, if there was one, is over `limit` ns ago; 0: no limit."""
     return limit > 0 and beat != 0 and now - beat > limit
 
 
 @inner
 def _trip(words, cause, channel, now):
-    """Latch a trip with its first cause."""
+    """Latch a trip with its cause on the board, unless a trip is latched already."""
     if words[Word.LOOP_TRIP] == 0:
         words[Word.LOOP_TRIP_AT] = now
         words[Word.ACTION] = Action.TRIP.value
@@ -256,7 +256,7 @@ def _trip(words, cause, channel, now):
 
 @inner
 def _acted_upon(judged, cause, channel, action, words):
-    """Show what the interlock judged; return the segment's action, which only gets worse."""
+    """Put the interlock's action on the board; return the segment's, which only gets worse."""
     if words[Word.LOOP_TRIP] != 0:
         return Action.TRIP.value
     if judged > action or judged == Action.NONE.value == action:
@@ -268,14 +268,14 @@ def _acted_upon(judged, cause, channel, action, words):
 
 @inner
 def _drive(course, tick, action, taken, words):
-    """Return what is done with the valve at a tick: what the course says, unless an action does.
+    """Return the `Drive` of a tick: that of the course, unless an action or reaction changes it.
 
     Args:
         course: the segment.
-        tick: of it.
-        action: the interlock's, or the operator's.
-        taken: `Reaction` to a confirmed fault.
-        words: of the board.
+        tick: number of the tick in the segment.
+        action: `Action` of the interlock or of the operator.
+        taken: present `Reaction` to a confirmed fault.
+        words: words of the board.
     """
     if taken == Reaction.HOLD:
         action = max(action, Action.HOLD.value)
@@ -314,13 +314,13 @@ def _command(drive, course, filt, tick, pace, limits, memory, words):
 
 @inner
 def _ramp_left(tick, pace, memory):
-    """Return the part of the ramp down that is still ahead."""
+    """Return the part of the ramp down that is still ahead, from 1 to 0."""
     return max(1.0 - (tick - memory.handling[Handling.RAMP_TICK]) / pace.ramp_ticks, 0.0)
 
 
 @inner
 def _enable(drive, course, tick, pace, memory, words):
-    """Return 1 where the valve may be enabled at a tick."""
+    """Return 1.0 if the valve is to be enabled at a tick, else 0.0."""
     if words[Word.LOOP_TRIP] != 0:
         return 0.0
     if drive == Drive.RAMP_DOWN and _ramp_left(tick, pace, memory) == 0.0:
@@ -330,7 +330,7 @@ def _enable(drive, course, tick, pace, memory, words):
 
 @inner
 def _setpoint(drive, course, tick, memory):
-    """Return what the row of a tick shows as its setpoint; NaN for none of the row's quantity."""
+    """Return the setpoint for the row of a tick; NaN if there is none in the row's unit."""
     if drive == Drive.TRACK:
         return course.setpoint[tick]
     if drive == Drive.HOLD and not course.open_loop:
@@ -340,7 +340,11 @@ def _setpoint(drive, course, tick, memory):
 
 @inner
 def _exchange(fd, plan, command, enable, course, pace, memory, words):
-    """Exchange outputs for a sample; return the `ExchangeStatus`, and when the command left."""
+    """Write the outputs and read the inputs, with all counts that follow from it.
+
+    Returns:
+        The `ExchangeStatus`, and the time in ns at which the command left, 0 if it did not.
+    """
     outputs, counts = memory.outputs, memory.counts
     counts[Count.SEQUENCE] += 1
     counts[Count.WRITTEN] += 1
@@ -371,10 +375,10 @@ def _exchange(fd, plan, command, enable, course, pace, memory, words):
 
 @inner
 def _is_unconfirmed(status, now, counts, words, pace):
-    """Return whether a trip cannot be, or was not of late, confirmed by this connection.
+    """Return whether, after a trip, this connection does not confirm that the valve is at null.
 
-    A valve that was at null is taken to be so still while nothing is heard of it, for as long as
-    the device may be silent before a trip: whoever was stopped for a moment goes on.
+    A valve that was confirmed at null counts as being there while the device is silent, for as long
+    as a device may be silent without a trip. So a process that was stopped for a moment goes on.
     """
     if words[Word.LOOP_TRIP] == 0:
         return False
@@ -387,7 +391,7 @@ def _is_unconfirmed(status, now, counts, words, pace):
 
 @inner
 def _take_sample(offset, now, memory, words):
-    """Take over the inputs, unless the device has no sample since the last one."""
+    """Copy the inputs to the reading, unless the device has taken no sample since the last one."""
     inputs = memory.inputs
     if inputs[_DEVICE_COUNTER] == memory.device_counter[0]:
         return
@@ -403,13 +407,13 @@ def _take_sample(offset, now, memory, words):
 
 @inner
 def _is_whole(reading):
-    """Return whether a filter can start from a reading: position and both pressures."""
+    """Return whether a reading has position and both pressures, from which a filter can start."""
     return not isnan(reading[0] + reading[1] + reading[2])
 
 
 @inner
 def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared):
-    """Update the filter with `memory.reading`, and return the row begun with it."""
+    """Update the filter with `memory.reading`, and return the ring's next row, begun with it."""
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
     sample_row(
         starts, (tick * pace.period_s, setpoint, command), held, memory.reading, filt,
@@ -420,7 +424,7 @@ def _begin_row(tick, setpoint, command, held, starts, filt, pace, memory, shared
 
 @inner
 def _waiting_row(setpoint, command, pace, memory, shared):
-    """Return a row begun before the first whole sample: as it is, without estimates."""
+    """Return the ring's next row for a tick before the first whole sample, without estimates."""
     row = shared.ring[shared.words[Word.ROWS] % shared.ring.shape[0]]
     row[:] = nan
     row[0] = -pace.period_s
@@ -433,19 +437,19 @@ def _waiting_row(setpoint, command, pace, memory, shared):
 
 @inner
 def _end_row(row, at, timing, course, tick, action, memory, shared, now, pace):
-    """Fill the row from column `at` on, and show it to the readers.
+    """Fill the row from column `at` on, and count it on the board, so that readers see it.
 
     Args:
-        row: begun by `_begin_row`.
-        at: where the columns `TIMINGS` begin.
-        timing: those that are measured.
-        course: the segment; its number is shown while its table runs.
-        tick: of the segment, -1 before its start.
-        action: `Action`.
-        memory: for the status inputs, NaN without an exchange.
-        shared: the board.
-        now: CLOCK_MONOTONIC in ns; slow values older than a limit are NaN.
-        pace: for that limit.
+        row: the row that `_begin_row` or `_waiting_row` returned.
+        at: index of the first column of `TIMINGS`.
+        timing: the measured timings, the first `MEASURED` of these columns.
+        course: the segment; its number is recorded while its setpoints last, else -1.
+        tick: number of the tick in the segment, -1 before its start.
+        action: `Action` of the segment.
+        memory: `WireMemory`, for the status inputs, which are NaN without an exchange.
+        shared: arrays of the board.
+        now: time on CLOCK_MONOTONIC in ns, by which slow values that are too old become NaN.
+        pace: `Pace`, for the greatest age of slow values.
     """
     words = shared.words
     for i in range(MEASURED):

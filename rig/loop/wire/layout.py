@@ -1,4 +1,4 @@
-"""What the compiled loop on the wire is given, what it keeps, and the columns of its rows."""
+"""The arguments and the memory of the compiled loop on the wire, and the columns of its rows."""
 
 from enum import IntEnum
 from math import nan
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 STATUS: Final = FAST_INPUTS[len(READINGS) :]
-"""Fast inputs that no filter takes: switches, counters, the valve output, carried transducers."""
+"""Fast inputs that no filter uses: switches, counters, the valve output, carried transducers."""
 
 TIMINGS: Final = (
     "wakeup_s",
@@ -32,18 +32,20 @@ TIMINGS: Final = (
     "tick",
     "action",
 )
-"""Of each tick: how late it woke, and how late the kernel had the whole frame with its command; how
-long the exchange and the rest took; age of the newest sample when it ended; `ExchangeStatus`, -1
-without exchange; segment and tick, -1 outside its table; `Action`."""
+"""Columns about each tick. `wakeup_s` and `sent_s` say how late the loop woke, and how late the
+kernel had the whole frame with the command. `exchange_s` and `compute_s` say how long the exchange
+and the rest took. `age_s` is the age of the newest sample after the exchange. `exchange_status` is
+an `ExchangeStatus`, -1 without exchange. `segment` is -1 outside the segment's setpoints, and
+`tick` is -1 before its start. `action` is an `Action`."""
 MEASURED: Final = TIMINGS.index("segment")
-"""Timings that are measured, the first ones; the others say what the tick was for."""
+"""Number of timings that are measured, the first ones; the other columns describe the tick."""
 
 SLOW: Final = names_of(Kind.SLOW)
-"""Slow inputs with columns of their own; the meters stand among the readings."""
+"""Slow inputs that have columns of their own; the meters are among the readings."""
 
 
 def wire_channels(states: tuple[str, ...], open_loop: bool) -> tuple[str, ...]:
-    """Return the names of a row's columns on the wire for a filter's states."""
+    """Return the names of the columns of a row on the wire, for a filter with these states."""
     return (*sample_channels(states, open_loop), *TIMINGS, *STATUS, *SLOW)
 
 
@@ -51,44 +53,44 @@ class Drive(IntEnum):
     """What the loop does with the valve."""
 
     NULL = 0
-    """0 V."""
+    """The command is 0 V."""
     HOLD = 1
-    """Holds the ram where it is by the position loop."""
+    """The position loop holds the ram where it is."""
     TRACK = 2
-    """Follows the segment's setpoints, then holds."""
+    """The ram or the command follows the segment's setpoints; after them the ram is held."""
     RAMP_DOWN = 3
-    """Brings the command to 0 V along a ramp, then disables the valve; an action's only."""
+    """The command goes to 0 V along a ramp, then the valve is disabled; only actions do this."""
 
 
 class Overrun(IntEnum):
-    """What follows a missed tick; never a burst to catch up."""
+    """What the loop does about a missed tick; it never catches up in a burst."""
 
     SKIP = 0
-    """It is skipped and counted, and has a row without readings."""
+    """The tick is skipped and counted, and has a row without readings."""
     REALIGN = 1
-    """The time grid is moved to now: no tick is skipped, the recording's clock runs late."""
+    """The time grid is moved to now: no tick is skipped, but the recording's clock runs late."""
     TRIP = 2
-    """It is treated as by `SKIP`, and too many in a row trip."""
+    """The tick is treated as by `SKIP`, and too many missed ticks in a row trip."""
 
 
 class Left(IntEnum):
     """Why the compiled loop returned."""
 
     SWITCHED = 0
-    """Another segment is asked for."""
+    """The supervisor asked for another segment."""
     ASKED = 1
-    """It was asked to leave; a null frame was sent."""
+    """The loop was asked to leave; it has sent a null frame."""
     UNCONFIRMED = 2
     """It tripped, and the device did not confirm by this connection that the valve is at null."""
 
 
 class Pace(NamedTuple):
-    """How the loop is paced and watched; times in ns, a limit of 0 is not watched."""
+    """How the loop is paced, and its limits of time in ns; a silence limit of 0 is not checked."""
 
     period_ns: int
     period_s: float
     every: int
-    """Ticks from one exchange to the next."""
+    """Number of ticks from one exchange to the next."""
     timeout_ns: int
     overrun: int
     trip_after: int
@@ -101,13 +103,14 @@ class Pace(NamedTuple):
 
 
 RAMP_S: Final = 0.5
-"""Time in which RAMP_DOWN brings the command to 0 V."""
+"""Time in s in which RAMP_DOWN brings the command to 0 V."""
 NULL_V: Final = 0.05
-"""An output this near to 0 V is at null: half a percent of its range, what converters are off."""
+"""Greatest output in V, of either sign, that counts as null: half a percent of the range, by which
+converters may be off."""
 
 
 def pace(settings: LoopSettings, device_rate_hz: float) -> Pace:
-    """Return how the loop is paced with a device that can be asked so often."""
+    """Return the loop's pace with a device that can exchange `device_rate_hz` times a second."""
     period_s = 1.0 / settings.rate
 
     def ns(time_s: float) -> int:
@@ -116,7 +119,7 @@ def pace(settings: LoopSettings, device_rate_hz: float) -> Pace:
     return Pace(
         period_ns=ns(period_s),
         period_s=period_s,
-        # The tolerance: a device of just the loop's rate is asked at every tick.
+        # With the tolerance, a device of just the loop's rate exchanges at every tick.
         every=max(1, int(np.ceil(settings.rate / device_rate_hz - 1e-6))),
         timeout_ns=ns(settings.exchange_timeout),
         overrun=Overrun[settings.overrun.upper()],
@@ -135,7 +138,7 @@ class Course(NamedTuple):
 
     number: int
     setpoint: Array
-    """(ticks,) m, or V in open loop; followed by `Drive.TRACK`."""
+    """(ticks,) m, or V in open loop; `Drive.TRACK` follows it."""
     drive: int
     open_loop: bool
     gain: float
@@ -145,7 +148,7 @@ class Course(NamedTuple):
     on_fault: int
     """`Reaction` to a confirmed fault."""
     offset: float
-    """Added to the encoder's position, m."""
+    """Offset in m that is added to the encoder's position."""
     valve_enable: float
     reset_lamp: float
     rearm: float
@@ -165,7 +168,7 @@ def course(
     reset_lamp: bool = False,
     rearm: bool = False,
 ) -> Course:
-    """Return a segment's course, of the types that the loop is compiled for."""
+    """Return a segment's course, whose fields have the types for which the loop is compiled."""
     return Course(
         int(number), np.ascontiguousarray(setpoint, np.float64), int(drive), bool(open_loop),
         float(gain), float(limit), int(on_fault), float(offset),
@@ -179,81 +182,81 @@ class Count(IntEnum):
     DUE_NS = 0
     """Time of the next tick; 0 before the first."""
     SEQUENCE = 1
-    """Exchanges and looks so far."""
+    """Number of exchanges and looks so far."""
     SAMPLED_NS = 2
-    """When the newest sample came."""
+    """Time at which the newest sample came."""
     DRIVEN = 3
-    """1 while the valve is asked to be enabled, and was confirmed to be."""
+    """1 while the valve is commanded to be enabled, and the device has confirmed it; else 0."""
     LEAVE = 4
-    """Set from outside: 1 makes the loop send a null frame and return."""
+    """Other threads set this to 1 to make the loop send a null frame and return."""
     DECISION = 5
-    """Number of the newest decision seen on the board."""
+    """Number of the newest decision that was read from the board."""
     WRITTEN = 6
-    """Exchanges so far; `host_counter` follows from it."""
+    """Number of exchanges so far, from which `host_counter` follows."""
     NULL_NS = 7
-    """When the device last showed the valve at null; 0 since it may be enabled."""
+    """Time at which the device last showed the valve at null; 0 once the valve is enabled."""
     SETTLED = 8
-    """Looks in a row that found the spool at null; the count stops where it is enough."""
+    """Number of looks in a row that found the spool at null; it stops when it is large enough."""
     AWAY = 9
-    """Looks in a row that found a spool away from null that had settled there."""
+    """Number of looks in a row that found the spool away from null, after it had settled there."""
 
 
 class Found(IntEnum):
     """Index of each number in `WireMemory.found`: what another master did to a valve at null."""
 
     TIMES = 0
-    """How many looks found the valve driven; written last."""
+    """Number of looks that found the valve driven; it is written after the other numbers."""
     FIRST_NS = 1
     LAST_NS = 2
     ENABLED = 3
-    """How many found it enabled."""
+    """Number of looks that found the valve enabled."""
     OUTPUT_UV = 4
-    """The output farthest from null, uV."""
+    """Valve output that was farthest from null, uV."""
     SPOOL_NM = 5
-    """The spool farthest from null, nm; 0 while it was not away for long."""
+    """Spool position that was farthest from null, nm; 0 while it was not away for long."""
 
 
 class Handling(IntEnum):
-    """Index of each number in `WireMemory.handling`, which each segment begins with NaN."""
+    """Index of each number in `WireMemory.handling`; all are NaN when a segment begins."""
 
     HELD_AT = 0
-    """Where the ram is held, m."""
+    """Position at which the ram is held, m."""
     RAMP_FROM = 1
-    """Command from which it is brought to rest, V."""
+    """Command from which the ramp down began, V."""
     RAMP_TICK = 2
-    """Tick at which that began."""
+    """Tick at which the ramp down began."""
 
 
 class WireMemory(NamedTuple):
-    """What the loop on the wire keeps from segment to segment."""
+    """The memory of the loop on the wire, which lasts from segment to segment."""
 
     counts: Integers
-    """Numbers that are kept, by `Count`."""
+    """Counts and times, indexed by `Count`."""
     found: Integers
-    """What was found at null, by `Found`."""
+    """What looks at a valve at null have found, indexed by `Found`."""
     inputs: Array
-    """(FAST_INPUTS,) of the last exchange."""
+    """(len(FAST_INPUTS),): inputs of the last exchange."""
     seen: Array
-    """(FAST_INPUTS,) of the last look."""
+    """(len(FAST_INPUTS),): inputs of the last look."""
     outputs: Array
-    """(FAST_OUTPUTS,) of the last frame; the command is held on the device."""
+    """(len(FAST_OUTPUTS),): outputs of the last exchange; the device keeps the command."""
     reading: Array
-    """(9,) of the present tick."""
+    """(9,): reading of the present tick."""
     encoder: Array
-    """(1,) newest position that the device counted, m, without offset; NaN before the first."""
+    """(1,): newest position that the device counted, m, without offset; NaN before the first."""
     device_counter: Array
-    """(1,) of the newest sample."""
+    """(1,): `device_counter` of the newest sample."""
     handling: Array
-    """How the ram is held or brought to rest, by `Handling`; NaN before."""
+    """How the ram is held or brought to rest, indexed by `Handling`; NaN while it is not."""
     posted: Array
-    """(1 + len(DECIDED),) scratch: a decision as it stands on the board."""
+    """(1 + len(DECIDED),): scratch for a decision as it is on the board."""
     decided: Array
-    """(len(DECIDED),) the newest decision on this segment; NaN before the first."""
+    """(len(DECIDED),): the newest decision on this segment; NaN before the first."""
     reaction: ReactionMemory
 
 
 def wire_memory() -> WireMemory:
-    """Return the memory of a session that begins."""
+    """Return the memory of a session before its first tick."""
     return WireMemory(
         np.zeros(len(Count), np.int64),
         np.zeros(len(Found), np.int64),

@@ -1,4 +1,4 @@
-"""One test on the wire, seen from the supervisor: orders segments, takes rows as they come."""
+"""The supervisor's side of a test on the wire: it orders segments, and takes rows as they come."""
 
 import time
 from dataclasses import replace
@@ -21,33 +21,33 @@ Array = NDArray[np.float64]
 
 _NAP_S: Final = 2e-3
 _RECENT_ROWS: Final = 200
-"""Rows among which the newest position is looked for."""
+"""Number of latest rows in which the newest position is looked for."""
 
 
 class LoopProcess(Protocol):
-    """The loop process, as far as a test needs it."""
+    """The methods of the loop process that a test needs."""
 
     def send(self, order: object) -> None:
-        """Send an order."""
+        """Send an order, an object of a class of `rig.loop.wire.orders`."""
 
     def answer(self, timeout_s: float) -> Any:
-        """Return the next answer of the loop process."""
+        """Return the next answer of the loop process, for which it waits up to `timeout_s`."""
 
 
 ANSWER_S: Final = 5.0
-"""How long the loop process may take to get ready for a segment."""
+"""Longest time in s that the loop process may take to get ready for a segment."""
 
 
 class WireLoop:
-    """One test on a real rig, with the face of `SimulatedLoop`.
+    """One test on a real rig, with the same methods as `SimulatedLoop`.
 
     Args:
-        board: shared with the loop process.
+        board: the board that is shared with the loop process.
         process: the loop process, which runs a segment.
-        test: the test's segment; its number is given here.
-        start_position: where the ram is brought before, m; None leaves it where it is.
-        settle_ticks: ticks that this may take.
-        period_s: of the loop.
+        test: the test's segment, without its number, which this class chooses.
+        start_position: position to which the ram is brought before, m; None leaves it where it is.
+        settle_ticks: number of ticks in which it is brought there.
+        period_s: period of the loop.
         silence_s: silence of the loop process after which it counts as lost.
     """
 
@@ -87,14 +87,14 @@ class WireLoop:
 
     @property
     def ticks_left(self) -> int:
-        """Ticks of the test that are still to come."""
+        """Number of ticks of the test whose rows are still to come."""
         return self._test.setpoint.size - self._done
 
     def position(self) -> None:
-        """Bring the ram to its start by the position loop, along a raised cosine; let it rest.
+        """Bring the ram to its start position by the position loop, along a raised cosine.
 
         Raises:
-            LoopStoppedError: the loop did something else.
+            LoopStoppedError: the loop stopped the motion, is silent, or knows no position.
         """
         if self._start_position is None:
             return
@@ -107,18 +107,19 @@ class WireLoop:
             time.sleep(_NAP_S)
 
     def ready(self) -> int:
-        """Make the loop ready for the test, and return its segment's number, for the recorder."""
+        """Order the test's segment, unless that was done; return its number, for the recorder."""
         if not self._number:
             self._number = self._order(self._test)
         return self._number
 
     def advance(self, ticks: int) -> Array:
-        """Wait for the next ticks, at most those left; return their rows (n, `channels`).
+        """Wait for the next `ticks` ticks, or those left; return their rows (n, len(channels)).
 
         The first call begins the test.
 
         Raises:
-            LoopStoppedError: the loop ended the test; rows up to then were returned.
+            LoopStoppedError: the loop ended the test; earlier calls have returned the rows up to
+                then.
         """
         if not self._done and self._words[Word.SWITCH] != self.ready():
             self._ring.skip_to_end()
@@ -141,11 +142,11 @@ class WireLoop:
         return rows[:wanted]
 
     def decided(self, row: Array) -> None:
-        """Hand the loop a decision, a row of `DECIDED`; rows written from then on carry it."""
+        """Post a decision, a row of `DECIDED`, which rows written from then on contain."""
         self._post.post(self._number, row)
 
     def safe_state(self) -> None:
-        """Have the ram held where it is; a loop that tripped stays at null."""
+        """Order the loop to hold the ram where it is; after a trip the valve stays at null."""
         if self._words[Word.LOOP_TRIP] == 0 and not self._is_silent():
             self._switch_to(
                 replace(self._test, drive=Drive.HOLD, open_loop=False, setpoint=np.empty(0))
@@ -154,7 +155,7 @@ class WireLoop:
     def _take(self) -> None:
         rows = self._ring.take()
         if self._ring.lost:
-            # This process stood still for longer than the ring lasts.
+            # This process was stopped for longer than the ring holds rows.
             self._stopped = LoopStoppedError(Action.HOLD, Cause.SUPERVISOR_LOST)
         mine = rows[rows[:, self._segment_column] == self._number]
         if len(mine):
@@ -184,7 +185,7 @@ class WireLoop:
         return float(known[-1])
 
     def _check(self) -> None:
-        """Raise if the loop does not do what was ordered."""
+        """Raise `LoopStoppedError` if the loop has stopped the motion, or is silent."""
         words = self._words
         action = Action(int(words[Word.ACTION]))
         if words[Word.LOOP_TRIP]:

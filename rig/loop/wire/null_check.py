@@ -1,7 +1,7 @@
-"""Looks whether a valve that the loop has at null stays there, compiled.
+"""Checks that a valve which the loop has brought to null stays there, compiled.
 
-Whoever else writes to the device is seen only before the loop's next exchange, which brings the
-valve to null again before it reads.
+What another program writes to the device can only be seen before the loop's next exchange, which
+brings the valve to null again before it reads.
 """
 
 from math import isnan
@@ -20,9 +20,10 @@ _DEVICE_COMMAND: Final = FAST_INPUTS.index("device_command_V")
 
 @inner
 def is_null(inputs):
-    """Return whether the device says that the valve is at null and disabled.
+    """Return whether the device reports that the valve is at null and disabled.
 
-    What it does not report cannot deny it, but one of both it must confirm.
+    If it does not report the output, the valve must be reported disabled. If it does not report
+    whether the valve is enabled, an output at null is enough.
     """
     command, enabled = inputs[_DEVICE_COMMAND], inputs[_VALVE_ENABLED]
     if isnan(command):
@@ -32,14 +33,14 @@ def is_null(inputs):
 
 @inner
 def look_at_null(fd, look, tol, pace, memory):
-    """Take note of a valve that is driven though this loop has it at null: by another master.
+    """Read the device, and note in `memory.found` if another master drives a valve at null.
 
     Args:
-        fd: the device's connection.
-        look: reads the device and writes nothing.
+        fd: descriptor of the device's connection.
+        look: plan that reads the device and writes no output.
         tol: `rig.loop.interlocks.check_tolerances.Tolerances`.
-        pace: for the deadline.
-        memory: `WireMemory`; `found` is updated.
+        pace: `Pace`, for the deadline.
+        memory: `WireMemory`; updated.
     """
     counts, seen, found = memory.counts, memory.seen, memory.found
     counts[Count.SEQUENCE] += 1
@@ -65,9 +66,10 @@ def look_at_null(fd, look, tol, pace, memory):
 
 @inner
 def _spool_off_null(spool_m, tol, counts):
-    """Return how far from null the spool is in m, once it was there and then away for long; or 0.
+    """Return the spool's distance from null in m if it settled there and then left for long, or 0.
 
-    A spool that never came to null is stuck, which is no master's doing. NaN is at no place.
+    A spool that never came to null is stuck, which no other master caused. NaN counts neither as at
+    null nor as away from it.
     """
     if counts[Count.SETTLED] < tol.spool_ticks:
         at_null = abs(spool_m) <= tol.spool_m

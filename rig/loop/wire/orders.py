@@ -1,7 +1,7 @@
-"""What the loop process is ordered to do, and what it answers.
+"""The orders to the loop process, and its answers.
 
-Segments are numbered by the supervisor. An ordered segment begins when the board's word SWITCH
-comes to its number; the one before goes on until then, so that exchanges never pause.
+The supervisor numbers the segments. An ordered segment begins when the board's word SWITCH becomes
+its number. The segment before it goes on until then, so that exchanges never pause.
 """
 
 from dataclasses import dataclass, field
@@ -28,24 +28,24 @@ def _no_setpoint() -> Array:
 
 @dataclass(frozen=True)
 class Segment:
-    """One segment; the answer is its number, once the loop is ready to switch to it.
+    """The order of one segment; the answer is its number, once the loop is ready to switch to it.
 
     Attributes:
-        number: greater than those before.
-        drive: what is done with the valve.
-        memory: the filter's, before its first sample.
-        assumed: the parameters the filter assumes.
-        setpoint: (ticks,) m, or V in open loop; the segment holds the ram after its end.
+        number: number of the segment, greater than those of all earlier ones.
+        drive: what the loop does with the valve.
+        memory: the filter's memory, before its first sample.
+        assumed: the parameters that the filter assumes.
+        setpoint: (ticks,) m, or V in open loop; after its end the loop holds the ram.
         open_loop: whether the setpoint is the valve command.
-        gain: of the position loop, V/m.
+        gain: gain of the position loop, V/m.
         limit: greatest command of either sign, V.
-        on_fault: what is done about a confirmed fault.
-        offset_m: added to the encoder's position.
-        homed: whether the position is known with that offset; None leaves it as it is.
+        on_fault: the reaction to a confirmed fault.
+        offset_m: offset that is added to the encoder's position.
+        homed: whether the position is known with that offset; None leaves this as it is.
         valve_enable: whether the valve's relay may close.
-        reset_lamp: whether the operator is asked for the reset button.
-        rearm: whether a watchdog that tripped is acknowledged; once in each segment.
-        reset: forget an earlier trip; the supervisor clears its own words first.
+        reset_lamp: whether the operator is asked to press the reset button.
+        rearm: whether a watchdog that tripped is acknowledged, once in the segment.
+        reset: whether an earlier trip is cleared; the supervisor clears its own words before.
     """
 
     number: int
@@ -67,14 +67,14 @@ class Segment:
 
 @dataclass(frozen=True)
 class Open:
-    """Open the fast driver; the answer is `Opened`, or its `DriverError`.
+    """The order to open the fast driver; the answer is `Opened`, or the driver's `DriverError`.
 
     Attributes:
         driver: the fast driver.
-        settings: of the loop.
-        limits: of channels, with their actions.
-        tolerances: of the plausibility checks.
-        first: the segment to begin with; the loop is compiled for its filter before it starts.
+        settings: settings of the loop.
+        limits: limits of channels, with their actions.
+        tolerances: tolerances of the plausibility checks.
+        first: the first segment; the loop is compiled for its filter before it starts.
     """
 
     driver: DriverSpec
@@ -86,11 +86,11 @@ class Open:
 
 @dataclass(frozen=True)
 class Opened:
-    """The device is set up, and the loop runs in the first segment.
+    """The answer that the device is set up, and the loop runs in the first segment.
 
     Attributes:
-        grants: what the kernel gave the loop.
-        rate_hz: exchanges in a second.
+        grants: what the loop asked of the kernel, with the answers.
+        rate_hz: number of exchanges in a second.
     """
 
     grants: tuple[Grant, ...]
@@ -99,12 +99,12 @@ class Opened:
 
 @dataclass(frozen=True)
 class Close:
-    """Leave the device safe and end; the answer is `Closed`."""
+    """The order to bring the device to its safe state and to end; the answer is `Closed`."""
 
 
 @dataclass(frozen=True)
 class Closed:
-    """How the loop ended.
+    """The answer of a loop that has ended.
 
     Attributes:
         failure: why the safe state was not confirmed; empty if it was.
