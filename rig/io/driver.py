@@ -161,7 +161,7 @@ class FastDriver(Driver, Protocol):
         """
 
     def plan(self) -> Plan:
-        """Return the plan of the exchange, the same at every call, whether or not it is open."""
+        """Return the plan of the exchange, which is the same at every call, also before `open`."""
 
     def look_plan(self) -> Plan:
         """Return a plan of the type of `plan()` whose exchange reads inputs and writes no output.

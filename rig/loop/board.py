@@ -56,10 +56,10 @@ class Word(IntEnum):
     """Loop: cause (`rig.loop.interlocks.ladder.Cause`) for which it tripped; 0 if it did not."""
     LOOP_TRIP_AT = 10
     FIELD_TRIP = 11
-    """Field process: as LOOP_TRIP."""
+    """Field process: cause for which it tripped, as LOOP_TRIP."""
     FIELD_TRIP_AT = 12
     SUPERVISOR_TRIP = 13
-    """Supervisor: as LOOP_TRIP."""
+    """Supervisor: cause for which it tripped, as LOOP_TRIP."""
     SUPERVISOR_TRIP_AT = 14
     VALVE_NULL_AT = 15
     """Loop: time at which the device confirmed, after a trip, that the valve is null and off."""
@@ -78,7 +78,7 @@ class Word(IntEnum):
     EXCHANGE_ERRORS = 22
     """Loop: number of exchanges that failed so far."""
     HOMED = 23
-    """Loop: 1 once the encoder's zero is known; 0 again after a lost count."""
+    """Loop: 1 once the encoder's zero is known; 0 before, and again after a lost count."""
     RECORDED = 24
     """Recorder: number of rows on disk so far."""
     DECISIONS = 25

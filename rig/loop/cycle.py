@@ -171,7 +171,7 @@ class TrueRig(NamedTuple):
     """The true state and parameters of a simulated rig; all arrays but `fitted` are updated."""
 
     plant: Array
-    """(9,) `rig.plant.dynamics.PlantState`."""
+    """(9,) true state, `rig.plant.dynamics.PlantState`."""
     path: Array
     """Memory of what lies between command and plant (`rig.plant.command_effects`)."""
     seen: Array

@@ -15,7 +15,7 @@ class RingReader:
     """One reader of the ring, which does not disturb the loop or other readers.
 
     Attributes:
-        lost: number of rows that were overwritten before they were read; the user may reset it.
+        lost: number of rows that were overwritten before they were read; a caller may set it to 0.
     """
 
     def __init__(self, board: Board) -> None:

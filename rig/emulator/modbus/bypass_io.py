@@ -42,7 +42,7 @@ class BypassIo:
 
     Attributes:
         valves: the valves; its method `stick` jams one.
-        wire: faults of the line to the device; the user may change it at any time.
+        wire: faults of the line to the device; other code may change them at any time.
         shorted: bypasses whose ball has both switches on, as by a damaged cable.
         identity: number in the identity register.
         requests: number of requests that the device has served.

@@ -52,7 +52,7 @@ class ModbusServer:
         record: takes note of connections.
 
     Attributes:
-        wire: faults of the line to the device; the user may change it at any time.
+        wire: faults of the line to the device; other code may change them at any time.
         requests: number of requests that came in, with those that the wire lost.
     """
 

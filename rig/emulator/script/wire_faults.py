@@ -33,7 +33,7 @@ class Delay(_OfWire):
 
 @dataclass(frozen=True)
 class Drop(_OfWire):
-    """Replies, or requests, are lost."""
+    """Replies or requests are lost, as `what` says."""
 
     what: Literal["replies", "requests"] = "replies"
 
@@ -125,7 +125,7 @@ class StuckCan:
 
 @dataclass(frozen=True)
 class PumpWatchdogDead:
-    """The pump unit's watchdog does not act: it stays loaded when its host falls silent."""
+    """The pump unit's watchdog does not act: the unit stays loaded when its host falls silent."""
 
 
 @dataclass(frozen=True)

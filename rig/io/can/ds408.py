@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from .canopen import Entry
 
 DEVICE_PROFILE: Final = 408
-"""Low 16 bits of object 0x1000, device type (section 4.1.1)."""
+"""Number of this profile, the low 16 bits of object 0x1000, device type (section 4.1.1)."""
 
 CONTROL_WORD: Final = Entry(0x6040, 0, "<H")
 STATUS_WORD: Final = Entry(0x6041, 0, "<H")
@@ -74,7 +74,7 @@ class DriveState(IntEnum):
 
     @property
     def disabled(self) -> bool:
-        """Whether the electronics do not control the spool, so that it is fail-safe."""
+        """Whether nothing controls the spool, so that it is in its fail-safe position."""
         return not self & H
 
 

@@ -23,7 +23,7 @@ _RPDO1_MAPPING: Final = 0x1600
 _TPDO1_MAPPING: Final = 0x1A00
 
 TPDO1_PERIOD: Final = Entry(_TPDO1_COMMUNICATION, 5, "<H")
-"""Event timer of TPDO1, ms."""
+"""Entry of the event timer of TPDO1, the time in ms after which it is sent again."""
 
 _NOT_VALID: Final = 1 << 31
 _ON_CHANGE: Final = 255

@@ -18,7 +18,7 @@ from rig.io import FAST_INPUTS, HomingSettings
 from rig.plant import Parameters, SensorParameters, total_mass, valve_conductance
 
 YEARS_BETWEEN: Final = 10.0
-"""Years at full rate in which all noise-driven checks together make one false trip."""
+"""Years of uninterrupted ticks in which noise makes all checks together trip falsely once."""
 
 _NOISY_CHECKS: Final = 12
 """Number of comparisons in a tick that noise could trip, among which false trips are shared."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.io import FAST_INPUTS, ChannelLimit
 
 NO_CHANNEL: Final = -1
-"""In place of a channel's index in `FAST_INPUTS`, for a cause that concerns none."""
+"""Number in place of a channel's index in `FAST_INPUTS`, if a cause concerns no channel."""
 
 
 class Action(IntEnum):
@@ -32,7 +32,7 @@ class Action(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why an action was taken."""
+    """The causes for which the interlock or another part of a session takes an action."""
 
     NONE = 0
     LIMIT_LOW = 1

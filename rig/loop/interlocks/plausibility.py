@@ -162,7 +162,7 @@ def _against_flow(values, step, homed, tol, evidence):
     par, elapsed_ticks = tol.par, evidence[_GAP]
     elapsed_s = elapsed_ticks * tol.period_s
     p1, p2, supply = evidence[_P1], evidence[_P2], par.supply_pressure
-    # A failing supply, or its transducer, must not look like a failed encoder: it only widens.
+    # A failing supply, or its transducer, is not the encoder's fault: it may only widen the bounds.
     if values[_SUPPLY] > supply:
         supply = values[_SUPPLY]
     opening = values[_SPOOL]

@@ -290,7 +290,7 @@ def _drive(course, tick, action, taken, words):
 
 @inner
 def _command(drive, course, filt, tick, pace, limits, memory, words):
-    """Return the command in V for a tick."""
+    """Return the command in V for a tick, as `drive` asks; note in `memory` where a hold began."""
     handling, position = memory.handling, memory.encoder[0] + course.offset
     if drive == Drive.TRACK:
         setpoint, limit = course.setpoint[tick], course.limit
