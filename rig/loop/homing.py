@@ -149,11 +149,11 @@ class Homing:
             self._enter(Phase.BACK_OFF)
             return
         self.apart_m = abs(sample.position_m - self._first_m)
-        apart = self.apart_m / self._count_m
+        counts = self.apart_m / self._count_m
         # Half a count is allowed, since positions are whole counts only up to rounding.
-        if apart > REPEATABLE_COUNTS + 0.5:
+        if counts > REPEATABLE_COUNTS + 0.5:
             raise HomingError(
-                f"the stroke end was found {apart:.0f} counts apart, {REPEATABLE_COUNTS} allowed: "
+                f"the stroke end was found {counts:.0f} counts apart, {REPEATABLE_COUNTS} allowed: "
                 "the encoder loses counts, or it is no firm stop; check both"
             )
         self.offset_m = self._stop_m - sample.position_m

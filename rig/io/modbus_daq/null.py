@@ -60,8 +60,8 @@ def _waiting(link: DaqLink, register_map: RegisterMap) -> str:
     request = register_map.null_request
     if request is not None and not link.holds(request):
         return "has not taken the request"
-    standing = next(driven(link, register_map), "")
-    return f"still {standing}" if standing else ""
+    not_null = next(driven(link, register_map), "")
+    return f"still {not_null}" if not_null else ""
 
 
 def driven(link: DaqLink, register_map: RegisterMap) -> Iterator[str]:

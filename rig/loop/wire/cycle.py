@@ -107,7 +107,7 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         leaves = counts[Count.LEAVE] != 0
         if leaves:
             command, enable = 0.0, 0.0
-        standing, begun, sent, status = outputs[_COMMAND], woken, 0, _NOT_EXCHANGED
+        previous, begun, sent, status = outputs[_COMMAND], woken, 0, _NOT_EXCHANGED
         if fd >= 0 and (now % pace.every == 0 or enable == 0.0):
             if enable == 0.0 and counts[Count.NULL_NS] != 0:
                 look_at_null(fd, look, interlock.tolerances, pace, memory)
@@ -124,9 +124,9 @@ def wire_ticks(course, filt, interlock, pace, fd, plan, look, memory, shared):
         starts = not started
         for k in range(tick, now):
             setpoint = _setpoint(_drive(course, k, action, taken, words), course, k, memory)
-            row = _begin_row(k, setpoint, standing, held, starts, filt, pace, memory, shared)
+            row = _begin_row(k, setpoint, previous, held, starts, filt, pace, memory, shared)
             _end_row(row, at, _NOT_DONE, course, k, action, memory, shared, woken, pace)
-            held = standing
+            held = previous
         tick = now
 
         fresh = status == ExchangeStatus.OK.value
