@@ -78,8 +78,9 @@ def simulated_rig(
     spool_sensor: bool = True,
     supply_pressure_sensor: bool = True,
     load_cell: bool = True,
+    position: float | None = None,
 ) -> SimulatedRig:
-    """Return a simulated rig at rest at mid stroke.
+    """Return a simulated rig with its ram at rest.
 
     Args:
         model: the true model of the rig.
@@ -88,6 +89,7 @@ def simulated_rig(
         spool_sensor: whether the rig measures its spool.
         supply_pressure_sensor: whether it measures its supply pressure.
         load_cell: whether it measures the force on its rod.
+        position: of the ram, m; None means mid stroke.
     """
     par = model.parameters
     generator = np.random.default_rng(seed)
@@ -96,7 +98,8 @@ def simulated_rig(
         if not present:
             fitted[index] = np.nan
     offsets = np.abs(sensors.flow_error * generator.standard_normal(_FLOW_METERS))
-    state = rest_state(par, 0.5 * (par.stroke_min + par.stroke_max))
+    middle = 0.5 * (par.stroke_min + par.stroke_max)
+    state = rest_state(par, middle if position is None else position)
     return SimulatedRig(
         par, sensors, fitted, state, command_path(par), transducers(par, state),
         np.zeros(_FLOW_METERS), offsets, generator,

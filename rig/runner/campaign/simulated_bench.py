@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from estimator.filters import FilterMemory
-from faults import CampaignTest, FaultSchedule
+from faults import CampaignTest, FaultSchedule, SpringLoad
 from rig.channels import READINGS
 from rig.configuration import Rig
 from rig.io import HomingSettings, simulated_rig
 from rig.loop import Interlock, Motion, Reaction, SimulatedLoop, interlock, limit_table, tolerances
-from rig.plant import TICK, Model
+from rig.plant import TICK, Model, Parameters
 from rig.recording import McapWriter
 
 from .simulated_loop import SimulatedTest
@@ -113,6 +113,15 @@ def interlock_of(rig: Rig, assumed: Model) -> Interlock:
     return interlock(limit_table(rig.ladder, TICK), judged)
 
 
+def _rest_position(par: Parameters, load: SpringLoad | None) -> float:
+    """Return where a ram rests before its test, m: at mid stroke, but never inside a spring.
+
+    A stiff spring would throw a ram that begins inside it farther in a tick than any valve can.
+    """
+    middle = 0.5 * (par.stroke_min + par.stroke_max)
+    return middle if load is None else min(middle, load.contact)
+
+
 def loop_of(
     rig: Rig, test: CampaignTest, memory: FilterMemory, assumed: Model, *, judged: bool = True
 ) -> SimulatedLoop:
@@ -125,13 +134,15 @@ def loop_of(
         assumed: the model that filter and interlock assume.
         judged: whether the interlock judges the samples.
     """
+    truth = truth_of(rig, test)
     simulated = simulated_rig(
-        truth_of(rig, test),
+        truth,
         test.seed,
         sensors=rig.sensors,
         spool_sensor=rig.has_spool_sensor,
         supply_pressure_sensor=rig.has_supply_pressure_sensor,
         load_cell=rig.has_load_cell,
+        position=_rest_position(truth.parameters, test.load),
     )
     return SimulatedLoop(
         simulated,

@@ -15,6 +15,7 @@ from estimator.filters.registry import start_memory
 from faults.campaign import Campaign, CampaignTest, SpringLoad
 from faults.schedule import Fault
 from faults.verdict import Verdict
+from rig.configuration.campaigns.campaign import load_campaign
 from rig.configuration.rigs.limits import usual_ladder
 from rig.configuration.rigs.rig import Rig
 from rig.io.limits import ChannelLimit, Response
@@ -27,7 +28,7 @@ from rig.plant.integrator import TICK
 from rig.recording import read_recording
 from rig.recording.formats.mcap_reader import read_mcap
 from rig.runner import Observer, Status, run_campaign
-from rig.runner.campaign.simulated_bench import interlock_of
+from rig.runner.campaign.simulated_bench import interlock_of, loop_of
 
 Array = NDArray[np.float64]
 MakeTest = Callable[..., CampaignTest]
@@ -39,6 +40,7 @@ TICKS = 6000
 TIME = np.arange(TICKS) * TICK
 SINE = 0.3 + 0.2 * np.sin(np.pi * TIME)
 REST = np.full(TICKS, 0.3)
+SHIPPED = sorted((Path(__file__).parents[4] / "config/campaigns").glob("*.yaml"))
 
 
 def true(**changes: float) -> Spoil:
@@ -325,3 +327,16 @@ def test_limits_change_nothing_of_a_run_that_keeps_them(
         run_campaign(campaign, judged, tmp_path / name)
         hashes.add(read_recording(tmp_path / name / "healthy.mcap").content_hash())
     assert len(hashes) == 1
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_no_test_of_a_shipped_campaign_trips_on_its_way_to_the_start_or_in_its_first_second(
+    path: Path,
+) -> None:
+    campaign, rig = load_campaign(path)
+    for test in campaign.tests:
+        memory = start_memory("product", campaign.model, rig.sensors)
+        loop = loop_of(rig, test, memory, campaign.model)
+        loop.position()
+        loop.advance(1000)
+        assert loop.indicated == (Cause.NONE, ""), test.name
