@@ -62,8 +62,11 @@ def exclusive(drivers: Iterable[DriverSpec]) -> Iterator[None]:
 def _lock(driver: str, connection: str) -> Iterator[None]:
     digest = hashlib.sha256(connection.encode()).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"rig-device-{digest}.lock"
-    # Runs of all users must be able to open the same lock file.
-    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    try:
+        fd = _opened(path)
+    except OSError as error:
+        state = f"the lock of {connection} cannot be opened: {error}"
+        raise DriverError(driver, state, f"delete {path} if no program uses the device") from None
     try:
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -76,3 +79,18 @@ def _lock(driver: str, connection: str) -> Iterator[None]:
         yield
     finally:
         os.close(fd)
+
+
+def _opened(path: Path) -> int:
+    """Return a descriptor of a lock file that runs of all users share, made if it is not there.
+
+    Linux lets nobody open another user's file in /tmp who asks for it to be made as well.
+    """
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    try:
+        return os.open(path, flags)
+    except FileNotFoundError:
+        fd = os.open(path, flags | os.O_CREAT, 0o666)
+        # The umask has taken from the others what they were given.
+        os.fchmod(fd, 0o666)
+        return fd

@@ -83,3 +83,27 @@ def test_of_a_bus_each_node_has_one_program(device: DriverSpec) -> None:
         exclusive([pump]),
     ):
         pass
+
+
+def test_a_lock_is_for_runs_of_all_users_whatever_the_umask(
+    device: DriverSpec, tmp_path: Path
+) -> None:
+    before = os.umask(0o077)
+    try:
+        with exclusive([device]):
+            (lock,) = tmp_path.iterdir()
+    finally:
+        os.umask(before)
+    assert lock.stat().st_mode & 0o777 == 0o666
+
+
+def test_a_lock_that_cannot_be_opened_is_named_with_the_remedy(
+    device: DriverSpec, tmp_path: Path
+) -> None:
+    with exclusive([device]):
+        (lock,) = tmp_path.iterdir()
+    lock.unlink()
+    lock.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DriverError, match=rf"lock of 127.0.0.1:1 cannot.*delete {lock}"):
+        exclusive([device]).__enter__()
+    assert not (tmp_path / "elsewhere").exists()
