@@ -31,6 +31,9 @@ FLUSH_S: Final = 0.5
 """Period in s of flushing: half of the second that a kill may cost, as flushing may be delayed."""
 _DRAIN_S: Final = 0.5
 """Time in s for which rows are awaited after the supervisor is gone, while the loop ramps down."""
+NICENESS: Final = -10
+"""Niceness that is asked for, so that rows reach the disk though other programs keep all processors
+busy; without the right to it (root's, or CAP_SYS_NICE) the recorder runs like any other program."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,8 @@ class Recorder:
 def main() -> None:
     """Run as the recorder of a session."""
     board, pipe = child_ends()
+    with suppress(OSError):
+        os.nice(NICENESS)
     try:
         Recorder(board, pipe).run()
     except OSError as error:

@@ -4,6 +4,8 @@ import errno
 import os
 import resource
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +18,12 @@ from rig.loop.interlocks.ladder import Cause
 from rig.loop.ring import RingReader
 from rig.recording import read_recording, recover
 from rig.supervisor.processes.child import Child, ChildError
-from rig.supervisor.processes.recorder import BeginRecording, FinishRecording, NoteInRecording
+from rig.supervisor.processes.recorder import (
+    NICENESS,
+    BeginRecording,
+    FinishRecording,
+    NoteInRecording,
+)
 from tests.waiting import PATIENCE_S, until
 
 CHANNELS = ("time_s", "setpoint_V", "segment")
@@ -110,6 +117,16 @@ def test_after_a_kill_every_flushed_second_is_readable(session: Session) -> None
         session.child.answer(PATIENCE_S)
     recover(path, session.folder / "saved.mcap")
     assert read_recording(session.folder / "saved.mcap", required=("time_s",)).time_s.size == 1200
+
+
+def test_it_has_precedence_over_ordinary_programs_where_the_system_grants_it(
+    session: Session,
+) -> None:
+    session.begin()
+    asked = [sys.executable, "-c", f"import os; os.nice({NICENESS})"]
+    granted = subprocess.run(asked, stderr=subprocess.DEVNULL, check=False).returncode == 0
+    gained = os.getpriority(os.PRIO_PROCESS, session.child.pid) - os.nice(0)
+    assert gained == (NICENESS if granted else 0)
 
 
 def test_a_file_that_cannot_grow_is_reported_by_the_exit_code_though_the_log_cannot_either(
