@@ -95,10 +95,11 @@ def run_campaign(
         rig: the rig.
         out: a new or empty folder, or the folder of an earlier run, whose files are replaced; if
             not given, a new folder below `runs`.
-        pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
-            rig's file if not given. The results are the same bit for bit.
+        pace: of a simulated rig: "real" to run at the wall clock, "fast" to run as fast as
+            possible; the pace of the rig's file if not given. The results are the same bit for bit.
         observer: its methods are called as the run goes on.
-        stop: a request on it ends the run after the present batch; see `stop_on_signals`.
+        stop: is looked at after each batch; once a stop is requested on it, the run ends, as with
+            `stop_on_signals`. The run itself requests one after a trip.
         detector: makes the detector of each test, in place of the filter's own detector.
         bench: the bench to run the tests on, whose context is not entered yet; if not given, that
             of `rig`.
@@ -107,8 +108,8 @@ def run_campaign(
             tests; a new run begins if the folder has no journal.
         desk: takes requests of operators from this process; other processes reach it by the socket
             in the folder.
-        overdue: is called from another thread if a test is not cleaned up in time. It should end
-            the process; the rig's other processes then make the rig safe.
+        overdue: is called from another thread if cleaning up after a test takes more than 60 s. It
+            should end the process; the rig's other processes then make the rig safe.
         given: options of the command line that the journal keeps, for resuming; JSON-able.
 
     Raises:
@@ -171,7 +172,7 @@ def bench_of(
         directory: folder of the run.
         observer: shows the operator how compiling goes on; follows a session on hardware if it is
             an `Onlooker`, too.
-        stop: a request on it ends compiling, and later the session.
+        stop: once a stop is requested on it, compiling ends, and later the session.
         journal: is called on hardware with a sentence when another master drives a device.
     """
     needs = Needs(rig, campaign.filter_name)

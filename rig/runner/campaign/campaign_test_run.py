@@ -42,14 +42,14 @@ class Setting:
     """The objects that all tests of one campaign share while they run.
 
     Attributes:
-        bench: the bench that the tests are run on; its context has been entered.
+        bench: the bench that the tests are run on; its context is entered before the first test.
         directory: folder of the run, for recordings and tracebacks.
         detector: makes the detector of each test, in place of the filter's own; None for the own.
         desk: takes the operators' requests.
         suspenders: the conditions that may hold the campaign.
         deadline: limits how long cleaning up after a test may take.
-        enters: is called with each phase that a test enters, and the file name of its recording,
-            None while there is none.
+        enters: is called with each phase that a test enters, and the file name of its recording in
+            the phase `MAIN`, None in the others.
     """
 
     campaign: Campaign
@@ -83,8 +83,10 @@ class _InterruptedError(Exception):
 def run_test(setting: Setting, test: CampaignTest, recording: str) -> TestOutcome:
     """Run one test and return its outcome; leave the rig safe and the recording closed.
 
-    A crash, a trip and a stop are returned as outcomes. Only exceptions that do not derive from
-    `Exception`, such as SystemExit, are raised on.
+    A crash, a trip, a stop (also KeyboardInterrupt), and an end that an operator or a condition
+    asked for are returned as outcomes. After a trip, KeyboardInterrupt or a full disk the
+    campaign's stop is requested. Other exceptions that do not derive from `Exception`, such as
+    SystemExit, are raised on.
 
     Args:
         setting: what the tests of the campaign share.

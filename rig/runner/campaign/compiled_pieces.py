@@ -83,12 +83,12 @@ class Needs:
 
     @property
     def kind(self) -> str:
-        """Name that all filters have in common which share their machine code with this one."""
+        """`product` for the default filter, else the filter's own name; it names the compiled code."""
         return "product" if self.filter_name == DEFAULT_FILTER else self.filter_name
 
     @property
     def fast(self) -> DriverSpec:
-        """The driver with which the loop exchanges samples on hardware."""
+        """The driver with which the loop exchanges samples; a rig on hardware has just one."""
         (fast,) = (spec for spec in self.rig.drivers if spec.kind == "fast")
         return fast
 
@@ -242,8 +242,8 @@ class Piece:
     """A part of a session's code that one process compiles at a time.
 
     Attributes:
-        run: runs the code on tiny inputs, by which numba compiles it.
-        after: names of the pieces that it contains; their compiled code is reused.
+        run: runs the code on tiny inputs, or only compiles it for their types.
+        after: names of the pieces whose code it contains; they are compiled before it, and reused.
         exchanges: whether it contains the exchange of the fast driver.
     """
 

@@ -51,14 +51,16 @@ _FORK: Final = multiprocessing.get_context("fork")
 def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
     """Compile the pieces that are not compiled yet, and report the progress to the operator.
 
-    If a stop is requested, the function returns before all pieces are compiled. If a piece cannot
-    be compiled, that is reported; the code is then compiled when a process first runs it.
+    The function waits until all are compiled, and first for another program that compiles the same.
+    If a stop is requested, it returns earlier. If a piece cannot be compiled, that is reported; the
+    code is then compiled when a process first runs it. Without a folder for compiled code nothing
+    is done.
 
     Args:
         needs: rig and filter, on which the compiled code depends.
         names: names of the pieces, as in `PIECES`.
         say: shows a line to the operator.
-        stop: a request on it ends compiling.
+        stop: once a stop is requested on it, compiling ends.
     """
     marks = marks_folder()
     if marks is None or not _missing(marks, needs, names):
@@ -70,7 +72,10 @@ def compile_for(needs: Needs, names: Names, say: Say, stop: StopFlag) -> None:
 
 
 def load(needs: Needs, names: Names) -> None:
-    """Load the compiled pieces into this process, except those that the loop process loads."""
+    """Load the compiled pieces into this process, except those that the loop process loads.
+
+    A piece that was not compiled before is compiled now.
+    """
     for name in names:
         if name not in OF_THE_LOOP:
             PIECES[name].run(needs)

@@ -39,7 +39,8 @@ class ControlPort:
     Args:
         folder: folder of the run.
         desk: takes the requests.
-        refused: is called with one line when a request is refused, or fails, that says why.
+        refused: is called with one line that says why, when a request is refused or fails, or when
+            the socket cannot be made, so that no request is served.
     """
 
     def __init__(self, folder: Path, desk: Desk, refused: Callable[[str], None]) -> None:

@@ -26,7 +26,7 @@ LEAK_CHANNELS: Final = {
 # A sample at a limit of a time span counts, however its time was rounded.
 _INSTANT_S: Final = 1e-6
 SHUT_S: Final = 1.0
-"""How long a bypass must be shut for its meter's zero to be known, s: ten times the meter's lag."""
+"""How long a bypass must be shut at the begin of a test so that its meter's zero is known, s."""
 
 
 @dataclass
@@ -101,7 +101,8 @@ class Injection:
     def take(self, rows: Array) -> list[tuple[float, str, str]]:
         """Process the next rows, and return the events in them as (time in s, kind, text).
 
-        An event is the begin of a fault (kind `fault_on`) or its end (`fault_off`).
+        An event is the begin of a fault (kind `fault_on`) or its end (`fault_off`), at the time for
+        which the fault is scheduled. At least one row must be given.
         """
         self._time_s = float(rows[-1, 0])
         for flow in self._flows.values():
@@ -112,7 +113,11 @@ class Injection:
 
     @property
     def injected(self) -> tuple[InjectedFault, ...]:
-        """The faults that have begun so far, with their mean flows so far."""
+        """The faults that have begun so far, with their mean flows so far.
+
+        The mean is that of `InjectedFault.mean_flow_m3_per_s`, over the rows so far; it is None for
+        a fault that is no leak from a chamber, and while no flow was recorded.
+        """
         return tuple(
             InjectedFault(
                 kind=str(fault.kind),

@@ -26,6 +26,8 @@ _SAMPLED: Final = (
 class Judge:
     """Collects a test's rows into blocks of half a second, and lets the detector judge each block.
 
+    The first block has one tick more.
+
     Args:
         detector: is given every sample once, in order.
         memory: the filter's memory.
@@ -51,12 +53,15 @@ class Judge:
 
     @property
     def decision(self) -> Decision | None:
-        """The detector's latest decision; None before the end of the first block."""
+        """The detector's latest decision; None before it has judged the first block."""
         return self.history[-1][1] if self.history else None
 
     @property
     def detected_at_s(self) -> float | None:
-        """Time at which the detector came to its present verdict, s; None if that is no fault."""
+        """Time of the first decision with the latest verdict, s; None if that is no fault, or none.
+
+        Other verdicts may have come in between.
+        """
         return first_held(self.history) if self.history else None
 
     @property

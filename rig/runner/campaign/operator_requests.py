@@ -39,7 +39,7 @@ class Request(StrEnum):
 
 
 class RefusedError(ValueError):
-    """A request that cannot be carried out now; the message says why."""
+    """Raised for a request that is not carried out; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,8 @@ class Note:
 
     Attributes:
         who: name of the operator.
-        text: the text, on one line.
+        text: the text, on one line; if it came with a request other than NOTE, that request stands
+            before it.
     """
 
     who: str
@@ -87,16 +88,18 @@ class Desk:
 
         Args:
             names: names of the campaign's tests.
-            statuses: status of each test that was run already, by the test's index.
-            write: writes an entry to the journal; it is only called while the desk is locked.
-            stop: a request on it ends the campaign.
+            statuses: status of each test that is finished already, by the test's index.
+            write: writes an entry to the journal, given its kind and its details as keywords; it is
+                only called while the desk is locked.
+            stop: the campaign's flag, on which the desk requests a stop when an operator asks to
+                ABORT.
         """
         with self._lock:
             self._names, self._statuses = names, dict(statuses)
             self._write, self._stop = write, stop
 
     def on_change(self, changed: Callable[[bool, Sequence[str]], None]) -> None:
-        """Let a function be called whenever a pause or the reasons for a hold change.
+        """Let a function be called after each PAUSE or RESUME, and when reasons for a hold change.
 
         Args:
             changed: takes whether a pause is requested, and the reasons why conditions hold the
@@ -105,15 +108,16 @@ class Desk:
         self._changed = changed
 
     def close(self) -> None:
-        """Refuse all requests from now on."""
+        """Refuse all requests, and write nothing to the journal, from now on."""
         with self._lock:
             self._write = None
 
     def record(self, kind: str, **details: Any) -> None:
         """Write an entry to the journal, while no request of an operator is being written.
 
-        If another thread has locked the desk for 5 s, its disk hangs; then nothing is written, so
-        that the calling thread does not hang as well.
+        Before `open` and after `close` nothing is written. If another thread has locked the desk
+        for 5 s, its disk hangs; then nothing is written, so that the calling thread does not hang
+        as well.
         """
         if not self._lock.acquire(timeout=_PATIENCE_S):
             return
@@ -124,7 +128,7 @@ class Desk:
             self._lock.release()
 
     def begins(self, index: int) -> None:
-        """Note which test begins, by its index."""
+        """Note which test begins, by its index; `interruption` is None again."""
         with self._lock:
             self._present, self._interruption = index, None
 
@@ -148,7 +152,10 @@ class Desk:
                 self._attention.append(f"{self._names[index]}: {status}")
 
     def held_by(self, reasons: Sequence[str]) -> None:
-        """Note the reasons why conditions hold the campaign; it is not held if there are none."""
+        """Note the reasons why conditions hold the campaign; it is not held if there are none.
+
+        When a hold begins, its reasons are added to what wants attention.
+        """
         with self._lock:
             if reasons and not self._held:
                 self._attention += reasons
@@ -163,11 +170,14 @@ class Desk:
 
     @property
     def interruption(self) -> Request | None:
-        """SKIP or RETRY, if the present test is to be ended at once."""
+        """SKIP or RETRY if the present test is to be ended at once, else None.
+
+        It stays until the next test begins.
+        """
         return self._interruption
 
     def take_notes(self) -> list[Note]:
-        """Return the operators' texts since the last call, and forget them."""
+        """Return the operators' notes, and the texts of other requests, since the last call."""
         with self._lock:
             notes, self._notes = self._notes, []
         return notes
@@ -177,12 +187,14 @@ class Desk:
     def ask(self, request: Request, who: str, text: str = "", test: str = "") -> str:
         """Take an operator's request, and return an answer that says what will happen.
 
-        Control characters of the text become spaces, so that it stays on one line.
+        Control characters of the text become spaces, so that it stays on one line. Everything but
+        STATUS, which `status` answers, is written to the journal.
 
         Args:
             request: what the operator asks for.
             who: name of the operator.
-            text: the text of a note; any other request may have one, too.
+            text: the text of a note; any other request may have one, too; at most `LONGEST_TEXT`
+                characters.
             test: name of the test to skip or retry. If empty, it is the test that runs; if none
                 runs, RETRY means the test that ended last, and SKIP is refused.
 
@@ -216,7 +228,11 @@ class Desk:
         return reply
 
     def status(self) -> dict[str, Any]:
-        """Return the state of the campaign as JSON-able values."""
+        """Return the state of the campaign as JSON-able values.
+
+        They are the state, whether a pause is asked for, the reasons for a hold, present test and
+        phase, the number of tests, the statuses of those that ended, and what wants attention.
+        """
         with self._lock:
             state = "running" if self._present is not None else "between tests"
             if self._present is None and (self._paused or self._held):

@@ -51,9 +51,10 @@ class SimulatedBench:
         return self._test
 
     def reading(self, channel: str) -> float | None:
-        """Return the newest value of a channel in the present test; None if no test has any row.
+        """Return the newest value of a channel in the present test.
 
-        It is NaN if the rig has no such channel.
+        It is NaN if the rig has no such channel, and None before the test's first row and between
+        two tests.
         """
         return None if self._test is None else self._test.latest(channel)
 

@@ -22,7 +22,7 @@ class StopFlag:
         self._reason = ""
 
     def request(self, reason: str) -> None:
-        """Ask the run to end; if it was asked before, the first reason stays."""
+        """Ask the run to end; the reason must not be empty, and the first one stays."""
         self._reason = self._reason or reason
 
     @property

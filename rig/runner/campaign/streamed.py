@@ -53,7 +53,7 @@ class StreamedRun(Observer, Onlooker):
         """Locked while the list of tests changes, which operators change from other threads."""
 
     def ends(self) -> None:
-        """Send the message that the run has ended, and close the stream."""
+        """Send the message that the campaign has ended, if one was begun, and close the stream."""
         if self._campaign:
             self._campaign["status"] = "ended"
             self._list_tests(last=True)
@@ -135,7 +135,7 @@ class StreamedRun(Observer, Onlooker):
         self._send_progress(0.0)
 
     def test_advances(self, time_s: float, decision: Decision | None) -> None:
-        """Send how far a test has come, and its detector's decision if it is a new one."""
+        """Send a test's progress, at most every 0.1 s, and its detector's decision if it is new."""
         self._inner.test_advances(time_s, decision)
         if decision is not None and decision is not self._decision:
             self._decision = decision

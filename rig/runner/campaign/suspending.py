@@ -17,9 +17,10 @@ MOST_SUSPENSIONS: Final = 5
 class Suspender:
     """Follows one condition over time, and decides whether it holds the campaign.
 
-    It holds the campaign after the channel was beyond a limit, or had no reading, for
+    It holds the campaign after the channel was beyond a limit, or had no reading, at every look for
     `condition.for_s`; it releases the campaign after the channel was within the limits by at least
-    the hysteresis for the same time. If the very first reading is beyond a limit, it holds at once.
+    the hysteresis for the same time. If the very first reading is NaN or beyond a limit, it holds
+    at once.
 
     Attributes:
         condition: the condition.
@@ -92,18 +93,18 @@ class Suspenders:
         self._reading = reading
 
     def look(self) -> None:
-        """Read the channel of every condition, and update whether the condition holds."""
+        """Read the channel of every condition, and update whether the condition holds the campaign."""
         for suspender in self._suspenders:
             suspender.look(self._reading(suspender.condition.channel), time.monotonic())
 
     @property
     def reasons(self) -> Sequence[str]:
-        """The reasons why the campaign is to be held, one each condition; empty if it may run."""
+        """Why the campaign is held, a sentence for each condition that holds it; empty if none does."""
         return [each.reason for each in self._suspenders if each.reason]
 
     @property
     def interrupts(self) -> bool:
-        """Whether a condition that is not met asks to end the running test."""
+        """Whether a condition that holds the campaign asks to end the running test, too."""
         return any(
             each.reason and each.condition.action is WhenUnmet.INTERRUPT
             for each in self._suspenders

@@ -36,7 +36,8 @@ class Run:
     Attributes:
         folder: the run's folder.
         results: the content of its `results.json`.
-        state: `ended`, `running`, or `unfinished` if `rig run --resume` can run the rest.
+        state: `running` while a process writes its journal; `unfinished` if a test was not run,
+            aborted or interrupted, or if the journal has no entry of its end; else `ended`.
     """
 
     folder: Path
@@ -65,17 +66,17 @@ class Run:
 
     @property
     def verdicts(self) -> set[str]:
-        """The verdicts of all its tests, each once."""
+        """The last verdicts of its tests, each once; tests without a decision have none."""
         return {str(test["found"]["verdict"]) for test in self.tests if test["found"]}
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """The number of tests with each status, by the status."""
+        """The number of tests with each status, by the status; without those that no test has."""
         return dict(self.results["counts"])
 
     @property
     def recordings(self) -> list[Path]:
-        """Paths of the recordings of its tests, without missing files."""
+        """Paths of the recordings of its tests, without earlier attempts and missing files."""
         names = [test["recording"] for test in self.tests if test["recording"]]
         return [path for path in (self.folder / str(name) for name in names) if path.is_file()]
 
@@ -89,8 +90,8 @@ def read_run(folder: Path) -> Run:
     """Return the run in a folder.
 
     Raises:
-        RunError: the folder holds no run, or the run's results are damaged or name a file outside
-            the folder.
+        RunError: the folder holds no run, or the run's results are damaged, larger than
+            `LARGEST_RESULTS`, or name a file outside the folder.
     """
     path = folder / RESULTS
     try:
@@ -153,7 +154,7 @@ def run_named(name: str, below: Path = RUNS) -> Run:
         below: the folder that holds it.
 
     Raises:
-        RunError: the name is a path or that of a link, or there is no such run.
+        RunError: the name is a path or that of a link, there is no such run, or it cannot be read.
     """
     if not is_plain(name):
         raise RunError(f"{name!r}: is not the name of a run")
@@ -163,7 +164,10 @@ def run_named(name: str, below: Path = RUNS) -> Run:
 
 
 def runs_below(folder: Path) -> Iterator[Run]:
-    """Yield all readable runs in a folder and in the folders below it, oldest first."""
+    """Yield all readable runs in a folder and in the folders below it, oldest first.
+
+    Folders inside a run's folder are not searched.
+    """
     found = []
     for path, folders, files in os.walk(folder):
         if RESULTS in files:

@@ -59,7 +59,7 @@ class Change(StrEnum):
 
     SAME = "same"
     MOVED = "moved"
-    """The figure differs by more than its tolerance, or the candidate lacks it."""
+    """The figure differs by more than its tolerance, or the candidate lacks it; a text differs."""
     NEW = "new"
     """Only the candidate has the figure."""
 
@@ -104,8 +104,9 @@ class Comparison:
     Attributes:
         reference: the run that is taken as right.
         candidate: the run that is compared with it.
-        figures: all compared figures, in the order of the reference's tests.
-        changed: differences of campaign, rig, model, filter and software, in words.
+        figures: all compared figures, in the order of the reference's tests; then the status of
+            each test that only the candidate has.
+        changed: differences of campaign, rig, model, filter and software versions, in words.
     """
 
     reference: Run

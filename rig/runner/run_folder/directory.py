@@ -104,11 +104,11 @@ def make_empty(directory: Path) -> None:
 
 
 def log_error(directory: Path, what: str) -> Path:
-    """Append the traceback of the present exception to a run's log, and return the log's path.
+    """Append the traceback of the exception being handled to a run's log; return the log's path.
 
     Args:
         directory: folder of the run.
-        what: what failed, as a line above the traceback.
+        what: what failed, written as a line above the traceback.
     """
     path = directory / ERRORS
     with path.open("a", encoding="utf-8") as log:
@@ -135,7 +135,7 @@ def recording_names(tests: Iterable[str]) -> list[str]:
 
 
 def attempt_path(recording: Path, number: int) -> Path:
-    """Return the path to which the recording of an earlier attempt, counted from 1, is renamed."""
+    """Return the path NAME~NUMBER.mcap for an earlier attempt's recording; attempts count from 1."""
     return recording.with_name(f"{recording.stem}{ATTEMPT}{number}{recording.suffix}")
 
 
@@ -158,7 +158,8 @@ def attempts_of(recordings: Iterable[Path]) -> list[Path]:
 def file_stem(name: str) -> str:
     """Return a name as the stem of a file name, with at most 100 characters.
 
-    It has only ASCII letters, digits, `.`, `_` and `-`, and does not begin with a dot.
+    It has only ASCII letters, digits, `.`, `_` and `-`, of which it begins and ends with a letter
+    or digit. It is `test` if nothing else is left.
     """
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:_LONGEST_NAME].strip("._-")
     return stem or "test"

@@ -43,7 +43,7 @@ class Entry:
         number: number of the line, from 0 on, without a gap.
         at: when it was written, UTC, ISO 8601.
         kind: what happened: `begin`, `resume`, `phase`, `outcome`, `operator`, `held`, `released`,
-            `driven`, `overdue` or `end`.
+            `driven`, `refused`, `overdue` or `end`; the journal of a schedule has other kinds.
         details: the rest of the entry, by name.
     """
 
@@ -58,10 +58,10 @@ class Entry:
 
 
 def read_journal(path: Path) -> list[Entry]:
-    """Return the entries of a journal, without a last line that a kill has left incomplete.
+    """Return the entries of a journal, without damaged lines at its end, as a kill leaves one.
 
     Raises:
-        JournalError: there is no journal, or a line before the last one is damaged.
+        JournalError: the journal cannot be read, or a valid line follows a damaged one.
     """
     entries, _ = _read(path)
     return entries
@@ -120,7 +120,8 @@ class Journal:
 
     Args:
         folder: folder of the run, which exists.
-        resume: whether to append to the journal in the folder; if not, the file is emptied.
+        resume: whether to append to the journal in the folder, without damaged lines at its end; if
+            not, the file is emptied.
         now: returns the time of the wall clock, UTC.
         name: file name of the journal.
         busy: message of the error if another process writes the journal; a default if empty.
@@ -129,7 +130,8 @@ class Journal:
         entries: the entries that the journal had when it was entered, with `resume`; else empty.
 
     Raises:
-        JournalError: on entering, if another process writes the journal, or if it is damaged.
+        JournalError: on entering, if another process writes the journal, or, with `resume`, if a
+            valid line follows a damaged one.
         OSError: on entering, if the journal cannot be written.
     """
 
@@ -179,10 +181,11 @@ class Journal:
             kind: what happened; see `Entry`.
             durable: whether to wait until the line is on disk, so that it survives a power cut. If
                 not, it survives a kill of this process, and is on disk after the next durable line.
-            details: the rest of the entry, JSON-able.
+            details: the rest of the entry, JSON-able, without NaN and infinity, which raise
+                ValueError.
 
         Raises:
-            OSError: the line cannot be written.
+            OSError: the line cannot be written to the end, as on a full disk.
         """
         at = self._now().isoformat(timespec="milliseconds")
         content = {"n": self._number, "at": at, "kind": kind, **details}
@@ -199,7 +202,7 @@ class Journal:
 
 
 def is_written(folder: Path) -> bool:
-    """Return whether a process has locked the journal of a folder to write it."""
+    """Return whether a process has locked the journal of a folder to write it; False without one."""
     try:
         file = os.open(folder / JOURNAL, os.O_RDONLY)
     except OSError:
@@ -216,7 +219,8 @@ def is_written(folder: Path) -> bool:
 def sync(path: Path) -> None:
     """Wait until a file, or a folder's list of names, is on disk.
 
-    On a file system that cannot do this, such as some FUSE ones, the function does nothing.
+    On a file system that cannot do this, such as some FUSE ones, the function does nothing. If the
+    path cannot be opened, OSError is raised.
     """
     file = os.open(path, os.O_RDONLY)
     try:

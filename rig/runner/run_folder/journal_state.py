@@ -21,8 +21,10 @@ class JournalState:
         begun: the entry `begin`; None before it.
         finished: outcomes of the tests that are finished, by the test's index.
         attempts: earlier runs of a test that was run again, by the test's index, oldest first.
-        skipped: indices of the tests that an operator has asked to skip.
-        history: what happened outside the tests.
+        skipped: indices of the tests that an operator has asked to skip and that have had no
+            outcome since.
+        history: what happened outside the tests, oldest first: operators' requests, holds,
+            resumptions, refused requests, drives by another master, and a stop.
     """
 
     tests: Sequence[str] = ()
@@ -42,6 +44,8 @@ class JournalState:
 
     def take(self, entry: Entry) -> None:
         """Update the state by the next entry of the journal.
+
+        An entry of an unknown kind changes nothing.
 
         Raises:
             KeyError, TypeError, ValueError: the entry does not belong to a campaign's journal.
@@ -87,11 +91,14 @@ class JournalState:
         return len(self.attempts.get(index, [])) + (index in self._open) + 1
 
     def outcome(self, index: int, not_run: TestOutcome) -> TestOutcome:
-        """Return the outcome of a test's latest attempt, even an unfinished one, with earlier ones.
+        """Return the outcome of a test's latest ended attempt, also one that does not count.
+
+        A latest attempt that a kill ended gets the status `interrupted`; earlier attempts are
+        listed in `attempts`.
 
         Args:
             index: of the test.
-            not_run: the outcome to return if the test was not begun.
+            not_run: the outcome to return if no attempt has ended, or if a further one runs now.
         """
         known = self.finished.get(index) or self._partial.get(index)
         if known is None and index in self._open:
@@ -179,7 +186,10 @@ def stands_unfinished(standing: JournalState) -> bool:
 
 
 def changes_of(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Return the versions that differ, as "NAME OLD -> NEW, ..."; empty if none does."""
+    """Return the versions that differ, as "NAME OLD -> NEW, ..."; empty if none does.
+
+    An entry of `old` that `new` lacks is left out; one that `old` lacks is "None".
+    """
     return ", ".join(
         f"{name} {old.get(name)} -> {version}"
         for name, version in new.items()

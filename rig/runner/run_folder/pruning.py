@@ -19,7 +19,8 @@ def prunable(
 
     Args:
         runs: all runs.
-        keep: how many of the newest runs of each campaign on each rig stay.
+        keep: how many of the newest runs of each campaign on each rig stay, also counting runs that
+            are running or unfinished.
         older_than: a run stays unless it began longer ago than this; None for no limit.
         now: the present time, UTC.
     """

@@ -53,7 +53,7 @@ def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
 
 
 def changed(kept: Mapping[str, Any], found: Mapping[str, str]) -> list[str]:
-    """Return the keys of two fingerprints, the kept and the present one, whose hashes differ."""
+    """Return the keys whose hash in the kept fingerprint is missing or differs from the found one."""
     return [part for part, digest in found.items() if kept.get(part) != digest]
 
 
@@ -76,6 +76,8 @@ def begun_in(folder: Path) -> Entry:
 
 def unfinished_run(campaign: str, below: Path) -> Path:
     """Return the folder of the newest unfinished run of a campaign, directly below another folder.
+
+    The newest is the one that was begun last; folders with unreadable journals are passed over.
 
     Args:
         campaign: name of the campaign.
@@ -140,8 +142,9 @@ def learn_again(
 ) -> None:
     """Add the innovations in the recordings of finished healthy tests to `references`.
 
-    Tests that are run after a resumption then learn from the same tests as without a stop. A
-    recording that cannot be read is passed over.
+    They are those of tests to learn from that passed or failed, without the filter's start. Tests
+    that are run after a resumption then learn from the same tests as without a stop. A recording
+    that cannot be read is passed over.
 
     Args:
         references: is updated in place.

@@ -42,8 +42,14 @@ class Trend:
     """The course of a figure of a test over several runs.
 
     Attributes:
+        campaign: campaign and rig, as "CAMPAIGN on RIG".
+        test: name of the test.
+        figure: name of the figure.
+        unit: unit of the figure.
+
         points: the values of the runs, oldest first.
-        slope: change per day; None if there are fewer than `FEWEST` runs, or all began at once.
+        slope: change of the figure per day, in its unit; None if there are fewer than `FEWEST`
+            runs, or all began at once.
         half: half the width of the slope's 99 % interval, which follows from the scatter of the
             values about the fitted line; None without a slope.
     """
@@ -74,7 +80,11 @@ class Trend:
 
 
 def trends_of(runs: Iterable[Run]) -> list[Trend]:
-    """Return the trend of every figure, for each test of each campaign on each rig."""
+    """Return the trend of every figure, for each test of each campaign on each rig.
+
+    Runs without a figure, or in which its value is None, are left out of its trend; a figure that
+    has different units in different runs has a trend for each unit.
+    """
     points: dict[tuple[str, str, str, str], list[Point]] = {}
     for run in sorted(runs, key=lambda run: run.started):
         for test in run.tests:

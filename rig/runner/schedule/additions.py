@@ -44,7 +44,11 @@ def add(folder: Path, **asked: Any) -> str:
 
 
 def asked_of(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield all requests ever written for the schedule of a folder, without unreadable lines."""
+    """Yield all requests ever written for the schedule of a folder, oldest first.
+
+    Requests that the schedule has taken already are among them. Lines that are no request, have no
+    id, or are longer than 64 KiB are left out; without a file there are none.
+    """
     try:
         lines = (folder / ADDITIONS).read_bytes().splitlines()
     except FileNotFoundError:

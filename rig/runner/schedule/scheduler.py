@@ -72,7 +72,8 @@ class Scheduler:
     def run(self, stopped: Callable[[], bool], *, until_idle: bool = False) -> None:
         """Run the schedule until `stopped` returns True.
 
-        With `until_idle` it also returns as soon as no job waits in the queue.
+        With `until_idle` it also returns as soon as nothing can be run and no job waits in the
+        queue; jobs that wait for a time or because of a halt keep it running.
         """
         while not stopped():
             wait_s = self.step(stopped)
@@ -83,13 +84,15 @@ class Scheduler:
             self._hands.sleep(wait_s)
 
     def step(self, stopped: Callable[[], bool] = lambda: False) -> float | None:
-        """Run the next job that is due, if any.
+        """Queue the jobs that are due or asked for, and run the next one, unless the schedule is halted.
 
         Args:
-            stopped: says whether the scheduler was asked to end.
+            stopped: says whether the scheduler was asked to end; if so after a run, the run is not
+                ended in the journal, and is resumed after a restart.
 
         Returns:
-            None if a job was run; else how long to wait for the next one, s, at most `poll_s`.
+            None if a job was run, also if its process was killed; else how long to wait until the
+            next call, s, at most `poll_s`.
         """
         self._collect()
         self._take_additions()

@@ -19,7 +19,7 @@ class Job:
         entry: name of the schedule's entry, or of the request that added the job.
         campaign: the campaign, as an argument of `rig run`.
         rig: the rig, as an argument of `rig run`; None for the campaign's own.
-        due: when it was to begin.
+        due: when it was to begin; for a job that a request added, when the request was taken.
         attempt: number of the attempt, from 1; retries of a failed run count up.
         not_before: earliest time at which it may begin; None for at once.
         folder: folder of its run; None before it has begun.
@@ -59,10 +59,11 @@ class ScheduleState:
     Attributes:
         collected: time up to which all due times have been put into the queue; None before the
             first start.
-        queue: jobs that wait, in the order in which they will run.
+        queue: jobs that wait, in the order of running, except that a job whose `not_before` has not
+            come yet lets those after it pass.
         present: the job that was begun and has not ended; None if there is none.
         history: runs that have ended, oldest first.
-        missed: number of missed times of each entry, by the entry's name.
+        missed: number of due times of each entry that were not run, by the entry's name.
         taken: ids of the requests that were taken from the file of additions.
         halted: why no job is begun; empty if the schedule is not halted.
     """
@@ -76,7 +77,10 @@ class ScheduleState:
     halted: str = ""
 
     def take(self, entry: Entry) -> None:
-        """Update the state by the next entry of the journal."""
+        """Update the state by the next entry of the journal.
+
+        An entry of an unknown kind changes nothing.
+        """
         details = entry.details
         match entry.kind:
             case "collected":
