@@ -74,11 +74,11 @@ class Panel:
 
 
 def limits_of(shown: Sequence[Array], least: float = 0.0) -> tuple[float, float] | None:
-    """Return the lowest and the highest value that an axis shows at first; None if there is none.
+    """Return the lowest and the highest value that an axis shows at first.
 
     The axis shows all values except extreme ones, so that a diverging filter does not flatten all
     other curves. It reaches beyond the middle 99 % of the values by their span at most, and a
-    margin of 6 %.
+    margin of 6 %. The result is None if no value is finite, or if all are equal and `least` is 0.
 
     Args:
         shown: the signals, float64 arrays; NaN and infinite values do not count.

@@ -45,7 +45,10 @@ def label(verdict: str) -> str:
 
 
 def flow(m3_per_s: float) -> str:
-    """Return a flow, given in m^3/s, as text in L/min, without the unit."""
+    """Return a flow given in m^3/s as text in L/min, without the unit.
+
+    It has two decimals, or three below 0.1 L/min.
+    """
     litres = m3_per_s / LITRE_PER_MINUTE
     return f"{litres:.3f}" if 0.0 < abs(litres) < 0.0995 else f"{litres:.2f}"
 

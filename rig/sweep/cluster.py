@@ -58,6 +58,8 @@ def run_cluster(
 ) -> Iterator[Judged]:
     """Run chunks of cases on a cluster, and yield the result of each chunk as soon as it ends.
 
+    While the cluster has no worker, it waits for one. A chunk that fails is run twice more.
+
     Args:
         chunks: the chunks to run.
         setting: what all cases of the sweep share.

@@ -101,8 +101,8 @@ class SweepFolder:
     def done(self, chunks: Mapping[int, int]) -> dict[int, int]:
         """Return the number of cases of each finished chunk, by the chunk's number.
 
-        A part of the folder that is damaged, or that does not fit any chunk, is deleted, so that
-        its cases are run again.
+        If the folder has the sweep's table, all chunks are finished. A part of the folder that is
+        damaged, or that does not fit any chunk, is deleted, so that its cases are run again.
 
         Args:
             chunks: number of cases of each chunk of the sweep, by the chunk's number.
@@ -135,6 +135,8 @@ class SweepFolder:
 
     def finish(self) -> pa.Table:
         """Write the table of all parts, delete the parts, and return the table.
+
+        A table that the folder has already is not written again.
 
         Raises:
             OSError: the table cannot be written.
@@ -182,9 +184,10 @@ def default_folder(sweep: Sweep, started: datetime) -> Path:
 
 
 def unfinished_folder(sweep: Sweep, runs: Path) -> Path | None:
-    """Return the newest folder below `runs` with an unfinished run of the same sweep.
+    """Return the newest folder in `runs` with an unfinished run of the same sweep.
 
-    The result is None if there is none.
+    The newest is that whose `sweep.json` is newest; folders further below are not searched. The
+    result is None if there is none.
     """
     same = identity(sweep)["sha256"]
     begun = [

@@ -119,7 +119,8 @@ def drawn_motions(
         duration_s: duration of a case, s.
 
     Returns:
-        The setpoints, and by its name each column as (values, unit, description).
+        The setpoints, and by its name each column as (values, unit, description): the motion's
+        name, and each quantity that is drawn, NaN for cases with another motion.
     """
     shares = np.cumsum([motion.share for motion in motions])
     chosen = np.searchsorted(shares / shares[-1], draws.uniform("motion"), side="right")

@@ -71,7 +71,10 @@ class Timing:
         return set(self.ready_s)
 
     def plain(self) -> dict[str, Any]:
-        """Return the times as JSON-able values, with rates in simulated seconds per second."""
+        """Return the times as JSON-able values, with rates in simulated seconds per second.
+
+        A rate is None if no case was run.
+        """
         after_start = sum(self.elapsed_s - ready_s for ready_s in self.ready_s.values())
         return {
             "cases": self.cases,

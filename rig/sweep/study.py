@@ -75,12 +75,14 @@ class PowerBin:
 class PowerCurve:
     """The share of leaks that are named right, as a function of their flow.
 
+    Leaks whose true flow is not positive or not known are left out.
+
     Attributes:
         bins: the leaks in bins of flow, smallest flow first, without empty bins.
         intercept, slope: coefficients of a logistic curve in ln(flow in m^3/s); None if no curve
             can be fitted.
-        limit_m3_per_s: flow at which the curve reaches a share of 95 %; None without a curve, or if
-            that flow is outside of the flows that were drawn.
+        limit_m3_per_s: flow at which the curve reaches a share of 95 %; None without a curve that
+            rises, or if that flow is outside of the leaks' flows.
         interval_m3_per_s: 95 % interval of this flow; None without it.
         missed_m3_per_s: largest flow of a leak that was not named right; None if all were.
         named_m3_per_s: smallest flow of a leak that was named right; None if none was.
@@ -134,8 +136,9 @@ class Study:
         roc: receiver operating characteristics, under the same keys; empty without healthy cases.
         latency_s: median and 95 % quantile of the latencies of leaks named right; None if there
             are none.
-        sizing: relative bias and RMS error of the flow of leaks named right, and the share of
-            intervals that hold the true flow; None if the detector estimates no flow.
+        sizing: number, relative bias and RMS error of the estimated flows of leaks named right, and
+            the share of their 95 % intervals that hold the true flow; None if no such flow was
+            estimated.
         lost: share of the cases in which the filter was lost.
     """
 

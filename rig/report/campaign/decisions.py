@@ -22,7 +22,8 @@ _ROLES: Final = ("reference", "chamber_1", "chamber_2", "internal", "accent", "b
 def probability(data: TestData) -> Panel | None:
     """Return the panel of the probabilities of health and of each fault, as decided over time.
 
-    The panel is None if no probabilities are recorded.
+    A fault whose probability never exceeded 2 % is left out. The panel is None if no probabilities
+    are recorded.
     """
     traces = []
     for name, channel, role in zip(PROBABLE, PROBABILITIES, _ROLES, strict=True):
@@ -40,7 +41,10 @@ def probability(data: TestData) -> Panel | None:
 
 
 def compensation(data: TestData) -> Panel | None:
-    """Return the panel of the command's part that compensates for a leak; None if always zero."""
+    """Return the panel of the command's part that compensates for a leak; None if always zero.
+
+    It is None, too, if the compensation or the command is not recorded.
+    """
     added, sent = data.channel("compensation_V"), data.channel("command_V")
     if added is None or sent is None or not np.nanmax(np.abs(added)) > 0.0:
         return None

@@ -63,7 +63,8 @@ def missing_flow(data: TestData) -> Panel | None:
 def leak_flows(data: TestData) -> Panel | None:
     """Return the panel of leak flows: injected or metered, of the filter's states, and found.
 
-    The panel is None if there is nothing to draw.
+    It has the leaks that were injected or found, or all if there are none. The panel is None if
+    there is nothing to draw.
     """
     recorded: list[Trace] = []
     zeros: list[str] = []

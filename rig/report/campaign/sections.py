@@ -85,9 +85,10 @@ class Section:
         notes: sentences on what is missing in the section, and why.
         conditions: setpoint, load and timing of the loop, as (name, text).
         panels: the plots; empty without a readable recording.
-        marks: times of injections, onset and detection, in their order.
+        marks: times at which faults were injected and removed, of onset, end and detection, in
+            their order.
         spans: the loop's actions about faults.
-        events: the first events of the recording, 40 at most.
+        events: the first events of the recording, 40 at most, without the timing of the loop.
         start_s, end_s: begin and end of the time axis; it reaches to the planned end if the test
             ended early.
         recorded_until_s: time at which the recording ends, s.

@@ -30,8 +30,11 @@ DAY_S: Final = 86400.0
 class Scale:
     """The flows on the small chart of a row, each as a position in percent of the chart's width.
 
+    A flow beyond the end of the chart is shown at its end.
+
     Attributes:
-        injected: recorded mean flow of the injected leaks; None if there is none.
+        injected: recorded mean flow of the injected leaks that the verdict names, or of all if it
+            names no leak; None if there is none.
         found: mean flow found; None if there is none.
         lower, upper: ends of its 95 % interval; None if there is none.
     """
@@ -46,10 +49,12 @@ class Scale:
 class Row:
     """One row of the table of verdicts, as texts to print.
 
+    A text is empty where there is nothing to show.
+
     Attributes:
         section: the test's section.
         injected: for each injected fault, its name, its size, and when it acted.
-        found: the verdict; empty if the test was not run.
+        found: the verdict in words, `no verdict` if there is none; empty if the test was not run.
         chance: the verdict's probability.
         reaction: what the loop did about a fault.
         flow: leak flow found, with its interval.
@@ -74,7 +79,10 @@ class Row:
 
 
 def full_scale(outcome: CampaignOutcome) -> float:
-    """Return the flow in L/min at the end of the small charts: 1, 2 or 5 times a power of ten."""
+    """Return the flow in L/min at the end of the small charts: 1, 2 or 5 times a power of ten.
+
+    No recorded mean flow, and no upper end of an interval, is larger; without any flow it is 1.
+    """
     flows = [fault.mean_flow_m3_per_s or 0.0 for test in outcome.tests for fault in test.injected]
     for test in outcome.tests:
         if test.decision is not None and test.decision.interval_m3_per_s is not None:
@@ -166,8 +174,9 @@ def smallest_rows(sections: list[Section]) -> list[tuple[str, list[str], list[st
     """Return for each test the smallest leaks that would have been found, in L/min as text.
 
     A row has the test's name, the flows of leaks that begin in the test, and those of leaks that
-    are there from the start, each in the order of `LEAKS` or empty if not known. A flow is "none"
-    if the motion shows no leak of any size. Tests without these figures are left out.
+    are there from the start, each in the order of `LEAKS`, or empty if not known. A flow is rounded
+    up; it is "none" if the motion shows no leak of any size, or if the verdict is inconclusive.
+    Tests without these figures are left out.
     """
     rows = []
     for section in sections:

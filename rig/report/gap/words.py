@@ -39,7 +39,10 @@ def in_words(name: str) -> str:
 
 
 def unit_for(value: float, unit: str) -> tuple[str, float]:
-    """Return the unit in which to show a value in SI, and the factor to multiply the value by."""
+    """Return the unit in which to show a value in SI, and the factor to multiply the value by.
+
+    It is the largest unit in which the value is at least 1, else the smallest.
+    """
     choices = _PREFIXES.get(unit, ((unit, 1.0),))
     for name, factor in choices:
         if abs(value) * factor >= 1.0:
@@ -67,7 +70,10 @@ def with_unit(value: float, unit: str) -> str:
 
 
 def estimated(estimate: Estimate) -> str:
-    """Return an estimate as text: value ± half the width of its 95 % interval, and the unit."""
+    """Return an estimate as text: value ± half the width of its 95 % interval, and the unit.
+
+    The half width is left out if it is not finite or not positive.
+    """
     half = (estimate.upper - estimate.lower) / 2.0
     shown, factor = unit_for(estimate.value or half, estimate.unit)
     value, half = estimate.value * factor, half * factor
@@ -85,7 +91,7 @@ def estimated(estimate: Estimate) -> str:
 
 
 def sizes(effect: NamedEffect) -> str:
-    """Return the parameters of an effect with their estimates, as one phrase."""
+    """Return the estimates of an effect's parameters as one phrase, with names if several."""
     if len(effect.parameters) == 1:
         return estimated(effect.parameters[0])
     return ", ".join(f"{in_words(each.key)} {estimated(each)}" for each in effect.parameters)
@@ -98,7 +104,10 @@ def or_else(effect: NamedEffect) -> str:
 
 
 def shrunk(result: GapResult) -> float:
-    """Return the share by which the held-out error above the floor fell; NaN if there was none."""
+    """Return the share by which the held-out error above the floor fell; NaN if there was none.
+
+    It is negative if the error grew.
+    """
     if not result.gap_before > 0.0:
         return float("nan")
     return 1.0 - result.gap_after / result.gap_before
@@ -187,7 +196,7 @@ def where_words(curves: Sequence[Curve], most: int = 1) -> Iterator[str]:
 
 
 def share(part: float) -> str:
-    """Return a share, from 0 to 1, as text in percent; "no known part" if it is not finite."""
+    """Return a share as text, from 0 to 100 percent; "no known part" if it is not finite."""
     return f"{min(max(100.0 * part, 0.0), 100.0):.0f} %" if isfinite(part) else "no known part"
 
 
@@ -204,7 +213,8 @@ def band(of: Band) -> str:
 def band_shares(gap: ChannelGap) -> list[str]:
     """Return each frequency band's share of a channel's error above the floor, as text.
 
-    The error is the one-step prediction error of the model as given.
+    The error is the one-step prediction error of the model as given. The texts are "none" if no
+    band has an error above the floor.
     """
     excesses = [max(each.before - each.floor, 0.0) for each in gap.bands]
     total = sum(excesses)
@@ -212,7 +222,7 @@ def band_shares(gap: ChannelGap) -> list[str]:
 
 
 def excess(variances: float) -> str:
-    """Return an error above the floor as text; a negative one, which is chance, becomes zero."""
+    """Return an error above the floor, in noise variances, as text; a negative one becomes zero."""
     return number(max(variances, 0.0))
 
 

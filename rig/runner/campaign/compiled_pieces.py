@@ -83,7 +83,7 @@ class Needs:
 
     @property
     def kind(self) -> str:
-        """`product` for the default filter, else the filter's own name; it names the compiled code."""
+        """Name by which compiled code is marked: `product` for the default filter, else its own."""
         return "product" if self.filter_name == DEFAULT_FILTER else self.filter_name
 
     @property

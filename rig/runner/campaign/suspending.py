@@ -93,13 +93,13 @@ class Suspenders:
         self._reading = reading
 
     def look(self) -> None:
-        """Read the channel of every condition, and update whether the condition holds the campaign."""
+        """Read the channel of every condition, and update whether it holds the campaign."""
         for suspender in self._suspenders:
             suspender.look(self._reading(suspender.condition.channel), time.monotonic())
 
     @property
     def reasons(self) -> Sequence[str]:
-        """Why the campaign is held, a sentence for each condition that holds it; empty if none does."""
+        """Why the campaign is held, a sentence for each condition that holds it; empty if none."""
         return [each.reason for each in self._suspenders if each.reason]
 
     @property

@@ -60,7 +60,8 @@ class FrictionExperiment:
         null_V: command at which the ram rests, V.
         sliding: friction curve identified while the ram slows down.
         speeds: results of all strokes at constant speed, settled or not.
-        places: break-aways of each ramp, one tuple for each position.
+        places: break-aways of each ramp, one tuple for each position; those of the ramps that were
+            repeated in closed loop come last.
         level: stiction level that all break-aways have in common.
         fit: the friction law fitted to all results; None if the sliding part did not show all
             parameters.
@@ -102,7 +103,7 @@ def run_friction_experiment(
         pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
             rig's file if not given.
         observer: its methods are called as the experiment goes on.
-        stop: a request on it ends the experiment after the present batch.
+        stop: once a stop is requested on it, the experiment ends after the present batch.
         places: number of positions along the stroke at which break-aways are measured.
         speeds: constant speeds, as shares of the ram's speed with the valve fully open.
         seed: sets the noise of a simulated rig.

@@ -86,6 +86,9 @@ def sliding_campaign(
 def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[Stroke, ...]]:
     """Return a setpoint of strokes out and back at a constant speed, and the times of the strokes.
 
+    The ram goes out and back twice about the middle, with a rest of 1 s before and after each
+    stroke. A stroke is as long as the range, but at most 0.5 m and 3 s.
+
     Args:
         speed: m/s.
         low: lowest position, m.
@@ -106,7 +109,7 @@ def strokes_at(speed: float, low: float, high: float) -> tuple[Polyline, tuple[S
 
 
 def strokes_of(rig: Rig, assumed: Model, share: float) -> tuple[Stroke, ...]:
-    """Return begin and end of the strokes in the test of one constant speed.
+    """Return begin and end, s of the test, of the strokes in the test of one constant speed.
 
     Args:
         rig: as for `sliding_campaign`.
@@ -171,10 +174,11 @@ def closed_loop_campaign(
 ) -> Campaign:
     """Return the campaign of ramps of the setpoint, one a position, with the loop closed.
 
-    It is run at the positions where ramps of the command did not move the ram.
-    While the ram sticks, the loop turns the slow ramp of the setpoint into a slow ramp of the
-    command, which passes even an overlap or underlap of the spool. After the break-away the ram
-    follows the setpoint. The arguments are those of `break_away_campaign`.
+    It is run at the positions where ramps of the command did not move the ram. A position too near
+    a limit is moved inwards, and positions that coincide then are run once. While the ram sticks,
+    the loop turns the slow ramp of the setpoint into a slow ramp of the command, which passes even
+    an overlap or underlap of the spool. After the break-away the ram follows the setpoint. The
+    arguments are those of `break_away_campaign`.
     """
     low, high = _room(rig)
     reach = _loop_reach(rig, assumed)
@@ -196,7 +200,7 @@ def closed_loop_campaign(
 
 
 def ramp_slope(rig: Rig, assumed: Model, *, closed_loop: bool = False) -> float:
-    """Return the slope of the command in a ramp while the ram is at rest, V/s."""
+    """Return the absolute slope of the command in a ramp while the ram is at rest, V/s."""
     if closed_loop:
         return 4.0 * _loop_reach(rig, assumed) * rig.gain_V_per_m / LOOP_RAMP_S
     return 4.0 * CREEP_SPEED / valve_speed(assumed.parameters, 1.0) / RAMP_S

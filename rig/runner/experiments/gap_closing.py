@@ -87,6 +87,8 @@ class Question:
 def answer_to(question: Question, fitted: Sequence[Path], held: Sequence[Path]) -> GapResult:
     """Return the result of the gap search for a model.
 
+    A recording that cannot be read, or lacks one of `CHANNELS`, raises RecordingError.
+
     Args:
         question: rig, model, and effects to look for.
         fitted: files of the recordings that the model is fitted to.
@@ -100,12 +102,13 @@ def checked(
 ) -> tuple[Check, GapResult]:
     """Return the check of a revised model on new recordings, and the result with its gap on them.
 
-    If the revised model predicts the new recordings worse than the given one, the returned result
-    takes its effects and its refit back.
+    The result is that of the search, but with the new recordings in place of the held-out ones and
+    with the gap on them. If the revised model predicts the new recordings worse than the given one,
+    the effects and the refit are taken back in it.
 
     Args:
         question: rig, given model, and effects to look for.
-        found: result of the gap search; it is not changed.
+        found: result of the gap search, from which the revised model follows; it is not changed.
         fresh: files of recordings that were made after the model was revised.
         held: files of the recordings that are held out.
     """
@@ -141,7 +144,7 @@ def checked(
 
 
 def revised_model(given: Model, found: GapResult) -> Model:
-    """Return the given model with the parameters that were found; all else stays as given."""
+    """Return the given model with the parameters that were found; its name and effects stay."""
     parameters = Parameters(**{name: found.values[name] for name in Parameters._fields})
     return replace(given, parameters=parameters)
 
@@ -166,8 +169,9 @@ def close_gap(
 ) -> GapResult:
     """Run motions on a rig until its model is adequate, and return the result with what it lacked.
 
-    If the rig trips between two motions, while the model is being fitted, the rounds end; the
-    result then follows from the recordings so far, and its `ended_by` says why.
+    The rounds also end when nothing more can be found, or after `rounds` of them. If the rig trips
+    between two motions, while the model is being fitted, the result follows from the recordings so
+    far, and its `ended_by` says why.
 
     Args:
         rig: a simulated rig, or one on hardware.
@@ -179,7 +183,7 @@ def close_gap(
         pace: "real" to run at the wall clock, "fast" to run as fast as possible; the pace of the
             rig's file if not given.
         observer: its methods are called as the experiment goes on.
-        stop: a request on it ends the experiment after the present batch.
+        stop: once a stop is requested on it, the experiment ends after the present batch.
         worker: runs the computations; `apart` lets the rig be supervised meanwhile.
         seed: sets the motions' phases, and the noise of a simulated rig.
 

@@ -42,11 +42,11 @@ class Room:
 
     @property
     def middle(self) -> float:
-        """The position in the middle of the range, m, rounded."""
+        """The position in the middle of the range, m, rounded to 0.1 mm."""
         return round(0.5 * (self.low + self.high), _ROUNDED)
 
     def part(self, share: float) -> float:
-        """Return a share, from 0 to 1, of the range's length, m, rounded."""
+        """Return the length of a share, from 0 to 1, of the range, m, rounded to 0.1 mm."""
         return round(share * (self.high - self.low), _ROUNDED)
 
 

@@ -71,7 +71,7 @@ class ExperimentStoppedError(Exception):
     """An experiment that ended early; its recordings so far are on disk.
 
     Attributes:
-        exit_code: exit code of the command that ran it.
+        exit_code: exit code of the command that ran it: 1 after a crash, else 3.
     """
 
     def __init__(self, message: str, exit_code: int) -> None:
@@ -112,7 +112,9 @@ class Parts:
         """Run a campaign and return the recording of each test, by the test's name.
 
         Raises:
-            ExperimentStoppedError: the rig tripped, the campaign was stopped, or a test crashed.
+            ExperimentStoppedError: a test was not run to its end: the rig tripped, the campaign was
+                stopped, an operator had the test skipped, or it crashed.
+            DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
         """
         return {name: read_recording(path) for name, path in self.record(campaign).items()}
 
@@ -120,7 +122,9 @@ class Parts:
         """Run a campaign and return the path of each test's recording, by the test's name.
 
         Raises:
-            ExperimentStoppedError: the rig tripped, the campaign was stopped, or a test crashed.
+            ExperimentStoppedError: a test was not run to its end: the rig tripped, the campaign was
+                stopped, an operator had the test skipped, or it crashed.
+            DirectoryError, DriverError, TripError, OSError: as for `run_campaign`.
         """
         folder = self._directory / campaign.name
         outcome = run_campaign(

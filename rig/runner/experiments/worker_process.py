@@ -23,7 +23,10 @@ T = TypeVar("T")
 
 
 class ApartError(Exception):
-    """A computation that gave no result; the message is the last line that its process printed."""
+    """Raised for a computation that gave no result; the message is its process's last line.
+
+    If the process printed nothing, the message has its exit code.
+    """
 
 
 class Worker(Protocol):
@@ -54,7 +57,8 @@ def apart(
     Args:
         waits: is called every 50 ms meanwhile; if it raises an exception, the process is killed and
             the exception is raised on.
-        function: a function at the top level of a module, so that it can be pickled.
+        function: a function at the top level of a module; it, its arguments and its result are
+            pickled.
         args: arguments of the function.
         kwargs: keyword arguments of the function.
 

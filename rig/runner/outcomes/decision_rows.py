@@ -25,7 +25,8 @@ class DecisionRows:
         """Return a decision as a row, float64 (len(`rig.loop.decided.DECIDED`),), SI.
 
         The row says that a fault is confirmed if the decision lists a leak as present now, or if
-        the verdict has been the same fault for 5 s; the detector itself withdraws none after that.
+        the verdict has been the same fault for 5 s. Probabilities, flow and interval that the
+        decision lacks are NaN.
 
         Args:
             time_s: time of the newest sample that the decision rests on, s.

@@ -79,7 +79,8 @@ def residual_level(innovation: Array) -> Figure | None:
     """Return the mean absolute innovation, with its standard error from blocks of 1 s.
 
     The result is None if fewer than two blocks can be used. NaN (the first row, and rows of missed
-    ticks) is left out, and so are blocks that are NaN for half of their rows or more.
+    ticks) is left out, and so are blocks that are NaN for half of their rows or more, and rows
+    after the last complete block.
 
     Args:
         innovation: in Pa, float64 (n,).

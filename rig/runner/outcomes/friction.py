@@ -51,7 +51,7 @@ class FrictionWatch:
 
     @property
     def curve(self) -> FrictionCurve | None:
-        """The friction identified so far; None if the filter does not estimate the load."""
+        """The friction identified so far; None without samples of a filter that estimates load."""
         if not self._watching:
             return None
         lag = load_lag(self._model, self._sensors)
@@ -97,7 +97,8 @@ def friction_figures(curve: FrictionCurve) -> dict[str, Any]:
 def change_figures(first: FrictionCurve, last: FrictionCurve) -> dict[str, Any]:
     """Return by how much each parameter of two friction curves differs, as JSON-able values in SI.
 
-    The key `z` has the difference over its standard error.
+    Parameters that one of the curves does not show are left out. The key `z` has the difference
+    over its standard error.
     """
     return {
         change.name: {

@@ -32,11 +32,11 @@ class Observer:
         """
 
     def campaign_stands(self, *, pausing: bool, held: Sequence[str]) -> None:
-        """Handle a change of what keeps the next test from beginning; called from any thread.
+        """Handle a pause, its end, or a change of the reasons for a hold; called from any thread.
 
         Args:
             pausing: whether an operator has asked for a pause, and not to go on since.
-            held: the conditions that are not met, a sentence each.
+            held: the reasons why conditions hold the campaign, a sentence each; empty if none does.
         """
 
     def campaign_ends(self, exit_code: int, reason: str) -> None:
@@ -51,7 +51,7 @@ class Observer:
         """Handle a line that the operator of the rig should read; called from any thread."""
 
     def test_begins(self, number: int, test: CampaignTest) -> None:
-        """Handle the begin of a test, the `number`-th to run, counted from 1."""
+        """Handle the begin of a test, the `number`-th in running order, counted from 1."""
 
     def test_runs(self, channels: tuple[str, ...], segment: int | None) -> None:
         """Handle the names of the columns of a test's rows, before the first row comes.

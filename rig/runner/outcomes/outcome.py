@@ -15,7 +15,10 @@ from .reactions import FaultAction
 
 
 class Status(StrEnum):
-    """How a test ended; PASSED and FAILED say whether the verdict was the expected one."""
+    """How a test ended; PASSED and FAILED say whether the verdict was the expected one.
+
+    ERROR is a crash, ABORTED a stop, TRIPPED a trip; NOT_RUN is a test that was never begun.
+    """
 
     PASSED = "passed"
     FAILED = "failed"
@@ -40,8 +43,9 @@ class InjectedFault:
             blockage Pa/(m^3/s)^2).
         linear: whether the coefficient belongs to the linear leak law.
         mean_flow_m3_per_s: mean absolute flow recorded from 2 s after the onset to the end of the
-            leak or of the test, less the flow meter's reading before the onset; None if the rig
-            records no flow of this fault (supply and return line).
+            leak or of the test: on a simulated rig the true flow, on hardware the flow meter's
+            reading, less its mean before the onset if the bypass was shut for 1 s or longer then;
+            None if no flow of this fault is recorded (supply and return line).
     """
 
     kind: str
@@ -93,6 +97,8 @@ class TestOutcome:
     """The outcome of one test: what was expected, what was injected, and what was found.
 
     Attributes:
+        expect: the expected verdict.
+        message: why the test did not run to its end; empty if it did.
         duration_s: how long the test was to last.
         recorded_s: how long it lasted; less than `duration_s` if it was ended early.
         injected: the faults that had begun by the end of the recording.
@@ -146,7 +152,7 @@ class TestOutcome:
 
     @property
     def truth(self) -> InjectedFault | None:
-        """The injected leak that the test expects to be found; None if it expects or has none."""
+        """The first injected leak of the expected kind; None if there is none or none is expected."""
         if self.expect not in LEAKS:
             return None
         return next((fault for fault in self.injected if fault.kind == self.expect), None)
@@ -174,7 +180,11 @@ class TestOutcome:
 
     @property
     def latency_s(self) -> float | None:
-        """Time from the first injected fault to the verdict, s; None if one of them is missing."""
+        """Time from the first injected fault to the first decision with the last verdict, s.
+
+        It is negative if that decision came before the fault, and None if nothing was injected or
+        if the last verdict names no fault.
+        """
         if self.detected_at_s is None or not self.injected:
             return None
         return self.detected_at_s - min(fault.at_s for fault in self.injected)
@@ -219,9 +229,9 @@ class CampaignOutcome:
     def exit_code(self) -> int:
         """The exit code of `rig run`.
 
-        It is 0 if all tests passed; 1 if a test failed, crashed or was skipped; 3 if the run
-        tripped or was stopped, so that tests were not run; 2 if a device of the rig was missing or
-        was not the configured one, so that nothing moved.
+        It is 0 if all tests passed; 1 if a test failed, crashed or was skipped; 3, which takes
+        precedence over 1, if the run tripped or was stopped, so that tests were not run; 2 if a
+        device of the rig was missing or was not the configured one, so that nothing moved.
         """
         if self.ended_with is not None:
             return self.ended_with

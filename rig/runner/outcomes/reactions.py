@@ -61,7 +61,8 @@ class Reactions:
     def take(self, rows: Array) -> Iterator[tuple[float, str, str]]:
         """Process the next rows, and yield each change of action in them as an event.
 
-        An event is (time in s, kind of event, text).
+        An event is (time in s, kind of event, text). The rows are only processed as the events are
+        taken from the iterator.
         """
         action, present = rows[:, self._action], rows[:, self._present] > 0.0
         tolerates = action == Reaction.TOLERATE

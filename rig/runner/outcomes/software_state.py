@@ -46,9 +46,10 @@ def model_sha256(model: Model) -> str:
 
 
 def git_state(folder: Path) -> Mapping[str, Any] | None:
-    """Return the commit of a folder's git repository, and whether its files have changed since.
+    """Return the commit of a folder's git repository, and whether its files differ from it.
 
-    The keys are `commit` and `dirty`. The result is None if git is missing, if there is no commit,
+    The keys are `commit` and `dirty`, which is True if a file of the repository has changed or is
+    untracked. The result is None if git is missing or takes longer than 5 s, if there is no commit,
     or if the repository does not track the folder, as for an installed package below a checkout.
     """
     commit = _git(folder, "rev-parse", "--verify", "--quiet", "HEAD")

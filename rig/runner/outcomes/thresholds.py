@@ -85,7 +85,7 @@ class HealthyReferences:
         return self._learns and not test.faults and test.expect == Verdict.HEALTHY
 
     def add(self, test: CampaignTest, innovations: Array) -> None:
-        """Keep a healthy test's innovations, unless they are too few or not all finite.
+        """Keep a healthy test's innovations, unless they are fewer than 4000 or not all finite.
 
         Args:
             test: the test.
@@ -97,7 +97,8 @@ class HealthyReferences:
     def learning(self, test: CampaignTest) -> Learning:
         """Return what a test's detector learns from healthy tests with the same setpoint and load.
 
-        Only healthy tests that were added before count.
+        Only healthy tests that were added before count. Without any, and for a test that others may
+        learn from, the detector learns from the first 15 s of the test itself.
         """
         if self.campaign.baseline is not None:
             return Learning(None, f"baseline {self.campaign.baseline_file}")

@@ -135,7 +135,7 @@ def recording_names(tests: Iterable[str]) -> list[str]:
 
 
 def attempt_path(recording: Path, number: int) -> Path:
-    """Return the path NAME~NUMBER.mcap for an earlier attempt's recording; attempts count from 1."""
+    """Return the path NAME~NUMBER.mcap for an earlier attempt's recording; NUMBER is from 1 on."""
     return recording.with_name(f"{recording.stem}{ATTEMPT}{number}{recording.suffix}")
 
 

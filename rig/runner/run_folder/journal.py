@@ -202,7 +202,7 @@ class Journal:
 
 
 def is_written(folder: Path) -> bool:
-    """Return whether a process has locked the journal of a folder to write it; False without one."""
+    """Return whether a process has locked a folder's journal to write it; False without one."""
     try:
         file = os.open(folder / JOURNAL, os.O_RDONLY)
     except OSError:

@@ -53,7 +53,7 @@ def fingerprint(campaign: Campaign, rig: Rig) -> dict[str, str]:
 
 
 def changed(kept: Mapping[str, Any], found: Mapping[str, str]) -> list[str]:
-    """Return the keys whose hash in the kept fingerprint is missing or differs from the found one."""
+    """Return the keys whose hash in the kept fingerprint is missing or is not that of `found`."""
     return [part for part, digest in found.items() if kept.get(part) != digest]
 
 

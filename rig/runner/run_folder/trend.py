@@ -46,7 +46,6 @@ class Trend:
         test: name of the test.
         figure: name of the figure.
         unit: unit of the figure.
-
         points: the values of the runs, oldest first.
         slope: change of the figure per day, in its unit; None if there are fewer than `FEWEST`
             runs, or all began at once.

@@ -84,7 +84,7 @@ class Scheduler:
             self._hands.sleep(wait_s)
 
     def step(self, stopped: Callable[[], bool] = lambda: False) -> float | None:
-        """Queue the jobs that are due or asked for, and run the next one, unless the schedule is halted.
+        """Queue the jobs that are due or asked for, and run the next one unless halted.
 
         Args:
             stopped: says whether the scheduler was asked to end; if so after a run, the run is not
