@@ -22,7 +22,8 @@ def outcome_columns(group: Group, verdicts: NDArray[np.str_], ends_s: Array) -> 
 
     The keys are `verdict`, `right`, `detected_at_s`, `latency_s` and `false_alarm`; see
     `rig.sweep.table.FIGURES`. The times are NaN if the last verdict names no fault, and the latency
-    also if that verdict is wrong.
+    also if that verdict is wrong. An alarm is false if a verdict names a fault before the onset, or
+    at any time in a healthy case.
 
     Args:
         group: the group of the cases.

@@ -16,7 +16,7 @@ Figures = dict[str, NDArray[np.generic]]
 
 
 class SweepError(RuntimeError):
-    """Cases of a sweep that could not be run."""
+    """Raised if cases of a sweep cannot be run; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Setting:
     """The settings that all cases of a sweep share, as a worker needs them.
 
     Attributes:
-        like: parameters of the rig, of which a case replaces those that are drawn.
+        like: parameters of the rig, of which each case replaces those that are drawn.
         sensors: data sheet of the rig's transducers.
         model: the model that the filter assumes.
         ticks: number of ticks of a case.

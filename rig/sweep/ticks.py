@@ -188,6 +188,8 @@ def setpoint_ticks(first, sines, levels, ends, held, setpoint):
 def thesis7_ticks(first, log, rows, rigs, cases, filters, like, sensors, assumed):
     """Run the seven-state filter of the thesis over a block of ticks, and fill in its `SUMS`.
 
+    A block has `BLOCK` ticks, and one more if it begins with tick 0.
+
     Args:
         first: number of the first tick; tick 0 starts the filter.
         log: log of the chambers that `plant_ticks` has filled.

@@ -16,7 +16,10 @@ _SLOWEST: Final = 1e-4
 
 
 def friction(data: TestData) -> Panel | None:
-    """Return the panel of a test's friction; None if the ram never slid steadily."""
+    """Return the panel of a test's friction; None if the ram never slid steadily.
+
+    It is None, too, if the test has no friction, because its filter does not estimate the load.
+    """
     curve = data.outcome.friction
     if curve is None or curve.slowest is None or curve.fastest is None:
         return None

@@ -51,10 +51,10 @@ class SimulatedBench:
         return self._test
 
     def reading(self, channel: str) -> float | None:
-        """Return the newest value of a channel in the present test.
+        """Return the newest value of a channel in the latest test.
 
-        It is NaN if the rig has no such channel, and None before the test's first row and between
-        two tests.
+        It is NaN if the rig has no such channel, and None before the test's first row and after
+        `idle`.
         """
         return None if self._test is None else self._test.latest(channel)
 

@@ -67,8 +67,8 @@ def experiment_figures(experiment: FrictionExperiment) -> dict[str, Any]:
 def revised_model(experiment: FrictionExperiment, directory: Path, started: str) -> Model | None:
     """Return the assumed model with the identified friction; None if none was identified.
 
-    The model is named RIG-friction. Its provenance has the experiment, the intervals, and the
-    hashes of the recordings, which are read for that.
+    The model is named RIG-friction and has the effect `friction_asymmetry`. Its provenance has the
+    experiment, the intervals, and the hashes of the recordings, which are read for that.
 
     Args:
         experiment: the results of the experiment.

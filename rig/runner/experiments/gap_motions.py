@@ -71,7 +71,7 @@ def strokes(room: Room, seed: int = 0, duration_s: float = EXPERIMENT_S) -> dict
     """Return the library of motions, by their names.
 
     Args:
-        room: the range in which the ram may move.
+        room: the range in which the ram may move, with the gain by which steps are limited.
         seed: sets the phases or the random steps of the motions.
         duration_s: duration of each motion, s.
     """

@@ -17,7 +17,7 @@ from .reactions import FaultAction
 class Status(StrEnum):
     """How a test ended; PASSED and FAILED say whether the verdict was the expected one.
 
-    ERROR is a crash, ABORTED a stop, TRIPPED a trip; NOT_RUN is a test that was never begun.
+    ERROR is a crash, ABORTED a stop, TRIPPED a trip; NOT_RUN is a test without an outcome so far.
     """
 
     PASSED = "passed"
@@ -152,7 +152,7 @@ class TestOutcome:
 
     @property
     def truth(self) -> InjectedFault | None:
-        """The first injected leak of the expected kind; None if there is none or none is expected."""
+        """The first injected leak of the expected kind; None if there is none, or none expected."""
         if self.expect not in LEAKS:
             return None
         return next((fault for fault in self.injected if fault.kind == self.expect), None)

@@ -87,7 +87,7 @@ def sensors_of(recording: Recording) -> SensorParameters:
 
 
 def spring_of(recording: Recording) -> Spring | None:
-    """Return the spring load of a recorded test; None if the metadata names none."""
+    """Return the spring load of a recorded test; None if the metadata names no readable one."""
     try:
         load = recording.metadata["test"]["load"]
         return Spring(float(load["stiffness"]), float(load["contact"]))

@@ -98,7 +98,8 @@ class HealthyReferences:
         """Return what a test's detector learns from healthy tests with the same setpoint and load.
 
         Only healthy tests that were added before count. Without any, and for a test that others may
-        learn from, the detector learns from the first 15 s of the test itself.
+        learn from, the detector learns from the first 15 s of the test itself. With the default
+        filter or the campaign's own baseline nothing is learnt.
         """
         if self.campaign.baseline is not None:
             return Learning(None, f"baseline {self.campaign.baseline_file}")

@@ -37,7 +37,8 @@ class Run:
         folder: the run's folder.
         results: the content of its `results.json`.
         state: `running` while a process writes its journal; `unfinished` if a test was not run,
-            aborted or interrupted, or if the journal has no entry of its end; else `ended`.
+            aborted or interrupted, or if its journal can be read and does not end with the entry
+            `end`; else `ended`.
     """
 
     folder: Path

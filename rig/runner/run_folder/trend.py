@@ -68,7 +68,7 @@ class Trend:
 
     @property
     def in_words(self) -> str:
-        """The slope with its interval in words, or that there are too few runs."""
+        """The slope with its interval in words, or, without a slope, how many runs are needed."""
         if self.slope is None or self.half is None:
             return f"{FEWEST} runs or more tell a trend"
         mean = float(np.mean([point.value for point in self.points]))
