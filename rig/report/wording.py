@@ -226,10 +226,12 @@ def detection_summary(outcome: CampaignOutcome) -> str:
     if healthy:
         alarms = sum(test.detected_at_s is not None for test in healthy)
         time = sum(test.recorded_s or test.duration_s for test in healthy)
-        raised = "No false alarm" if not alarms else f"False alarms in {alarms} of them"
         count = "one healthy test" if len(healthy) == 1 else f"{len(healthy)} healthy tests"
-        sentences.append(f"{raised} in {count}, {time:.0f} s." if not alarms else
-                         f"Of {count}, {time:.0f} s, {alarms} had a false alarm.")  # fmt: skip
+        sentences.append(
+            f"Of {count}, {time:.0f} s, {alarms} had a false alarm."
+            if alarms
+            else f"No false alarm in {count}, {time:.0f} s."
+        )
     return " ".join(sentences)
 
 

@@ -38,10 +38,12 @@ class Suspender:
 
         Args:
             value: the reading; NaN if the channel has none, which is beyond the limits; None if
-                none can be had at present, which changes nothing.
+                there is no rig to be read, as between two simulated tests: the condition then
+                holds nothing until the next rig is read.
             now: time of the reading, s.
         """
         if value is None:
+            self.holds_since = self._changing_since = None
             return
         first, self._value = self._value is None, value
         held = self.holds_since is not None

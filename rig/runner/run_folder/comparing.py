@@ -145,8 +145,11 @@ def compare(
     figures: list[Compared] = []
     for name, test in theirs.items():
         figures += _compare_tests(name, test, ours.get(name), known)
-    for name in ours.keys() - theirs.keys():
-        figures.append(Compared(name, "status", None, str(ours[name]["status"]), Change.NEW))
+    figures += (
+        Compared(name, "status", None, str(test["status"]), Change.NEW)
+        for name, test in ours.items()
+        if name not in theirs
+    )
     return Comparison(reference, candidate, tuple(figures), tuple(_changes(reference, candidate)))
 
 

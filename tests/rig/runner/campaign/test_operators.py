@@ -237,6 +237,15 @@ def test_a_condition_that_lets_tests_finish_holds_the_next(
     assert any(what.startswith("held: ") for what in happened(outcome))
 
 
+def test_what_a_simulated_rig_read_at_its_end_does_not_hold_the_next_one(
+    tmp_path: Path, rig: Rig, campaign: Campaign
+) -> None:
+    never_met = Condition("position_m", high=0.0, for_s=0.0)
+    observer = Asking(tmp_path)
+    run_campaign(conditioned(campaign, never_met), rig, tmp_path, observer=observer)
+    assert observer.begun == ["one", "two", "three"]
+
+
 def test_a_condition_that_is_never_met_ends_the_campaign_in_time(
     tmp_path: Path, rig: Rig, campaign: Campaign
 ) -> None:
