@@ -16,7 +16,7 @@ _SEGMENT_S: Final = 1.0
 def edges(period: float) -> tuple[float, ...]:
     """Return the ends of the bands in Hz, ascending, for a sampling period in s.
 
-    The last end is half the sampling rate. Bands that begin above it are left out.
+    The last end is half the sampling rate. Bands that begin at it or above it are left out.
     """
     highest = 0.5 / period
     return (*(edge for edge in EDGES_HZ if edge < highest), highest)

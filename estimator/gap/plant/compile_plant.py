@@ -58,7 +58,7 @@ class Views:
         )
 
     def given(self, values: Mapping[str, float]) -> Any:
-        """Return the named tuple of parameters that have these values (by name)."""
+        """Return the named tuple of all parameters, with these values by name."""
         return self.parameters(**{name: float(values[name]) for name in self.parameters._fields})
 
 
@@ -68,7 +68,10 @@ def build(description: PlantDescription, values: Mapping[str, float]) -> Plant:
     This takes two to three seconds, most of them for compiling.
 
     Raises:
-        PlantError: something is wrong with the description; the error lists everything.
+        PlantError: the tables of the description do not fit together, its functions fail, or numba
+            cannot compile one. This is checked in that order; the error lists all problems of the
+            first kind that there is, but only one function that does not compile.
+        KeyError: `values` lacks a parameter.
     """
     check_description(description)
     views = Views(description)
@@ -111,7 +114,7 @@ def probe_of(parameter: Parameter, value: float) -> float:
     """Return a small but visible change of a parameter with this value, SI.
 
     If the parameter states none, the change is a 1000th of its range, or a 100th of its value if
-    that is less.
+    that is less and the value is not 0.
     """
     if parameter.probe > 0.0:
         return parameter.probe
@@ -135,7 +138,10 @@ def nuisances(
 
 
 def effect(description: PlantDescription, row: MayLack, nominal: Mapping[str, float]) -> Effect:
-    """Return an effect with its knobs, made of its row in a description."""
+    """Return an effect with its knobs, made of its row in a description.
+
+    `nominal` holds the values of all parameters by name, from which the knobs' probes follow.
+    """
     known = {parameter.name: parameter for parameter in description.parameters}
     knobs = []
     for key, name in row.parameters.items():

@@ -23,7 +23,7 @@ class PlantError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """How a state starts: at a channel's first reading or, if `rate`, at its change per s."""
+    """How a state starts: at a channel's first reading or, with `rate`, at its slope (`slope`)."""
 
     channel: str
     rate: bool = False
@@ -35,7 +35,10 @@ def reading(channel: str) -> Start:
 
 
 def slope(channel: str) -> Start:
-    """Return a `Start` at the rate of change of a channel over its first 20 samples, per s."""
+    """Return a `Start` at the slope of a channel, per s, fitted to its first 20 samples.
+
+    Readings that cannot be used are left out; with fewer than two others the slope is 0.
+    """
     return Start(channel, rate=True)
 
 
@@ -47,8 +50,8 @@ class StateOf:
         name: name of the state, an attribute of `state` in the plant's functions.
         unit: SI unit.
         start: value at the first sample, SI, or how it follows from a channel.
-        spread: standard deviation of that start value, SI. It also sets the size of the small
-            changes of the state by which derivatives are taken.
+        spread: standard deviation of that start value, SI, greater than 0. Derivatives by the state
+            are taken by changes of a 100th of it.
         error: standard deviation, SI, of the error that the model makes in this state over one
             sample, in addition to the error of the equations (`EquationOf.error`).
     """
@@ -67,7 +70,7 @@ class Input:
     Attributes:
         channel: name of the recording's column, an attribute of `inputs` in the plant's functions.
         unit: SI unit.
-        size: a large but usual value, SI.
+        size: a large but usual value, SI, greater than 0.
     """
 
     channel: str
@@ -106,10 +109,10 @@ class MayLack:
     Attributes:
         name: name used in reports and model files.
         equation: what the effect adds to the model, in symbols.
-        where: name of the equation or channel that the effect enters.
-        parameters: key in a model file -> name of the plant's parameter. The key of an only
-            parameter is "value".
-        starts: values by key from which fits start, if the neutral values are no start: there the
+        where: name of the equation, output or input that the effect enters.
+        parameters: key in a model file -> name of the plant's parameter, at least one. The key of
+            an only parameter is "value". No other effect may have the same first parameter.
+        starts: values by key from which fits start, if the present values are no start: there the
             effect has no slope, or another of its parameters has no meaning yet.
         unseen: what recordings cannot show of the effect on principle, in words for the report.
     """
@@ -134,7 +137,7 @@ class EquationOf:
             arrays (n,).
         error: standard deviation, in `unit`, of the disturbance that the model allows for at all
             times, white from sample to sample (docs/another_plant.md explains how to choose it).
-        of: names of the regions that the disturbance may depend on.
+        of: names of the regions that the disturbance may depend on, besides time.
         shown: unit used in reports, and the number of such units in one SI unit; None for the SI
             unit.
     """
@@ -185,14 +188,15 @@ class PlantDescription:
         effects: effects that a model of the plant may lack.
         tolerances: parameter -> how far its value may differ from the model's, as a fraction of
             that, before the difference counts as a missing effect. These parameters are refitted
-            first.
+            first; one with a tolerance of 0 is not.
         equations: equations that a disturbance may enter.
         regions: quantities that a disturbance may depend on.
-        input_delay: name of the parameter by which all inputs act later, s; None if there is none.
+        input_delay: name of the parameter by which all inputs act later, in s from 0 to its upper
+            bound; None if there is none.
         substeps: number of integration steps (Runge-Kutta, 4th order) in one sample.
         steering: (input, output) -> gain of a feedback, in the input's unit per the output's, that
-            keeps a simulation on the course of a recording. With None one is chosen; with an empty
-            mapping there is no feedback.
+            keeps a simulation on the course of a recording. With None, one is chosen from the first
+            input to the first output that follows it; with an empty mapping there is none.
         not_told_apart: for each pair of effects that are the same on principle, the reason in
             words.
     """

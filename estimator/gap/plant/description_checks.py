@@ -14,7 +14,10 @@ _KEYWORDS: Final = "must be a Python name, as in position_m"
 
 
 def check_description(description: PlantDescription) -> None:
-    """Check that the tables of a description fit together.
+    """Check that the tables of a description fit together; its functions are not called.
+
+    Each name must be given once, and be a name that exists where it is referred to. There must be a
+    state, an input, an output and a parameter, and all numbers must be within their limits.
 
     Raises:
         PlantError: they do not; the error lists all problems.
@@ -32,9 +35,17 @@ def check_description(description: PlantDescription) -> None:
 def check_functions(description: PlantDescription, views: Any, par: Any) -> None:
     """Check that a description's functions, called as plain Python, return what they should.
 
+    They are `rates`, `readings` and `per` of each equation. They are called at the start values of
+    the states (0 where a channel gives the start) and at these plus the spreads.
+
+    Args:
+        description: description whose tables fit together.
+        views: named tuples of its states and inputs (`compile_plant.Views`).
+        par: named tuple of its parameters.
+
     Raises:
-        PlantError: a function raises, returns the wrong number of values, or returns a value that
-            is not finite.
+        PlantError: a function raises, returns no numbers or a wrong number of them, or returns a
+            value that is not finite; the error lists all problems.
     """
     inputs = views.inputs(*(0.5 * each.size for each in description.inputs))
     at_rest = [0.0 if isinstance(s.start, Start) else s.start for s in description.states]

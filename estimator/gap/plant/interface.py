@@ -73,7 +73,8 @@ class Output:
         upper: upper end of the range, SI; a reading at or above it is saturated.
         shown: unit used in reports, and the number of such units in one SI unit; None for the SI
             unit.
-        of: names of the regions (`Region`) that an error of the readings may depend on.
+        of: names of the regions (`Region`) that an error of the readings may depend on, besides
+            time.
     """
 
     channel: str
@@ -103,7 +104,7 @@ class Parameter:
         neutral: value at which what the parameter describes is absent; None if it is present in
             every plant.
         probe: small but visible change, SI, for derivatives by differences. 0 stands for a 1000th
-            of the range, or a 100th of the value if that is less.
+            of the range, or for a 100th of the value if that is less and the value is not 0.
         about: symbol and source of the parameter, which are written to model files.
     """
 
@@ -127,7 +128,7 @@ class Knob:
         lower: least plausible value, SI.
         upper: greatest plausible value, SI.
         follows: names of other parameters, which are scaled by the same factor as this one.
-        logarithmic: whether fits step in the logarithm of the value, which must then be positive.
+        logarithmic: whether fits step in the logarithm of the value; `lower` must then be above 0.
     """
 
     key: str
@@ -146,9 +147,11 @@ class Trace:
     Attributes:
         inputs: float64 (n, inputs), as commanded.
         states: float64 (n, states), filtered.
-        innovations: float64 (n, outputs), divided by their standard deviations.
-        readings: float64 (n, outputs), as recorded. Where the model is far off, the filtered states
-            are wrong as well, and the readings are the better source.
+        innovations: float64 (n, outputs), divided by their standard deviations; 0 where a reading
+            is not used.
+        readings: float64 (n, outputs), as recorded; a missing one is replaced by the last before
+            it. Where the model is far off, the filtered states are wrong as well, and the readings
+            are the better source.
     """
 
     inputs: Array
@@ -170,13 +173,13 @@ class Effect:
         where: name of the equation that the effect enters (`Equation.name`), or of the channel
             whose readings it changes.
         knobs: parameters that are fitted.
-        starts: values of the knobs, by key, from which fits start where the neutral values are no
-            start, because the cost has no slope there. It is empty if a fit can start from the
-            neutral values.
+        starts: values of the knobs, by key, from which fits start where the present values are no
+            start, because the cost has no slope there. A knob that a start lacks keeps its value.
+            Without `starts` and `propose` fits start from the present values.
         unseen: what recordings cannot show of the effect on principle, in words for the report.
         propose: (recordings as predicted, values of all parameters by name) -> further starts, for
-            an effect whose starts depend on the recorded motion. It returns none if the recordings
-            show nothing of the effect.
+            an effect whose starts depend on the recorded motion. It returns an empty tuple if the
+            recordings show nothing of the effect.
     """
 
     name: str
@@ -237,7 +240,7 @@ class Equation:
         rate: (states (n, count), parameters by name) -> float64 (n,), the change of that state over
             one sample by one unit of disturbance.
         shown: unit used in reports, and the number of such units in one SI unit.
-        of: names of the regions (`Region`) that the disturbance may depend on.
+        of: names of the regions (`Region`) that the disturbance may depend on, besides time.
         also: index and rate of each further state that the same disturbance changes. For example,
             oil that leaks from one chamber enters the other.
     """
@@ -336,7 +339,7 @@ def forget(before, state, memory, parameters):
 
 
 def begin_held(state: Array, inputs: Array, values: Mapping[str, float], time_s: float) -> Array:
-    """Return the first memory (inputs,) of a plant whose memory holds nothing but its inputs."""
+    """Return the first inputs (inputs,): the memory of a plant that remembers its inputs alone."""
     return np.array(inputs[0], dtype=np.float64)
 
 
@@ -367,17 +370,18 @@ class Plant:
         nominal: values of the parameters by name, SI, in the model that is to be tested.
         step: function compiled with STEP.
         read: function compiled with READ.
-        start: (readings (m, outputs) of the first samples, inputs (m, inputs), parameters by name)
-            -> (state (count,) at the first sample, its standard deviations (count,)).
+        start: (readings (m, outputs) of the first 20 samples, inputs (m, inputs), parameters by
+            name) -> (state (count,) at the first sample, its standard deviations (count,)).
+            Readings that cannot be used are NaN, except in the first sample.
         effects: effects that a model of the plant may lack, by name.
         nuisances: parameters that are refitted before effects are looked for.
         equations: equations that a disturbance may enter.
         regions: quantities that a disturbance may depend on, by name.
         drive: function compiled with DRIVE.
         remember: function compiled with REMEMBER.
-        begin: (start state (count,), inputs (m, inputs), parameters by name, time since the
-            recording began, s) -> memory (length,) at the first sample. The memory is at least as
-            long as there are inputs.
+        begin: (start state (count,), inputs (m, inputs) of the first 20 samples, parameters by
+            name, time since the recording began, s) -> memory (length,) at the first sample. The
+            memory is at least as long as there are inputs.
         violent: (readings (n, outputs), parameters by name) -> bool (n,), whether the plant changes
             so quickly, and by laws so poorly known, that no model predicts what happens when within
             the sample, as on a stop or with an empty chamber. None if a plant is never violent.
@@ -401,7 +405,7 @@ class Plant:
             values of all parameters by name) -> the disturbance as values of the plant's
             parameters. None if the parameters cannot represent any disturbance.
         held_terms: (values of all parameters by name) -> the name of the equation and its terms,
-            each with its coefficients, that these values represent.
+            each with its coefficients, that these values represent. None as for `hold_terms`.
         in_lanes: functions that run the plant in several lanes side by side; None if it always runs
             alone.
     """
@@ -439,9 +443,9 @@ class Plant:
     in_lanes: InLanes | None = None
 
     def remembers(self, values: Mapping[str, float]) -> bool:
-        """Return whether, with these values, readings depend on earlier states as well."""
+        """Return whether any parameter of `memories` is not 0 in these values of all parameters."""
         return any(values[name] != 0.0 for name in self.memories)
 
     def vector(self, values: Mapping[str, float]) -> Array:
-        """Return the values as the compiled functions take them, float64 (parameters,)."""
+        """Return values as float64 (parameters,), in the order that compiled functions take."""
         return np.array([values[parameter.name] for parameter in self.parameters])

@@ -37,11 +37,12 @@ class Gains:
     """How strongly a filter corrected each state by each reading, at each sample of a record.
 
     Attributes:
-        states: float64 (n, outputs, states), change of a state by one unit of an innovation.
+        states: float64 (n, outputs, states), change of a state by an innovation of one SI unit.
         variances: float64 (n, outputs), variances of the innovations; infinite where a reading is
             not used.
         couplings: float64 (n, outputs, outputs), [t, i, k] is the change of the prediction of
-            reading i by one unit of innovation k of the same sample, which is applied before it.
+            reading i by one SI unit of innovation k of the same sample. It is 0 except for k < i,
+            because the readings of a sample are applied in their order.
     """
 
     states: Array
@@ -56,8 +57,10 @@ class Record:
     Attributes:
         source: where the recording comes from.
         inputs: float64 (n, inputs), as commanded.
-        readings: float64 (n, outputs).
-        variances: float64 (n, outputs); infinite where a reading is missing or saturated.
+        readings: float64 (n, outputs); a missing one is replaced by the last one before it, or else
+            by the first one after it.
+        variances: float64 (n, outputs), of the readings' noise and rounding; infinite where a
+            reading is missing or saturated.
         first: number of the recording's samples that come before this record.
     """
 
@@ -97,8 +100,8 @@ def seen_parts(record: Record, period: float) -> list[Record]:
     The state is unknown where two or more readings, or the only one of a plant, are missing or
     saturated for longer than `BLIND_S`; these stretches are left out. For example, the vapour in
     two empty chambers may have any volume, and the errors when they fill again are not the model's
-    fault. Each part begins at a sample in which all readings can be used, because a chamber that is
-    empty at the beginning is in an unknown state as well.
+    fault. A record without such a stretch is returned whole. Otherwise each part begins at the
+    first sample in which all readings can be used; a part without such a sample is left out.
     """
     unused = ~np.isfinite(record.variances)
     blind = unused.sum(1) >= min(2, unused.shape[1])
@@ -128,7 +131,7 @@ def lateness(recording: Recording) -> Array:
     A loop on hardware writes and reads in one exchange per tick. The usual time is the median of
     all exchanges. It is no delay, because a row's command acts from the row's own sample on. A
     later exchange samples a later moment, and no effect of the rig must be made to explain the
-    difference. Recordings without the times of exchanges give zeros.
+    difference. Recordings without the times of exchanges, or with none that is finite, give zeros.
     """
     if not all(name in recording for name in TIMES_OF_EXCHANGE):
         return np.zeros(len(recording))
@@ -141,7 +144,7 @@ def lateness(recording: Recording) -> Array:
 def untimely(recording: Recording) -> BoolArray:
     """Return for each sample, bool (n,), whether it was taken off its time or at an unknown one.
 
-    The bound is `UNTIMELY_S`.
+    A sample is off its time if its `lateness` is more than `UNTIMELY_S`, early or late.
     """
     return np.asarray(~(np.abs(lateness(recording)) <= UNTIMELY_S))
 
@@ -161,8 +164,11 @@ def made_of(source: str, inputs: Array, readings: Array, plant: Plant) -> Record
     """Return a record of inputs (n, inputs) and readings (n, outputs), with their variances.
 
     While a counting sensor rests on one count, all these samples together show only once where the
-    ram is. So the variance of its rounding is multiplied by their number. Missing and saturated
-    readings have an infinite variance; NaN is missing.
+    ram is. So the variance of its rounding is multiplied by their number, at most `LONGEST_DWELL`.
+    Readings that are not finite are missing: each is replaced by the last one before it, or else by
+    the first one after it. Missing and saturated readings get an infinite variance. A reading is
+    saturated if it is at an end of its range, or if the moving mean of the readings is within three
+    standard deviations of that end.
     """
     variances = np.empty_like(readings)
     missing = ~np.isfinite(readings)
@@ -199,7 +205,7 @@ def _held(readings: Array, missing: BoolArray) -> Array:
 
 
 def smoothed(values: Array) -> Array:
-    """Return the moving mean (n,) of values (n,) over `_SMOOTHED` samples around each."""
+    """Return the moving mean (n,) over 11 samples around each; end values (n,) are repeated."""
     half = _SMOOTHED // 2
     padded = np.pad(values, half, mode="edge")
     sums = np.cumsum(np.concatenate([[0.0], padded]))
@@ -207,10 +213,11 @@ def smoothed(values: Array) -> Array:
 
 
 def roughness(record: Record, plant: Plant, values: Mapping[str, float]) -> Array:
-    """Return the variances (n, outputs) to add to readings where the plant is violent, else 0.
+    """Return the variances (n, outputs) to add to readings near violent samples; 0 elsewhere.
 
     When exactly within a sample a ram meets its stop is unknown. So a reading near such a blow may
-    be wrong by as much as readings change there from sample to sample.
+    be wrong by as much as readings change there from sample to sample. Near means from 3 samples
+    before to 30 samples after a sample that `Plant.violent` marks at these parameter `values`.
     """
     added = np.zeros_like(record.readings)
     if plant.violent is None:

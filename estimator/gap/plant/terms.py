@@ -45,7 +45,10 @@ class Term:
         return 2 if self.form == "wave" else 1
 
     def values(self, along: Mapping[str, Array]) -> Array:
-        """Return the term's columns (n, columns), given each region's quantity (n,) by name."""
+        """Return the term's columns (n, columns), at a coefficient of 1 each.
+
+        `along` holds quantities (n,) by name: at least one, and all that the term `needs`.
+        """
         x = along[self.region] if self.region else np.ones(len(next(iter(along.values()))))
         if self.form == "wave":
             phase = 2.0 * np.pi * x / self.at[0]
@@ -57,7 +60,7 @@ class Term:
         return np.asarray(shape * along[self.times][:, None] if self.times else shape)
 
     def needs(self) -> set[str]:
-        """Return the names of the quantities that the term depends on."""
+        """Return the names of the quantities that the term depends on, its factor included."""
         return {name for name in (self.region, self.times) if name}
 
     def unit(self, unit: str, regions: Mapping[str, Region]) -> str:
@@ -68,7 +71,13 @@ class Term:
         return "/".join([unit, *below])
 
     def text(self, coefficients: Sequence[float], unit: str, regions: Mapping[str, Region]) -> str:
-        """Return the term as text: "+ 180 N sin(2 pi position / 42 mm + 0.4)"."""
+        """Return the term as text: "+ 180 N sin(2 pi position / 42 mm + 0.4)".
+
+        Args:
+            coefficients: one coefficient, SI; for a wave two, of its sine and its cosine.
+            unit: SI unit of the disturbance.
+            regions: regions by name, with those that the term `needs`.
+        """
         size = coefficients[0]
         per = self.unit(unit, regions)
         turned = f" {regions[self.times].symbol or self.times}" if self.times else ""
@@ -104,7 +113,9 @@ def _shown(value: float, region: Region) -> str:
 def dictionary(along: Mapping[str, Array], regions: Mapping[str, Region]) -> list[Term]:
     """Return the terms to be tried, given the quantity (n,) of each region along the motion.
 
-    A region whose quantity does not change gives no terms.
+    There are constants, powers of each quantity, and waves and bumps along a periodic one.
+    "direction" and "time" are only factors on these, and only if `along` has them. A region whose
+    quantity has equal 1 % and 99 % quantiles, so that it hardly changes, gives no terms.
     """
     times = ["", *(name for name in (DIRECTION, TIME_NAME) if name in along)]
     found = [Term("", "1", factor) for factor in times]

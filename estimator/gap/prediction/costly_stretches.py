@@ -33,10 +33,11 @@ class Excerpt:
 
 
 def excerpts(records: Sequence[Record], period: float, costs: Array) -> list[Excerpt]:
-    """Return the costliest stretches of each record, given the cost of each block (blocks,).
+    """Return the costliest stretches of all records, as one excerpt for each record.
 
-    `costs` has the blocks of all records one after the other. `period` is the sampling period in s.
-    The excerpt of a record without costly stretches is empty.
+    A stretch has 8 blocks, or what is left at a record's end; at most 48 blocks are taken together.
+    `costs` (blocks,) has the blocks of all records one after the other. `period` is the sampling
+    period in s. The excerpt of a record of which no stretch is taken is empty.
     """
     stretches, first = [], 0
     blocks_of = [slices_of(record, period) for record in records]

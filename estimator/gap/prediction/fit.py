@@ -73,7 +73,7 @@ class Fitter:
     def filtered(self, values: Values) -> "Filtered":
         """Return the records with the gains of a filter whose parameters have these values.
 
-        The gains of the last few sets of values are kept and not computed again.
+        The gains of the last three sets of values are kept and not computed again.
         """
         key = tuple(values.values())
         gains = self._gains.pop(key, None)
@@ -90,8 +90,9 @@ class Filtered:
     """Records with the gains of a filter whose parameters had given values.
 
     With these gains it predicts, scores and fits, whatever values the predictions are made with.
-    Results depend on the records, the gains and the arguments alone. They are cached, because
-    searches ask for the same columns again and again.
+    Results depend on the records, the gains and the arguments alone. They are cached and must not
+    be changed. The cost of a block is the sum of the squares of its innovations, of which outliers
+    count less (`cost_of`).
 
     Attributes:
         fitter: fitter that made this object.
@@ -121,7 +122,7 @@ class Filtered:
 
     @property
     def samples(self) -> int:
-        """Return the number of readings used, without those of the filter's settling."""
+        """Return the number of readings used inside the blocks of all records."""
         return sum(
             int(used[block].sum())
             for used, blocks in zip(self.used, self.blocks, strict=True)
@@ -131,7 +132,8 @@ class Filtered:
     def innovations(self, values: Values) -> list[tuple[Array, Array]]:
         """Return for each record the innovations (n, outputs) and the filtered states (n, states).
 
-        `values` are those of the predictions; the gains stay as they are.
+        `values` are those of the predictions; the gains stay as they are. The innovations are
+        divided by their standard deviations, and 0 where a reading is not used.
         """
         key = tuple(values.values())
         if key not in self._bases:
@@ -144,11 +146,17 @@ class Filtered:
         return self._bases[key]
 
     def costs(self, values: Values) -> Array:
-        """Return the cost of each block of the records with these values (float64 (blocks,))."""
+        """Return the cost of each block of all records with these values, float64 (blocks,).
+
+        A block whose innovations are not finite costs 1e300.
+        """
         return self._block_costs([innovations for innovations, _ in self.innovations(values)])
 
     def changed_costs(self, values: Values, changes: Changes) -> Array:
-        """Return the costs (blocks,) of the innovations at `values` with the changes added."""
+        """Return the costs (blocks,) of the innovations at `values` with `changes` added.
+
+        `changes` has an array (n, outputs) for each record.
+        """
         bases = self.innovations(values)
         return self._block_costs(
             [base + change for (base, _), change in zip(bases, changes, strict=True)]
@@ -169,9 +177,10 @@ class Filtered:
     def changes(self, values: Values, columns: Sequence[Column]) -> list[Changes]:
         """Return, for each column and each record, the change of the innovations by a unit step.
 
-        Columns that are asked for together run side by side in lanes where the plant can do that
-        (`Predictor.groups`). Runs in lanes round differently from runs alone, so that both are
-        cached separately.
+        The changes are differences from the innovations at `values`. They are all 0 in a record in
+        which the plant breaks down with the column. Columns that are asked for together run side by
+        side in lanes where the plant can do that (`Predictor.groups`). Runs in lanes round
+        differently from runs alone, so that both are cached separately.
         """
         groups = self.predictor.groups([column.values for column in columns])
         alone = {group[0] for group in groups if len(group) == 1}
@@ -225,10 +234,11 @@ class Filtered:
         tolerance: float = 1e-4, kept: Mapping[str, Changes] | None = None,
         first: Mapping[str, Changes] | None = None,
     ) -> Fitted:  # fmt: skip
-        """Return the best values of the variables, starting from `values`, and the costs with them.
+        """Return all values with the best ones of the variables, and the costs (blocks,) with them.
 
-        The fit ends after `steps` steps, or with a step that lowers the cost by less than the part
-        `tolerance` of it. Where the model breaks down at the start, the start is returned.
+        The fit ends after `steps` steps, with a step that lowers the cost by less than the part
+        `tolerance` of it, or if not even a tenth of a step lowers it. Variables stay within their
+        bounds. Where the model breaks down at the start, the start is returned.
 
         Args:
             values: values of all parameters at the start.

@@ -26,8 +26,9 @@ def free_runs(
 ) -> list[FreeRun]:
     """Return, for each drawn channel, the first seconds of the first record beside both models.
 
-    Both models start from the state that `Plant.start` derives from the first readings, such as a
-    ram at rest. From then on they get the commands alone.
+    The plant's first `CHANNELS` outputs are drawn, over `SECONDS` or the whole record if it is
+    shorter. Both models start from the state that `Plant.start` derives from the first readings,
+    such as a ram at rest. From then on they get the commands alone.
 
     Args:
         predictor: predictor of the plant.

@@ -41,7 +41,9 @@ def _errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array
 def filtered_errors(predictor: Predictor, record: Record, values: Values) -> tuple[Array, Array]:
     """Return the errors over the horizon, SI, and the innovations of a record, both (n, outputs).
 
-    The gains are computed with the same values.
+    The filter's gains are computed with the same values. The errors are NaN where there is none
+    (`Predictor.ahead`). The innovations are divided by their standard deviations, and 0 where a
+    reading is not used.
     """
     gains = predictor.filter(record, values)
     innovations, states = predictor.innovations(record, gains, values)
@@ -54,9 +56,12 @@ def channel_gaps(
 ) -> list[ChannelGap]:  # fmt: skip
     """Return the gap of each channel over all records, for the model as given and as written.
 
+    The floor is the mean over `FLOOR_TWINS` twins of each record, made and predicted with the
+    values of `after`. The filter's settling is left out.
+
     Args:
         predictor: predictor of the plant.
-        records: recordings to which nothing was fitted.
+        records: recordings to which nothing was fitted, at least one.
         before: values of all parameters in the model as given.
         after: values of all parameters in the model as written.
         pool: threads to run in.
@@ -143,7 +148,7 @@ def _scatter(squares: Sequence[Array], lengths: Sequence[int]) -> Array:
 def mean_gap(gaps: Sequence[ChannelGap]) -> tuple[float, float]:
     """Return the excess over the floor, averaged over the channels, before and after.
 
-    Both are in noise variances.
+    Both are in noise variances. A channel below the floor counts as 0. There must be a channel.
     """
     before = float(np.mean([max(gap.before - gap.floor, 0.0) for gap in gaps]))
     after = float(np.mean([max(gap.after - gap.floor, 0.0) for gap in gaps]))

@@ -91,7 +91,8 @@ class Linear:
     def solve(self, names: Sequence[str]) -> tuple[Array, float]:
         """Return the best steps along named columns, and how much they lower the sum of squares.
 
-        The steps are within the columns' bounds. Where the model breaks down, all are 0.
+        The steps (names,) are within the columns' bounds. They and the lowering are 0 where the
+        model breaks down, so that the sums are not finite.
         """
         index = self.indices(names)
         matrix = self.products.sum(0)[np.ix_(index, index)]
@@ -104,7 +105,10 @@ class Linear:
         return steps, float(-(2.0 * slope @ steps + steps @ matrix @ steps))
 
     def errors(self, names: Sequence[str], steps: Array) -> Array:
-        """Return standard errors of steps along named columns, from the scatter of block scores."""
+        """Return standard errors (names,) of steps (names,) along columns, by the blocks' scatter.
+
+        Bounds of the columns are not allowed for.
+        """
         index = self.indices(names)
         matrix = self.products[:, index][:, :, index]
         scores = self.slopes[:, index] + matrix @ steps
@@ -126,7 +130,11 @@ def standard_errors(products: Array, scores: Array) -> Array:
 
 
 def bounded_least_squares(matrix: Array, slope: Array, lower: Array, upper: Array) -> Array:
-    """Return x within bounds that minimises x' matrix x + 2 slope' x, by cyclic descent."""
+    """Return x within bounds that minimises x' matrix x + 2 slope' x, by cyclic descent.
+
+    `matrix` (k, k) must be symmetric and have no negative eigenvalue; all others are (k,). Bounds
+    may be infinite.
+    """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     m = matrix * np.outer(scale, scale)
     s, low, high = slope * scale, lower / scale, upper / scale
@@ -158,6 +166,8 @@ def assemble(
     used: Sequence[BoolArray], blocks: Sequence[Sequence[slice]], pool: ThreadPoolExecutor,
 ) -> Linear:  # fmt: skip
     """Return the linearisation that follows from innovations and their changes.
+
+    As in the cost, innovations beyond `HUBER` count less. There must be at least one block.
 
     Args:
         columns: directions in which parameters may change.

@@ -35,8 +35,12 @@ def likely_model_error(
         values: values of all parameters; None for the model's. Those of a fit are better.
 
     Returns:
-        The factor, which is one of SHARES, and the log-likelihood for each of SHARES. If the factor
-        is the first or last of SHARES, the best one may lie beyond.
+        The factor, which is one of SHARES, and the log-likelihood for each of SHARES, up to a
+        constant; -inf where it is not finite. If the factor is the first or last of SHARES, the
+        best one may lie beyond.
+
+    Raises:
+        KeyError: a recording lacks a channel of the plant.
     """
     used = plant.nominal if values is None else values
     likelihoods = tuple(_likelihood(recordings, plant, used, share) for share in SHARES)

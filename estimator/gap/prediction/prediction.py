@@ -44,10 +44,11 @@ class Track(NamedTuple):
     Attributes:
         inputs: float64 (n, inputs).
         readings: float64 (n, outputs).
-        gains: float64 (n, outputs, states).
+        gains: float64 (n, outputs, states), change of a state by an innovation of one SI unit.
         variances: float64 (n, outputs), of the innovations; infinite where a reading is not used.
         couplings: float64 (n, outputs, outputs), [t, i, k] is the change of the prediction of
-            reading i by one unit of innovation k of the same sample, which is applied before it.
+            reading i by one SI unit of innovation k of the same sample, which is applied before it
+            (k < i, else 0).
     """
 
     inputs: Array
@@ -118,8 +119,9 @@ def correct(read, memory, setup, track, t, x, covariance, slope):
     """Correct a state and its covariance in place by the readings of one sample; write the gains.
 
     The readings are applied one after the other (Bierman 1977, ch. 2), each linearised about the
-    prediction. The covariance is right for the gains that are used, even if they are only a part of
-    the optimal ones (Joseph's form).
+    prediction. A reading with an infinite variance is not used: its gains are 0. The covariance is
+    right for the gains that are used, even if they are only a part of the optimal ones (Joseph's
+    form).
 
     Args:
         read: function of the plant, compiled with READ.
@@ -184,7 +186,7 @@ def correct(read, memory, setup, track, t, x, covariance, slope):
 
 @inner
 def predict_covariance(transition, noises, product, covariance):
-    """Advance a covariance (states, states) in place by one step of the filter.
+    """Advance a covariance (states, states) in place by one sample, before the next readings.
 
     Args:
         transition: float64 (states, states), derivatives of the state after the step by that

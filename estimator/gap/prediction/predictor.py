@@ -24,7 +24,8 @@ def _track(record: Record, gains: Gains) -> Track:
 class Predictor:
     """Filters, predicts and simulates records with a plant.
 
-    `values`, in all methods, are values of all parameters by name, SI.
+    `values`, in all methods, are values of all parameters by name, SI. The results are not finite
+    where the plant breaks down with them.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -46,7 +47,11 @@ class Predictor:
         return self.plant.start(first, record.inputs[:_FIRST], values)
 
     def filter(self, record: Record, values: Values) -> Gains:
-        """Return the gains of a filter that runs over a record with these parameter values."""
+        """Return the gains of a filter that runs over a record with these parameter values.
+
+        Readings near violent samples count less (`roughness`). If the plant can run in lanes with
+        these values, its derivatives are taken there, which changes the last digits only.
+        """
         plant = self.plant
         samples, outputs, states = *record.readings.shape, len(plant.states)
         gains = Gains(
@@ -95,11 +100,12 @@ class Predictor:
         return innovations, states
 
     def groups(self, values: Sequence[Values]) -> list[list[int]]:
-        """Return which sets of values are to run together (`innovations_of`), as groups of indices.
+        """Return which sets of values may run together in lanes, as groups of their indices.
 
-        A group runs side by side in lanes. It has at most one member less than there are lanes,
-        because one lane is needed for the values with which they are compared. A set of values that
-        cannot run in lanes is a group by itself.
+        Sets that are of the same kind (`InLanes.kind`) share groups of at most LANES - 1 members:
+        the caller runs each group in one call of `innovations_of`, together with the values with
+        which the group is compared, which take one lane. A set that must run alone is a group by
+        itself, and so is every set if the plant has no lanes.
         """
         in_lanes = self.plant.in_lanes
         alike: dict[tuple[float, ...], list[int]] = {}
@@ -118,7 +124,9 @@ class Predictor:
     def innovations_of(self, record: Record, gains: Gains, values: Sequence[Values]) -> list[Array]:
         """Return the innovations (n, outputs) that `innovations` gives, for each set of values.
 
-        The last digits differ, because e^x rounds differently in lanes.
+        There must be one to LANES sets, all of one kind (`InLanes.kind`). They run side by side in
+        lanes; the last digits differ, because e^x rounds differently there. If sets of their kind
+        must run alone, or if the plant has no lanes, they run one after the other.
         """
         plant, in_lanes = self.plant, self.plant.in_lanes
         if in_lanes is None or in_lanes.kind(values[-1]) is None:
@@ -135,10 +143,11 @@ class Predictor:
         return [innovations[:, :, lane] for lane in range(len(values))]
 
     def ahead(self, record: Record, values: Values, states: Array) -> Array:
-        """Return readings less predictions (n, outputs) over the plant's horizon.
+        """Return readings less predictions (n, outputs), SI, over the plant's horizon.
 
-        The predictions start anew from the filtered states at each end of the horizon. The result
-        is NaN at the samples of these starts, and where a reading is not used.
+        `states` are the filtered states (n, states) that `innovations` gives. From these the
+        predictions start anew at each end of the horizon, and in between they get the inputs alone.
+        The result is NaN at the samples of the starts, and where a reading is missing or saturated.
         """
         predicted = np.empty_like(record.readings)
         predict_ahead(
@@ -152,7 +161,8 @@ class Predictor:
     def simulate(self, record: Record, values: Values, *, steered: bool) -> tuple[Array, Array]:
         """Simulate a record; return inputs (n, inputs) and noise-free readings (n, outputs).
 
-        If it is steered, the inputs are changed to keep the simulation on the record's course.
+        The inputs are those of the record. If the simulation is steered, they are changed in the
+        result by the feedback `Plant.steering`, to keep the simulation on the record's course.
         """
         steering = np.zeros((len(self.plant.inputs), len(self.plant.outputs)))
         if steered:
@@ -166,8 +176,9 @@ class Predictor:
     def twin(self, record: Record, values: Values, seed: int) -> Record:
         """Return what a rig that is exactly this model would have recorded on the same course.
 
-        Its sensors have the noise and the rounding that the plant states, and steering keeps it
-        near the course. Readings that the record lacks are missing in the twin, too.
+        Its sensors have the noise (drawn with `seed`), the rounding and the range that the plant
+        states, and steering keeps it near the course: its inputs are those applied. Readings that
+        are missing or saturated in the record have an infinite variance in the twin, too.
         """
         driven, simulated = self.simulate(record, values, steered=True)
         generator = np.random.default_rng(seed)

@@ -44,7 +44,8 @@ class Rival:
         effect: name of the other effect.
         share: part of the named effect's gain that the other effect reaches.
         z: normal deviate of the gain that it lacks; the greater, the surer it is worse.
-        cosine: cosine between the signatures of the two effects, with the nuisances projected out.
+        cosine: cosine between the signatures of the two effects, with the nuisances projected out;
+            NaN if the model breaks down without both.
         why: reason why the two are the same on principle, in words; empty if there is none.
     """
 
@@ -89,20 +90,22 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class Curve:
-    """A disturbance of an equation, as a curve against a region, that would explain what is left.
+    """A disturbance as a curve against a region, which would explain what the model leaves.
 
     Attributes:
-        equation: name of the equation.
-        region: name of the region, such as "velocity".
+        equation: name of the equation that the disturbance enters, or "reading of" and a channel.
+            For a parameter that drifts it is the parameter's name, and the curve its value.
+        region: name of the region, such as "velocity" or "time".
         at: float64 (m,), places in the region, SI.
         values: float64 (m,), disturbance at these places, SI.
-        errors: float64 (m,), standard errors of the values.
+        errors: float64 (m,), standard errors of the values; infinite where the motion never came.
         unit: SI unit of the values.
         region_unit: SI unit of the region.
         shown: unit of the values in reports, and the number of such units in one SI unit.
         region_shown: the same for the region.
         gain: by how much the disturbance would lower the cost.
-        share: part of the excess over the noise floor that the disturbance explains.
+        share: part of the excess over the noise floor that the disturbance explains; 0 if there is
+            no excess.
     """
 
     equation: str
@@ -154,7 +157,8 @@ class ChannelGap:
         whiteness_after: the same with the model as written.
         whiteness_floor: the same for the twins.
         bands: mean squares of the innovations by frequency band.
-        scatter: standard deviation by which `after - floor` varies by chance, as twins do.
+        scatter: standard deviation by which `after - floor` varies by chance, as twins do, in noise
+            variances.
     """
 
     channel: str
@@ -204,11 +208,13 @@ class Separation:
     Attributes:
         effects: effects between which the recordings do not decide.
         motion: motion of the experiment, in words; if no motion decides, it says so.
-        campaign: contents of a campaign file that is ready to run, as nested mappings; empty if no
-            motion decides.
-        cosine: cosine between the effects' signatures in that motion, with the nuisances projected
-            out.
-        z: predicted normal deviate by which the right effect would be better.
+        campaign: contents of a campaign file that runs the motion, without its rig and model; empty
+            if no motion decides.
+        cosine: cosine between the signatures of the named effect and of the rival that the motion
+            excludes worst, with the nuisances projected out.
+        z: predicted normal deviate by which the named effect would be better than that rival.
+
+    If no motion decides, the last two are those of the best motion; NaN if no motion is known.
     """
 
     effects: tuple[str, ...]
@@ -225,7 +231,9 @@ class DetectionLimit:
     Attributes:
         effect: name of the effect.
         key: key of the knob that the size belongs to.
-        size: smallest size, SI; infinite if no plausible size would show.
+        size: smallest distance of the knob from its present value, SI; infinite if no plausible one
+            would show. For a limit that no motion reached, the largest value that would show; 0 if
+            none would.
         unit: SI unit of the size.
     """
 
@@ -242,7 +250,8 @@ class Check:
     Attributes:
         verdict: verdict on the revised model.
         effects: names of the effects that the revised model still lacks.
-        gap_before: gap of the model first given, on this run.
+        gap_before: gap of the model first given, on this run: the mean of the channels' excess over
+            the floor, in noise variances.
         gap_after: gap of the revised model on this run, with nothing refitted.
         scatter: standard deviation by which that gap varies by chance; where a ram sticks and
             slips, twins of the same rig differ by as much.
@@ -288,7 +297,7 @@ class AddedDisturbance:
         values: values of all parameters of the model with the disturbance.
         explained: part of the excess over the floor that it explains in the recordings fitted to.
         gap: mean of the channels' excess over the floor on held-out recordings, in noise variances,
-            for the model with the disturbance.
+            for the model with the disturbance; NaN until it is measured.
         channels: gap of each channel with this model; `before` is that of the model as given.
     """
 
@@ -308,20 +317,22 @@ class GapResult:
     Attributes:
         verdict: adequate, missing_effect, unknown_effect or inconclusive.
         reasons: reasons for the verdict, in words.
-        effects: effects that were named, the most important first.
+        effects: effects that were named, in the order in which they were found.
         refitted: nuisances with their intervals, whether or not the model written has these values.
-        channels: gap of each channel on the held-out recordings.
+        channels: gap of each channel on the held-out recordings; empty if one is not finite.
         gap_before: mean of the channels' excess over the floor with the model as given, in noise
-            variances.
+            variances; NaN if it is not finite or was not measured.
         gap_after: the same with the model as written.
-        explained: part of the excess over the floor that was explained in the recordings fitted to.
-        where: disturbances that would explain the disagreement before anything was added to the
-            model, the largest first.
-        rest: disturbances that would explain what is left after all named effects were added.
+        explained: part of the excess over the floor that the named effects take away in the
+            recordings fitted to; NaN if none is named.
+        where: disturbances that would explain what the refit of the nuisances leaves, by falling
+            share.
+        rest: disturbances that would explain what is left after all named effects were added;
+            `where` if none is named.
         term: an unknown effect in symbols with units, with the equation that it enters; empty if
             there is none.
-        added: that effect as part of the model, if the model can represent it and is better with
-            it; else None.
+        added: that effect as part of a second model, if a model can represent it and is better with
+            it; else None. The model written does not have it.
         limits: for each effect the smallest size that the recorded motions would show.
         experiments: experiments that would settle which effects are the causes.
         free_runs: short free simulations, for the eye.
@@ -362,7 +373,7 @@ class GapResult:
 
     @property
     def written(self) -> Written:
-        """Return which model is written: as given, refitted, or with effects."""
+        """Return which model is written: as given, refitted, or with effects; without `added`."""
         if self.as_given:
             return "as given"
         return "with effects" if self.effects else "refitted"

@@ -129,7 +129,7 @@ def linearise_course(drive, step, remember, read, along, parameters, memory, cha
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
 def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers):
-    """Compute the changes of the innovations by kicks, over the innovations' standard deviations.
+    """Compute the changes of the innovations by kicks, divided by the standard deviations of these.
 
     Args:
         transitions: float64 (m, k, k), of `linearise_course`.
@@ -139,7 +139,7 @@ def respond(transitions, slopes, gains, variances, starts, rows, kicks, answers)
         starts: int64 (m,), 1 where a stretch begins; no kick before it has an effect there.
         rows: int64 (r,), what is kicked: j for state j after the step, k + i for reading i.
         kicks: float64 (m, r, columns), sizes of the kicks, SI.
-        answers: float64 (m, outputs, columns), written: the changes.
+        answers: float64 (m, outputs, columns), written: the changes; 0 where a reading is not used.
     """
     count, outputs, columns = transitions.shape[1], slopes.shape[1], kicks.shape[2]
     x, ahead = np.zeros((count, columns)), np.zeros((count, columns))
@@ -216,7 +216,8 @@ class Course:
     def answers(self, rows: Sequence[int], kicks: Array) -> Array:
         """Return the changes of the innovations by kicks, (m, outputs, columns).
 
-        They are divided by the innovations' standard deviations.
+        They are divided by the innovations' standard deviations, and 0 where a reading is not used.
+        A kick has no effect beyond its stretch.
 
         Args:
             rows: what is kicked: the index of a state, or the number of states plus the index of an
@@ -247,8 +248,8 @@ def course_of(
         gains: gains of a filter of the record.
         values: values of all parameters.
         probes: sets of values of all parameters, each with one value changed.
-        samples: int64 (m,), indices in the record, ascending; a gap between them begins a new
-            stretch.
+        samples: int64 (m,), indices in the record, ascending, at least one; a gap between them
+            begins a new stretch.
     """
     plant = predictor.plant
     innovations, states = predictor.innovations(record, gains, values)

@@ -44,9 +44,9 @@ _AVERAGED: Final = 50
 def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
     """Return those parts of the records that the filter can follow and that are long enough.
 
-    A part must be longer than the filter's settling and one block. If there is no such part, the
-    records that are long enough are returned whole, so that the report can say what is wrong with
-    their readings.
+    A part must be as long as the filter's settling and one block, or longer. If there is no such
+    part, the records that are long enough are returned whole, so that the report can say what is
+    wrong with their readings; the list may be empty.
     """
     long = [record for record in records if slices_of(record, plant.period)]
     parts = [part for record in long for part in seen_parts(record, plant.period)]
@@ -55,6 +55,10 @@ def usable(records: Sequence[Record], plant: Plant) -> list[Record]:
 
 def unsuitable(fitter: Fitter, judged: Fitter) -> list[str]:
     """Return the reasons, in words, why recordings cannot support a verdict; empty if they can.
+
+    Lengths are checked first, then the commands and readings to fit to, then whether every channel
+    has anything to do with the model as given (`LOST`). The first of these checks that fails gives
+    its reasons, and the later ones are not made.
 
     Args:
         fitter: fitter of the records to fit to.
@@ -160,7 +164,8 @@ def worse_than_resting(
 ) -> list[str]:
     """Return the channels whose predictions are worse than the assumption that nothing changes.
 
-    The errors over the horizon are compared; `WORSE` says what counts as worse.
+    The mean squared errors over the horizon are compared; `WORSE` says what counts as worse. Errors
+    that are not finite do, too. A channel without a usable reading is left out.
     """
     plant = predictor.plant
     horizon = round(plant.horizon / plant.period)

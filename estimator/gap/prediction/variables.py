@@ -42,7 +42,8 @@ class Variable:
     def put(self, values: Values, value: float) -> dict[str, float]:
         """Return a copy of all values in which this parameter has the value given.
 
-        The parameters that follow it are scaled by the same factor.
+        The bounds are not checked. The parameters that follow it are scaled by the same factor; the
+        parameter must not have been 0 if there are any.
         """
         changed = dict(values)
         changed[self.parameter] = value
@@ -56,7 +57,11 @@ class Variable:
         return min(max(value, self.lower), self.upper)
 
     def column(self, values: Values) -> Column:
-        """Return this variable's column: how the values change with it, and between which steps."""
+        """Return this variable's column: the values after its probe, and the bounds of a step.
+
+        The probe goes down if it would exceed the upper bound. The steps of a logarithmic variable
+        are those of the logarithm, and its probe is at most a tenth of the value.
+        """
         at = values[self.parameter]
         probe = self.probe
         if self.logarithmic:
@@ -73,7 +78,8 @@ class Variable:
     def moved(self, values: Values, step: float) -> dict[str, float]:
         """Return all values after a step of this variable, cut off at its bounds.
 
-        The step is of the value, or of its logarithm if the variable is logarithmic.
+        The step is of the value, or of its logarithm, at most 5 either way, if the variable is
+        logarithmic. Parameters that follow are scaled along.
         """
         at = values[self.parameter]
         if self.logarithmic:
@@ -120,7 +126,10 @@ def freed(variables: tuple[Variable, ...], effect: Effect) -> tuple[Variable, ..
 def started(
     plant: Plant, values: Values, effect: Effect, start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return a copy of all values in which an effect's knobs have the values of a start, by key."""
+    """Return a copy of all values in which an effect's knobs have the values of a start, by key.
+
+    A knob that the start lacks keeps its value.
+    """
     changed = dict(values)
     for knob in effect.knobs:
         if knob.key in start:

@@ -57,7 +57,12 @@ class Place:
     equation: Equation | None = None
 
     def rates(self, states: Array, values: Values) -> Array:
-        """Return the kicks (n, rows) by one unit of disturbance."""
+        """Return the kicks (n, rows) by one unit of disturbance, SI; 1 for a reading.
+
+        Args:
+            states: float64 (n, states), at which the kicks are taken.
+            values: values of all parameters.
+        """
         if self.equation is None:
             return np.ones((len(states), 1))
         of = (self.equation.rate, *(rate for _, rate in self.equation.also))
@@ -81,7 +86,11 @@ def places_of(plant: Plant) -> list[Place]:
 
 
 def hats(values: Array, middles: Array) -> Array:
-    """Return hat functions (n, middles) of values (n,), which add up to one for each value."""
+    """Return hat functions (n, middles) of values (n,), which add up to one for each value.
+
+    The middles must be evenly spaced, ascending, and at least two. A value beyond the outermost
+    middles counts as at them.
+    """
     width = middles[1] - middles[0]
     place = np.clip((values - middles[0]) / width, 0.0, len(middles) - 1.0)
     return np.asarray(np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(middles))), 0.0))
@@ -94,7 +103,13 @@ class Attribution:
         filtered: the records, with gains for `values`.
         values: values of all parameters.
         variables: variables that were fitted; a disturbance must explain what these cannot.
-        parts: part of each record that is used (`excerpts`).
+        parts: part of each record that is used (`excerpts`); a record without blocks in its part is
+            left out.
+
+    Attributes:
+        plant: plant that the records belong to.
+        values: values of all parameters, as given.
+        courses: linearised course of each record that is not left out.
     """
 
     def __init__(
@@ -138,10 +153,11 @@ class Attribution:
         return [region.value(course.states, course.inputs) for course in self.courses]
 
     def middles(self, name: str, count: int = HATS) -> Array:
-        """Return the middles (count,) of the hats, evenly spread over what the motion covers.
+        """Return the middles (count,) of the hats along a region's quantity, SI.
 
-        A direction has only its two values as middles. The result is empty if the quantity does not
-        change.
+        They are evenly spread from its 1 % quantile to its 99 % quantile. A quantity that is always
+        at one of these ends or 0, such as the direction, has only the two ends as middles. The
+        result is empty if both quantiles are equal.
         """
         values = np.concatenate(self.along(name))
         low, high = np.quantile(values, (0.01, 0.99))
@@ -155,7 +171,7 @@ class Attribution:
         """Return the block sums of the fit's variables and of shapes of a disturbance at a place.
 
         `shapes` has an array (m, columns) for each course, SI. The columns of the result are those
-        of the variables, then the shapes ("#0", "#1", ...).
+        of the variables, then the shapes ("#0", "#1", ...), without bounds. Its `quartics` are 0.
         """
         changes, residual, used = self.stacked(place, shapes)
         columns = [
@@ -209,7 +225,16 @@ class Attribution:
         return [column.name for column in self._base]
 
     def solved(self, linear: Linear) -> tuple[Array, Array, float, float]:
-        """Return a disturbance's coefficients, standard errors, gain, and the cost without it."""
+        """Return a disturbance's coefficients, standard errors and gain, and the cost without it.
+
+        Args:
+            linear: a result of the method `linear`.
+
+        Returns:
+            Coefficients (columns,) and standard errors (columns,), SI, of the shapes; by how much
+            they lower the cost in addition to the fit's variables; and the cost that the variables
+            alone leave.
+        """
         base = self.base
         added = [column.name for column in linear.columns[len(base) :]]
         without = linear.solve(base)[1] if base else 0.0
@@ -221,8 +246,13 @@ class Attribution:
     def curve(self, place: Place, name: str, floor: float, count: int = HATS) -> Curve | None:
         """Return a place's disturbance as a curve against a region; None if that does not change.
 
-        `floor` is the cost per reading of a rig that is exactly the model, `count` the number of
-        hats.
+        Where the motion never came, the curve's errors are infinite.
+
+        Args:
+            place: place where the disturbance enters.
+            name: name of the region.
+            floor: cost per reading of a rig that is exactly the model.
+            count: number of hats (`middles`).
         """
         middles = self.middles(name, count)
         if middles.size == 0:
@@ -240,9 +270,10 @@ class Attribution:
         )  # fmt: skip
 
     def curves(self, floor: float) -> list[Curve]:
-        """Return disturbances that would explain the cost above a floor, the best first.
+        """Return the disturbance of each place against each of its regions, by falling gain.
 
-        `floor` is the cost per reading of a rig that is exactly the model.
+        Time is one of the regions; regions that do not change are left out. `floor` is the cost per
+        reading of a rig that is exactly the model.
         """
         found = [
             self.curve(place, name, floor)

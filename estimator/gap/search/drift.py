@@ -39,8 +39,10 @@ def drifts(
         floor: cost per reading of a rig that is exactly the model.
 
     Returns:
-        A curve for each parameter whose trend is beyond chance, best first: its course over the
-        longest recording. The curve's `equation` is the parameter's name, its `region` the time.
+        A curve for each parameter whose trend gains `CHANCE` and is `CERTAIN` standard errors
+        large, that with most gain first. It is the parameter's course in two points: when a
+        recording begins, and at the last block. The curve's `equation` is the parameter's name, its
+        `region` the time.
     """
     columns = filtered.columns(values, variables)
     linear = filtered.linearise(values, columns)

@@ -83,7 +83,11 @@ class Named:
 
     @property
     def indistinguishable(self) -> tuple[Alternative, ...]:
-        """Return the alternatives that may be the cause as well, at most two."""
+        """Return the first two alternatives that may be the cause as well, or fewer.
+
+        Such an alternative reaches all of the gain but the part `FORM`, or the gain that it lacks
+        is less than three normal deviates.
+        """
         return tuple(a for a in self.alternatives if a.share >= 1.0 - FORM or a.z < 3.0)[:2]
 
 
@@ -98,9 +102,9 @@ class Found:
         filtered: the records, with the gains that the costs of `fitted` belong to.
         variables: variables of that fit.
         named: effects, in the order in which they were found.
-        floor: cost per reading of a twin of the final model.
+        floor: cost per reading of a twin of the final model; 0 until it is set after the search.
         samples: number of readings used.
-        rejected: candidates of the last stage, of which none was added.
+        rejected: candidates of the last stage at which none was added.
     """
 
     given: Fitted
@@ -115,20 +119,30 @@ class Found:
 
     @property
     def explained(self) -> float:
-        """Return the part of the excess over the floor that the named effects take away."""
+        """Return the part of the excess over the floor that the fit with all effects takes away.
+
+        The excess is that with the nuisances alone refitted. The part is 0 if there is no excess.
+        """
         before = self.refitted.cost / self.samples - self.floor
         after = self.fitted.cost / self.samples - self.floor
         return 1.0 - after / before if before > 0.0 else 0.0
 
 
 def deviate(differences: Array) -> float:
-    """Return the normal deviate of the sum of differences (blocks,), by their scatter."""
+    """Return the normal deviate of the sum of differences (blocks,), by their scatter.
+
+    There must be at least two blocks. The result is 0 if all differences are equal.
+    """
     scatter = float(np.sqrt(len(differences)) * np.std(differences, ddof=1))
     return float(differences.sum()) / scatter if scatter > 0.0 else 0.0
 
 
 def earns(before: Fitted, fitted: Fitted, bar: float) -> bool:
-    """Return whether a fit lowers the cost by more than a bar, and in more than two blocks."""
+    """Return whether a fit lowers the cost by more than a bar, and in more than two blocks.
+
+    The number of blocks is (sum of gains)^2 / (sum of squared gains): a block that gains little
+    counts little.
+    """
     gains = before.costs - fitted.costs
     # The gains are scaled, because the cost of a block that cannot be predicted is too large to be
     # squared.

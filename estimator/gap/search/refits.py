@@ -28,6 +28,8 @@ _SETTLED: Final = 1e-3
 class Refits:
     """Fits a model to the records of a fitter, with its plant's nuisances and some effects.
 
+    In its methods "gains" are those of the filter.
+
     Args:
         fitter: fitter of the records.
     """
@@ -38,10 +40,10 @@ class Refits:
         self.nuisances = tuple(nuisance_variable(n) for n in self.plant.nuisances)
 
     def settled(self, values: Values, variables: Sequence[Variable]) -> tuple[Fitted, Filtered]:
-        """Return a fit whose gains belong to its own values, and the records with these gains.
+        """Return a fit whose gains nearly belong to its own values, and the records with its gains.
 
-        Starting from `values`, gains are computed and variables fitted in turn, until the cost
-        hardly falls.
+        Starting from `values`, gains are computed and variables fitted in turn, at most five times,
+        until the cost falls by less than 0.1 %. The gains are those of the last round's start.
         """
         for _ in range(_ROUNDS):
             filtered = self.fitter.filtered(values)
@@ -89,9 +91,10 @@ class Refits:
     def without(
         self, found: Found, name: str, exact: bool = False
     ) -> tuple[tuple[Variable, ...], Fitted]:
-        """Return the variables and the fit without an effect, with the gains of the finding.
+        """Return the variables and the fit without a named effect, with the gains of the finding.
 
-        The nuisances that the effect took the place of are fitted again. With `exact`, the changes
+        The effect's parameters are as in the model given. The finding itself is not changed. The
+        nuisances that the effect took the place of are fitted again. With `exact`, the changes
         of all columns are computed anew in each step; otherwise those of the finding are used
         again.
         """

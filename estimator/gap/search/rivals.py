@@ -34,6 +34,10 @@ class Rivals:
     def exchange(self, found: Found, seen: Mapping[str, Sequence[Screened]]) -> bool:
         """Try other effects in the place of each named one, and note them as its alternatives.
 
+        At most seven effects that are not named are tried for each: those that promise most, and
+        more than 0.4 times the gain of the named effect. The first whose fit costs less by more
+        than `CHANCE` takes its place.
+
         Args:
             found: the finding; changed in place.
             seen: for each effect, its candidates at all stages of the search.
@@ -100,11 +104,12 @@ class Rivals:
     def lost(
         self, found: Found, variables: tuple[Variable, ...], without: Fitted
     ) -> tuple[Fitted, Filtered] | None:
-        """Return a fit without an effect, with its own gains, if the finding's lead it astray.
+        """Return a fit without an effect with filter gains of its own, if it needs them.
 
         Near break-away, a ram may stick in a model with the effect and slip in one without it. Then
         the gains of the filter that sticks correct the model without the effect in the wrong way,
-        and no linearisation about its course shows anything.
+        and no linearisation about its course shows anything. This is so if with gains of its own
+        that model keeps at most the part `_ASTRAY` of its extra cost over the finding.
 
         Args:
             found: the finding, with the effect.
@@ -112,8 +117,7 @@ class Rivals:
             without: fit of that model with the finding's gains.
 
         Returns:
-            The fit and the records with its gains; None if the finding's gains do not lead it
-            astray.
+            The fit and the records with its gains; None if the finding's gains serve it as well.
         """
         own = float(self._fitter.filtered(without.values).costs(without.values).sum())
         if own - found.fitted.cost > _ASTRAY * (without.cost - found.fitted.cost):

@@ -25,10 +25,14 @@ class Screening:
         variables: tuple[Variable, ...],
         effects: Collection[str] | None = None,
     ) -> list[Screened]:
-        """Return all candidates that would gain something by the linearisation, the best first.
+        """Return all candidates that would gain something, that with most gain first.
+
+        The gain of a candidate is by how much it would lower the cost: by the linearisation, or at
+        its start itself if that is more. An effect has one candidate, with its best start. Effects
+        that are fitted already, with all their knobs among `variables`, are left out.
 
         Args:
-            filtered: the records, with some gains.
+            filtered: the records, with any filter gains.
             values: values of all parameters, about which the innovations are linearised.
             variables: variables that are fitted together with each candidate.
             effects: names of the effects to be screened; None for all.

@@ -64,6 +64,11 @@ class Search:
         fitter: fitter of the records.
         seed: seed of the twins' sensor noise.
         judged: fitter of the held-out recordings; None without such recordings.
+
+    Attributes:
+        plant: plant of the fitter.
+        refits: refits of the fitter's records.
+        rivals: tries other effects in the place of those named.
     """
 
     def __init__(self, fitter: Fitter, seed: int = 1, judged: Fitter | None = None) -> None:
@@ -76,7 +81,12 @@ class Search:
         self.rivals = Rivals(self.refits, self._screening)
 
     def run(self) -> Found:
-        """Return what the model lacks, as far as the records show it."""
+        """Search the fitter's records, and return the finding: the effects that the model lacks.
+
+        The nuisances are refitted first. Then effects are added while they earn their place, those
+        that no longer do so are removed, and others are tried in the place of each. The finding
+        names no effects if none earns its place; its `floor` is not set.
+        """
         values = dict(self.plant.nominal)
         given = Fitted(values, self.fitter.filtered(values).costs(values))
         present, filtered = self.refits.settled(values, self.refits.nuisances)
@@ -189,7 +199,8 @@ class Search:
     def held_out_excess(self, values: Values) -> float:
         """Return by how much held-out recordings are predicted worse than a twin of them would be.
 
-        The result is a cost per reading; it is NaN without held-out recordings.
+        Both are predicted with `values` of all parameters. The result is a cost per reading; it is
+        NaN if the search has no fitter of held-out recordings.
         """
         if self.judged is None:
             return float("nan")
@@ -225,7 +236,7 @@ class Search:
         return most
 
     def twins(self, values: Values, count: int = FEW) -> list[Filtered]:
-        """Return twins of the records for these values, each filtered with the same values."""
+        """Return `count` sets of twins of all records for these values, filtered with them."""
         return self._twins.of(values, count)
 
     # After the search

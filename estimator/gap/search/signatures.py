@@ -50,7 +50,11 @@ _LIMITS: Final = 7
 
 
 def left(linear: Linear, names: Sequence[str], nuisances: Sequence[str]) -> Array:
-    """Return the products of columns with each other (names, names), nuisances projected out."""
+    """Return the products of columns with each other (names, names), nuisances projected out.
+
+    `nuisances` are the names of those columns of `linear` that are projected out. The products are
+    summed over all blocks.
+    """
     total = linear.products.sum(0)
     own, base = linear.indices(names), linear.indices(nuisances)
     if not base:
@@ -70,7 +74,7 @@ def cosines(
     have.
 
     Args:
-        filtered: the records, with any gains.
+        filtered: the records, with any filter gains.
         values: values of all parameters without any of the changes.
         variables: variables that are projected out.
         changes: by the name of each change, values of all parameters with it.
@@ -89,8 +93,9 @@ def absorbed(search: Search, found: Found) -> list[str]:
     """Return remarks, in words, on effects that the refit of a nuisance may stand for.
 
     Only effects are looked at that are the same on principle as the effect of the nuisance
-    (`Plant.not_told_apart`). A remark is made if the nuisances would make up for nearly all that
-    such an effect changes in these recordings.
+    (`Plant.not_told_apart`), where neither was named and the refit moved the nuisance by 1 % or
+    more. A remark is made if what was fitted would make up for all but a tenth of what the effect
+    changes in these recordings, and if the effect can plausibly be of the size of the refit.
     """
     plant, filtered, values = search.plant, found.filtered, found.fitted.values
     named = {each.effect for each in found.named}
@@ -136,8 +141,9 @@ def limits(
 
     If the effect is a nuisance within a tolerance, only what lies beyond the tolerance shows. For a
     limit that no motion reaches at its neutral value, the size is the largest value that shows; 0
-    if none does. All other effects whose starts depend on the motion are left out, because they
-    cannot be linearised.
+    if none does; the limit is left out if `values` hold one that acts. Other effects that have only
+    starts that depend on the motion are left out, because they cannot be linearised. Effects with
+    several knobs are judged by their first knob, from the linearisation alone.
     """
     plant = filtered.predictor.plant
     base = filtered.columns(values, variables)

@@ -21,7 +21,10 @@ class Twins:
         self._twins: dict[tuple[float, ...], list[Filtered]] = {}
 
     def of(self, values: Values, count: int = FEW) -> list[Filtered]:
-        """Return `count` twins of the records for these values, filtered with the same values."""
+        """Return `count` sets of twins, each with a twin of every record, for these values.
+
+        The twins are filtered with the same values. Each set has sensor noise of its own.
+        """
         key = tuple(values.values())
         if key not in self._twins:
             self._twins.clear()

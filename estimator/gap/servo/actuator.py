@@ -299,7 +299,11 @@ def _states(par: Parameters) -> tuple[State, ...]:
 
 
 def servo_actuator(model: Model, sensors: SensorParameters = DATA_SHEET) -> Plant:
-    """Return the servo-actuator with this model as a plant of the gap workflow."""
+    """Return the servo-actuator with this model as a plant of the gap workflow.
+
+    `sensors` is the data sheet of the transducers. The plant has no motions and no control loop of
+    its own, and writes no model file: whoever needs these replaces `motions`, `loop` and `write`.
+    """
     known = quantities()
     return Plant(
         name=model.name,

@@ -189,7 +189,11 @@ NOT_TOLD_APART: Final[dict[frozenset[str], str]] = {
 
 
 def nuisances(par: Parameters) -> tuple[Nuisance, ...]:
-    """Return the parameters that are refitted first, about the nominal values (docs/gap.md)."""
+    """Return the parameters that are refitted first, with their tolerances (docs/gap.md).
+
+    The tolerances are about the nominal values of the rig; `par`, the model's parameters, only
+    gives the size of two probes.
+    """
     return (
         Nuisance(
             "bulk_modulus", 0.01 * par.bulk_modulus, 0.15, NOMINAL.bulk_modulus, "bulk_modulus"

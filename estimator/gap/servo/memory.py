@@ -32,7 +32,10 @@ intrinsic: Final[Any] = numba.extending.intrinsic
 
 @intrinsic
 def parameters_of(typing_context, values):
-    """Return the `Parameters` of an array float64 (count,), in compiled code."""
+    """Return the `Parameters` of an array float64 (count,), in compiled code.
+
+    The array holds a value for each field, in the order of the fields.
+    """
 
     def emit(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data

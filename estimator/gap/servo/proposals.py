@@ -49,7 +49,7 @@ ratio of 17."""
 
 
 def propose_spring(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return starts for a spring, whose contacts are spread over the ram's positions."""
+    """Return five starts for a spring, whose contacts are spread over the ram's positions."""
     position = np.concatenate([trace.states[:, _POSITION] for trace in traces])
     places = np.quantile(position, (0.02, 0.25, 0.5, 0.75, 0.9))
     return tuple({"stiffness": _STIFFNESS, "contact": float(place)} for place in places)
@@ -59,9 +59,9 @@ def propose_end_stop(traces: Sequence[Trace], values: Mapping[str, float]) -> St
     """Return places and stiffnesses of end stops from which a fit can start.
 
     At either end of the recorded motion the pistons' force is searched for a place beyond which it
-    grows with the position. Each place found gives three starts: its `low` or `high`, each time
-    with the stiffness that the growth shows times 0.6, 1 or 1.8. An end where the force does not
-    grow gives none.
+    grows with the position. Each place found gives three starts: its `low` or `high`, m, each time
+    with the stiffness that the growth shows times 0.6, 1 or 1.8, but 1 to 60 MN/m. An end where the
+    force grows by no more than `_RISES` gives no starts.
     """
     area = values["piston_area"]
     # The readings are used, because the filter's states are wrong on a stop that the model lacks.
@@ -104,8 +104,9 @@ def _contact(depth: Array, force: Array) -> tuple[float, float] | None:
 
 
 def propose_rate_limit(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
-    """Return starts for a rate limit: 0.95 and 0.5 times the spool's greatest speeds, m/s.
+    """Return starts for a rate limit: 0.95 and 0.5 times the spool's greatest speed, m/s.
 
+    The greatest speed is the 99.9 % quantile of the filtered speeds; a start is at least 5 mm/s.
     The true limit is near one of them, because the spool hardly exceeds a limit that acts.
     """
     speed = np.abs(np.concatenate([trace.states[:, _SPOOL_VELOCITY] for trace in traces]))
@@ -120,7 +121,8 @@ def propose_position_delay(traces: Sequence[Trace], values: Mapping[str, float])
 
     The oil's flow is K_1 y sqrt(p_s - sgn(y) p_L) + K_2 dp_L/dt, that of a valve into compressible
     oil (Merritt 1967, ch. 6), with the load pressure p_L = p_1 - p_2 as read. For each delay K_1
-    and K_2 are fitted to the speed as read, and the delay with the least error is taken.
+    and K_2 are fitted to the speed as read. The delay of 1 to 19 ticks with the least error is
+    taken, refined by a parabola; it is 1 tick if nothing moves in any recording.
     """
     left = np.ones(_LATEST + 1)
     for trace in traces:
@@ -165,9 +167,10 @@ def _unexplained(trace: Trace, values: Mapping[str, float]) -> Array:
 def propose_ripple(traces: Sequence[Trace], values: Mapping[str, float]) -> Starts:
     """Return starts for a ripple: the strongest line in the pressures' prediction errors.
 
-    There are four starts, with different phases; none if no line stands out from the noise
-    (`_OVER_NOISE`). The pump is assumed to have the same phase at the first sample of every
-    recording.
+    Lines from 5 to 400 Hz are tried. There are four starts with different phases, or none if no
+    line stands out from the noise (`_OVER_NOISE`). Their amplitude is that of the model, or 30 kPa
+    if the model has no ripple. The pump is assumed to have the same phase at the first sample of
+    every recording.
     """
     length = _FINER * max(len(trace.inputs) for trace in traces)
     spectrum = sum(np.fft.rfft(_unexplained(trace, values), length) for trace in traces)

@@ -28,7 +28,8 @@ _STRETCHED: Final = 1.3
 def why_not(place: str, term: Term) -> str:
     """Return the reason, in words, why the model cannot represent a term; empty if it can.
 
-    `place` is the name of an equation, or "reading of" and a channel.
+    `place` is the name of an equation, or "reading of" and a channel. How many terms a model holds
+    is not looked at.
     """
     if place.startswith("reading of "):
         return f"an error of the {place} is none of the plant's: a simulation does not have it"
@@ -45,6 +46,8 @@ def hold_terms(
     place: str, terms: Sequence[Term], coefficients: Array, values: Mapping[str, float]
 ) -> Held:
     """Return the parameter values and knobs that represent those terms that the model can hold.
+
+    A model holds at most three. The others are given back as refused, with the reason (`why_not`).
 
     Args:
         place: name of an equation, or "reading of" and a channel.
@@ -100,9 +103,11 @@ def _knobs(number: int, term: AddedTerm) -> list[Knob]:
 
 
 def held_terms(values: Mapping[str, float]) -> tuple[str, list[tuple[Term, list[float]]]]:
-    """Return the equation, the terms and their coefficients that the parameter values represent.
+    """Return the added disturbance that a model holds: its equation, and its terms in symbols.
 
-    The name of the equation is empty if the values represent no term.
+    `values` are those of all parameters by name. Each term comes with its coefficients, SI: one, or
+    for a wave two, of its sine and its cosine. Without any term the name of the equation is empty,
+    and so is the list. All terms are taken to enter one equation, that of the last.
     """
     par = Parameters(**{name: values[name] for name in Parameters._fields})
     found: list[tuple[Term, list[float]]] = []

@@ -11,10 +11,12 @@ were exact."""
 
 
 def confirm(refits: Refits, found: Found, judged: Fitter) -> tuple[dict[str, float], list[str]]:
-    """Remove effects from the finding that do not lower the error on the held-out recordings.
+    """Remove effects from the finding that hardly lower the cost of the held-out recordings.
 
-    What an exact effect would gain there is the cost of what it changes in the predictions. Where
-    that is below chance, the held-out motion shows nothing of the effect, and the effect stays.
+    What an exact effect would gain there is the cost of what it changes in the predictions. An
+    effect that gains less than a tenth of that (`CONFIRMED`) is removed, and the finding refitted
+    in place. Where the exact gain is below `CHANCE`, the held-out motion shows nothing of the
+    effect, and the effect stays. `judged` is the fitter of the held-out records.
 
     Returns:
         For each effect that stays, the normal deviate of its held-out gain, NaN where the motion

@@ -53,16 +53,21 @@ class Trial:
 
     @property
     def settles(self) -> bool:
-        """Return whether the motion would decide between the effect and the rival."""
+        """Return whether the motion would decide: `z` reaches `SETTLES`, and `share` is below 1.
+
+        The share must be below 1 by more than `SURE` times `FORM`.
+        """
         return self.z >= SETTLES and self.share < 1.0 - SURE * FORM
 
 
 def separations(
     plant: Plant, found: Found, pool: ThreadPoolExecutor, seed: int = 1
 ) -> list[Separation]:
-    """Return, for each effect that has rivals, the motion that would settle which is the cause.
+    """Return, for each effect with rivals, the motion that would best settle which is the cause.
 
-    Where none of the motions would, the separation has no campaign, and says so in words.
+    Its rivals are the alternatives that may be the cause as well (`Named.indistinguishable`). A
+    motion is judged by the rival that it excludes worst. Where none of the motions would decide,
+    the separation has no campaign, and says so in words.
 
     Args:
         plant: plant with the motions to choose from.
@@ -132,7 +137,7 @@ class _Stage:
         self._without = self._filtered.fit(neutral, self._variables, 3, 1e-3)
 
     def against(self, rival: Alternative) -> Trial:
-        """Return the expected result of the motion for the effect against a rival."""
+        """Return the result to be expected of the motion, for the named effect against a rival."""
         effect = self._plant.effects[rival.effect]
         variables = freed(self._variables, effect)
         wrong = self._filtered.fit(rival.fitted.values, variables, 3, 1e-3)

@@ -74,7 +74,7 @@ class Evidence:
             as given, then with all that was found; NaN if nothing was named.
         scatter: standard deviation by which the second of these gaps varies by chance.
         worse: reason, in words, why the model with all named effects is worse than the given one;
-            None if it is not.
+            None if it is not, or if it may be by chance.
     """
 
     found: Found
@@ -95,14 +95,15 @@ class Evidence:
 
     @property
     def whole(self) -> bool:
-        """Return whether the named effects take away enough to be the whole answer."""
+        """Return whether effects are named and take away the part `EXPLAINED` of the excess."""
         return bool(self.found.named) and not self.found.explained < EXPLAINED
 
     @property
     def borne_out(self) -> bool:
         """Return whether a held-out motion shows what is missing and the named effects predict it.
 
-        That outweighs evidence from a motion to which the effects were fitted.
+        Without the effects the held-out excess is above `SHOWN`; with them it is less than the part
+        `LEFT` of that. This outweighs evidence from a motion to which the effects were fitted.
         """
         return self.held_out_before > SHOWN and self.held_out < LEFT * self.held_out_before
 
@@ -169,12 +170,12 @@ def too_much_at_once(evidence: Evidence) -> Judgement | None:
 
 
 def left_to_a_curve(evidence: Evidence) -> Judgement | None:
-    """Judge "unknown_effect" if a free curve explains what named effects leave; else return None.
+    """Judge "unknown_effect" if a free curve explains much of what is left; else return None.
 
     A curve needs no physics: effects that leave it much to explain are not the cause. What it
-    explains must exceed `MATERIAL`, the least that matters to a prediction. If the named effects
-    are the whole answer (`EXPLAINED`), it must also exceed the part `FREE` of the excess before
-    them.
+    explains must exceed `MATERIAL`, the least that matters to a prediction. That is enough if no
+    effect is named or if those named are too little (`EXPLAINED`). If they are the whole answer, it
+    must also exceed the part `FREE` of the excess before them.
     """
     found, excess = evidence.found, evidence.excess
     free = evidence.rest[0].share * excess if evidence.rest else 0.0
@@ -231,8 +232,9 @@ def at_an_end(evidence: Evidence) -> Judgement | None:
     """Judge "unknown_effect" if a named size is at an end of what is plausible; else return None.
 
     A fit would move such a size (`PINNED`) beyond the end, so that the effect stands in for
-    something else. The rule applies only if more than `MATERIAL` is left, the least that matters,
-    and if no held-out motion bears the named effects out.
+    something else. The size is the effect's first knob; an end at which it was in the model as
+    given does not count. The rule applies only if more than `MATERIAL` is left, the least that
+    matters, and if no held-out motion bears the named effects out.
     """
     beyond = _pinned(evidence.found)
     if not beyond or not evidence.excess > MATERIAL or evidence.borne_out:
@@ -294,7 +296,7 @@ def not_ahead(evidence: Evidence) -> Judgement | None:
 def worse_than_given(evidence: Evidence) -> Judgement | None:
     """Judge "unknown_effect" if the model with named effects is worse; else return None.
 
-    It is compared with the model as given; `keeping` gives the bounds.
+    It is compared with the model as given, and must be worse by more than chance (`why_worse`).
     """
     if not evidence.found.named or not evidence.worse:
         return None

@@ -36,9 +36,11 @@ class Growth:
     """The growth of squared errors over the horizon from one model to another.
 
     Attributes:
-        mean: mean growth over half-second blocks and channels, in noise variances; infinite if only
-            the first model's predictions are finite.
+        mean: mean growth over half-second blocks and channels, in noise variances; infinite if the
+            second model's predictions are not finite where the first's are.
         error: standard error of the mean, by the scatter of the blocks.
+
+    Both are 0 if fewer than two blocks can be compared.
     """
 
     mean: float
@@ -46,7 +48,7 @@ class Growth:
 
     @property
     def matters(self) -> bool:
-        """Return whether the errors have grown by more than a trifle and by more than chance."""
+        """Return whether `mean` is more than `TRIFLE` and more than `SURE` times `error`."""
         return self.mean > max(TRIFLE, SURE * self.error)
 
 
@@ -56,7 +58,8 @@ def growth(
 ) -> Growth:  # fmt: skip
     """Return how much squared errors over the horizon grow from the given model to a fitted one.
 
-    Each model filters the records with gains of its own.
+    `given` and `fitted` are the values of all parameters in each model. Each model filters the
+    records with filter gains of its own.
     """
     variances = np.array([output.variance for output in predictor.plant.outputs])
 
@@ -135,9 +138,10 @@ def why_worse(
 def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> None:
     """Make the model as given the one that is written, and add the reason to the result.
 
-    Effects stay named if the model with them may be worse by chance only. Otherwise they are given
-    up, and the verdict becomes `unknown_effect`. The gaps of the channels must be measured anew
-    after this.
+    Effects stay named if the model with them may be worse by chance only. If it is worse beyond
+    chance, effects in the result are given up, and the verdict becomes `unknown_effect`; without
+    effects the verdict stays. The gaps of the channels are emptied, to be measured anew by the
+    caller.
 
     Args:
         result: result of the workflow; changed in place.
@@ -155,16 +159,19 @@ def take_back(result: GapResult, plant: Plant, fitted: str, worse: Worse) -> Non
 
 
 def at_an_end(variable: Variable, values: Values) -> bool:
-    """Return whether a refitted parameter has come to an end of its tolerance."""
+    """Return whether a refitted parameter is at an end of its tolerance or beyond it.
+
+    At an end means within the part `PINNED` of the distance between both ends.
+    """
     near = PINNED * (variable.upper - variable.lower)
     value = values[variable.parameter]
     return bool(min(value - variable.lower, variable.upper - value) <= near)
 
 
 def ends_in_words(variables: Sequence[Variable], values: Values) -> list[str]:
-    """Return a list with a warning if refitted parameters have come to an end of their tolerances.
+    """Return a list with one warning if nuisances have come to an end of their tolerances.
 
-    Without such parameters the list is empty.
+    Without such nuisances the list is empty. Knobs of effects do not count.
     """
     names = [v.parameter for v in variables if not v.key and at_an_end(v, values)]
     if not names:

@@ -42,7 +42,8 @@ class Unknown:
         coefficients: float64 (columns of all terms,), SI.
         errors: float64 (columns of all terms,), standard errors of the coefficients.
         gain: by how much the disturbance lowers the cost of the model without it.
-        share: part of the cost above the floor that the disturbance takes away.
+        share: part of the cost above the floor that the disturbance takes away; 0 if no cost is
+            above the floor.
     """
 
     place: Place
@@ -81,8 +82,8 @@ class _Forward:
         known: number of columns of the variables, which are chosen at the beginning.
 
     Attributes:
-        certain: size of the steps along the columns chosen last, in standard errors by the scatter
-            of the blocks' scores.
+        certain: length of the steps along the columns that the last call of `choose` added, in
+            standard errors by the scatter of the blocks' scores.
     """
 
     def __init__(self, changes: Array, innovations: Array, known: int) -> None:
@@ -96,7 +97,12 @@ class _Forward:
             self.choose([column])
 
     def choose(self, columns: Sequence[int]) -> float:
-        """Choose columns and return what they gain; set `certain` for them."""
+        """Add columns to the chosen ones; return by how much they lower the sum of squares.
+
+        The sum is that of what the chosen columns leave of the innovations. A column that depends
+        on the chosen ones is left out; at least one must not. `certain` becomes how many standard
+        errors the steps along the added columns are long.
+        """
         before, known = float(self._rest @ self._rest), self._basis.shape[1]
         steps = []
         for column in columns:
@@ -116,7 +122,7 @@ class _Forward:
         return before - float(self._rest @ self._rest)
 
     def gains(self, groups: Sequence[Sequence[int]]) -> Array:
-        """Return what each group of one or two columns would gain if it were chosen, (groups,)."""
+        """Return what `choose` would return for each group of one or two columns, (groups,)."""
         shared = (self._basis.T @ self._flat) / self._scale
         slopes = (self._rest @ self._flat) / self._scale
         found = np.empty(len(groups))
@@ -137,13 +143,17 @@ class _Forward:
 def in_symbols(attribution: Attribution, place: Place, floor: float) -> Unknown | None:
     """Return the few terms that explain most of what a disturbance of a place could explain.
 
+    The best terms are chosen one after the other, at most three. A term earns its place if its
+    coefficients are four standard errors long, and if it lowers the cost by `CHANCE`, by `MATERIAL`
+    for each reading, and by the part `EARNS` of what all chosen terms do together.
+
     Args:
         attribution: attribution about the fitted model.
         place: equation or reading that the disturbance enters.
         floor: cost per reading of a rig that is exactly the model.
 
     Returns:
-        The disturbance, or None if no term earns its place.
+        The disturbance, with its terms fitted together; None if no term earns its place.
     """
     plant = attribution.plant
     names = [*place.of, TIME.name]

@@ -40,12 +40,13 @@ class Unsettled:
 
     Attributes:
         channel: name of the recording's column.
-        region: quantity on which the mean squares depend most.
-        at: float64 (bins,), middle of each bin, SI.
-        values: float64 (bins,), mean squares in the bins.
+        region: quantity on which the mean squares depend most: a region, or "rate of" and an input;
+            "time", with a single bin, if there are too few readings.
+        at: float64 (bins,), middle of each bin, SI; bins with fewer than 200 readings are left out.
+        values: float64 (bins,), mean squares in the bins, less those of the twins.
         errors: float64 (bins,), standard errors of `values`.
-        mean: mean square of all readings.
-        unit: SI unit of `at`.
+        mean: mean square of all readings, less that of the twins.
+        unit: SI unit of `at`; for the rate of an input "/s".
         floor: mean square of the twins' errors.
         before: `mean` with only the nuisances refitted (`compared`); 0 if that was not computed.
     """
@@ -64,18 +65,23 @@ class Unsettled:
     def stirred(self) -> float:
         """Return the part of the mean that depends on the motion: what it has above the least bin.
 
-        The bins are raised by `_SURELY` standard errors first.
+        The bins are raised by two standard errors first, and the least counts as 0 if it is below.
         """
         return self.mean - max(float((self.values + _SURELY * self.errors).min()), 0.0)
 
     @property
     def counts(self) -> bool:
-        """Return whether so much depends on the motion that the named effects are not the cause."""
+        """Return whether so much depends on the motion that the named effects are not the cause.
+
+        It is more than `STIRRED`, and more than the part `LEFT` of `before`.
+        """
         return self.stirred > max(STIRRED, LEFT * self.before)
 
 
 def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> list[Unsettled]:
-    """Return for each channel what is left of its errors at these values.
+    """Return for each channel the squared errors above those of twins, by bins of the motion.
+
+    Only readings that are used count, from the first to the last block of each record.
 
     Args:
         filtered: the records, with gains for `values`.
@@ -110,9 +116,10 @@ def unsettled(filtered: Filtered, twins: Sequence[Filtered], values: Values) -> 
 
 
 def compared(left: Sequence[Unsettled], filtered: Filtered, values: Values) -> list[Unsettled]:
-    """Return the same results with `before` set to the mean at other values.
+    """Return the same results with `before` set: the mean at other values, less `floor`.
 
-    `filtered` are the records with gains for these other values.
+    `values` are these other values of all parameters; `filtered` are the records with gains for
+    them.
     """
     costs = mean_costs(filtered, values)
     return [
@@ -124,7 +131,8 @@ def compared(left: Sequence[Unsettled], filtered: Filtered, values: Values) -> l
 def mean_costs(filtered: Filtered, values: Values) -> Array:
     """Return the mean square of each channel's innovations (outputs,), outliers counted less.
 
-    Outliers count as in the cost (`cost_of`).
+    Outliers count as in the cost (`cost_of`). Readings count that are used, from the first to the
+    last block of each record; a channel without any has 0.
     """
     outputs = len(filtered.predictor.plant.outputs)
     total, count = np.zeros(outputs), np.zeros(outputs)

@@ -23,8 +23,8 @@ def with_term(
 ) -> tuple[AddedDisturbance | None, list[str]]:
     """Return the disturbance as a part of the refitted model, and remarks on it in words.
 
-    The disturbance is None if the model cannot represent any of its terms, or predicts no better
-    with it.
+    The disturbance is None if the model cannot represent any of its terms, or predicts the records
+    no better with it. Terms that it cannot represent are left out, with a remark.
 
     Args:
         refits: refits of the records.
@@ -69,7 +69,10 @@ def with_term(
 
 
 def terms_in_words(plant: Plant, values: Values) -> str:
-    """Return the terms that the parameter values represent, in symbols with units."""
+    """Return the terms that parameter values represent, in symbols with units.
+
+    The plant must be able to hold terms, and the values must represent at least one.
+    """
     assert plant.held_terms is not None
     place, terms = plant.held_terms(values)
     regions = {**plant.regions, TIME.name: TIME}

@@ -78,7 +78,8 @@ def find_gap(
 ) -> GapResult:
     """Return where a plant's model and its recordings disagree, and what the model lacks.
 
-    If the recordings cannot support a verdict, it is `inconclusive`, with the model as given.
+    If the recordings cannot support a verdict, it is `inconclusive`, with the model as given and
+    the reasons. That is so without held-out recordings, too.
 
     Args:
         recordings: recordings to fit to, at 1 kHz.
@@ -392,13 +393,15 @@ def _standard_errors(search: Search, found: Found) -> dict[str, float]:
 
 
 def form_error(value: float, before: float) -> float:
-    """Return the standard error of an effect's parameter that comes from the form of the effect.
+    """Return the standard error, SI, of an effect's parameter that comes from the effect's form.
+
+    It is 0.5 % of the size of the effect.
 
     Args:
         value: fitted value, SI.
-        before: value in the model as given, SI. If it is far beyond `value`, the effect is a limit
-            that had no effect before, and its size is `value` itself; else the size is the
-            difference.
+        before: value in the model as given, SI. If it is more than `ENDLESS` times `value`, and
+            `value` is not 0, the effect is a limit that had no effect before, and its size is
+            `value` itself; else the size is the difference.
     """
     size = value if abs(before) > ENDLESS * abs(value) > 0.0 else value - before
     return _FORM * abs(size)
