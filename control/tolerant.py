@@ -89,9 +89,11 @@ def _compensated(command, k_1, k_2, k_12, p1, p2, par):
 def tolerant_command(command, leaks, p1, p2, par, limit, period, state):
     """Return the valve command in V that compensates confirmed leaks; it is called once a tick.
 
-    The compensation is faded in and out over `BLEND_S`. If no leak is confirmed and none was being
-    compensated, the result is `command` itself, bit for bit. If the command, a pressure or a
-    coefficient is NaN, the result is `command`, and the compensation starts again from zero.
+    Of each leak only the excess over `FALSE_ALARM_FLOW` is compensated; a smaller one counts as not
+    confirmed. The compensation is faded in and out over `BLEND_S`, and the result is limited to
+    +-`limit`. If no leak is confirmed and none was being compensated, the result is `command`
+    itself, bit for bit. If the command, a pressure or a coefficient is NaN, the result is
+    `command`, and the compensation starts again from zero.
 
     Args:
         command: command of the proportional loop, V, within +-limit.

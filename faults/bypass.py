@@ -25,7 +25,7 @@ def series_coefficient(first: Value, second: Value) -> Value:
     """Return the coefficient of two square-root orifices in series, in the unit of theirs.
 
     They carry the same flow and their drops add up, dp = q^2 / k_1^2 + q^2 / k_2^2, so
-    1/k^2 = 1/k_1^2 + 1/k_2^2 (Merritt 1967, ch. 3: orifices in series). It is 0 if both are shut.
+    1/k^2 = 1/k_1^2 + 1/k_2^2 (Merritt 1967, ch. 3: orifices in series). It is 0 if either is shut.
     """
     smaller, larger = np.minimum(first, second), np.maximum(first, second)
     # Division by the larger one keeps the result at or below the smaller one in spite of rounding.
@@ -48,7 +48,7 @@ def port_opening(travelled: Value) -> Value:
     The ball turns at constant speed, and its bore slides across a seat of equal bore. Two circles
     of radius r whose centres have the distance 2 r u, u = 1 - travelled, overlap by
     (2/pi) (acos u - u sqrt(1 - u^2)) of their area. The play between ball and seat, a few degrees
-    in which nothing opens, is left out.
+    in which nothing opens, is left out. Parts below 0 count as 0, and parts above 1 as 1.
     """
     u = 1.0 - np.clip(travelled, 0.0, 1.0)
     return ((2.0 / pi) * (np.arccos(u) - u * np.sqrt(1.0 - u**2)))[()]
@@ -75,7 +75,8 @@ class BypassValve:
         ball_bore_m: bore of the open ball valve in m.
 
     Raises:
-        BypassError: travel time or bore is out of range.
+        BypassError: the travel time is below 0 s or not finite, or the bore is not between 0.5 mm
+            and 0.1 m.
     """
 
     name: str
@@ -140,7 +141,8 @@ class BypassValve:
         `effective`.
 
         Raises:
-            BypassError: the bypass cannot pass that little or that much.
+            BypassError: the coefficient is below `minimum` or above `maximum`, by more than
+                rounding, or NaN.
         """
         checks = Checks(self.name, BypassError)
         shown = f"{coefficient:.4g} m^3/(s Pa^0.5)"

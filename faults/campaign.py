@@ -35,9 +35,10 @@ class SpringLoad:
 class CampaignTest:
     """One test of a campaign, after matrices and repeats have been expanded; SI units.
 
-    Before the first recorded sample, from which times count, the position loop holds the ram at
-    `start_position_m` for `settle_s`. Repeats of a test have the same `test_name` and differ in
-    `repeat`, counted from 1, and in `seed`.
+    Before the first recorded sample, from which times count, the position loop takes `settle_s`:
+    it moves the ram to `start_position_m` in the first three quarters and lets it rest there. Of
+    repeats of a test only `name`, `repeat` (counted from 1) and `seed` differ, not `test_name`.
+    `load` is None without a spring, and `expect` is the verdict that the test should find.
     """
 
     name: str
@@ -62,6 +63,8 @@ class Campaign:
         rig_name: name of the rig for which the tests were checked.
         model: model of the rig that the detector assumes.
         filter_name: `product`, `thesis-6` or `thesis-7`.
+        false_alarms_per_day: alarms that the detector may raise on a healthy rig in a day.
+        tests: the tests in the order in which they are run.
         baseline: baseline that the detector assumes; None if it has the model only.
         baseline_file: path of the file from which the baseline was read; "" without one.
         source_files: SHA-256 of every file from which the campaign was read, by path.
@@ -83,7 +86,7 @@ class Campaign:
     conditions: tuple[Condition, ...] = ()
 
     def detector(self) -> Detector:
-        """Return a new detector with the campaign's model and baseline."""
+        """Return a new detector for the campaign's filter, with its model and any baseline."""
         if self.baseline is None:
             return detector_for(self.filter_name, self.model, self.false_alarms_per_day)
         return self.baseline.detector(self.filter_name, self.model, self.false_alarms_per_day)

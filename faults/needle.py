@@ -42,7 +42,9 @@ class NeedleCharacteristic:
         id: name of the valve or of its calibration.
 
     Raises:
-        BypassError: the openings do not run from 0 to 1, or a column does not clearly increase.
+        BypassError: there are fewer than two points or unequally many values; the openings do not
+            run from 0 to 1; a coefficient is below 0 or infinite; or from one point to the next the
+            opening rises by less than 0.01, or the coefficient by less than 1e-4 of the largest.
     """
 
     openings: tuple[float, ...]
@@ -101,7 +103,8 @@ class NeedleCharacteristic:
         shifted so that the valve shuts fully at o = 0. The maximum is in m^3/(s Pa^0.5).
 
         Raises:
-            BypassError: the maximum is not above 0, or the rangeability not between 1 and 1000.
+            BypassError: the maximum is not above 0 or is infinite, or the rangeability is not above
+                1 or is above 1000.
         """
         checks = Checks("equal percentage needle", BypassError)
         unit = "give it in m^3/(s Pa^0.5)"
@@ -160,7 +163,8 @@ class NeedleCharacteristic:
         """Return the opening (0 to 1) at which the needle has a coefficient in m^3/(s Pa^0.5).
 
         Raises:
-            BypassError: the coefficient is not between those of the shut and the open needle.
+            BypassError: the coefficient is beyond that of the shut or of the open needle by more
+                than rounding, or NaN.
         """
         low, high = self.minimum * (1.0 - ROUNDING), self.maximum * (1.0 + ROUNDING)
         checks = Checks(self.id, BypassError)
@@ -176,7 +180,7 @@ class NeedleCharacteristic:
 
 
 def require_share(checks: Checks, name: str, value: float) -> None:
-    """Note a problem in `checks` if the value called `name` is not between 0 and 1."""
+    """Note a problem in `checks` if the value called `name` is below 0, above 1 or NaN."""
     checks.require(
         0.0 <= value <= 1.0, name, value, "is not between 0 (shut) and 1 (open)", "give a share"
     )

@@ -58,7 +58,7 @@ class Measurement:
     Attributes:
         opening: opening to which the needle was sent, 0 to 1.
         upwards: whether the needle came from a smaller opening.
-        feedback: opening that the needle reported; NaN if it reports none.
+        feedback: opening that the needle reported; NaN if it reports no opening.
         flow: flow through the bypass, m^3/s, with the meter's zero subtracted.
         drop_Pa: mean pressure drop across the bypass.
         coefficient: coefficient of ball and needle in series, m^3/(s Pa^0.5).
@@ -78,9 +78,10 @@ class CalibratedPoint:
 
     Attributes:
         opening: opening of the needle, 0 to 1.
-        coefficient: coefficient of the needle alone, mean of the ways up and down, m^3/(s Pa^0.5).
-        hysteresis: coefficient on the way up less that on the way down, m^3/(s Pa^0.5); NaN if
-            either was not measured.
+        coefficient: coefficient of the needle alone, m^3/(s Pa^0.5): the mean of all measurements
+            at this opening, with the mean of their standard errors.
+        hysteresis: coefficient on the last way up less that on the last way down, m^3/(s Pa^0.5);
+            NaN if either was not measured.
     """
 
     opening: float
@@ -89,7 +90,10 @@ class CalibratedPoint:
 
     @property
     def bound(self) -> float:
-        """Return the upper bound of the coefficient, two standard errors (95 %) above its value."""
+        """Return the upper bound of the coefficient, two standard errors (95 %) above its value.
+
+        It is in m^3/(s Pa^0.5). A negative value counts as 0.
+        """
         return max(self.coefficient.value, 0.0) + 2.0 * self.coefficient.standard_error
 
 
@@ -98,7 +102,8 @@ class NeedleCalibration:
     """The result of the calibration of a needle valve.
 
     Attributes:
-        needle: characteristic through the points whose flow the meter distinguishes from none.
+        needle: characteristic through the points whose flow the meter distinguishes from no flow;
+            the shut needle has coefficient 0 if its own point is not among them.
         points: all points in the order of their openings.
     """
 
@@ -114,11 +119,11 @@ def batches(samples: Array, ticks: int) -> Array:
 def settled(values: Array) -> Array:
     """Return batch values (m,) without leading ones that differ from the mean of the rest.
 
-    The noise is estimated from successive differences (von Neumann 1941), which a drift hardly
-    changes.
+    A value differs if it is off by more than three standard deviations. The noise is estimated from
+    successive differences (von Neumann 1941), which a drift hardly changes.
 
     Raises:
-        UnsettledError: more than half of the values would have to be left out.
+        UnsettledError: half of the values or more would have to be left out, or there are only two.
     """
     for first in range(values.size - values.size // 2):
         rest = values[first + 1 :]
@@ -136,7 +141,7 @@ def meter_zero(flow: Array, ticks: int) -> Estimate:
     below zero cuts off part of its noise, which would raise a mean much more.
 
     Args:
-        flow: samples (n,) without flow, m^3/s; NaN ones do not count.
+        flow: samples (n,) without flow, m^3/s, at least two batches; NaN ones do not count.
         ticks: number of samples of a batch.
     """
     known = flow[np.isfinite(flow)]
@@ -149,7 +154,8 @@ def measured_coefficient(
 ) -> tuple[Estimate, Estimate, float]:
     """Return mean flow in m^3/s, coefficient in m^3/(s Pa^0.5), and mean drop in Pa.
 
-    Batches before the coefficient has settled are left out.
+    Batches before the coefficient has settled are left out (`settled`). The standard errors of flow
+    and coefficient include that of the zero.
 
     Args:
         flow: readings of the meter (n,), m^3/s; samples in which it or the drop is NaN do not
@@ -187,8 +193,8 @@ def calibrated_needle(
 ) -> NeedleCalibration:
     """Return the calibration of a needle alone, without the restriction of the ball valve.
 
-    Openings at which the flow cannot be distinguished from none are left out of the
-    characteristic; a shut needle with so little flow counts as tight.
+    Openings at which the flow cannot be distinguished from no flow are left out of the
+    characteristic. A shut needle with so little flow, or without a measurement, counts as tight.
 
     Args:
         valve: the bypass, of which the ball valve's coefficient is used.
@@ -196,9 +202,10 @@ def calibrated_needle(
         date: day of the calibration.
 
     Raises:
-        CalibrationError: a pressure drop was too small, a flow was more than the open ball passes,
-            or there was no flow through the open needle.
-        BypassError: the coefficients do not clearly increase with the opening.
+        CalibrationError: a mean pressure drop was below 0.3 MPa, a coefficient was not below that
+            of the open ball, or the largest opening had no flow that the meter distinguishes.
+        BypassError: the largest opening is not 1, or the points do not clearly increase
+            (`NeedleCharacteristic`).
     """
     ordered = sorted(measurements, key=lambda each: each.opening)
     _require_possible(valve, ordered)

@@ -47,10 +47,11 @@ class Fault:
         ramp_s: time in s that the coefficient takes to grow; 0 for at once.
         travel_s: time in s that the ball takes from shut to open; 0 for at once.
         ball_coefficient: coefficient of the open ball valve alone, m^3/(s Pa^0.5); None for that of
-            the nominal rig.
+            the nominal rig; without effect on a fault that has no bypass.
 
     Raises:
-        FaultError: a value is out of range; the error lists all of them.
+        FaultError: the kind is unknown, a value is out of range, or the coefficient is not below
+            that of the ball; the coefficient is checked only once all else is valid.
     """
 
     kind: str
@@ -186,8 +187,8 @@ class FaultSchedule:
     """The faults of one test, in the order in which they begin; several may act at once.
 
     Raises:
-        FaultError: two faults act on the same column at the same time, which is impossible as a
-            bypass has one coefficient.
+        FaultError: a fault begins before an earlier one on the same column is gone (`end_s`), which
+            is impossible as a bypass has one coefficient.
     """
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
@@ -219,7 +220,10 @@ class FaultSchedule:
         return tuple(dict.fromkeys(str(fault.kind) for fault in self.faults))
 
     def onset_s(self, kind: str) -> float | None:
-        """Return the time in s at which the first fault of a kind begins; None if there is none."""
+        """Return the time in s from the test's start at which the first fault of a kind begins.
+
+        It is None if the schedule has no fault of that kind.
+        """
         return next((fault.at_s for fault in self.faults if fault.kind == kind), None)
 
     def table(self, n_ticks: int, period_s: float) -> NDArray[np.float64]:

@@ -19,7 +19,10 @@ _PROBLEMS_SHOWN: Final = 20
 
 
 class SetpointFileError(SetpointError):
-    """The error of a setpoint file that is missing or unusable; each problem names file:line."""
+    """The error of a setpoint file that is missing or unusable.
+
+    Each problem names file:line, or the file alone if it cannot be read.
+    """
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,14 @@ class FromFile:
     """A setpoint from a CSV file (.csv or .csv.gz), interpolated linearly between its rows.
 
     The file has a header with the columns `time_s` and `position_m` (quantity "position") or
-    `command_V` (quantity "command"). Before the first row the setpoint has the first value, after
-    the last row the last one. The file is read once, when the setpoint is made.
+    `command_V` (quantity "command"); further columns are ignored. Times are in s and must increase.
+    Before the first row the setpoint has the first value, after the last row the last one. The file
+    is read once, when the setpoint is made.
 
     Raises:
-        SetpointFileError: the file is missing or unusable; it lists every problem with file:line.
+        SetpointError: the quantity is neither "position" nor "command".
+        SetpointFileError: the file is missing or unusable; it lists the first 20 problems with
+            file:line, and the number of the others.
     """
 
     path: Path
@@ -51,7 +57,10 @@ class FromFile:
         return np.interp(np.asarray(time_s, dtype=np.float64), self._time, self._value)
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return the steepest slope between rows that reaches into the duration, in m/s or V/s."""
+        """Return the greatest |slope| between rows in m/s or V/s within 0 to `duration_s`.
+
+        A stretch between rows counts if any part of it lies within. The result is 0 if none does.
+        """
         slopes = np.abs(np.diff(self._value) / np.diff(self._time))
         reached = (self._time[:-1] < duration_s) & (self._time[1:] > 0.0)
         return float(np.max(slopes, where=reached, initial=0.0))

@@ -25,7 +25,11 @@ _ROUNDING_S: Final = 1e-9
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant setpoint, r(t) = value, in metres or volts."""
+    """A constant setpoint, r(t) = value, in metres or volts.
+
+    Raises:
+        SetpointError: the value is not finite, or the quantity is not known.
+    """
 
     value: float
     quantity: Quantity = "position"
@@ -46,7 +50,12 @@ class Constant:
 
 @dataclass(frozen=True)
 class Steps:
-    """Levels (metres or volts) that are held for `hold_s` seconds each; the last one stays."""
+    """Levels (metres or volts) that are held for `hold_s` seconds each; the last one stays.
+
+    Raises:
+        SetpointError: there is no level, one is not finite, `hold_s` is below 1 ms or infinite, or
+            the quantity is not known.
+    """
 
     levels: tuple[float, ...]
     hold_s: float
@@ -82,6 +91,10 @@ class Pseudorandom:
     Levels are uniform in [lower, upper) (metres or volts), and times in [hold_min_s, hold_max_s).
     For given bounds the sequence depends on the seed alone, and a longer run begins like a shorter
     one.
+
+    Raises:
+        SetpointError: a bound is not finite or below its lower one, a time is below 1 ms, the seed
+            is negative, or the quantity is not known.
     """
 
     lower: float

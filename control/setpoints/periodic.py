@@ -32,6 +32,10 @@ class Sine:
     """A sine, r(t) = mean + amplitude sin(2 pi frequency_hz t + phase_rad), in metres or volts.
 
     The thesis's 3 sin(pi t + 0.1) V (section 5.1) is `Sine(0.0, 3.0, 0.5, 0.1, "command")`.
+
+    Raises:
+        SetpointError: the frequency is not between 0 and 500 Hz (both excluded), a value is not
+            finite, or the quantity is not known.
     """
 
     mean: float
@@ -54,7 +58,7 @@ class Sine:
         return self.mean + self.amplitude * np.sin(phase)
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return 2 pi frequency |amplitude| in m/s or V/s."""
+        """Return 2 pi frequency |amplitude| in m/s or V/s, whatever the duration."""
         return 2.0 * pi * self.frequency_hz * abs(self.amplitude)
 
 
@@ -65,6 +69,9 @@ class Chirp:
     r(t) = mean + amplitude sin(phase(t)), phase(t) = 2 pi (start_hz t + sweep_hz_per_s t^2 / 2)
     + phase_rad, so the frequency at t is start_hz + sweep_hz_per_s t. The thesis's
     3 sin(pi (1 + t/4) t) V (section 3.2) is `Chirp(0.0, 3.0, 0.5, 0.25, 0.0, "command")`.
+
+    Raises:
+        SetpointError: `start_hz` is negative, a value is not finite, or the quantity is not known.
     """
 
     mean: float
@@ -95,19 +102,23 @@ class Chirp:
         return self.mean + self.amplitude * np.sin(2.0 * pi * turns + self.phase_rad)
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return 2 pi |amplitude| times the highest frequency of the duration, in m/s or V/s."""
+        """Return 2 pi |amplitude| times the highest |frequency| of the duration, in m/s or V/s."""
         last_hz = self.start_hz + self.sweep_hz_per_s * duration_s
         return 2.0 * pi * abs(self.amplitude) * max(self.start_hz, abs(last_hz))
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """A sum of sines of equal strength whose peak never exceeds `amplitude`, in metres or volts.
+    """A sum of sines of equal strength whose peak never exceeds |amplitude|, in metres or volts.
 
     r(t) = mean + a sum_i sin(2 pi frequencies_hz[i] t + phase_i), with a chosen so that
-    |r(t) - mean| never exceeds `amplitude` and comes within 1 % of it. With a seed the phases are
+    |r(t) - mean| never exceeds |amplitude| and comes within 1 % of it. With a seed the phases are
     random; without one they are Schroeder's, which keep the peak low for the power. Frequencies
     must be multiples of 1 mHz, so that the signal repeats and its peak is known for certain.
+
+    Raises:
+        SetpointError: there is no frequency, one is not between 0 and 500 Hz (both excluded), not a
+            multiple of 1 mHz or given twice, or another value is not valid.
     """
 
     mean: float
@@ -179,7 +190,10 @@ class Multisine:
         return self.mean + self._component_amplitude * total
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return a bound on the rate at any time in m/s or V/s, at most 1 % too high."""
+        """Return a bound on the |rate| at any time in m/s or V/s, whatever the duration.
+
+        It is at most 1 % above the greatest |rate|.
+        """
         rates = 2.0 * pi * _FREQUENCY_GRID_HZ * self._harmonics.astype(np.float64)
         # The derivative of a sine leads it by a quarter turn.
         peak = _supremum(self._harmonics, rates, self._phases + 0.5 * pi)

@@ -19,6 +19,10 @@ class Polyline:
         times_s: times of the corners in s, increasing, at least two.
         values: setpoint at each corner.
         quantity: "position" (metres) or "command" (volts).
+
+    Raises:
+        SetpointError: there are fewer than two corners or unequally many values, a number is not
+            finite, the times do not increase, or the quantity is neither of the two.
     """
 
     times_s: tuple[float, ...]
@@ -40,7 +44,10 @@ class Polyline:
         return np.interp(np.asarray(time_s, dtype=np.float64), self.times_s, self.values)
 
     def peak_rate(self, duration_s: float) -> float:
-        """Return the steepest slope of the lines that reach into the duration, in m/s or V/s."""
+        """Return the greatest |slope| of the lines in m/s or V/s within 0 to `duration_s`.
+
+        A line counts if any part of it lies within. The result is 0 if none does.
+        """
         times = np.asarray(self.times_s)
         slopes = np.abs(np.diff(self.values) / np.diff(times))
         reached = (times[:-1] < duration_s) & (times[1:] > 0.0)

@@ -43,7 +43,10 @@ def unit_of(quantity: Quantity) -> str:
 
 
 def checks_of(setpoint: Setpoint) -> Checks:
-    """Return new checks of a setpoint, in which its quantity is checked already."""
+    """Return new checks of a setpoint, with a problem noted if its quantity is not known.
+
+    Known are "position" and "command". `finish` of the checks raises `SetpointError`.
+    """
     checks = Checks(type(setpoint).__name__, SetpointError)
     checks.require(
         setpoint.quantity in ("position", "command"),
