@@ -69,7 +69,11 @@ class Baseline:
     model_error: float = 1.0
 
     def detector(self, filter_name: str, model: Model, false_alarms_per_day: float) -> Detector:
-        """Return a new detector for the named filter that assumes this baseline."""
+        """Return a new detector for the named filter that assumes this baseline.
+
+        Raises:
+            KeyError: the baseline has no level of a filter of that name.
+        """
         if filter_name == DEFAULT_FILTER:
             return OilAccountDetector(model, false_alarms_per_day, self.nuisances, self.model_error)
         level = self.levels[filter_name]
@@ -79,9 +83,12 @@ class Baseline:
 def learn_baseline(recordings: Sequence[Recording], model: Model) -> Baseline:
     """Return the baseline learnt from healthy recordings of one rig, with an assumed model.
 
+    Each recording is replayed first with the default detector at `LEVEL` false alarms a day.
+
     Raises:
-        BaselineError: there is no recording, one does not look healthy, or together they show a
-            seal that leaks from the first sample on.
+        BaselineError: there is no recording, the verdict on one is not `healthy`, or together they
+            show a seal that leaks from the first sample on (`GREATEST_SEAL_LEAKAGE`).
+        KeyError: a recording lacks command, position or a pressure.
     """
     if not recordings:
         raise BaselineError(["baseline: no recording; give healthy recordings of the rig"])

@@ -83,7 +83,12 @@ def _level_of(content: Mapping[str, Any]) -> HealthyLevel:
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:
-    """Write a baseline to a JSON file; if writing fails, an existing file stays as it was."""
+    """Write a baseline to a JSON file; if writing fails, an existing file stays as it was.
+
+    Raises:
+        OSError: the file cannot be written.
+        ValueError: a number of the baseline is NaN or infinite.
+    """
     text = json.dumps(content_of(baseline), indent=1, allow_nan=False)
     partial = path.with_name(path.name + ".partial")
     partial.write_text(text + "\n", encoding="utf-8")

@@ -27,14 +27,21 @@ class Hold:
         self._found_s = self._since_s = -inf
 
     def found(self, time_s: float) -> bool:
-        """Note that the fault is found at `time_s`; return whether it is confirmed by now."""
+        """Note that the fault is found at `time_s` (s); return whether that confirms it.
+
+        It is confirmed once `CONFIRMED_AFTER_S` or more lie between its first finding and this one.
+        After a pause of more than `CONFIRMED_AFTER_S` this finding counts as the first again.
+        """
         if time_s - self._found_s > CONFIRMED_AFTER_S:
             self._since_s = time_s
         self._found_s = time_s
         return time_s - self._since_s >= CONFIRMED_AFTER_S
 
     def lapsed(self, time_s: float) -> bool:
-        """Return whether the fault was last found more than `CONFIRMED_AFTER_S` before `time_s`."""
+        """Return whether the fault was last found more than `CONFIRMED_AFTER_S` before `time_s`.
+
+        It is True if the fault was never found.
+        """
         return time_s - self._found_s > CONFIRMED_AFTER_S
 
 
@@ -95,6 +102,6 @@ class PresentLeaks:
     def ended(self, time_s: float) -> bool:
         """Return whether the confirmed leaks all ended `CONFIRMED_AFTER_S` or more before `time_s`.
 
-        It is False if no leak was confirmed.
+        It is False if no confirmed leak has ended, or if one is still present.
         """
         return time_s - self._ended_s >= CONFIRMED_AFTER_S

@@ -59,7 +59,7 @@ SETTLED_AFTER_S: Final = 2.0
 
 @dataclass(frozen=True)
 class Samples:
-    """Successive samples, as a detector takes them: float64 (n,) each, SI; NaN if not measured."""
+    """Successive samples of a detector: float64 (n,) each, SI; a value not measured is NaN."""
 
     time_s: Array
     command: Array
@@ -85,7 +85,7 @@ class Decision:
             the stated rate of false alarms.
         details: further figures by name, for reports.
         probabilities: of `healthy`, of each of `FAULTS` alone and of `multiple`, adding up to 1;
-            empty while there are too few blocks.
+            empty while there are too few blocks, and from the thesis's detector.
         present_leaks: coefficients of the leaks that are confirmed to be present now, in the order
             of `LEAKS`, m^3/(s Pa^0.5); 0 for a leak that is not, or no longer, present.
         ended_s: when the fault ended, s, to half a second or so; None while it may be present.
@@ -110,10 +110,10 @@ class Decision:
 
     @property
     def suspected(self) -> str | None:
-        """Return the likeliest fault if the verdict is inconclusive and a fault is probable.
+        """Return the likeliest fault (or `multiple`) if inconclusive; None if no fault is probable.
 
         A fault is probable if the probability of health is below one half. The verdict does not
-        claim it, as that would raise more false alarms than stated. Otherwise this is None.
+        claim it, as that would raise more false alarms than stated. It is None for other verdicts.
         """
         if self.verdict != "inconclusive" or self.probabilities.get("healthy", 1.0) >= 0.5:
             return None
@@ -122,7 +122,7 @@ class Decision:
 
     @property
     def interval_m3_per_s(self) -> tuple[float, float] | None:
-        """Return the 95 % interval of the leak flow in m^3/s; None if no leak was sized."""
+        """Return the 95 % interval of the flow, from 0 up, m^3/s; None if no leak was sized."""
         if self.leak_m3_per_s is None or self.leak_std_m3_per_s is None:
             return None
         half = 1.96 * self.leak_std_m3_per_s
@@ -157,7 +157,10 @@ def _alive(values: Array) -> NDArray[np.bool_]:
 
 
 def draw_up(account: OilAccount, samples: Samples, run: FilterRun) -> Iterator[AccountBlock]:
-    """Add samples with the product filter's estimates to an account; yield each tested block."""
+    """Add samples with the product filter's estimates to an account; yield each tested block.
+
+    The samples are added while the blocks are iterated over.
+    """
     fresh = np.isfinite(samples.position + samples.pressure_1 + samples.pressure_2)
     fresh &= _alive(samples.pressure_1) & _alive(samples.pressure_2)
     spool, p1, p2, position = (run.state(name) for name in _ESTIMATES)
@@ -215,7 +218,7 @@ class OilAccountDetector:
         self._named = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Add any number of samples; call `decide` after each block, half a second or more."""
+        """Add one sample or more; call `decide` after each block, half a second or more."""
         if isnan(self._first_s):
             self._first_s = float(samples.time_s[0])
         self._last_s = float(samples.time_s[-1])
@@ -226,13 +229,13 @@ class OilAccountDetector:
 
     @property
     def accuses(self) -> bool:
-        """Return whether a fault stands out now or did within 5 s; this is faster than `decide`."""
+        """Return whether a fault stands out, or a named leak is neither confirmed nor withdrawn."""
         found = bool(self._test.search()) or self._supply.search() is not None
         return found or self._named is not None
 
     @property
     def claimed(self) -> Sequence[Finding]:
-        """Return the faults that the last `decide` found; none if it repeated an earlier alarm."""
+        """Return the faults that the last `decide` found, doubtful ones too; it may be empty."""
         return self._claimed
 
     def evidence(self) -> tuple[float, float]:
@@ -249,7 +252,7 @@ class OilAccountDetector:
         return max(most.statistic, 0.0), most.limit
 
     def model_errors(self) -> Array:
-        """Return the estimated nuisances of the model, each in units of its tolerance: (n,)."""
+        """Return the estimates of `NUISANCES` in their order, in units of the tolerances: (n,)."""
         return self._test.nuisances().mean
 
     def decide(self) -> Decision:

@@ -31,11 +31,12 @@ class Candidates:
         regression: the regression of the missing flow on the nuisances and on the known fault.
         products: sums of the faults' products since each mark.
         scores: what each candidate would explain in the regression.
-        usable: bool (marks, 5), whether the blocks show enough of the candidate to estimate it.
+        usable: bool (marks, 5), whether the fault shows in `WITNESSES` blocks or more from the mark
+            on, has a positive coefficient and is not the known fault.
         gain: float64 (marks, 5), gain of the candidate in twice the log likelihood; 0 where it is
             not usable.
         change: float64 (marks,), gain of a change of the known fault's own size at the mark; 0 up
-            to its onset, and 0 everywhere without a known fault.
+            to its onset and in the last blocks, and 0 everywhere without a known fault.
         before: float64 (marks,), gain of a fault of the same kind that began at the mark, before
             the known fault; for this, the onset of the known fault stands for the end of a leak.
     """

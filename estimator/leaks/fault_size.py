@@ -115,12 +115,15 @@ class FaultSizes:
         )
 
     def grown(self, variance: float, dead_zone: Array, limit: float) -> Finding | None:
-        """Return the likeliest leak that grows over minutes; None if it is not above the limit.
+        """Return the likeliest leak that grows over minutes; None if its statistic is too small.
+
+        There must be `growth.LEAST_BLOCKS` blocks or more. The finding's `coefficient` is the mean
+        since the leak exceeded the dead zone. Its `limit` is left at 0 for the caller to set.
 
         Args:
             variance: noise variance if there were no leak, in units of the expected noise.
             dead_zone: flow in L/min that each fault must exceed to be claimed, float64 (5,).
-            limit: value of the statistic that a healthy rig exceeds at the stated rate.
+            limit: value that the statistic must exceed; a healthy rig does so at the stated rate.
         """
         likeliest = growths(self.sums, self.products, self.recent, variance, self.model_error)[0]
         fault, levels = likeliest.fault, likeliest.levels

@@ -13,8 +13,8 @@ class Finding:
         onset_fraction: part of the block before `onset` that already had the fault, 0 to 1.
         coefficient, deviation: the fault's coefficient and its standard error, in SI units; for a
             drop of the measured supply pressure, the drop in Pa.
-        statistic: the flow beyond the dead zone, divided by its standard error; computed without
-            the block that supports the fault most.
+        statistic: the flow (of a supply pressure: the drop) beyond the dead zone, divided by its
+            standard error; for a sudden fault computed without the block that supports it most.
         likelihood: gain in twice the log likelihood.
         onset_s: time at which the fault began, s.
         lasting: factor by which noise that lasts from block to block has raised the variance.

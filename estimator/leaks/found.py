@@ -50,8 +50,12 @@ class _Course:
 def found_in(history: Sequence[tuple[float, Decision]]) -> tuple[Found, ...]:
     """Return all faults that a detector named, in the order in which they were first named.
 
+    `multiple` and `unknown_fault` count like faults of their own. A fault that begins again after
+    its end is another one (`is_of`).
+
     Args:
-        history: pairs of time in s and decision, as in `estimator.leaks.replaying.ReplayResult`.
+        history: pairs of time in s and decision, as in `estimator.leaks.replaying.ReplayResult`;
+            may be empty.
     """
     courses: list[_Course] = []
     for time_s, decision in history:

@@ -157,7 +157,7 @@ class LeakTest:
         self._findings = self._healthy_noise = None
 
     def search(self) -> list[Finding]:
-        """Return the faults found in all blocks so far: none, one, or two at once."""
+        """Return the faults found in all blocks so far, at most two; [] before `MINIMUM_BLOCKS`."""
         if self._findings is None:
             self._findings = self._search() if self.blocks >= MINIMUM_BLOCKS else []
             # Marks around an onset are kept: the onset stays exact, and 4 blocks (2 s) after it
@@ -209,7 +209,10 @@ class LeakTest:
         return [] if self._growing is None else [self._growing]
 
     def likely(self) -> list[Finding]:
-        """Return each fault with a gain of at least `RIVAL_GAIN`, likeliest first, noise or not."""
+        """Return each fault with a gain of at least `RIVAL_GAIN`, likeliest first.
+
+        Its statistic may be below the limit, so that it may be noise.
+        """
         candidates = self.candidates()
         found = []
         for fault in np.argsort(-candidates.gain.max(axis=0)):
@@ -267,6 +270,8 @@ class LeakTest:
     def best(self, beside: Finding | None = None) -> Finding | None:
         """Return the fault with the greatest gain whose statistic exceeds the limit; else None.
 
+        A fault does not count if another cause has a gain greater by more than `RIVAL_GAIN`.
+
         Args:
             beside: a fault that was found and is fitted along; None for the first fault.
         """
@@ -296,9 +301,10 @@ class LeakTest:
         return None
 
     def likeliest(self) -> Finding | None:
-        """Return the fault with the greatest gain, even if it may be noise; None if there is none.
+        """Return the fault with the greatest gain, even if it may be noise.
 
-        It would be claimed if its statistic exceeded its limit.
+        It would be claimed if its statistic exceeded its limit. The result is None if no fault
+        explains anything, or with fewer than `MINIMUM_BLOCKS` blocks.
         """
         candidates = self.candidates()
         if self.blocks < MINIMUM_BLOCKS or not candidates.gain.max() > 0.0:

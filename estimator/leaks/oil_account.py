@@ -42,7 +42,11 @@ class OilAccount:
         fresh: Array,
         supply: Array,
     ) -> Iterator[AccountBlock]:
-        """Add samples (arguments as for `FlowAccount.add`); yield each block once it is tested."""
+        """Add samples (arguments as for `FlowAccount.add`); yield each block once it is tested.
+
+        The samples are added while the blocks are iterated over. Incomplete blocks, which the test
+        ignores, are yielded too.
+        """
         first = 0
         while first < time_s.size:
             part = slice(first, first + self._account.samples_left)

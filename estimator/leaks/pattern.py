@@ -91,6 +91,8 @@ def learn_pattern(innovations: Sequence[Array], false_alarms_per_day: float) -> 
 def healthy_level(innovations: Sequence[Array]) -> HealthyLevel:
     """Return the level of the innovations of healthy runs.
 
+    NaN samples and the incomplete half second at the end of each run are left out.
+
     Args:
         innovations: innovations of pressures 1 and 2 in each run, float64 (n, 2), Pa.
 
@@ -162,7 +164,10 @@ class PatternDetector:
         self._start: float | None = None
 
     def update(self, samples: Samples, run: FilterRun) -> None:
-        """Take the next samples; the innovations are compared (docs/model.md says why)."""
+        """Take the next samples, one or more; their innovations are averaged (docs/model.md).
+
+        The first 2 s are left out. No onset is noted before the averages cover 4 s more.
+        """
         if self._start is None:
             self._start = float(samples.time_s[0])
         elapsed = samples.time_s - self._start
@@ -187,7 +192,11 @@ class PatternDetector:
             self._onset = float(samples.time_s[started][np.argmax(above)])
 
     def decide(self) -> Decision:
-        """Return the decision by the pattern of section 5.3; inconclusive without a baseline."""
+        """Return the decision by the pattern (section 5.3) that the averages show now.
+
+        It is inconclusive until there is a baseline. A fault whose averages have fallen below their
+        thresholds again is no longer named.
+        """
         if self.baseline is None:
             return Decision("inconclusive")
         thresholds = self.baseline.thresholds

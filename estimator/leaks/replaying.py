@@ -60,7 +60,7 @@ def samples_of(recording: Recording) -> Samples:
 
 
 def detector_for(name: str, model: Model, false_alarms_per_day: float) -> Detector:
-    """Return the detector that belongs to a filter: the oil accounts, or the thesis's pattern."""
+    """Return a new detector for a filter: oil accounts for the default one, else the pattern."""
     if name == DEFAULT_FILTER:
         return OilAccountDetector(model, false_alarms_per_day)
     return PatternDetector(false_alarms_per_day)
@@ -86,7 +86,9 @@ def replay(
         sensors: data sheet of the transducers.
 
     Raises:
-        ValueError: there is no filter of that name.
+        KeyError: the recording lacks command, position or a pressure.
+        ValueError: there is no filter of that name, or the default detector's rate is not above 0
+            and at most 10000.
     """
     run = filter_recording(recording, model, filter_name, sensors)
     judge = detector or detector_for(filter_name, model, false_alarms_per_day)
@@ -98,7 +100,10 @@ def replay(
 def judged(
     samples: Samples, run: FilterRun, detector: Detector
 ) -> Iterator[tuple[float, Decision]]:
-    """Feed samples and estimates to a detector; yield time in s and decision each half second."""
+    """Feed samples and estimates to a detector; yield time in s and decision each half second.
+
+    A shorter piece at the end has a decision too. Pieces are fed while the result is iterated over.
+    """
     for start in range(0, samples.time_s.size, BLOCK_TICKS):
         # The first block takes one more sample: an account needs one before its first interval.
         part = slice(start + 1 if start else 0, start + BLOCK_TICKS + 1)
@@ -118,6 +123,7 @@ def filter_recording(
     """Run the named filter over a recording and return its estimates.
 
     Raises:
+        KeyError: the recording lacks command, position or a pressure.
         ValueError: there is no filter of that name.
     """
     samples = samples_of(recording)

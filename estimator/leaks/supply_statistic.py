@@ -159,7 +159,8 @@ class SupplyTest:
     def odds(self) -> float:
         """Return the odds that the supply pressure dropped, with the prior of a supply leak.
 
-        They are at most e^700, and 0 if no drop was found.
+        They are at most e^700. They are 0 if the pressure did not drop at all, or with fewer than
+        `MINIMUM_BLOCKS` blocks.
         """
         likeliest = self._best()
         if likeliest is None:
