@@ -49,14 +49,20 @@ def clear_window(watch):
 
 @inlined
 def take_innovation(watch, square):
-    """Add a squared innovation, divided by its expected variance, to the window in `watch`."""
+    """Add a squared innovation, divided by its expected variance, to the window in `watch`.
+
+    It counts for `LARGEST` at most.
+    """
     watch[SQUARES] += min(square, LARGEST)
     watch[READINGS] += 1.0
 
 
 @inlined
 def count_reset(watch):
-    """Count a reset of the filter in `watch` and begin a new window."""
+    """Count a reset of the filter in `watch` and begin a new window.
+
+    The next reset then waits for `PAUSE` lost windows in a row, or for a good window.
+    """
     watch[RESETS] += 1.0
     watch[PATIENCE] = PAUSE
     clear_window(watch)
@@ -91,7 +97,8 @@ def is_lost(watch, possible):
         possible: whether leaks and null bias are in a range that a rig can have.
 
     Returns:
-        False within a window; True at its end if it is lost and the filter may be reset again.
+        False within a window; True at its end if it is lost and the filter may be reset again. A
+        window without readings is not lost.
     """
     watch[TICKS] += 1.0
     if watch[TICKS] < WINDOW:

@@ -68,8 +68,8 @@ def start_product(x, factors, command, reading, par, noise, work):
 
     The arguments are those of `product_step`, except that the command is held from this sample on.
     Without a spool reading, the spool starts where the command puts it; leaks and null bias start
-    from the model. If position or a pressure is missing, all states are NaN and the next sample
-    counts as the first.
+    from the model. If position or a pressure is missing (NaN or out of range), all states are NaN
+    and `product_step` takes the next complete sample as the first. `work` is set up in either case.
     """
     work[0, SUPPLY] = par.supply_pressure
     work[0, RESETS] = work[0, PATIENCE] = 0.0
@@ -198,7 +198,8 @@ def _kept(value, bound):
 def confine(x, ranges):
     """Limit the states, in place, to what the rig can be (`Ranges`).
 
-    Pressures may be negative, as a pressure below zero stands for a cavity.
+    Pressures may be negative, as a pressure below zero stands for a cavity. The spool velocity is
+    not limited.
     """
     x[0] = _kept(x[0], ranges.opening)
     for i in (1, 2):
@@ -247,13 +248,16 @@ def product_step(x, factors, command, reading, par, noise, work, out):
         command: command in V held since the last sample; NaN leaves the spool where it is.
         reading: measured position (m), pressures of chambers 1 and 2 (Pa), spool (m) and supply
             pressure (Pa). A value that is NaN or out of range is skipped; for the supply pressure,
-            the last value then still holds.
+            the last value then still holds. A pressure below `DRY` sets its state to the reading
+            and corrects no other.
         par: `Parameters` that the filter assumes.
         noise: `ProductNoise` that the filter assumes.
         work: float64 of `WORK_SHAPE`, updated: the memory `watch` of
             `estimator.filters.divergence`, scratch, and the memory of the command path.
         out: float64 (10,), overwritten: innovations, a posteriori residuals and innovation
             variances of position, pressure 1 and pressure 2 each, then the number of resets so far.
+            Those of a skipped reading are NaN (not its variance); all are NaN up to the sample that
+            starts the filter.
     """
     ranges = noise.ranges
     watch, vector = work[0], work[1]

@@ -126,7 +126,7 @@ def _put_back(lane, memory):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def product_lane_ticks(memory, readings, par, noise, states):
-    """Run the product filters of `LANES` rigs over their samples.
+    """Run the product filters of `LANES` rigs over the samples after their first ones.
 
     Args:
         memory: `_Memory`, updated.
@@ -243,7 +243,8 @@ class ProductLanes:
                 is skipped. The very first sample starts the filters.
 
         Returns:
-            float64 (ticks, 11, LANES), rows as `estimator.filters.product_model.STATES`.
+            float64 (ticks, 11, LANES), rows as `estimator.filters.product_model.STATES`; NaN in a
+            lane until its position and both pressures have been measured.
         """
         states = np.empty((readings.shape[0], STATE_COUNT, LANES))
         first = 0 if self._started else 1

@@ -34,9 +34,10 @@ _NULL_BIAS: Final = 5e-5
 class Ranges(NamedTuple):
     """Bounds of readings and states, SI units.
 
-    Readings on or beyond `position_min` to `spool` are skipped; one on its bound is saturated.
-    States are limited by the fields up to `leakage` (see `product.confine`). A filter whose leak is
-    below -`negative_leakage`, or whose null bias is beyond `null_bias`, is lost.
+    The fields `position_min` to `spool` are bounds of readings: a reading on its bound (saturated)
+    or beyond is skipped. `product.confine` limits states by the fields up to `leakage`, some of
+    them times 2 or 4. A filter with a leak coefficient of -`negative_leakage` or less, or with a
+    null bias of `null_bias` or more, is lost.
     """
 
     position_min: float
@@ -55,9 +56,9 @@ class Ranges(NamedTuple):
 class ProductNoise(NamedTuple):
     """Noise that the product filter assumes, as variances in SI units squared.
 
-    The fields `position`, `pressure` and `spool` are variances of the sensors. The fields up to
-    `null_bias` are process variances per millisecond, by a stated budget of model errors. `initial`
-    holds the standard deviations of the states at the start (P0).
+    The fields `position`, `pressure` and `spool` are variances of the sensors. Those from
+    `spool_velocity` to `null_bias` are process variances per millisecond, by a stated budget of
+    model errors. `initial` holds standard deviations (no variances) of the states at the start.
     """
 
     position: float

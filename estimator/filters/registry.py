@@ -124,12 +124,16 @@ class FilterMemory:
 
     @property
     def resets(self) -> int:
-        """Return how often the filter was lost and has started anew."""
+        """Return how often the filter was lost and has started anew; 0 for the thesis filters."""
         return int(self.work[0, RESETS])
 
 
 def start_memory(name: str, model: Model, sensors: SensorParameters = DATA_SHEET) -> FilterMemory:
-    """Return a filter's memory before its first sample; `model` is what the filter assumes."""
+    """Return a filter's memory before its first sample; `model` is what the filter assumes.
+
+    Raises:
+        ValueError: there is no filter of that name.
+    """
     chosen = filter_named(name)
     if chosen.code is PRODUCT:
         x, covariance = np.zeros(STATE_COUNT), np.zeros((STATE_COUNT, STATE_COUNT))
@@ -228,7 +232,8 @@ class FilterRun:
     Attributes:
         filter: the filter.
         time_s: time of each sample, float64 (n,).
-        states: estimates after each sample, float64 (n, states), SI, columns as `filter.states`.
+        states: estimates after each sample, float64 (n, states), SI, columns as `filter.states`;
+            NaN until the product filter has started.
         outputs: float64 (n, 10), columns as `OUTPUTS`; the first row starts the filter and is NaN.
         covariance: covariance P after the last sample, (states, states).
     """
@@ -240,7 +245,11 @@ class FilterRun:
     covariance: Array
 
     def state(self, name: str) -> Array:
-        """Return one state's estimates (n,) by its name in `filter.states`."""
+        """Return one state's estimates (n,), SI, by its name in `filter.states`.
+
+        Raises:
+            ValueError: the filter has no state of that name.
+        """
         return self.states[:, self.filter.states.index(name)]
 
     @property
@@ -270,7 +279,7 @@ def run_filter(
     """Run a filter over a recording's samples, as the loop would have.
 
     Args:
-        time_s: time of each sample at 1 kHz, float64 (n,).
+        time_s: time of each sample at 1 kHz, float64 (n,), at least one.
         command: float64 (n,), V; row k is held from sample k to k + 1.
         measured: float64 (n, 4 or 5): position (m), pressures 1 and 2 (Pa), spool (m) and, from a
             rig that measures it, supply pressure (Pa); a NaN is skipped.

@@ -25,10 +25,11 @@ thesis's square root has no value; the drop is then this floor, and its derivati
 
 @inlined
 def orifice(pressure_drop: float, density: float) -> Vector:
-    """Return sqrt((2/rho) dp) in m/s and its derivative, 1/(rho sqrt((2/rho) dp)) (eq. 4.19).
+    """Return the velocity c = sqrt((2/rho) dp) in m/s and dc/dp = 1/(rho c) in m/(s Pa) (eq. 4.19).
 
-    This is the thesis's form on purpose and not `rig.plant.signed_root`: a negative drop gives no
-    reverse flow (see `PRESSURE_DROP_FLOOR`), and rounding is that of the printed equation.
+    A drop dp of `PRESSURE_DROP_FLOOR` or less counts as that floor, with derivative 0. This is the
+    thesis's form on purpose and not `rig.plant.signed_root`: a negative drop gives no reverse flow,
+    and rounding is that of the printed equation.
     """
     open_edge = pressure_drop.real > PRESSURE_DROP_FLOOR
     drop = select(open_edge, pressure_drop, PRESSURE_DROP_FLOOR)
@@ -39,7 +40,10 @@ def orifice(pressure_drop: float, density: float) -> Vector:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def valve(spool: float, p1: float, p2: float, parameters: Parameters) -> Vector:
-    """Return the jet velocities at ports 1 and 2 in m/s, then their derivatives by p1 and by p2."""
+    """Return the jet velocities c1, c2 in m/s at ports 1 and 2, then dc1/dp1, dc2/dp2 in m/(s Pa).
+
+    With a spool above 0 port 1 is fed by the supply and port 2 drains; otherwise it is reversed.
+    """
     supply, drain = parameters.supply_pressure, parameters.return_pressure
     density = parameters.density
     extending = spool.real > 0.0

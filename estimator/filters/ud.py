@@ -57,7 +57,7 @@ def add_rank_one(factors, size, vector, weight):
 
 @inlined
 def add_noise(factors, index, variance, vector):
-    """Add a variance to P[index, index], in place; `vector` is scratch (n,)."""
+    """Add a variance, not negative, to P[index, index], in place; `vector` is scratch (n,)."""
     d = factors[index, index]
     raised = d + variance
     kept = select(raised > 0.0, d / raised, 1.0)
